@@ -34,7 +34,7 @@ def commands(simulator):
     """What the servo commands, by name."""
     circuit = simulator._signals.circuit
     found = {name: circuit.actuators[name] for name in ("valve_command", "join_command")}
-    return found | {name: circuit.modules[name] for name in ("flow_command", "lend")}
+    return found | {name: circuit.modules[name] for name in ("flow_command", "to_rail_command")}
 
 
 def filled(message):

@@ -173,7 +173,7 @@ def test_a_sensor_that_tells_no_number_stops_the_arm_by_name_until_it_is_cleared
     taken, reason = arm.set_parameter("mhsb_sim", "fault", "sensor_dead:actuator_1.line_pressure")
     assert taken, reason
     arm.until(lambda: arm.simulator_reports and arm.simulator_reports[-1].faulty)
-    named = "the line pressure sensor of actuator_1 has told nothing"
+    named = "the line pressure sensor of actuator_1 has given no reading"
     assert named in arm.simulator_reports[-1].sentence
     arm.until(lambda: arm.in_force_ns == 0)
     assert arm.ending_of(verdict).outcome in (Outcome.ABORTED, Outcome.STOPPED)

@@ -26,4 +26,4 @@ def update_assumed_valves(circuit: Components) -> None:
     for k in range(len(circuit.modules)):
         module = circuit.modules[k]
         if circuit.module_home[k] >= 0:
-            module.to_rail = advance_first_order_lag(module.to_rail, module.lend, decay)
+            module.to_rail = advance_first_order_lag(module.to_rail, module.to_rail_command, decay)

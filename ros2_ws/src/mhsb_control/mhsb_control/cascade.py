@@ -32,6 +32,7 @@ Source: M. Jelali, A. Kroll, Hydraulic Servo-systems (cascade and force feedback
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
@@ -39,12 +40,11 @@ from pydantic import Field
 
 from mhsb_control.controller import ActuatorReadings, ServoSignals
 from mhsb_control.load_estimate import (
-    MAX_INERTIA_SHARE,
     LoadEstimate,
+    LoadSettings,
     accumulate_load_window,
     build_load_estimate,
 )
-from mhsb_control.load_estimate import MIN_MOVING_SPEED as STEADY
 from mhsb_control.natural_frequency import find_lowest_joint_frequencies
 from mhsb_control.reference import PREVIEW_POINT
 from mhsb_model.circuit.elements import chamber_volumes, friction_force
@@ -64,7 +64,7 @@ from mhsb_model.kinematics import add_extension
 from mhsb_model.linkages.linkage import evaluate_linkage
 from mhsb_model.machine import Machine
 from mhsb_model.modes import RAIL_MODES
-from mhsb_model.records import Record, Records, create_records
+from mhsb_model.records import Record, Records, create_record, create_records
 from mhsb_model.schema import Gain, NonNegative, Section
 from mhsb_model.statics import (
     INERTIA_WORK,
@@ -77,6 +77,60 @@ from mhsb_model.statics import (
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 
 
+@dataclass(frozen=True)
+class CascadeSettings(Record):
+    """Tuned numbers of the cascade."""
+
+    min_bias_time_ratio: float = 3.0
+    """Smallest τ ω²/ω_F of a joint, 1 … 100.
+
+    Origin: the characteristic equation of the module's text. With 1, the lowest mode of the joint
+    would be at the limit of stability; 3 is a margin of 9.5 dB.
+
+    30 % smaller and larger, N = 5: RMS error −13.9 and −0.5 % (mhsb_arm3; overshoot −0.05 and
+    +0.10 MPa), +4.4 and −7.3 % (excavator; overshoot −0.20 and −0.57 MPa)."""
+    max_position_gain_ratio: float = 2.0 / 3.0
+    """Largest k_p/ω_F, above 0 … 1.
+
+    Origin: the characteristic equation of the module's text. With 1, the fastest oscillation would
+    be at the limit of stability; ⅔ is a margin of 3.5 dB.
+
+    30 % smaller and larger, N = 5: RMS error −2.1 and −5.6 % (mhsb_arm3; overshoot −0.01 and
+    +0.11 MPa), +3.6 and +2.0 % (excavator; overshoot −3.54 and −1.45 MPa)."""
+    rest_speed: float = 0.02
+    """Largest joint speed that |u| may demand while the joint's reference rests [rad/s], 0.001 … 1.
+
+    An arm that has sagged then returns at less than 0.05 rad/s after its fault is cleared. A nearly
+    closed valve holds the load by the stiffness of the oil. For a prismatic joint, here and below,
+    `Machine.radian_equivalents` is the travel that counts as one radian. Origin: chosen as a speed
+    that does not surprise a person beside the arm.
+
+    30 % smaller and larger, N = 5: RMS error −0.2 and −4.4 % (mhsb_arm3), +0.8 and −0.4 %
+    (excavator)."""
+    min_rest_error: float = 1e-4
+    """Joint error from which the integral acts while the reference rests [rad], 0 … 0.01.
+
+    Smaller errors are not worth the wear of the valve. Origin: one step of a 16-bit encoder.
+
+    30 % smaller and larger, N = 5: RMS error −1.3 and −3.6 % (mhsb_arm3), −2.7 and +1.0 %
+    (excavator; overshoot −0.19 and −2.35 MPa)."""
+    max_rest_error: float = 1e-3
+    """Joint error up to which the integral acts while the reference rests [rad], 1e-4 … 0.1.
+
+    Larger ones are an oscillation or a sag, which the force loop corrects. Origin: chosen.
+
+    30 % smaller and larger, N = 5: RMS error +0.1 and 0 % (mhsb_arm3), +0.1 and +0.3 %
+    (excavator)."""
+    integral_limit_ratio: float = 6.0
+    """Ratio of the speed limit V_max to the largest |w|, 1 … 1000.
+
+    Origin: chosen; w replaces an unmodelled flow of at most a sixth of the piston's.
+
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
+    load: LoadSettings = field(default_factory=LoadSettings)
+    """Tuned numbers of the estimates of payload and friction."""
+
+
 class SharedGains(Record):
     """Quantities that all axes share."""
 
@@ -86,10 +140,12 @@ class SharedGains(Record):
     """Lag of a spool behind its command [s]."""
     supply_margin: float
     """Boost margin of the plan plus that of the servo [Pa]."""
-    spared: float
+    inertia_margin: float
     """Part of the margin that inertia forces may use up [Pa]."""
     max_boost_pressure: float
     """Highest pressure that boost may supply [Pa]."""
+    settings: CascadeSettings
+    """Tuned numbers of the cascade."""
 
 
 PositionGain = Annotated[
@@ -137,28 +193,6 @@ SCRATCH_ROWS = MOTION_WORK + 2
 COSINE_ROW, SINE_ROW = INERTIA_WORK, INERTIA_WORK + 1
 """Rows of the working memory with the cosine and the sine of each link's absolute angle."""
 
-MIN_BIAS_TIME_RATIO = 3.0
-"""Smallest τ ω²/ω_F of a joint. With 1, its lowest mode would be at the limit of stability."""
-
-MAX_POSITION_GAIN_RATIO = 2.0 / 3.0
-"""Largest k_p/ω_F. With 1, its fastest oscillation would be at the limit of stability."""
-
-REST_SPEED = 0.02
-"""Largest joint speed [rad/s] that |u| may demand while the joint's reference rests.
-
-An arm that has sagged then returns at less than 0.05 rad/s after its fault is cleared. A nearly
-closed valve holds the load by the stiffness of the oil. For a prismatic joint, here and below,
-`Machine.radian_equivalents` is the travel that counts as one radian."""
-
-MIN_REST_ERROR, MAX_REST_ERROR = 1e-4, 1e-3
-"""Joint errors [rad] between which the integral acts while the reference rests.
-
-Smaller errors are not worth the wear of the valve. Larger ones are an oscillation or a sag, which
-the force loop corrects."""
-
-INTEGRAL_LIMIT_RATIO = 6.0
-"""Ratio of the speed limit V_max to the largest |w|."""
-
 
 class ControlAxis(Record):
     """State of the control loops of one cylinder; "reference" is that of its joint."""
@@ -167,31 +201,31 @@ class ControlAxis(Record):
     """Position gain k_p [1/s]."""
     force_bandwidth: float
     """Bandwidth ω_F of the force loop [rad/s]."""
-    fastest_force: float
+    max_force_bandwidth: float
     """ω_F if commands acted without delay [rad/s]."""
-    fastest_position: float
+    max_position_gain: float
     """k_p if commands acted without delay [1/s]."""
     bias_time: float
     """Time constant τ of the bias d [s]."""
     length: float
     """Length of the cylinder in the present reference [m]."""
-    radian: float
+    radian_equivalent: float
     """Joint travel that counts as one radian [rad or m]."""
     arm: float
     """Moment arm in the present reference [m]."""
     speed: float
     """Piston speed in the present reference [m/s]."""
-    fastest: float
+    max_speed_at_rest: float
     """Largest |u| at rest [m/s]; inf while the reference moves."""
     force: float
     """Torque of the present reference over its moment arm, without friction [N]."""
-    hold: float
+    holding_force: float
     """Force that a closed valve would have to carry now [N]."""
     speed_ahead: float
     """Piston speed at point PREVIEW_POINT of the reference [m/s]."""
     force_ahead: float
     """Force at point PREVIEW_POINT, without friction [N]."""
-    hold_ahead: float
+    holding_force_ahead: float
     """Force that a closed valve would have to carry at point PREVIEW_POINT [N]."""
     arm_ahead: float
     """Moment arm at point PREVIEW_POINT [m]."""
@@ -203,13 +237,13 @@ class ControlAxis(Record):
     """Integral gain k_i [1/s²]."""
     integral: float
     """Integral w [m/s]."""
-    largest_integral: float
+    integral_limit: float
     """Limit of |w| [m/s]."""
     friction: float
     """Friction at the reference speed, by the machine file [N]."""
     friction_share: float
     """Factor on that friction which the feedforward contained in the last step."""
-    bound: float
+    is_saturated: float
     """1 if the valve cannot produce the demanded speed, else 0."""
     stiffness: float
     """Stiffness k_h of the oil [N/m]."""
@@ -217,7 +251,7 @@ class ControlAxis(Record):
     """Stiffness β/V_A of the oil on the cap side [Pa/m³]."""
     rod_stiffness: float
     """Stiffness β/V_B of the oil on the rod side [Pa/m³]."""
-    deliverable: float
+    deliverable_speed: float
     """Largest |u| that the servo pumps can supply [m/s]; inf without boost."""
     demand: float
     """Demanded piston speed u [m/s]."""
@@ -263,8 +297,12 @@ class ServoArguments(NamedTuple):
     scratch: FloatArray  # [SCRATCH_ROWS, n] working memory
 
 
-def build_gain_record(machine: Machine, supply_margin: float = 0.0) -> Records[SharedGains]:
-    """Build the record of the five quantities that all axes of the cascade share.
+def build_gain_record(
+    machine: Machine,
+    supply_margin: float = 0.0,
+    settings: CascadeSettings = CascadeSettings(),
+) -> Records[SharedGains]:
+    """Build the record of the quantities that all axes of the cascade share.
 
     They are the control period [s], the lag of a spool behind its command [s], and the boost margin
     plus `supply_margin` [Pa]. The others are the part of the boost margin that inertia may use up
@@ -274,6 +312,7 @@ def build_gain_record(machine: Machine, supply_margin: float = 0.0) -> Records[S
         machine: The machine as its file describes it.
         supply_margin: Pressure margin of the controller, added to the boost margin of the machine
             file [Pa].
+        settings: Tuned numbers, which the record contains as well.
 
     Returns:
         One record, SharedGains[1].
@@ -283,28 +322,32 @@ def build_gain_record(machine: Machine, supply_margin: float = 0.0) -> Records[S
     gains["step"] = config.simulation.step
     gains["valve_lag"] = config.circuit.valve_damping / (math.pi * config.circuit.valve_frequency)
     gains["supply_margin"] = arrays.boost_margin + supply_margin
-    gains["spared"] = compute_inertia_margin(get_shared_hydraulics(arrays))
+    gains["inertia_margin"] = compute_inertia_margin(get_shared_hydraulics(arrays))
     gains["max_boost_pressure"] = arrays.max_boost_pressure
+    gains["settings"] = create_record(settings)
     return gains
 
 
-def build_axis_records(machine: Machine, gains: CascadeGains) -> Records[ControlAxis]:
+def build_axis_records(
+    machine: Machine, gains: CascadeGains, settings: CascadeSettings = CascadeSettings()
+) -> Records[ControlAxis]:
     """Build the initial records of all axes, with gains set from natural frequencies.
 
     ω_valve is the valve's natural frequency, ω the lowest natural frequency of each joint [rad/s],
     and g the argument `gains`. `servo.force_bias_time` is a value of the machine file [s].
 
         ω_F = min(g.force_bandwidth ω_valve, 2 g.force_damping ω)
-        k_p = min(g.position_gain ω, MAX_POSITION_GAIN_RATIO ω_F)
+        k_p = min(g.position_gain ω, max_position_gain_ratio ω_F)
         k_i = g.integral_gain k_p²
-        τ   = max(servo.force_bias_time, MIN_BIAS_TIME_RATIO ω_F/ω²)
+        τ   = max(servo.force_bias_time, min_bias_time_ratio ω_F/ω²)
 
     A joint with a low natural frequency therefore gets low gains. The limit of |w| is V_max over
-    INTEGRAL_LIMIT_RATIO.
+    `integral_limit_ratio`.
 
     Args:
         machine: The machine as its file describes it.
         gains: Gains of the controller, relative to the natural frequencies.
+        settings: Tuned numbers.
 
     Returns:
         One record for each cylinder, [n]. The bias d is NaN until the first step measures it.
@@ -318,17 +361,21 @@ def build_axis_records(machine: Machine, gains: CascadeGains) -> Records[Control
         gains.force_bandwidth * valve, 2.0 * gains.force_damping * frequency
     )
     axes["position_gain"] = np.minimum(
-        gains.position_gain * frequency, MAX_POSITION_GAIN_RATIO * axes["force_bandwidth"]
+        gains.position_gain * frequency, settings.max_position_gain_ratio * axes["force_bandwidth"]
     )
-    axes["fastest_force"], axes["fastest_position"] = axes["force_bandwidth"], axes["position_gain"]
+    axes["max_force_bandwidth"], axes["max_position_gain"] = (
+        axes["force_bandwidth"],
+        axes["position_gain"],
+    )
     axes["integral_gain"] = gains.integral_gain * axes["position_gain"] ** 2
-    axes["largest_integral"] = machine.arrays.max_piston_speed / INTEGRAL_LIMIT_RATIO
+    axes["integral_limit"] = machine.arrays.max_piston_speed / settings.integral_limit_ratio
     axes["bias_time"] = np.maximum(
-        config.servo.force_bias_time, MIN_BIAS_TIME_RATIO * axes["force_bandwidth"] / frequency**2
+        config.servo.force_bias_time,
+        settings.min_bias_time_ratio * axes["force_bandwidth"] / frequency**2,
     )
-    axes["radian"] = machine.radian_equivalents
+    axes["radian_equivalent"] = machine.radian_equivalents
     axes["bias"] = np.nan
-    axes["deliverable"] = np.inf
+    axes["deliverable_speed"] = np.inf
     axes["friction_share"] = 1.0
     return axes
 
@@ -340,6 +387,7 @@ def build_servo_arguments(
     supply_margin: float = 0.0,
     *,
     estimates_load: bool = False,
+    settings: CascadeSettings = CascadeSettings(),
 ) -> ServoArguments:
     """Build the state of a servo before its first step.
 
@@ -352,6 +400,7 @@ def build_servo_arguments(
         supply_margin: Pressure margin of the controller, added to the boost margin of the plan
             [Pa].
         estimates_load: Whether payload and friction are estimated from the motion.
+        settings: Tuned numbers.
 
     Returns:
         The arguments of all kernels of the cascade.
@@ -372,10 +421,13 @@ def build_servo_arguments(
         linkage=machine.arrays.linkage,
         chain=chain_of(machine.arrays),
         load=build_load_estimate(
-            machine.arrays.payload, machine.joint_count, is_estimated=estimates_load
+            machine.arrays.payload,
+            machine.joint_count,
+            is_estimated=estimates_load,
+            settings=settings.load,
         ),
-        gains=build_gain_record(machine, supply_margin),
-        axes=build_axis_records(machine, gains),
+        gains=build_gain_record(machine, supply_margin, settings),
+        axes=build_axis_records(machine, gains, settings),
         scratch=np.zeros((SCRATCH_ROWS, machine.joint_count)),
     )
 
@@ -388,8 +440,8 @@ def compute_piston_demands(s: ServoArguments) -> None:
     the first step d is set so that the feedforward equals the measured force. While a joint moves
     steadily and its valve is not saturated, its measured force updates payload and friction.
 
-    Steady means two things. The reference's piston speed is above MIN_MOVING_SPEED in one
-    direction, both now and at point PREVIEW_POINT. The inertia torque is below MAX_INERTIA_SHARE
+    Steady means two things. The reference's piston speed is above `min_moving_speed` in one
+    direction, both now and at point PREVIEW_POINT. The inertia torque is below `max_inertia_share`
     times the torque of the weight. If the estimates change, d changes by the opposite force, so
     that the feedforward does not jump. Nothing is estimated if the variance of the payload is 0.
 
@@ -399,6 +451,7 @@ def compute_piston_demands(s: ServoArguments) -> None:
     """
     axes, load, cylinders, sensors = s.axes, s.load, s.cylinders, s.sensors
     c, g = s.constants[0], s.gains[0]
+    settings = g.settings.load
     torque, weight = s.scratch[MOTION_WORK], s.scratch[MOTION_WORK + 1]
     payload = load.estimate[0]
     compute_reference_forces(s, payload)
@@ -420,11 +473,14 @@ def compute_piston_demands(s: ServoArguments) -> None:
         if math.isnan(axis.bias):
             axis.bias = force - known
         if load.covariance[0, 0] > 0.0:
-            steady = min(axis.speed_ahead, axis.speed) > STEADY
-            steady = steady or max(axis.speed_ahead, axis.speed) < -STEADY
-            calm = abs(torque[j] - weight[j]) < MAX_INERTIA_SHARE * abs(weight[j])
-            weighs = steady and calm and axis.bound == 0.0
-            accumulate_load_window(load, j, weighs, axis.arm * (force - known), axis.arm * friction)
+            slowest = settings.min_moving_speed
+            steady = min(axis.speed_ahead, axis.speed) > slowest
+            steady = steady or max(axis.speed_ahead, axis.speed) < -slowest
+            calm = abs(torque[j] - weight[j]) < settings.max_inertia_share * abs(weight[j])
+            weighs = steady and calm and axis.is_saturated == 0.0
+            accumulate_load_window(
+                load, j, weighs, axis.arm * (force - known), axis.arm * friction, settings
+            )
         axis.bias += (force - known - axis.bias) * g.step / axis.bias_time
         demand_speed(axis, known, force, axis.length - sensor.length, g)
     for j in range(len(axes)):
@@ -441,19 +497,20 @@ def compute_reference_forces(s: ServoArguments, payload: float) -> None:
 
     The force is the torque of inverse dynamics over the moment arm, without friction. The force
     that a closed valve would have to hold is that of gravity, or the whole force if the whole force
-    is smaller in magnitude. `fastest` is the speed of REST_SPEED at the joint if the reference has
-    no speed now and at the preview point. Otherwise `fastest` is inf.
+    is smaller in magnitude. `max_speed_at_rest` is the speed of `rest_speed` at the joint if the
+    reference has no speed now and at the preview point. Otherwise it is inf.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Reads `reference`, `chain` and
-            `linkage`. Writes fields of `axes` in place: length, arm, speed, fastest, force, hold,
-            speed_ahead, force_ahead, hold_ahead, arm_ahead and arm_slope_ahead. Overwrites
-            `scratch`; rows MOTION_WORK and MOTION_WORK + 1 then hold the torques and the gravity
-            torques of the present reference [N m or N].
+            `linkage`. Writes fields of `axes` in place: length, arm, speed, max_speed_at_rest,
+            force, holding_force, speed_ahead, force_ahead, holding_force_ahead, arm_ahead and
+            arm_slope_ahead. Overwrites `scratch`; rows MOTION_WORK and MOTION_WORK + 1 then hold
+            the torques and the gravity torques of the present reference [N m or N].
         payload: Payload for the dynamics [kg].
     """
     axes, chain = s.axes, replace_payload(s.chain, payload)
     torque, weight = s.scratch[MOTION_WORK], s.scratch[MOTION_WORK + 1]
+    rest_speed = s.gains[0].settings.rest_speed
     for k in (PREVIEW_POINT, 0):
         q, qd, qdd = s.reference[k, 0], s.reference[k, 1], s.reference[k, 2]
         compute_motion_torques(chain, q, qd, qdd, s.scratch, weight, torque)
@@ -464,15 +521,17 @@ def compute_reference_forces(s: ServoArguments, payload: float) -> None:
             if k == PREVIEW_POINT:
                 axis.speed_ahead = arm * qd[j]
                 axis.force_ahead = torque[j] / arm
-                axis.hold_ahead = held / arm
+                axis.holding_force_ahead = held / arm
                 axis.arm_ahead, axis.arm_slope_ahead = arm, slope
             else:
                 axis.length, axis.arm = length, arm
                 axis.speed = arm * qd[j]
                 rests = qd[j] == 0.0 and axis.speed_ahead == 0.0
-                axis.fastest = REST_SPEED * abs(arm) * axis.radian if rests else math.inf
+                axis.max_speed_at_rest = (
+                    rest_speed * abs(arm) * axis.radian_equivalent if rests else math.inf
+                )
                 axis.force = torque[j] / arm
-                axis.hold = held / arm
+                axis.holding_force = held / arm
 
 
 @kernel(inline="always")
@@ -510,9 +569,10 @@ def demand_speed(
 
         u = v_ref + w + ω_F (F_ref − F)/k_h,    F_ref = F_known + d + (k_p k_h/ω_F) e
 
-    |u| is limited to `fastest`, the speed limit at rest, and to `deliverable`, what the pumps can
-    supply. The integral w stays constant while the valve is saturated (anti-windup). While the
-    reference rests, w changes only if the joint error is between MIN_REST_ERROR and MAX_REST_ERROR.
+    |u| is limited to `max_speed_at_rest`, the speed limit at rest, and to `deliverable_speed`, what
+    the pumps can supply. The integral w stays constant while the valve is saturated (anti-windup).
+    While the reference rests, w changes only if the joint error is between `min_rest_error` and
+    `max_rest_error`.
 
     Args:
         axis: State of the cylinder's control axis. Writes `integral` (w) and
@@ -520,18 +580,18 @@ def demand_speed(
         known: F_known, feedforward force without the bias d [N].
         force: F, measured cylinder force [N].
         error: e, reference length less measured length [m].
-        gains: Quantities that all axes share, with the control
-            period.
+        gains: Quantities that all axes share, with the control period.
     """
     pull = axis.force_bandwidth / axis.stiffness
     force_reference = known + axis.bias + axis.position_gain / pull * error
-    off = abs(error / (axis.arm * axis.radian))
-    acts = axis.fastest == math.inf or MIN_REST_ERROR < off < MAX_REST_ERROR
-    if axis.bound == 0.0 and acts:
+    off = abs(error / (axis.arm * axis.radian_equivalent))
+    own = gains.settings
+    acts = axis.max_speed_at_rest == math.inf or own.min_rest_error < off < own.max_rest_error
+    if axis.is_saturated == 0.0 and acts:
         w = axis.integral + axis.integral_gain * error * gains.step
-        axis.integral = min(max(w, -axis.largest_integral), axis.largest_integral)
+        axis.integral = min(max(w, -axis.integral_limit), axis.integral_limit)
     demand = axis.speed + pull * (force_reference - force) + axis.integral
-    most = min(axis.fastest, axis.deliverable)
+    most = min(axis.max_speed_at_rest, axis.deliverable_speed)
     axis.demand = min(max(demand, -most), most)
 
 
@@ -548,11 +608,11 @@ def compute_supply_need(
 
     It is the greatest of three pressures plus the supply margin, limited to the range from P_S to
     the maximum boost pressure. p_L is the load pressure, and m(v) the drop over the fully open
-    valve at the speed v. `spared` is the part of the boost margin that inertia may use up.
+    valve at the speed v. `inertia_margin` is the part of the boost margin that inertia may use up.
 
         p_L(F_hold)                      holding
         p_L(F_hold) + m(v)               moving the held load
-        p_L(F) + m(v) − spared           moving it with inertia
+        p_L(F) + m(v) − inertia_margin           moving it with inertia
 
     The force that brakes a falling load does not raise the need. The valve's edge to the tank
     brakes the load, not a pump.
@@ -574,7 +634,8 @@ def compute_supply_need(
     need = max(
         compute_pressure_without_margin(k, cap, rod, c.tank_pressure, hold, 0.0),
         compute_pressure_without_margin(k, cap, rod, c.tank_pressure, hold, speed),
-        compute_pressure_without_margin(k, cap, rod, c.tank_pressure, force, speed) - g.spared,
+        compute_pressure_without_margin(k, cap, rod, c.tank_pressure, force, speed)
+        - g.inertia_margin,
     )
     return max(c.supply_pressure, min(need + g.supply_margin, g.max_boost_pressure))
 
@@ -601,14 +662,21 @@ def set_supply_targets(
         gains: Quantities that all axes share, SharedGains[1].
     """
     d = axis.bias
-    now = compute_supply_need(axis.hold + d, axis.force + d, axis.speed, cylinder, constants, gains)
+    now = compute_supply_need(
+        axis.holding_force + d, axis.force + d, axis.speed, cylinder, constants, gains
+    )
     if axis.speed * axis.speed_ahead < 0.0:
         now = max(
             now,
             compute_supply_need(axis.force + d, axis.force + d, 0.0, cylinder, constants, gains),
         )
     axis.target_ahead = compute_supply_need(
-        axis.hold_ahead + d, axis.force_ahead + d, axis.speed_ahead, cylinder, constants, gains
+        axis.holding_force_ahead + d,
+        axis.force_ahead + d,
+        axis.speed_ahead,
+        cylinder,
+        constants,
+        gains,
     )
     axis.supply_target = max(now, axis.target_ahead)
 

@@ -49,9 +49,9 @@ class ServoSignals:
         modes_ahead: Modes in force `preview` later, uint8[n].
         serves: Actuator that each module serves, int64[m]; −1 if idle.
         circuit: Circuit as the controller knows it, not the simulated one. The controller writes
-            `valve_command` and `join_command` of its actuators, and `flow_command` and `lend` of
-            its modules. Pump flows are measured by the pump speeds. Join valves and diverters
-            follow their commands as the machine file describes.
+            `valve_command` and `join_command` of its actuators, and `flow_command` and
+            `to_rail_command` of its modules. Pump flows are measured by the pump speeds. Join
+            valves and diverters follow their commands as the machine file describes.
     """
 
     reference: FloatArray

@@ -14,11 +14,12 @@ measured pressures, so that no pressure margin is kept beyond the plan's.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from mhsb_control.cascade import (
-    MAX_POSITION_GAIN_RATIO,
     CascadeGains,
+    CascadeSettings,
     ControlAxis,
     ServoArguments,
     SharedGains,
@@ -29,9 +30,10 @@ from mhsb_control.cascade import (
 )
 from mhsb_control.controller import ActuatorReadings, ServoSignals
 from mhsb_control.estimates import collect_estimates
-from mhsb_control.line_estimate import SHUT_OPENING, update_line_estimates
+from mhsb_control.line_estimate import update_line_estimates
 from mhsb_control.servo_pumps import (
     PumpGains,
+    PumpSettings,
     PumpState,
     build_pump_state,
     command_pumps,
@@ -43,6 +45,7 @@ from mhsb_control.servo_pumps import (
 from mhsb_control.valve_estimate import (
     EstimatedValve,
     ValveEstimates,
+    ValveSettings,
     accumulate_valve_window,
     build_valve_estimates,
     compute_opening,
@@ -55,34 +58,71 @@ from mhsb_model.kernels.bound_kernel import bind_kernel
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES, RAIL_MODES
-from mhsb_model.records import Records
+from mhsb_model.records import Record, Records, create_record
 from mhsb_model.schema import Section
 from mhsb_model.types import IntArray
 
-MIN_PRESSURE_DROP = 2e4
-"""Smallest pressure drop [Pa] that is assumed over a valve edge, so that openings stay moderate."""
 
-JOINED_DROP = 1e5
-"""Pressure difference between a line and the rail below which the join valve opens fully [Pa]."""
+@dataclass(frozen=True)
+class CoordinationSettings(Record):
+    """Tuned numbers of the coordinated controller itself."""
 
-CHARGING_TIME_CONSTANTS = 4.0
-"""Time in which a throttled join valve charges its line, in time constants of the join valve.
+    joined_drop: float = 1e5
+    """Pressure difference of line and rail below which a join valve opens fully [Pa], 1e3 … 1e7.
 
-It is the shortest time without overshoot."""
+    Origin: chosen; the error of two industrial pressure sensors is 0.07 MPa at most.
 
-EARLY_LEAVE_FLOW_SHARE = 0.8
-"""Share of a pump's flow up to which a line may leave the rail before its mode ends.
+    30 % smaller and larger, N = 5: RMS error +0.2 and −4.6 % (mhsb_arm3; overshoot +0.15 and
+    +0.02 MPa), 0 and 0 % (excavator)."""
+    charging_time_constants: float = 4.0
+    """Time in which a throttled join valve charges its line, in its time constants, 1 … 100.
 
-A line that has left stays separate up to the full flow of one pump."""
+    Origin: derivation; the shortest time without overshoot of a second-order loop of two equal
+    time constants.
 
-MAX_PHASE_LAG = 0.9
-"""Phase that the force loop may lose at ω_F by delays [rad]; a margin of 38 degrees remains."""
+    30 % smaller and larger, N = 5: RMS error −0.3 and 0 % (mhsb_arm3), +1.1 and +0.2 %
+    (excavator)."""
+    early_leave_flow_share: float = 0.8
+    """Share of a pump's flow up to which a line may leave the rail before its mode ends, 0 … 1.
 
-MIN_SPEED_RATIO = 1.1
-"""Share of the reference's speed that may always be demanded of a piston."""
+    A line that has left stays separate up to the full flow of one pump. Origin: chosen.
 
-IDLE_FLOW_SHARE = 0.02
-"""Share of a pump's flow below which its rail may be shut; the rest still flows into the rail."""
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
+    max_phase_lag: float = 0.9
+    """Phase that the force loop may lose at ω_F by delays [rad], above 0 … π/2.
+
+    Origin: derivation; a phase margin of 38 degrees remains.
+
+    30 % smaller and larger, N = 5: RMS error −5.0 and −6.5 % (mhsb_arm3; overshoot −0.08 and
+    −0.05 MPa), +14.9 and −5.2 % (excavator; overshoot −1.21 and −1.72 MPa)."""
+    min_speed_ratio: float = 1.1
+    """Share of the reference's speed that may always be demanded of a piston, 1 … 10.
+
+    Origin: chosen; what the loops need beyond the reference's speed to return to it.
+
+    30 % smaller and larger, N = 5: RMS error +53.5 and −17.3 % (mhsb_arm3), +20.1 and +0.5 %
+    (excavator; overshoot −2.30 and −0.02 MPa)."""
+    idle_flow_share: float = 0.02
+    """Share of a pump's flow below which its rail may be shut, 0 … 1.
+
+    Origin: chosen; the rest flows into the shut rail and raises its pressure.
+
+    30 % smaller and larger, N = 5: RMS error −4.3 and −0.9 % (mhsb_arm3), −0.1 and +0.1 %
+    (excavator)."""
+
+
+@dataclass(frozen=True)
+class CoordinatedSettings:
+    """Tuned numbers of the coordinated controller with its cascade, pumps and estimators."""
+
+    coordination: CoordinationSettings = field(default_factory=CoordinationSettings)
+    """Those of the controller itself."""
+    cascade: CascadeSettings = field(default_factory=CascadeSettings)
+    """Those of the cascade, and of the estimates of the load."""
+    valves: ValveSettings = field(default_factory=ValveSettings)
+    """Those of the valves' estimates and inverse."""
+    pumps: PumpSettings = field(default_factory=PumpSettings)
+    """Those of the pumps, and of the estimates of lines, pumps and drawn flow."""
 
 
 class CoordinatedGains(PumpGains, CascadeGains):
@@ -95,10 +135,15 @@ class CoordinatedGains(PumpGains, CascadeGains):
 
 
 class CoordinatedController:
-    """Controller that drives valves and servo pumps by one demanded piston speed per cylinder."""
+    """Controller that drives valves and servo pumps by one demanded piston speed per cylinder.
+
+    Attributes:
+        settings: Tuned numbers of every new controller of this class.
+    """
 
     gains_section: type[Section] = CoordinatedGains
     usual_error = 3e-3
+    settings: ClassVar[CoordinatedSettings] = CoordinatedSettings()
 
     def __init__(self, machine: Machine, signals: ServoSignals, gains: CoordinatedGains) -> None:
         """Build servo, pump and valve records, and bind the control kernel to them.
@@ -112,13 +157,25 @@ class CoordinatedController:
             gains: Gains of its section of the machine file.
         """
         self.preview: float = gains.preview
-        cascade = build_servo_arguments(machine, signals, gains, estimates_load=True)
+        settings = self.settings
+        cascade = build_servo_arguments(
+            machine, signals, gains, estimates_load=True, settings=settings.cascade
+        )
         cascade.axes["joined"] = signals.circuit.actuators["join"]
         cascade.axes["supply_target"] = signals.sensors["line_pressure"]
-        pumps = build_pump_state(machine, signals, gains)
-        valves = build_valve_estimates(machine.joint_count)
-        self._learnt = machine.actuator_names, cascade.load, valves, pumps.lines, pumps.drives
-        self._control = bind_kernel(run_coordinated_step, cascade, valves, pumps)
+        pumps = build_pump_state(machine, signals, gains, settings.pumps)
+        valves = build_valve_estimates(machine.joint_count, settings.valves)
+        self._estimators = (
+            machine.actuator_names,
+            cascade.load,
+            valves,
+            pumps.lines,
+            pumps.drives,
+            settings.cascade.load,
+            settings.pumps,
+        )
+        own = create_record(settings.coordination)
+        self._control = bind_kernel(run_coordinated_step, cascade, valves, pumps, own)
 
     def update(self) -> None:
         """Write all commands for the next step."""
@@ -127,11 +184,13 @@ class CoordinatedController:
     @property
     def estimates(self) -> list[Estimate]:
         """All estimates of the machine's parameters so far."""
-        return collect_estimates(*self._learnt)
+        return collect_estimates(*self._estimators)
 
 
 @kernel(borrows=True)
-def run_coordinated_step(s: ServoArguments, v: ValveEstimates, p: PumpState) -> None:
+def run_coordinated_step(
+    s: ServoArguments, v: ValveEstimates, p: PumpState, own: Records[CoordinationSettings]
+) -> None:
     """Run one step of the coordinated controller.
 
     A step computes, in this order:
@@ -151,7 +210,9 @@ def run_coordinated_step(s: ServoArguments, v: ValveEstimates, p: PumpState) -> 
             `actuators` and `modules` in place.
         v: Estimates of the valves, updated in place.
         p: State of the pumps, updated in place.
+        own: Tuned numbers of the controller itself, [1].
     """
+    settings = own[0]
     compute_piston_demands(s)
     for j in range(len(s.axes)):
         axis, sensor, cylinder = s.axes[j], s.sensors[j], s.cylinders[j]
@@ -159,24 +220,26 @@ def run_coordinated_step(s: ServoArguments, v: ValveEstimates, p: PumpState) -> 
         accumulate_valve_window(
             v, j, axis.speed, sensor.length, force, axis.stiffness, s.gains[0].step
         )
-        compute_valve_command(axis, sensor, cylinder, s.constants, s.actuators[j], v.records[j])
+        compute_valve_command(
+            axis, sensor, cylinder, s.constants, s.actuators[j], v.records[j], v.settings[0]
+        )
         select_supply_targets(axis, sensor, cylinder, s.constants, s.gains, s.modes[j])
-    update_line_estimates(s, p.lines)
+    update_line_estimates(s, p.lines, p.gains[0].settings.lines)
     predict_line_volumes(s, p)
     observe_line_draws(s, p)
-    limit_speeds_by_pumps(s, p)
+    limit_speeds_by_pumps(s, p, settings.min_speed_ratio)
     p.charging_flow_left[0] = compute_charging_flow_limit(s, p)
-    control_join_valves(s, p)
+    control_join_valves(s, p, settings)
     command_pumps(s, p)
-    limit_gains_by_delay(s, p)
+    limit_gains_by_delay(s, p, settings.max_phase_lag)
 
 
 @kernel(borrows=True)
-def limit_gains_by_delay(s: ServoArguments, p: PumpState) -> None:
+def limit_gains_by_delay(s: ServoArguments, p: PumpState, max_phase_lag: float) -> None:
     """Limit the gains of the position and force loops to what the estimated delay allows.
 
-    The force bandwidth satisfies ω_F ≤ MAX_PHASE_LAG c/T, and the position gain k_p ≤
-    MAX_POSITION_GAIN_RATIO ω_F. Neither exceeds the gain that `build_axis_records` has set. T is
+    The force bandwidth satisfies ω_F ≤ max_phase_lag c/T, and the position gain k_p ≤
+    max_position_gain_ratio ω_F. Neither exceeds the gain that `build_axis_records` has set. T is
     the time from a measurement to its effect at the valve: a control period, the lag of the spool
     and the estimated delay of commands [s]. c is the estimated compressibility of the oil over the
     machine file's, limited to 1.
@@ -185,16 +248,16 @@ def limit_gains_by_delay(s: ServoArguments, p: PumpState) -> None:
         s: Signals, circuit, axes and estimates of the servo. Writes `force_bandwidth` and
             `position_gain` of all axes in place.
         p: State of the pumps with the estimates of delay and compressibility.
+        max_phase_lag: Phase that the force loop may lose by delays [rad].
     """
     own, step = p.drives.record[0], s.gains[0].step
     late = step + s.gains[0].valve_lag + own.delay * own.step
-    most = MAX_PHASE_LAG * min(p.lines.estimate[0], 1.0) / late
+    ratio = s.gains[0].settings.max_position_gain_ratio
+    most = max_phase_lag * min(p.lines.estimate[0], 1.0) / late
     for j in range(len(s.axes)):
         axis = s.axes[j]
-        axis.force_bandwidth = min(axis.fastest_force, most)
-        axis.position_gain = min(
-            axis.fastest_position, MAX_POSITION_GAIN_RATIO * axis.force_bandwidth
-        )
+        axis.force_bandwidth = min(axis.max_force_bandwidth, most)
+        axis.position_gain = min(axis.max_position_gain, ratio * axis.force_bandwidth)
 
 
 @kernel(borrows=True)
@@ -205,6 +268,7 @@ def compute_valve_command(
     constants: Records[CircuitConstants],
     actuator: ActuatorState,
     valve: EstimatedValve,
+    settings: ValveSettings,
 ) -> None:
     """Compute the valve command that produces the demanded piston speed at the measured pressures.
 
@@ -214,8 +278,8 @@ def compute_valve_command(
 
     u is the demanded piston speed and v the actual one [m/s]. β/V_A and β/V_B are the stiffnesses
     of the oil in the two chambers [Pa/m³]. S(Δp) is √Δp, linear below the laminar pressure, and Δp
-    the drop over the edge, at least MIN_PRESSURE_DROP. `compute_opening` divides by G and corrects
-    for the estimated gain and overlap of the valve.
+    the drop over the edge, at least `min_pressure_drop`. `compute_opening` divides by G and
+    corrects for the estimated gain and overlap of the valve.
 
     The valve stays shut if the line pressure is below the load pressure p_L of the measured force.
     An open valve would let the load sink. From p_L on, the command rises to its full value over the
@@ -223,9 +287,9 @@ def compute_valve_command(
     than the line; this does not shut the valve.
 
     Args:
-        axis: State of the cylinder's control axis, with u and stiffnesses.
-            Writes `bound` in place: 1 if the valve is shut by the load, fully open, or its demand
-            is limited by the pumps.
+        axis: State of the cylinder's control axis, with u and stiffnesses. Writes `is_saturated` in
+            place: 1 if the valve is shut by the load, fully open, or its demand is limited by the
+            pumps.
         sensor: Measured length [m] and pressures [Pa] of the actuator.
         cylinder: Areas and flow coefficient K of the cylinder's valve.
         constants: Constants of the circuit, one record.
@@ -234,6 +298,7 @@ def compute_valve_command(
         valve: Estimates and window of the valve. Writes `speed_gain` (G)
             [m/s] and `opening` (x) in place. `opening` is 0 if the load keeps the valve partly or
             fully shut, so that the estimator does not use it.
+        settings: Tuned numbers of the inverse.
     """
     c = constants[0]
     k, cap, rod = cylinder.valve_coefficient, cylinder.cap_area, cylinder.rod_area
@@ -250,15 +315,15 @@ def compute_valve_command(
         inlet_gain, outlet_gain = rod * axis.rod_stiffness, cap * axis.cap_stiffness
     inlet, _ = compute_orifice_flow(k, max(inlet_drop, 0.0), c.laminar_pressure)
     outlet, _ = compute_orifice_flow(k, max(outlet_drop, 0.0), c.laminar_pressure)
-    smallest, _ = compute_orifice_flow(k, MIN_PRESSURE_DROP, c.laminar_pressure)
+    smallest, _ = compute_orifice_flow(k, settings.min_pressure_drop, c.laminar_pressure)
     gain = inlet_gain * max(inlet, smallest) + outlet_gain * max(outlet, smallest)
     valve.speed_gain = gain / axis.stiffness
-    opening = compute_opening(valve, axis.demand)
+    opening = compute_opening(valve, axis.demand, settings)
     gate = min(max((sensor.line_pressure - carried) / c.laminar_pressure, 0.0), 1.0)
     actuator.valve_command = gate * min(max(opening, -1.0), 1.0)
     valve.opening = actuator.valve_command if gate == 1.0 else 0.0
-    held = gate < 1.0 or abs(opening) >= 1.0 or abs(axis.demand) >= axis.deliverable
-    axis.bound = 1.0 if held else 0.0
+    held = gate < 1.0 or abs(opening) >= 1.0 or abs(axis.demand) >= axis.deliverable_speed
+    axis.is_saturated = 1.0 if held else 0.0
 
 
 @kernel(borrows=True)
@@ -292,25 +357,27 @@ def select_supply_targets(
 
 
 @kernel(inline="always")
-def limit_speeds_by_pumps(s: ServoArguments, p: PumpState) -> None:
+def limit_speeds_by_pumps(s: ServoArguments, p: PumpState, min_speed_ratio: float) -> None:
     """Compute the piston speeds that the pumps of boosted lines can supply, for the next step.
 
         |u|_max = (n Q_max − leakage − flow of other axes on the rail)/A_dir
 
     n is the number of pumps that feed the rail if the line is joined to it, and 1 otherwise. The
-    limit is at least MIN_SPEED_RATIO times the reference's speed. It is inf for a line without
+    limit is at least `min_speed_ratio` times the reference's speed. It is inf for a line without
     boost (`line_flow` 0). Without this limit a line would lose pressure. Its pumps would then run
     at full speed and overshoot when the piston has caught up.
 
     Args:
-        s: Signals, circuit, axes and estimates of the servo. Writes `deliverable` of all axes [m/s]
-            in place.
+        s: Signals, circuit, axes and estimates of the servo. Writes `deliverable_speed` of all axes
+            [m/s] in place.
         p: State of the pumps. Reads the leakage estimates in `lines`.
+        min_speed_ratio: Share of the reference's speed that may always be demanded.
     """
     axes, full = s.axes, s.constants[0].servo_pump_flow
-    pumps, shared = 0, 0.0
+    pumps, shared, diverted = 0, 0.0, p.gains[0].settings.min_diverted_share
     for k in range(len(s.modules)):
-        if s.serves[k] >= 0 and feeds_rail(s.modules[k], s.module_home[k], s.serves[k], axes):
+        user: int = s.serves[k]
+        if user >= 0 and feeds_rail(s.modules[k], s.module_home[k], user, axes, diverted):
             pumps += 1
     for j in range(len(axes)):
         if axes[j].joined > 0.0:
@@ -321,13 +388,13 @@ def limit_speeds_by_pumps(s: ServoArguments, p: PumpState) -> None:
     for j in range(len(axes)):
         axis, cylinder = axes[j], s.cylinders[j]
         if axis.line_flow == 0.0:
-            axis.deliverable = math.inf
+            axis.deliverable_speed = math.inf
             continue
         left = full - p.lines.estimate[1 + j] * axis.leakage
         if axis.joined > 0.0:
             left = pumps * full - shared + compute_reference_flow(axis, cylinder)
         area = inlet_area(cylinder.cap_area, cylinder.rod_area, axis.demand)
-        axis.deliverable = max(left / area, MIN_SPEED_RATIO * abs(axis.speed))
+        axis.deliverable_speed = max(left / area, min_speed_ratio * abs(axis.speed))
 
 
 @kernel
@@ -346,21 +413,21 @@ def compute_reference_flow(axis: ControlAxis, cylinder: CylinderConstants) -> fl
 
 
 @kernel(inline="always")
-def control_join_valves(s: ServoArguments, p: PumpState) -> None:
+def control_join_valves(s: ServoArguments, p: PumpState, settings: CoordinationSettings) -> None:
     """Open, throttle or shut the join valves of all lines, and set the rail's pressure targets.
 
     A line that draws from the rail (see `joins_rail`) is joined once its pressure and the rail's
-    agree within JOINED_DROP. Before that its join valve is throttled. It passes what the line needs
-    beyond its own pump, plus a charging flow taken from `p.charging_flow_left`. The rail's targets
-    are the highest targets of the lines that are on it or about to join.
+    agree within `joined_drop`. Before that its join valve is throttled. It passes what the line
+    needs beyond its own pump, plus a charging flow taken from `p.charging_flow_left`. The rail's
+    targets are the highest targets of the lines that are on it or about to join.
 
     A line that no longer draws from the rail is shut off from it. If no line draws from the rail,
-    all stay joined until the rail's pumps have nearly stopped (IDLE_FLOW_SHARE). Their oil would
+    all stay joined until the rail's pumps have nearly stopped (`idle_flow_share`). Their oil would
     otherwise raise the pressure of a shut rail.
 
     A line also leaves early if three conditions hold. Another boosted line on the rail needs a
-    pressure that is higher by more than JOINED_DROP. The mode of the line at the preview point is
-    not SB. One pump can supply its flow; while it is still joined, EARLY_LEAVE_FLOW_SHARE of a
+    pressure that is higher by more than `joined_drop`. The mode of the line at the preview point is
+    not SB. One pump can supply its flow; while it is still joined, `early_leave_flow_share` of a
     pump's flow must suffice. While a join valve closes, the rail's target is limited so that no
     more flow passes than the line draws.
 
@@ -369,6 +436,7 @@ def control_join_valves(s: ServoArguments, p: PumpState) -> None:
             `join_command` of all actuators in place.
         p: State of the pumps. Writes `rail_target` [Pa] and `rail_before` [Pa], and reduces
             `charging_flow_left` [m³/s], in place.
+        settings: Tuned numbers of the controller itself.
     """
     axes, sensors, actuators, modules = s.axes, s.sensors, s.actuators, s.modules
     modes, serves, module_home, rail_target = s.modes, s.serves, s.module_home, p.rail_target
@@ -376,24 +444,25 @@ def control_join_valves(s: ServoArguments, p: PumpState) -> None:
     rail_flow = 0.0
     for k in range(len(modules)):
         rail_flow += modules[k].flow * modules[k].to_rail
-    coasting, highest = rail_flow >= IDLE_FLOW_SHARE * c.servo_pump_flow, 0.0
+    coasting, highest = rail_flow >= settings.idle_flow_share * c.servo_pump_flow, 0.0
     for j in range(len(axes)):
         if joins_rail(j, modes, module_home, serves):
             coasting = False
         if axes[j].joined > 0.0 and BOOSTED_MODES[modes[j]]:
             highest = max(highest, axes[j].supply_target)
+    joined_drop, shut_opening = settings.joined_drop, p.gains[0].settings.lines.shut_opening
     bearable = math.inf
     rail_target[:] = 0.0
     for j in range(len(axes)):
         axis = axes[j]
         leaves = not joins_rail(j, modes, module_home, serves)
-        shed = axis.supply_target < highest - JOINED_DROP and not RAIL_MODES[s.modes_ahead[j]]
+        shed = axis.supply_target < highest - joined_drop and not RAIL_MODES[s.modes_ahead[j]]
         if shed:
             drop = axis.supply_target - c.tank_pressure
             leakage, _ = compute_orifice_flow(c.leakage_coefficient, drop, c.laminar_pressure)
-            more = p.lines.estimate[1 + j] * (axis.leakage - leakage)
-            most = EARLY_LEAVE_FLOW_SHARE if axis.joined > 0.0 else 1.0
-            shed = axis.line_flow - more < most * c.servo_pump_flow
+            excess_leakage = p.lines.estimate[1 + j] * (axis.leakage - leakage)
+            most = settings.early_leave_flow_share if axis.joined > 0.0 else 1.0
+            shed = axis.line_flow - excess_leakage < most * c.servo_pump_flow
         leaves = leaves or shed
         if leaves and (shed or not coasting):
             axis.joined = 0.0
@@ -402,7 +471,7 @@ def control_join_valves(s: ServoArguments, p: PumpState) -> None:
             rail_target[1] = max(rail_target[1], axis.target_ahead)
         if leaves:
             actuators[j].join_command = axis.joined
-            if axis.joined == 0.0 and actuators[j].join > SHUT_OPENING:
+            if axis.joined == 0.0 and actuators[j].join > shut_opening:
                 cylinder = s.cylinders[j]
                 area = inlet_area(cylinder.cap_area, cylinder.rod_area, axis.demand)
                 drawn = axis.leakage + area * abs(axis.demand)
@@ -410,11 +479,11 @@ def control_join_valves(s: ServoArguments, p: PumpState) -> None:
                 bearable = min(bearable, axis.supply_target + passing * passing)
             continue
         drop = rail_pressure - sensors[j].line_pressure
-        if abs(drop) < JOINED_DROP:
+        if abs(drop) < joined_drop:
             axis.joined = 1.0
         lacking = c.line_capacity * (axis.supply_target - sensors[j].line_pressure)
         charge = min(
-            max(0.0, lacking / (CHARGING_TIME_CONSTANTS * c.switching_time)),
+            max(0.0, lacking / (settings.charging_time_constants * c.switching_time)),
             p.charging_flow_left[0],
         )
         own = c.servo_pump_flow if has_own_pump(j, module_home, serves) else 0.0

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mhsb_control import line_estimate, pump_estimate, valve_estimate
 from mhsb_control.line_estimate import LineEstimates
-from mhsb_control.load_estimate import FRICTION_DEVIATION, PAYLOAD_DEVIATION, LoadEstimate
-from mhsb_control.pump_estimate import DriveEstimates
+from mhsb_control.load_estimate import LoadEstimate, LoadSettings
+from mhsb_control.pump_estimate import MAX_DELAY_STEPS, DriveEstimates
+from mhsb_control.servo_pumps import PumpSettings
 from mhsb_control.valve_estimate import ValveEstimates
 from mhsb_model.arm_reports import Estimate
 
@@ -23,6 +23,8 @@ def collect_estimates(
     valves: ValveEstimates,
     lines: LineEstimates,
     drives: DriveEstimates,
+    load_settings: LoadSettings,
+    pump_settings: PumpSettings,
 ) -> list[Estimate]:
     """Collect the estimates of all estimators with their standard deviations.
 
@@ -36,6 +38,8 @@ def collect_estimates(
         valves: Estimates of the valves.
         lines: Estimates of oil compressibility and leakage.
         drives: Estimates of pump lag and command delay.
+        load_settings: Tuned numbers of `load`, with initial standard deviations.
+        pump_settings: Those of `lines` and `drives`.
 
     Returns:
         Estimates with the units of `Estimate`. First are payload, bulk modulus, pump lag and delay,
@@ -43,30 +47,35 @@ def collect_estimates(
         follow.
     """
     spread, oil = np.sqrt(np.diag(load.covariance)), np.sqrt(np.diag(lines.covariance))
-    first = PAYLOAD_DEVIATION * float(load.file_payload[0])
+    first = load_settings.payload_deviation * float(load.file_payload[0])
     lag, deviation, delay, latest, step = (
-        drives.record[name][0] for name in ("lag", "deviation", "delay", "latest", "step")
+        drives.record[name][0]
+        for name in ("lag", "deviation", "delay", "max_plausible_delay", "step")
     )
     squeeze = lines.estimate[0]
     of_bulk = oil[0] / squeeze**2
     found = [
         _build_estimate("payload", "", load.estimate[0], spread[0], first),
         _build_estimate(
-            "bulk_modulus", "", 1.0 / squeeze, of_bulk, line_estimate.COMPRESSIBILITY_DEVIATION
+            "bulk_modulus",
+            "",
+            1.0 / squeeze,
+            of_bulk,
+            pump_settings.lines.compressibility_deviation,
         ),
         _build_estimate(
             "pump_lag",
             "",
             lag,
             deviation * lag,
-            pump_estimate.INITIAL_DEVIATION * lag,
+            pump_settings.drives.initial_deviation * lag,
         ),
         _build_estimate(
             "delay",
             "",
             delay * step,
             (latest - delay) * step,
-            pump_estimate.MAX_DELAY_STEPS * step,
+            MAX_DELAY_STEPS * step,
         ),
     ]
     for j, name in enumerate(names):
@@ -76,15 +85,25 @@ def collect_estimates(
         # overlap o = b/a and gain g = a (1 − o) = a − b, variances to first order
         lap_variance = (own[1, 1] - 2.0 * lap * own[0, 1] + lap**2 * own[0, 0]) / gain**2
         gain_variance = own[0, 0] - 2.0 * own[0, 1] + own[1, 1]
-        of_gain, of_overlap, _ = valve_estimate.INITIAL_DEVIATIONS
+        of_gain, of_overlap = (
+            float(valves.settings[key][0]) for key in ("gain_deviation", "overlap_deviation")
+        )
         found += [
             _build_estimate(
-                "friction", name, load.estimate[1 + j], spread[1 + j], FRICTION_DEVIATION
+                "friction",
+                name,
+                load.estimate[1 + j],
+                spread[1 + j],
+                load_settings.friction_deviation,
             ),
             _build_estimate("valve_gain", name, gain - overlap, np.sqrt(gain_variance), of_gain),
             _build_estimate("overlap", name, lap, np.sqrt(lap_variance), of_overlap),
             _build_estimate(
-                "leakage", name, lines.estimate[1 + j], oil[1 + j], line_estimate.LEAKAGE_DEVIATION
+                "leakage",
+                name,
+                lines.estimate[1 + j],
+                oil[1 + j],
+                pump_settings.lines.leakage_deviation,
             ),
         ]
     return found

@@ -155,10 +155,10 @@ def run_independent_step(
         module = modules[k]
         user: int = serves[k]
         if user < 0:
-            module.flow_command, module.lend, integrals[k] = 0.0, 0.0, 0.0
+            module.flow_command, module.to_rail_command, integrals[k] = 0.0, 0.0, 0.0
             continue
         on_rail = axes[user].joined > 0.0
-        module.lend = 1.0 if module_home[k] != user else 0.0
+        module.to_rail_command = 1.0 if module_home[k] != user else 0.0
         error = axes[user].supply_target - sensors[user].line_pressure
         capacity = c.line_capacity
         if on_rail:

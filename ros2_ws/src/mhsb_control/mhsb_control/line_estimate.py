@@ -20,6 +20,7 @@ Source: H. E. Merritt, Hydraulic Control Systems (balance of oil in a line).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -32,32 +33,113 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.records import Record, Records, create_records
 from mhsb_model.types import FloatArray, IntArray
 
-WINDOW_STEPS = 8
-"""Number of steps in a window."""
 
-COMPRESSIBILITY_DEVIATION, LEAKAGE_DEVIATION = 0.3, 0.3
-"""Initial standard deviations of c and of each λ."""
+@dataclass(frozen=True)
+class LineSettings(Record):
+    """Tuned numbers of the estimates of oil compressibility and leakage."""
 
-COMPRESSIBILITY_DRIFT, LEAKAGE_DRIFT = 1e-3, 2e-3
-"""Standard deviations of the random walks of c and λ in one window."""
+    window_steps: int = 8
+    """Number of steps in a window, 1 … 100.
 
-FLOW_DEVIATION, VOLUME_DEVIATION, COMPRESSION_DEVIATION = 1.5e-7, 3e-9, 0.1
-"""Standard deviations of a window's oil.
+    Origin: chosen; a boosted line is charged in 10 … 40 ms, which is 1 … 5 windows.
 
-They are: flow that is not in the balance [m³/s], stroke of a moving piston [m³], and a share of the
-compressed oil."""
+    30 % smaller and larger, N = 5: RMS error −18.5 and −6.2 % (mhsb_arm3; overshoot +0.01 and
+    +0.22 MPa), +0.6 and −3.1 % (excavator; overshoot −0.67 and −1.43 MPa)."""
+    compressibility_deviation: float = 0.3
+    """Initial standard deviation of c [-], above 0 … 2.
 
-MIN_STIFFNESS_FACTOR, MIN_LEAKAGE_FACTOR, MAX_FACTOR = 0.4, 0.2, 3.0
-"""Limits of the estimates: smallest c, smallest λ, and largest value of both."""
+    Origin: config/variations.yaml, a bulk modulus of 0.6 … 1.6 GPa against 1 GPa.
 
-SHUT_OPENING, OPEN_OPENING = 0.02, 0.9
-"""Opening of a join valve or diverter below which it counts as shut, and above which as open."""
+    30 % smaller and larger, N = 5: RMS error −2.8 and −14.2 % (mhsb_arm3; overshoot −0.04 and
+    −0.06 MPa), −6.5 and −3.5 % (excavator; overshoot −0.82 and −0.87 MPa)."""
+    leakage_deviation: float = 0.3
+    """Initial standard deviation of each λ [-], above 0 … 10.
 
-CHECK_VALVE_MARGIN = 1e5
-"""Line pressure above P_S [Pa] from which the line's check valve counts as closed."""
+    Origin: config/variations.yaml, a leakage of 0.5 … 1.5 evenly has 0.29.
 
-JOINED_DROP = 1e5
-"""Pressure difference [Pa] up to which a line and the rail count as one volume."""
+    30 % smaller and larger, N = 5: RMS error −16.1 and −8.3 % (mhsb_arm3), +2.0 and +0.5 %
+    (excavator; overshoot −1.66 and −0.44 MPa)."""
+    compressibility_drift: float = 1e-3
+    """Standard deviation of the random walk of c in one window [-], 0 … 0.1.
+
+    Origin: chosen; 0.011 in a second with boost.
+
+    30 % smaller and larger, N = 5: RMS error −6.3 and −0.5 % (mhsb_arm3), −4.0 and +0.9 %
+    (excavator; overshoot −0.74 and −1.03 MPa)."""
+    leakage_drift: float = 2e-3
+    """Standard deviation of the random walk of λ in one window [-], 0 … 0.1.
+
+    Origin: chosen; 0.022 in a second with boost.
+
+    30 % smaller and larger, N = 5: RMS error −2.1 and −9.3 % (mhsb_arm3), −5.5 and −7.7 %
+    (excavator; overshoot −2.63 and −3.53 MPa)."""
+    flow_deviation: float = 1.5e-7
+    """Standard deviation of flow that is not in a balance [m³/s], above 0 … 1e-3.
+
+    Origin: chosen; 4 % of a servo pump's flow of the suite's own arm.
+
+    30 % smaller and larger, N = 5: RMS error +2.4 and −15.2 % (mhsb_arm3; overshoot −0.07 and
+    +0.05 MPa), −5.6 and −0.3 % (excavator; overshoot −2.33 and −0.57 MPa)."""
+    volume_deviation: float = 3e-9
+    """Standard deviation of a window's stroke of a moving piston [m³], 0 … 1e-3.
+
+    Origin: 6 µm of stroke at the piston area of 491 mm² of the suite's own arm.
+
+    30 % smaller and larger, N = 5: RMS error −2.9 and +0.5 % (mhsb_arm3; overshoot +0.05 and
+    −0.08 MPa), −0.3 and −2.1 % (excavator; overshoot −0.26 and −2.35 MPa)."""
+    compression_deviation: float = 0.1
+    """Standard deviation of the compressed oil of a window, as a share of it, 0 … 1.
+
+    Origin: chosen; it covers the lag of pressure sensors and volumes that differ from the file.
+
+    30 % smaller and larger, N = 5: RMS error −3.9 and −13.1 % (mhsb_arm3; overshoot −0.04 and
+    −0.06 MPa), −0.3 and +0.9 % (excavator; overshoot −1.95 and −2.50 MPa)."""
+    min_compressibility: float = 0.4
+    """Smallest estimate of c [-], above 0 … 1.
+
+    Origin: plausibility; oil of 1.6 GPa has 0.63.
+
+    30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +1.2 and −8.5 % (excavator;
+    overshoot −0.00 and −2.28 MPa)."""
+    min_leakage: float = 0.2
+    """Smallest estimate of λ [-], 0 … 1.
+
+    Origin: plausibility; config/variations.yaml has 0.5.
+
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
+    max_factor: float = 3.0
+    """Largest estimate of c and λ [-], 1 … 100.
+
+    Origin: plausibility; config/variations.yaml has 1.7 and 1.5.
+
+    30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +0.1 and 0 % (excavator)."""
+    shut_opening: float = 0.02
+    """Opening of a join valve or diverter below which it counts as shut, 0 … 0.5.
+
+    Origin: four time constants of the valve after its command.
+
+    30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +0.1 and +0.1 % (excavator)."""
+    open_opening: float = 0.9
+    """Opening of a join valve or diverter above which it counts as open, 0.5 … 1.
+
+    Origin: chosen; the pressure drop over it is then 1.2 times that of an open valve.
+
+    Distance to 1 30 % smaller and larger, N = 5: RMS error −3.6 and −17.4 % (mhsb_arm3;
+    overshoot −0.07 and +0.04 MPa), 0 and 0 % (excavator)."""
+    check_valve_margin: float = 1e5
+    """Line pressure above P_S from which the line's check valve counts as closed [Pa], 0 … 1e7.
+
+    Origin: four times what the droop of the main pump and sensor errors of 0.5 % may hide.
+
+    30 % smaller and larger, N = 5: RMS error −4.8 and −9.6 % (mhsb_arm3), +2.3 and −3.9 %
+    (excavator; overshoot −2.56 and −2.34 MPa)."""
+    joined_drop: float = 1e5
+    """Pressure difference up to which a line and the rail count as one volume [Pa], 0 … 1e7.
+
+    Origin: chosen; the error of two industrial pressure sensors is 0.07 MPa at most.
+
+    30 % smaller and larger, N = 5: RMS error −5.3 and −4.4 % (mhsb_arm3), +0.8 and 0 %
+    (excavator; overshoot −0.32 and +0.00 MPa)."""
 
 
 class OilBalance(Record):
@@ -67,7 +149,7 @@ class OilBalance(Record):
     """Number of steps in the present window."""
     members: int
     """Bit j is set if line j belongs to the balance."""
-    open: int
+    manifold_feeds: int
     """1 if the manifold may feed the lines as well."""
     supplied: float
     """Oil delivered by pumps [m³]."""
@@ -100,17 +182,18 @@ class LineEstimates(NamedTuple):
     gain_work: FloatArray  # [1 + n] working memory
 
 
-def build_line_estimates(count: int) -> LineEstimates:
+def build_line_estimates(count: int, settings: LineSettings = LineSettings()) -> LineEstimates:
     """Return the initial estimates of lines: c = λ = 1, with their initial standard deviations.
 
     Args:
         count: Number n of lines.
+        settings: Tuned numbers.
 
     Returns:
         The estimates, with empty balances.
     """
-    deviation = np.full(1 + count, LEAKAGE_DEVIATION)
-    deviation[0] = COMPRESSIBILITY_DEVIATION
+    deviation = np.full(1 + count, settings.leakage_deviation)
+    deviation[0] = settings.compressibility_deviation
     balances = create_records(OilBalance, count + 1)
     balances["rail"][count] = 1.0
     return LineEstimates(
@@ -126,15 +209,15 @@ def build_line_estimates(count: int) -> LineEstimates:
 
 
 @kernel(inline="always")
-def update_line_estimates(s: ServoArguments, lines: LineEstimates) -> None:
+def update_line_estimates(s: ServoArguments, lines: LineEstimates, settings: LineSettings) -> None:
     """Add one step to the oil balances of all lines, and update the estimates from full windows.
 
     A line belongs to the rail's balance if its join valve is open, and its pressure is within
-    JOINED_DROP of the rail's. A line has a balance of its own if a pump feeds it and its join valve
-    is shut. The rail's balance is skipped in two cases: no pump feeds it, or a join valve is partly
-    open or open with unequal pressures.
+    `joined_drop` of the rail's. A line has a balance of its own if a pump feeds it and its join
+    valve is shut. The rail's balance is skipped in two cases: no pump feeds it, or a join valve is
+    partly open or open with unequal pressures.
 
-    A full window updates c and λ in two cases. The line pressure is at least CHECK_VALVE_MARGIN
+    A full window updates c and λ in two cases. The line pressure is at least `check_valve_margin`
     above P_S, so that the check valves are closed. Or no piston has moved, and more oil went in
     than the present estimates explain.
 
@@ -142,15 +225,17 @@ def update_line_estimates(s: ServoArguments, lines: LineEstimates) -> None:
         s: Signals, circuit, axes and estimates of the servo. Writes `leakage` of all axes [m³/s],
             as the machine file gives it at the present pressure, in place.
         lines: Estimates and balances, updated in place.
+        settings: Tuned numbers.
     """
     n, c, step, rail = len(s.axes), s.constants[0], s.gains[0].step, s.rail_pressure[0]
-    compute_fed_flows(s.modules, s.module_home, s.serves, lines.fed)
+    compute_fed_flows(s.modules, s.module_home, s.serves, lines.fed, settings.shut_opening)
     joined, broken = 0, False
     for j in range(n):
         join = s.actuators[j].join
-        if join > OPEN_OPENING and abs(s.sensors[j].line_pressure - rail) < JOINED_DROP:
+        drop = s.sensors[j].line_pressure - rail
+        if join > settings.open_opening and abs(drop) < settings.joined_drop:
             joined |= 1 << j
-        elif join > SHUT_OPENING:
+        elif join > settings.shut_opening:
             broken = True
         compute_line_intake(
             s.axes[j], s.cylinders[j], s.sensors[j], c, step, lines.before[j], lines.intake[j]
@@ -161,7 +246,7 @@ def update_line_estimates(s: ServoArguments, lines: LineEstimates) -> None:
         flow, feeds, pressure, members = lines.fed[g, 0], lines.fed[g, 1] > 0.0, rail, joined
         if g < n:
             pressure = s.sensors[g].line_pressure
-            members = 1 << g if feeds and s.actuators[g].join < SHUT_OPENING else 0
+            members = 1 << g if feeds and s.actuators[g].join < settings.shut_opening else 0
         else:
             flow -= c.bleed_conductance * (rail - c.tank_pressure)
             for j in range(n):
@@ -170,22 +255,26 @@ def update_line_estimates(s: ServoArguments, lines: LineEstimates) -> None:
                     feeds = feeds or lines.fed[j, 1] > 0.0
             if broken or not feeds:
                 members = 0
-        fed_too = 0 if pressure > c.supply_pressure + CHECK_VALVE_MARGIN else 1
+        fed_too = 0 if pressure > c.supply_pressure + settings.check_valve_margin else 1
         own, row = lines.balances[g], lines.row[g]
-        if accumulate_balance(own, row, lines.intake, members, fed_too, flow, step):
+        if accumulate_balance(lines, g, members, fed_too, flow, step, settings.window_steps):
             spread = (
-                (FLOW_DEVIATION * WINDOW_STEPS * step) ** 2
-                + own.moving * VOLUME_DEVIATION**2
-                + (COMPRESSION_DEVIATION * row[0]) ** 2
+                (settings.flow_deviation * settings.window_steps * step) ** 2
+                + own.moving * settings.volume_deviation**2
+                + (settings.compression_deviation * row[0]) ** 2
             )
             oil = own.supplied - own.moved
             if fed_too == 0 or (own.moving == 0.0 and oil > np.dot(row, lines.estimate)):
-                update_line_filter(lines, row, oil, spread)
+                update_line_filter(lines, row, oil, spread, settings)
 
 
 @kernel(borrows=True)
 def compute_fed_flows(
-    modules: Records[ModuleState], module_home: IntArray, serves: IntArray, fed: FloatArray
+    modules: Records[ModuleState],
+    module_home: IntArray,
+    serves: IntArray,
+    fed: FloatArray,
+    shut_opening: float,
 ) -> None:
     """Compute the flows that the pumps feed into each line alone and into the rail.
 
@@ -196,6 +285,7 @@ def compute_fed_flows(
         fed: Written in place, float64[n + 1, 2]; one row for each line, and the rail's last. Column
             0 is the flow of the pumps [m³/s], idle ones included. Column 1 is 1 if a pump in use
             feeds the line or rail, else 0.
+        shut_opening: Opening of a diverter below which it counts as shut.
     """
     fed[:] = 0.0
     rail = len(fed) - 1
@@ -205,21 +295,21 @@ def compute_fed_flows(
         if home >= 0:
             fed[home, 0] += (1.0 - to_rail) * modules[k].flow
         if serves[k] >= 0:
-            if to_rail > SHUT_OPENING:
+            if to_rail > shut_opening:
                 fed[rail, 1] = 1.0
-            if home >= 0 and 1.0 - to_rail > SHUT_OPENING:
+            if home >= 0 and 1.0 - to_rail > shut_opening:
                 fed[home, 1] = 1.0
 
 
 @kernel(borrows=True)
 def accumulate_balance(
-    oil_balance: OilBalance,
-    row: FloatArray,
-    taken: FloatArray,
+    lines: LineEstimates,
+    k: int,
     members: int,
     manifold_feeds: int,
     flow: float,
     step: float,
+    window_steps: int,
 ) -> bool:
     """Add one step to a balance of oil, and return whether its window is full.
 
@@ -228,22 +318,30 @@ def accumulate_balance(
     the balance of the rail.
 
     Args:
-        oil_balance: Oil balance of a line or of the rail, updated in
-            place.
-        row: Coefficients of c and λ, float64[1 + n], [m³], accumulated in place: oil taken by
-            compression, then leakage of each valve, both by the machine file.
-        taken: Oil taken in this step by each line and, in the last row, by the rail,
-            float64[n + 1, 3], [m³]. Columns: compression, leakage, piston.
+        lines: Reads `intake`, the oil taken in this step. Updates record k of `balances` and row k
+            of `row` in place. The row has the coefficients of c and λ: oil taken by compression,
+            then leakage of each valve, both by the machine file.
+        k: Index of the balance; the last one is the rail's.
         members: Lines of the balance, bit j for line j; 0 discards the window.
         manifold_feeds: 1 if the manifold may feed the lines as well, else 0.
         flow: Flow of the pumps into these lines [m³/s].
         step: Control period [s].
+        window_steps: Number of steps in a window.
 
     Returns:
-        True in the last step of a window. `row` and `oil_balance` then hold its balance.
+        True in the last step of a window. `row` and `balances` then contain its balance.
     """
-    if members == 0 or oil_balance.members != members or oil_balance.open != manifold_feeds:
-        oil_balance.members, oil_balance.open, oil_balance.steps = members, manifold_feeds, 0
+    oil_balance, row, taken = lines.balances[k], lines.row[k], lines.intake
+    if (
+        members == 0
+        or oil_balance.members != members
+        or oil_balance.manifold_feeds != manifold_feeds
+    ):
+        oil_balance.members, oil_balance.manifold_feeds, oil_balance.steps = (
+            members,
+            manifold_feeds,
+            0,
+        )
         if members == 0:
             return False
     if oil_balance.steps == 0:
@@ -263,7 +361,7 @@ def accumulate_balance(
             oil_balance.moved += taken[j, 2]
             oil_balance.moving = max(oil_balance.moving, 1.0 if taken[j, 2] != 0.0 else 0.0)
     oil_balance.steps += 1
-    if oil_balance.steps <= WINDOW_STEPS:
+    if oil_balance.steps <= window_steps:
         return False
     oil_balance.steps = 0
     return True
@@ -315,26 +413,29 @@ def compute_line_intake(
 
 
 @kernel(borrows=True)
-def update_line_filter(lines: LineEstimates, row: FloatArray, oil: float, spread: float) -> None:
+def update_line_filter(
+    lines: LineEstimates, row: FloatArray, oil: float, spread: float, settings: LineSettings
+) -> None:
     """Update c and λ from the balance of a window by a Kalman filter.
 
         oil = row · (c, λ) + noise
 
     Parameters with a coefficient other than 0 first gain the variance of their random walk, the
-    square of COMPRESSIBILITY_DRIFT or LEAKAGE_DRIFT. c is limited to MIN_STIFFNESS_FACTOR …
-    MAX_FACTOR and each λ to MIN_LEAKAGE_FACTOR … MAX_FACTOR.
+    square of `compressibility_drift` or `leakage_drift`. c is limited to `min_compressibility` …
+    `max_factor` and each λ to `min_leakage` … `max_factor`.
 
     Args:
         lines: Estimates. Writes `estimate`, `covariance` and `gain_work` in place.
         row: Coefficients of c and λ in the balance, float64[1 + n], [m³].
         oil: Oil delivered by pumps less oil taken by pistons [m³].
         spread: Variance of the noise [m⁶].
+        settings: Tuned numbers.
     """
     estimate, covariance, carried = lines.estimate, lines.covariance, lines.gain_work
     n = len(estimate)
     for i in range(n):
         if row[i] != 0.0:
-            wander = COMPRESSIBILITY_DRIFT if i == 0 else LEAKAGE_DRIFT
+            wander = settings.compressibility_drift if i == 0 else settings.leakage_drift
             covariance[i, i] += wander * wander
     away = oil
     for i in range(n):
@@ -345,7 +446,8 @@ def update_line_filter(lines: LineEstimates, row: FloatArray, oil: float, spread
         spread += row[i] * carried[i]
         away -= row[i] * estimate[i]
     for i in range(n):
-        least = MIN_STIFFNESS_FACTOR if i == 0 else MIN_LEAKAGE_FACTOR
-        estimate[i] = min(max(estimate[i] + carried[i] / spread * away, least), MAX_FACTOR)
+        least = settings.min_compressibility if i == 0 else settings.min_leakage
+        updated = estimate[i] + carried[i] / spread * away
+        estimate[i] = min(max(updated, least), settings.max_factor)
         for k in range(n):
             covariance[i, k] -= carried[i] * carried[k] / spread

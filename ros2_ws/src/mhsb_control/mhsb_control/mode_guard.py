@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from mhsb_control.controller import ServoSignals
 from mhsb_control.guarded_modes import combine_modes
 from mhsb_control.reference import ReferencePreview
-from mhsb_control.reference_governor import RELEASE_ABOVE, build_governor_state, run_governor_step
+from mhsb_control.reference_governor import (
+    GovernorSettings,
+    build_governor_state,
+    run_governor_step,
+)
 from mhsb_model.kernels.bound_kernel import bind_kernel
 from mhsb_model.machine import Machine
 from mhsb_model.modes import modules_in_use, pattern_name
@@ -41,8 +46,11 @@ class ModeGuard:
     """Guard that boosts actuators and slows the plan; see `reference_governor`.
 
     Attributes:
+        settings: Tuned numbers of every new guard.
         watch: Function that runs one step and returns whether the requested modes have changed.
     """
+
+    settings: ClassVar[GovernorSettings] = GovernorSettings()
 
     def __init__(
         self,
@@ -63,7 +71,7 @@ class ModeGuard:
         modules = machine.config.hydraulics.modules
         self._per_mode = modules.per_mode
         self._names = machine.actuator_names
-        self._state = build_governor_state(machine, signals, reference, usual_error)
+        self._state = build_governor_state(machine, signals, reference, usual_error, self.settings)
         self._boosts = 0
         self._deviation_text = ""
         self.watch = bind_kernel(run_governor_step, self._state)
@@ -73,9 +81,9 @@ class ModeGuard:
 
         The counts of interventions and the accumulated delay of the reference stay.
         """
-        self._state.totals["awake"] = 0.0
-        self._state.actuators["wanted"] = 0
-        self._state.actuators["lasting"] = 0.0
+        self._state.totals["is_initialized"] = 0.0
+        self._state.actuators["requested_mode"] = 0
+        self._state.actuators["condition_time"] = 0.0
         self._state.totals["held"] = 0.0
         self._state.speed_scaling["rate"] = 1.0
         self._state.speed_scaling["change"] = 0.0
@@ -94,11 +102,12 @@ class ModeGuard:
             boost and the modules suffice.
         """
         actuators, per_mode = self._state.actuators, self._per_mode
-        asked = actuators["wanted"].astype(np.uint8)
-        if not asked.any() and modules_in_use(scheduled, per_mode) <= modules:
+        requested = actuators["requested_mode"].astype(np.uint8)
+        if not requested.any() and modules_in_use(scheduled, per_mode) <= modules:
             return scheduled
-        reserve = actuators["unboosted"]
-        return combine_modes(scheduled, asked, reserve, RELEASE_ABOVE, modules, per_mode)
+        reserve = actuators["reserve_in_n"]
+        release = self.settings.release_above
+        return combine_modes(scheduled, requested, reserve, release, modules, per_mode)
 
     def record_modes(self, scheduled: ModeArray, prepared: ModeArray, in_force: ModeArray) -> None:
         """Record the modes of the plan, and count each time that the modes in force leave them.
@@ -130,7 +139,7 @@ class ModeGuard:
 
     @property
     def held(self) -> float:
-        """Time for which the rate of the speed scaling has been below HELD_RATE [s].
+        """Time for which the rate of the speed scaling has been below `held_rate` [s].
 
         It is 0 if the rate is above now.
         """
@@ -147,9 +156,9 @@ class ModeGuard:
         rate, delay = scaling["rate"][0], scaling["delay"][0]
         sentences = [self._deviation_text] if self._deviation_text else []
         if rate < 1.0:
-            lacking = int(np.argmin(self._state.actuators["share"]))
+            lacking = int(np.argmin(self._state.actuators["allowed_rate"]))
             why = f"the tip is {1e3 * self._state.totals['error'][0]:.0f} mm off its reference"
-            if self._state.actuators["share"][lacking] < 1.0:
+            if self._state.actuators["allowed_rate"][lacking] < 1.0:
                 left = self._state.actuators["reserve"][lacking] / 1e6
                 why = f"{self._names[lacking]} has {left:.2f} MPa in reserve"
             sentences.append(f"the plan runs at {rate:.2f} of its pace: {why}")

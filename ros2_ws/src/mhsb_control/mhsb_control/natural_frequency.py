@@ -34,8 +34,8 @@ def compute_oil_stiffness(machine: Machine, q: FloatArray) -> FloatArray:
     arrays, oil = machine.arrays, machine.config.circuit
     own, length = build_cylinders(machine), machine.cylinder_lengths(q)
     dead, cap, rod = own["dead_volume"], own["cap_area"], own["rod_area"]
-    cap_volume = dead + own["swept"] * cap * (length - own["min_length"])
-    rod_volume = dead + own["swept"] * rod * (own["max_length"] - length)
+    cap_volume = dead + own["swept_volume_factor"] * cap * (length - own["min_length"])
+    rod_volume = dead + own["swept_volume_factor"] * rod * (own["max_length"] - length)
     return oil.bulk_modulus * (arrays.cap_area**2 / cap_volume + arrays.rod_area**2 / rod_volume)
 
 

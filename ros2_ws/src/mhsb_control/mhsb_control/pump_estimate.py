@@ -17,6 +17,7 @@ of which the best is taken).
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -26,34 +27,77 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.records import Record, Records, create_records
 from mhsb_model.types import FloatArray
 
-WINDOW_STEPS = 10
-"""Number of steps in a window."""
-
 MAX_DELAY_STEPS = 6
-"""Longest delay that is considered, in steps."""
+"""Longest delay that is considered, in steps. One model is compared for each delay."""
 
-INITIAL_DEVIATION = 0.6
-"""Initial standard deviation of θ, as a share of the machine file's value."""
 
-FLOW_DEVIATION = 4e-3
-"""Standard deviation of a window's ΔQ, as a share of full flow.
+@dataclass(frozen=True)
+class DriveSettings(Record):
+    """Tuned numbers of the estimates of the pumps' lag and delay."""
 
-It covers readings and what a first-order lag does not describe."""
+    window_steps: int = 10
+    """Number of steps in a window, 2 … 100.
 
-MIN_EXCITATION = 0.3
-"""Smallest Σ (Q_cmd − Q) of a window that is used, in full flows."""
+    Origin: half the lag of the suite's own pumps, so that a window sees a part of each
+    transient.
 
-FORGETTING_FACTOR = 0.995
-"""Factor by which each new window reduces the weight of those before."""
+    30 % smaller and larger, N = 5: RMS error −11.6 and −6.0 % (mhsb_arm3), −2.4 and −0.8 %
+    (excavator; overshoot −2.59 and −1.65 MPa)."""
+    initial_deviation: float = 0.6
+    """Initial standard deviation of θ, as a share of the machine file's value, above 0 … 10.
 
-PLAUSIBLE_LAG_RATIOS = (0.2, 8.0)
-"""Smallest and largest lag of a healthy pump, in multiples of the machine file's."""
+    Origin: config/variations.yaml, a lag of 0.5 … 3 times the file's.
 
-PLAUSIBLE_EXCESS = 9.0
-"""Residual beyond the least one, in FLOW_DEVIATION², up to which a delay is still plausible."""
+    30 % smaller and larger, N = 5: RMS error −0.8 and −12.5 % (mhsb_arm3), −6.6 and +1.3 %
+    (excavator; overshoot −0.11 and −1.97 MPa)."""
+    flow_deviation: float = 4e-3
+    """Standard deviation of a window's ΔQ, as a share of full flow, above 0 … 1.
 
-MIN_LAG_DEVIATION = 0.03
-"""Smallest standard deviation of the lag, as a share of it, however much data there is."""
+    It covers readings and what a first-order lag does not describe. Origin: chosen.
+
+    30 % smaller and larger, N = 5: RMS error −10.9 and −3.2 % (mhsb_arm3; overshoot −0.00 and
+    −0.05 MPa), −4.5 and −1.3 % (excavator; overshoot −0.37 and −2.48 MPa)."""
+    min_excitation: float = 0.3
+    """Smallest Σ (Q_cmd − Q) of a window that is used, in full flows, 0 … 10.
+
+    Origin: chosen; a tenth of what a step to full flow gives in one window.
+
+    30 % smaller and larger, N = 5: RMS error −2.6 and −5.2 % (mhsb_arm3; overshoot −0.05 and
+    −0.07 MPa), −3.3 and −4.4 % (excavator; overshoot −0.49 and −2.20 MPa)."""
+    forgetting_factor: float = 0.995
+    """Factor by which each new window reduces the weight of those before, above 0 … 1.
+
+    Origin: L. Ljung recommends 0.98 … 0.995 for plants that change slowly.
+
+    Distance to 1 30 % smaller and larger, N = 5: RMS error −4.3 and +2.3 % (mhsb_arm3; overshoot
+    −0.07 and +0.00 MPa), −11.5 and −6.0 % (excavator; overshoot −2.89 and −0.28 MPa)."""
+    min_lag_ratio: float = 0.2
+    """Smallest lag of a healthy pump, in multiples of the machine file's, above 0 … 1.
+
+    Origin: plausibility; config/variations.yaml has 0.5.
+
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
+    max_lag_ratio: float = 8.0
+    """Largest lag of a healthy pump, in multiples of the machine file's, 1 … 1000.
+
+    Origin: plausibility; config/variations.yaml has 3.
+
+    30 % smaller and larger, N = 5: RMS error −0.2 and 0 % (mhsb_arm3), +2.6 and −0.5 %
+    (excavator)."""
+    plausible_excess: float = 9.0
+    """Residual beyond the least one up to which a delay is plausible [`flow_deviation`²], 0 … 1e4.
+
+    Origin: three standard deviations.
+
+    30 % smaller and larger, N = 5: RMS error 0 and −0.2 % (mhsb_arm3), +0.1 and +0.4 %
+    (excavator; overshoot −0.10 and −1.33 MPa)."""
+    min_lag_deviation: float = 0.03
+    """Smallest standard deviation of the lag, as a share of it, 0 … 1.
+
+    It remains however much data there is. Origin: chosen.
+
+    30 % smaller and larger, N = 5: RMS error −3.2 and −10.3 % (mhsb_arm3), −3.5 and +3.1 %
+    (excavator; overshoot −0.46 and −1.29 MPa)."""
 
 
 class PumpDynamics(Record):
@@ -65,7 +109,7 @@ class PumpDynamics(Record):
     """Largest flow of a pump [m³/s]."""
     largest_change: float
     """Largest change of flow in a step [m³/s]."""
-    file: float
+    file_theta: float
     """θ by the machine file."""
     theta: float
     """Estimate of θ."""
@@ -75,7 +119,7 @@ class PumpDynamics(Record):
     """Standard deviation of τ, as a share of it."""
     delay: int
     """Estimated delay, in steps."""
-    latest: int
+    max_plausible_delay: int
     """Longest plausible delay, in steps."""
     steps: int
     """Number of steps in the present window."""
@@ -85,9 +129,12 @@ class DriveEstimates(NamedTuple):
     """Estimates of how m servo pumps follow their commands."""
 
     record: Records[PumpDynamics]  # [1]
-    sent: FloatArray  # [m, MAX_DELAY_STEPS + 1] m³/s, commands of the last steps, the newest first
-    before: FloatArray  # [m, 2] m³/s, flow in the last step, and at the start of the window
-    driven: FloatArray  # [m, MAX_DELAY_STEPS + 1] m³/s, Σ (Q_cmd − Q) in the window, for each delay
+    commands: (
+        FloatArray  # [m, MAX_DELAY_STEPS + 1] m³/s, commands of the last steps, the newest first
+    )
+    previous_flow: FloatArray  # [m, 2] m³/s, flow in the last step, and at the start of the window
+    # [m, MAX_DELAY_STEPS + 1] m³/s, Σ (Q_cmd − Q) in the window, for each delay
+    flow_errors: FloatArray
     # [4, MAX_DELAY_STEPS + 1] Σ x², Σ x y, Σ y² of all windows, in full flows; residual
     squares: FloatArray
     flow: FloatArray  # [m] m³/s, flow at the instant when the next command begins to act
@@ -95,7 +142,12 @@ class DriveEstimates(NamedTuple):
 
 
 def build_drive_estimates(
-    lag: float, step: float, full_flow: float, slew: float, count: int
+    lag: float,
+    step: float,
+    full_flow: float,
+    slew: float,
+    count: int,
+    settings: DriveSettings = DriveSettings(),
 ) -> DriveEstimates:
     """Build the initial estimates of pumps from the machine file's values.
 
@@ -105,19 +157,21 @@ def build_drive_estimates(
         full_flow: Largest flow of a pump [m³/s].
         slew: Largest rate of change of the flow [m³/s²].
         count: Number m of pumps.
+        settings: Tuned numbers.
 
     Returns:
         The estimates: lag of the file, delay 0, longest plausible delay MAX_DELAY_STEPS.
     """
     record = create_records(PumpDynamics, 1)
     record["step"], record["full_flow"], record["largest_change"] = step, full_flow, slew * step
-    record["file"] = record["theta"] = -math.expm1(-step / lag)
-    record["lag"], record["deviation"], record["latest"] = lag, INITIAL_DEVIATION, MAX_DELAY_STEPS
+    record["file_theta"] = record["theta"] = -math.expm1(-step / lag)
+    record["lag"], record["deviation"] = lag, settings.initial_deviation
+    record["max_plausible_delay"] = MAX_DELAY_STEPS
     return DriveEstimates(
         record=record,
-        sent=np.zeros((count, MAX_DELAY_STEPS + 1)),
-        before=np.zeros((count, 2)),
-        driven=np.zeros((count, MAX_DELAY_STEPS + 1)),
+        commands=np.zeros((count, MAX_DELAY_STEPS + 1)),
+        previous_flow=np.zeros((count, 2)),
+        flow_errors=np.zeros((count, MAX_DELAY_STEPS + 1)),
         squares=np.zeros((4, MAX_DELAY_STEPS + 1)),
         flow=np.zeros(count),
         pending=np.zeros(count),
@@ -125,17 +179,20 @@ def build_drive_estimates(
 
 
 @kernel(borrows=True)
-def update_drive_estimates(d: DriveEstimates, modules: Records[ModuleState]) -> bool:
+def update_drive_estimates(
+    d: DriveEstimates, modules: Records[ModuleState], settings: DriveSettings
+) -> bool:
     """Add one step of all pumps to the window, and predict each pump's flow.
 
     The flow is predicted for the instant when the next command begins to act, see
-    `predict_pump_flow`. The kernel runs before the pumps get new commands. Every WINDOW_STEPS
+    `predict_pump_flow`. The kernel runs before the pumps get new commands. Every `window_steps`
     steps, the windows that `accumulate_pump_window` accepts give new estimates of lag and delay.
 
     Args:
         d: Estimates, updated in place. `flow` [m³/s] and `pending` [m³] are written in every step.
         modules: Records of the circuit's modules, [m], with measured flows and the commands of the
             last step.
+        settings: Tuned numbers.
 
     Returns:
         True if lag and delay were estimated anew in this step.
@@ -143,107 +200,115 @@ def update_drive_estimates(d: DriveEstimates, modules: Records[ModuleState]) -> 
     own = d.record[0]
     reach = own.largest_change / own.theta
     for k in range(len(modules)):
-        flow, sent, last = modules[k].flow, d.sent[k], d.before[k, 0]
+        flow, commands, last = modules[k].flow, d.commands[k], d.previous_flow[k, 0]
         for i in range(MAX_DELAY_STEPS, 0, -1):
-            sent[i] = sent[i - 1]
-        sent[0] = modules[k].flow_command
+            commands[i] = commands[i - 1]
+        commands[0] = modules[k].flow_command
         if own.steps == 0:
-            d.before[k, 1] = last
-            d.driven[k] = 0.0
+            d.previous_flow[k, 1] = last
+            d.flow_errors[k] = 0.0
         for i in range(MAX_DELAY_STEPS + 1):
-            d.driven[k, i] += min(max(sent[i] - last, -reach), reach)
-        d.before[k, 0] = flow
+            d.flow_errors[k, i] += min(max(commands[i] - last, -reach), reach)
+        d.previous_flow[k, 0] = flow
     own.steps += 1
-    learnt = False
-    if own.steps == WINDOW_STEPS:
+    updated = False
+    if own.steps == settings.window_steps:
         own.steps = 0
         for k in range(len(modules)):
-            rise = (d.before[k, 0] - d.before[k, 1]) / own.full_flow
-            learnt = accumulate_pump_window(d.squares, d.driven[k], rise, own) or learnt
-        if learnt:
-            estimate_lag_and_delay(own, d.squares)
+            rise = (d.previous_flow[k, 0] - d.previous_flow[k, 1]) / own.full_flow
+            used = accumulate_pump_window(d.squares, d.flow_errors[k], rise, own, settings)
+            updated = used or updated
+        if updated:
+            estimate_lag_and_delay(own, d.squares, settings)
     for k in range(len(modules)):
-        d.flow[k], d.pending[k] = predict_pump_flow(own, modules[k].flow, d.sent[k])
-    return learnt
+        d.flow[k], d.pending[k] = predict_pump_flow(own, modules[k].flow, d.commands[k])
+    return updated
 
 
 @kernel(borrows=True)
 def accumulate_pump_window(
-    squares: FloatArray, driven: FloatArray, rise: float, own: PumpDynamics
+    squares: FloatArray,
+    flow_errors: FloatArray,
+    rise: float,
+    own: PumpDynamics,
+    settings: DriveSettings,
 ) -> bool:
     """Add a pump's window to the sums of the least squares, unless it is discarded.
 
     A window is discarded in two cases, judged at the present estimate of the delay. |Σ (Q_cmd − Q)|
-    is below MIN_EXCITATION full flows. Or ΔQ corresponds to a lag outside PLAUSIBLE_LAG_RATIOS
-    times the machine file's. Earlier windows are weighted down by FORGETTING_FACTOR.
+    is below `min_excitation` full flows. Or ΔQ corresponds to a lag outside `min_lag_ratio` …
+    `max_lag_ratio` times the machine file's. Earlier windows are weighted down by
+    `forgetting_factor`.
 
     Args:
         squares: Sums x², x y and y² for each delay in rows 0 to 2, updated in place; float64[4,
             MAX_DELAY_STEPS + 1]. x is Σ (Q_cmd − Q) and y is ΔQ of a window, both in full flows.
-        driven: Σ (Q_cmd − Q) of the window for each delay [m³/s], float64[MAX_DELAY_STEPS + 1].
+        flow_errors: Σ (Q_cmd − Q) of the window for each delay [m³/s], float64[MAX_DELAY_STEPS +
+            1].
         rise: ΔQ of the window, in full flows.
-        own: Estimates of the pumps' dynamics. Reads `delay`, `full_flow`
-            and `file`.
+        own: Estimates of the pumps' dynamics. Reads `delay`, `full_flow` and `file_theta`.
+        settings: Tuned numbers.
 
     Returns:
         True if the window was used.
     """
-    x = driven[own.delay] / own.full_flow
-    if abs(x) < MIN_EXCITATION:
+    x = flow_errors[own.delay] / own.full_flow
+    if abs(x) < settings.min_excitation:
         return False
-    least, most = (
-        -math.expm1(math.log1p(-own.file) / PLAUSIBLE_LAG_RATIOS[1]),
-        PLAUSIBLE_LAG_RATIOS[0],
-    )
-    if not least < rise / x < -math.expm1(math.log1p(-own.file) / most):
+    decay = math.log1p(-own.file_theta)
+    least = -math.expm1(decay / settings.max_lag_ratio)
+    most = -math.expm1(decay / settings.min_lag_ratio)
+    if not least < rise / x < most:
         return False
     for i in range(MAX_DELAY_STEPS + 1):
-        x = driven[i] / own.full_flow
-        squares[0, i] = FORGETTING_FACTOR * squares[0, i] + x * x
-        squares[1, i] = FORGETTING_FACTOR * squares[1, i] + x * rise
-        squares[2, i] = FORGETTING_FACTOR * squares[2, i] + rise * rise
+        x = flow_errors[i] / own.full_flow
+        squares[0, i] = settings.forgetting_factor * squares[0, i] + x * x
+        squares[1, i] = settings.forgetting_factor * squares[1, i] + x * rise
+        squares[2, i] = settings.forgetting_factor * squares[2, i] + rise * rise
     return True
 
 
 @kernel(borrows=True)
-def estimate_lag_and_delay(own: PumpDynamics, squares: FloatArray) -> None:
+def estimate_lag_and_delay(own: PumpDynamics, squares: FloatArray, settings: DriveSettings) -> None:
     """Estimate delay, θ and lag of the pumps by least squares with a prior, for each delay.
 
     Each window gives x = Σ (Q_cmd − Q) and y = ΔQ, both in full flows. θ_file is the prior, w its
-    weight, and h the control period:
+    weight, h the control period, and σ `flow_deviation`:
 
-        θ = (Σ x y + w θ_file) / (Σ x² + w),   w = (FLOW_DEVIATION / (INITIAL_DEVIATION θ_file))²
+        θ = (Σ x y + w θ_file) / (Σ x² + w),   w = (σ / (`initial_deviation` θ_file))²
         residual = Σ (y − θ x)² + w (θ − θ_file)²,   τ = −h / ln(1 − θ)
 
-    The delay with the least residual wins. `latest` becomes the longest delay whose residual
-    exceeds the least one by less than PLAUSIBLE_EXCESS · FLOW_DEVIATION².
+    The delay with the least residual wins. `max_plausible_delay` becomes the longest delay whose
+    residual exceeds the least one by less than `plausible_excess` σ².
 
     Args:
-        own: Estimates of the pumps' dynamics. Writes in place `delay` and
-            `latest` [steps], `theta`, `lag` (τ) [s], and `deviation`. The last one is the standard
-            deviation of τ as a share of τ, at least MIN_LAG_DEVIATION.
+        own: Estimates of the pumps' dynamics. Writes in place `delay` and `max_plausible_delay`
+            [steps], `theta`, `lag` (τ) [s], and `deviation`. The last one is the standard deviation
+            of τ as a share of τ, at least `min_lag_deviation`.
         squares: Σ x², Σ x y, Σ y² and residual for each delay, float64[4, MAX_DELAY_STEPS + 1]. The
             last row is written in place.
+        settings: Tuned numbers.
     """
-    prior = (FLOW_DEVIATION / (INITIAL_DEVIATION * own.file)) ** 2
+    deviation = settings.flow_deviation
+    prior = (deviation / (settings.initial_deviation * own.file_theta)) ** 2
     least = math.inf
     left = squares[3]
     for i in range(MAX_DELAY_STEPS + 1):
         weight = squares[0, i] + prior
-        theta = (squares[1, i] + prior * own.file) / weight
+        theta = (squares[1, i] + prior * own.file_theta) / weight
         left[i] = squares[2, i] - 2.0 * theta * squares[1, i] + theta * theta * squares[0, i]
-        left[i] += prior * (theta - own.file) ** 2
+        left[i] += prior * (theta - own.file_theta) ** 2
         if left[i] < least:
             least, own.delay, own.theta = left[i], i, theta
-            own.deviation = max(FLOW_DEVIATION / math.sqrt(weight) / theta, MIN_LAG_DEVIATION)
+            own.deviation = max(deviation / math.sqrt(weight) / theta, settings.min_lag_deviation)
     for i in range(MAX_DELAY_STEPS + 1):
-        if left[i] < least + PLAUSIBLE_EXCESS * FLOW_DEVIATION * FLOW_DEVIATION:
-            own.latest = i
+        if left[i] < least + settings.plausible_excess * deviation * deviation:
+            own.max_plausible_delay = i
     own.lag = -own.step / math.log1p(-own.theta)
 
 
 @kernel(borrows=True)
-def predict_pump_flow(own: PumpDynamics, flow: float, sent: FloatArray) -> tuple[float, float]:
+def predict_pump_flow(own: PumpDynamics, flow: float, commands: FloatArray) -> tuple[float, float]:
     """Predict a pump's flow at the instant when the next command begins to act.
 
     That instant is the estimated delay ahead of now. The commands that have been sent but do not
@@ -252,14 +317,15 @@ def predict_pump_flow(own: PumpDynamics, flow: float, sent: FloatArray) -> tuple
     Args:
         own: Estimates of the pumps' dynamics.
         flow: Present flow [m³/s].
-        sent: Commands of the last steps, the newest first, float64[MAX_DELAY_STEPS + 1], [m³/s].
+        commands: Commands of the last steps, the newest first, float64[MAX_DELAY_STEPS + 1],
+            [m³/s].
 
     Returns:
         Flow at that instant [m³/s], and oil delivered until then [m³].
     """
     volume = 0.0
     for i in range(own.delay - 1, -1, -1):
-        change = own.theta * (sent[i] - flow)
+        change = own.theta * (commands[i] - flow)
         change = min(max(change, -own.largest_change), own.largest_change)
         volume += own.step * (flow + 0.5 * change)
         flow += change

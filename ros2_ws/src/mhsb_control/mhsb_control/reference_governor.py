@@ -16,11 +16,12 @@ distance from its reference, down to a hold.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from mhsb_control.controller import ActuatorReadings, ServoSignals
 from mhsb_control.reference import ReferencePreview
-from mhsb_control.speed_scaling import SpeedScaling, update_rate
+from mhsb_control.speed_scaling import ScalingSettings, SpeedScaling, update_rate
 from mhsb_model.circuit.quantities import ActuatorState, CircuitConstants, CylinderConstants
 from mhsb_model.hydraulics import compute_pressure_without_margin
 from mhsb_model.kernels.kernel import kernel
@@ -28,76 +29,160 @@ from mhsb_model.kinematics import add_extension, get_turn_angle
 from mhsb_model.linkages.linkage import evaluate_linkage
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES, Mode
-from mhsb_model.records import Record, Records, create_records
+from mhsb_model.records import Record, Records, create_record, create_records
 from mhsb_model.statics import Chain, chain_of
 from mhsb_model.types import FloatArray, ModeArray
-
-FILTER_GAIN = 0.1
-"""α of the α-β filter for measured values, with β = α²/(2 − α): 10 ms at 1 kHz."""
-
-BOOSTED_SMOOTHING = 0.03
-"""Time constant for the reserve of a boosted line [s]; its pump covers shorter shortfalls."""
-
-PREDICTION_TIME = 0.04
-"""Prediction time T, about what a pump takes to charge a line [s]."""
-
-BOOST_BELOW, BOOST_AFTER = -3e4, 0.01
-"""Reserve in mode N [Pa] below which an actuator is boosted.
-
-The reserve has to stay below it for the second value [s].
-A plan may use all of P_S, of which the main pump's droop and the check valve take 0.025 MPa."""
-
-KEPT_BELOW = -1.5e5
-"""Reserve in mode N [Pa] below which a boost is kept that the plan ends.
-
-A line that needs less beyond P_S loses next to nothing while `BOOST_AFTER` passes. The plan lets
-inertia use up its margin, and a measured reserve comes late."""
-
-RELEASE_ABOVE, RELEASE_AFTER = 4.5e5, 0.3
-"""Reserve in mode N [Pa] above which a requested boost ends.
-
-The reserve has to stay above it for the second value [s]."""
-
-FULL_RATE_RESERVE, ZERO_RATE_RESERVE = -8e4, -2.0e5
-"""Reserves in mode N [Pa]: full speed above the first, standstill below the second.
-
-The speed is linear in between."""
-
-BOOSTED_FULL_ABOVE, BOOSTED_HOLD_BELOW = -0.5e5, -2.5e5
-"""Reserves of a boosted line [Pa]: full speed above the first, standstill below the second.
-
-A boosted line is kept at what is needed."""
-
-FULL_RATE_OPENING, ZERO_RATE_OPENING, OPENING_FILTER_TIME = 0.7, 0.9, 0.1
-"""Valve openings for full speed (below) and standstill (above), and time constant of their filter.
-
-The speed is linear in between; the time is in [s]. A valve that stays nearly open has no flow left
-to catch up with."""
-
-HOLD_ERROR_RATIO = 1.7
-"""Distance of the tip from its reference at which the plan stands still, in usual errors.
-
-Up to one usual error the plan runs at full speed."""
-
-HELD_RATE = 0.02
-"""Rate of the speed scaling below which a plan counts as held."""
-
-LIFT_ERROR_RATIO = 0.9
-"""Distance of the tip from its reference beyond which a load counts as sagged, in usual errors.
-
-A sagged load has to be lifted back, even if the reference lowers it."""
-
-LIFTING_PRESSURE = 1e5
-"""Pressure beyond the holding pressure that counts as needed for lifting [Pa].
-
-A stalled piston is under the full line pressure.
-"""
 
 START_PREVIEW_POINT = 1
 """Index of the reference point that shows whether a motion is about to start."""
 
 MOVING_SPEED, STARTING_SPEED = 1e-5, 1e-3
 """Piston speeds [m/s] above which an actuator counts as moving: at present, and ahead."""
+
+
+@dataclass(frozen=True)
+class GovernorSettings(Record):
+    """Tuned numbers of the reference governor.
+
+    Reserves are those of the module's text.
+    """
+
+    filter_gain: float = 0.1
+    """α of the α-β filter for measured values, above 0 … 1, with β = α²/(2 − α).
+
+    Origin: a time constant of 10 ms at 1 kHz; pressures oscillate at 5 Hz and more.
+
+    30 % smaller and larger, N = 5: RMS error −2.2 and −3.9 % (mhsb_arm3; overshoot −0.08 and
+    +0.00 MPa), −5.9 and −2.7 % (excavator; overshoot −1.09 and −1.90 MPa)."""
+    boosted_smoothing: float = 0.03
+    """Time constant for the reserve of a boosted line [s], 0.001 … 1.
+
+    Origin: the line's pump covers shorter shortfalls.
+
+    30 % smaller and larger, N = 5: RMS error +0.1 and +0.1 % (mhsb_arm3), +10.6 and +0.9 %
+    (excavator; overshoot −1.53 and −1.07 MPa, falls +1 and +0)."""
+    prediction_time: float = 0.04
+    """Prediction time T [s], 0 … 1.
+
+    Origin: about what a pump takes to charge a line.
+
+    30 % smaller and larger, N = 5: RMS error +0.2 and −0.4 % (mhsb_arm3), +2.3 and −1.4 %
+    (excavator; overshoot −2.24 and −2.32 MPa)."""
+    boost_below: float = -3e4
+    """Reserve in mode N below which an actuator is boosted [Pa], −1e7 … 1e7.
+
+    Origin: a plan may use all of P_S, of which the main pump's droop and the check valve take
+    0.025 MPa.
+
+    30 % smaller and larger, N = 5: RMS error −5.0 and −3.0 % (mhsb_arm3; overshoot −0.06 and
+    −0.05 MPa), −1.0 and −6.1 % (excavator; overshoot −1.90 and −2.55 MPa)."""
+    boost_after: float = 0.01
+    """Time for which the reserve has to stay below `boost_below` [s], 0 … 1.
+
+    Origin: chosen; a tenth of a pressure oscillation at 10 Hz.
+
+    30 % smaller and larger, N = 5: RMS error −0.8 and −2.1 % (mhsb_arm3), −1.4 and −3.6 %
+    (excavator; overshoot −0.20 and −0.51 MPa)."""
+    keep_below: float = -1.5e5
+    """Reserve in mode N below which a boost is kept that the plan ends [Pa], −1e7 … 0.
+
+    Origin: a line that needs less beyond P_S loses next to nothing while `boost_after` passes. The
+    plan lets inertia use up its margin, and a measured reserve comes late.
+
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
+    release_above: float = 4.5e5
+    """Reserve in mode N above which a requested boost ends [Pa], 0 … 1e7.
+
+    Origin: chosen; the distance to `boost_below` keeps boost from flickering.
+
+    30 % smaller and larger, N = 5: RMS error −3.3 and −3.9 % (mhsb_arm3), −3.5 and −3.2 %
+    (excavator; overshoot −0.48 and −0.08 MPa)."""
+    release_after: float = 0.3
+    """Time for which the reserve has to stay above `release_above` [s], 0 … 10.
+
+    Origin: chosen; the planner merges shorter gaps between boosts as well.
+
+    30 % smaller and larger, N = 5: RMS error −4.1 and −3.2 % (mhsb_arm3), −8.0 and −3.5 %
+    (excavator; overshoot −0.58 and −0.58 MPa)."""
+    full_rate_reserve: float = -8e4
+    """Reserve in mode N above which the plan runs at full speed [Pa], −1e7 … 1e7.
+
+    Origin: chosen, below `boost_below`, so that boost comes before slowing.
+
+    30 % smaller and larger, N = 5: RMS error −4.6 and 0 % (mhsb_arm3), +2.1 and +2.2 %
+    (excavator; overshoot +0.02 and −1.48 MPa)."""
+    zero_rate_reserve: float = -2e5
+    """Reserve in mode N below which the plan stands still [Pa], below `full_rate_reserve`.
+
+    The speed is linear in between. Origin: chosen.
+
+    30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +0.1 and −0.2 % (excavator;
+    overshoot +0.08 and −1.25 MPa)."""
+    boosted_full_reserve: float = -0.5e5
+    """Reserve of a boosted line above which the plan runs at full speed [Pa], −1e7 … 1e7.
+
+    Origin: chosen; a boosted line is kept at what is needed.
+
+    30 % smaller and larger, N = 5: RMS error −3.6 and −0.3 % (mhsb_arm3), −2.8 and +1.8 %
+    (excavator; overshoot −0.40 and +0.11 MPa)."""
+    boosted_zero_reserve: float = -2.5e5
+    """Reserve of a boosted line below which the plan stands still [Pa].
+
+    The speed is linear in between. Origin: chosen.
+
+    30 % smaller and larger, N = 5: RMS error +0.1 and 0 % (mhsb_arm3), +8.0 and +3.5 %
+    (excavator; overshoot +0.19 and −2.01 MPa, falls +1 and +0)."""
+    full_rate_opening: float = 0.7
+    """Filtered valve opening below which the plan runs at full speed, 0 … 1.
+
+    Origin: chosen. A valve that stays nearly open has no flow left to catch up with.
+
+    Distance to 1 30 % smaller and larger, N = 5: RMS error +3.9 and −4.6 % (mhsb_arm3), +2.9 and
+    −12.6 % (excavator; overshoot −1.98 and −2.79 MPa, falls +0 and −1)."""
+    zero_rate_opening: float = 0.9
+    """Filtered valve opening above which the plan stands still, above `full_rate_opening`.
+
+    The speed is linear in between. Origin: chosen.
+
+    Distance to 1 30 % smaller and larger, N = 5: RMS error +0.4 and −0.4 % (mhsb_arm3), −3.5 and
+    +1.4 % (excavator; overshoot −2.55 and −0.62 MPa)."""
+    opening_filter_time: float = 0.1
+    """Time constant of the filter of the valve opening [s], 0.001 … 10.
+
+    Origin: chosen; longer than the opening of a valve that starts a motion.
+
+    30 % smaller and larger, N = 5: RMS error −4.7 and +3.1 % (mhsb_arm3), −1.8 and +2.4 %
+    (excavator; overshoot −1.37 and −0.82 MPa)."""
+    hold_error_ratio: float = 1.7
+    """Distance of tip and reference at which the plan stands still [usual errors], 1 … 100.
+
+    Up to one usual error the plan runs at full speed. Origin: chosen.
+
+    30 % smaller and larger, N = 5: RMS error −15.0 and +2.3 % (mhsb_arm3; overshoot +0.08 and
+    +0.00 MPa), 0 and −0.7 % (excavator; overshoot +0.06 and −0.33 MPa)."""
+    held_rate: float = 0.02
+    """Rate of the speed scaling below which a plan counts as held, 0 … 1.
+
+    Origin: chosen; the count only reports.
+
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
+    lift_error_ratio: float = 0.9
+    """Distance of tip and reference beyond which a load has sagged [usual errors], 0 … 100.
+
+    A sagged load has to be lifted back, even if the reference lowers it. Origin: chosen, below the
+    one usual error from which the plan is slowed.
+
+    30 % smaller and larger, N = 5: RMS error −3.0 and +0.1 % (mhsb_arm3), +1.5 and +3.5 %
+    (excavator; overshoot +0.53 and −0.70 MPa)."""
+    lifting_pressure: float = 1e5
+    """Pressure beyond the holding pressure that counts as needed for lifting [Pa], 0 … 1e7.
+
+    Origin: friction of a stalled piston, which is under the full line pressure.
+
+    30 % smaller and larger, N = 5: RMS error −0.6 and −4.0 % (mhsb_arm3; overshoot −0.06 and
+    −0.05 MPa), +1.6 and +1.3 % (excavator; overshoot +0.02 and −1.34 MPa)."""
+    scaling: ScalingSettings = field(default_factory=ScalingSettings)
+    """Tuned numbers of the speed scaling."""
 
 
 class GovernedActuator(Record):
@@ -107,19 +192,19 @@ class GovernedActuator(Record):
     """Filtered line pressure [Pa]."""
     force: float
     """Filtered cylinder force [N]."""
-    off: float
+    deviation: float
     """Deviation of the joint from its reference [rad or m]."""
     opening: float
     """Filtered |valve command|."""
     reserve: float
     """Reserve of the line as it is supplied [Pa]."""
-    share: float
+    allowed_rate: float
     """Rate of the speed scaling that this actuator allows, 0 … 1."""
-    unboosted: float
+    reserve_in_n: float
     """Reserve that it has, or would have, in mode N [Pa]."""
-    lasting: float
+    condition_time: float
     """Time for which the condition for a change of the request has lasted [s]."""
-    wanted: int
+    requested_mode: int
     """Mode that the governor requests: N or DB."""
 
 
@@ -136,16 +221,18 @@ class GovernorTotals(Record):
     """Rate of change of `supply` [Pa/s]."""
     error: float
     """Distance of the tip from its reference [m]."""
-    behind: float
+    error_behind: float
     """That distance without the part by which the tip is ahead [m]."""
-    awake: float
+    is_initialized: float
     """0 until the filters are initialised, then 1."""
     slowings: float
     """Number of times that the rate began to fall."""
     slowed: float
     """Total time at a reduced rate [s]."""
     held: float
-    """Time for which the rate has been below HELD_RATE without a break [s]."""
+    """Time for which the rate has been below `held_rate` without a break [s]."""
+    settings: GovernorSettings
+    """Tuned numbers."""
 
 
 class GovernorState(NamedTuple):
@@ -167,7 +254,11 @@ class GovernorState(NamedTuple):
 
 
 def build_governor_state(
-    machine: Machine, signals: ServoSignals, reference: ReferencePreview, usual_error: float
+    machine: Machine,
+    signals: ServoSignals,
+    reference: ReferencePreview,
+    usual_error: float,
+    settings: GovernorSettings = GovernorSettings(),
 ) -> GovernorState:
     """Build the state of the reference governor before its first step.
 
@@ -177,6 +268,7 @@ def build_governor_state(
         reference: The reference that is slowed; its speed scaling is shared.
         usual_error: Normal distance of the tip from its reference, for an arm of the paper's size
             [m]. It is scaled with the size of the machine.
+        settings: Tuned numbers.
 
     Returns:
         The state.
@@ -184,6 +276,7 @@ def build_governor_state(
     overall = create_records(GovernorTotals, 1)
     overall["step"] = machine.config.simulation.step
     overall["usual_error"] = machine.relative_size * usual_error
+    overall["settings"] = create_record(settings)
     return GovernorState(
         sensors=signals.sensors,
         modes=signals.modes,
@@ -205,10 +298,10 @@ def build_governor_state(
 def run_governor_step(g: GovernorState) -> bool:
     """Run one step of the governor: compute the reserves, request boost, and set the speed scaling.
 
-    The wanted rate is the smallest that the tip error, the reserves and the valve openings allow.
-    By the tip error it is 1 up to one usual error, and falls linearly to 0 at HOLD_ERROR_RATIO
-    usual errors. `update_rate` moves the rate towards it. The kernel also counts how often and how
-    long the plan is slowed, and how long it is held.
+    The requested rate is the smallest that the tip error, the reserves and the valve openings
+    allow. By the tip error it is 1 up to one usual error, and falls linearly to 0 at
+    `hold_error_ratio` usual errors. `update_rate` moves the rate towards it. The kernel also counts
+    how often and how long the plan is slowed, and how long it is held.
 
     Args:
         g: State of the governor. Writes `actuators`, `totals` and `speed_scaling` in place.
@@ -217,22 +310,24 @@ def run_governor_step(g: GovernorState) -> bool:
         True if the requested modes have changed.
     """
     compute_reserves(g)
-    pace, o, changed = g.speed_scaling[0], g.totals[0], False
-    share = max((HOLD_ERROR_RATIO - o.behind / o.usual_error) / (HOLD_ERROR_RATIO - 1.0), 0.0)
+    scaling, o, changed = g.speed_scaling[0], g.totals[0], False
+    settings = o.settings
+    limit = settings.hold_error_ratio
+    rate = max((limit - o.error_behind / o.usual_error) / (limit - 1.0), 0.0)
     for j in range(len(g.actuators)):
         actuator = g.actuators[j]
-        changed = update_boost_request(actuator, BOOSTED_MODES[g.scheduled[j]], o.step) or changed
-        actuator.opening += (
-            o.step / OPENING_FILTER_TIME * (abs(g.commands[j].valve_command) - actuator.opening)
-        )
-        actuator.share = compute_allowed_rate(actuator, BOOSTED_MODES[g.modes[j]])
-        share = min(share, actuator.share)
-    before = pace.rate
-    update_rate(pace, min(share, 1.0), o.step)
-    if pace.rate < 1.0:
+        scheduled = BOOSTED_MODES[g.scheduled[j]]
+        changed = update_boost_request(actuator, scheduled, o.step, settings) or changed
+        opening = abs(g.commands[j].valve_command)
+        actuator.opening += o.step / settings.opening_filter_time * (opening - actuator.opening)
+        actuator.allowed_rate = compute_allowed_rate(actuator, BOOSTED_MODES[g.modes[j]], settings)
+        rate = min(rate, actuator.allowed_rate)
+    before = scaling.rate
+    update_rate(scaling, min(rate, 1.0), o.step, settings.scaling)
+    if scaling.rate < 1.0:
         o.slowed += o.step
         o.slowings += 1.0 if before == 1.0 else 0.0
-    o.held = o.held + o.step if pace.rate < HELD_RATE else 0.0
+    o.held = o.held + o.step if scaling.rate < settings.held_rate else 0.0
     return changed
 
 
@@ -243,38 +338,41 @@ def compute_reserves(g: GovernorState) -> None:
     The needed pressure is p_L + m(v), the load pressure plus the drop over the fully open valve. It
     is computed for the reference's speed at present and for that at point PREVIEW_POINT. An
     actuator that does not move needs 0, since its closed valve holds the load. A piston at its end
-    stop needs 0, too. If the tip error exceeds LIFT_ERROR_RATIO usual errors, an actuator that has
-    yielded to its load needs at least the holding pressure plus LIFTING_PRESSURE.
+    stop needs 0, too. If the tip error exceeds `lift_error_ratio` usual errors, an actuator that
+    has yielded to its load needs at least the holding pressure plus `lifting_pressure`.
 
-    `unboosted` is the lowest line pressure of the actuators in mode N, filtered and predicted by
-    PREDICTION_TIME while it falls, less the greater of both needs. In mode N `reserve` equals
-    `unboosted`. In DB and SB `reserve` is the actuator's own line pressure less its present need,
-    filtered with BOOSTED_SMOOTHING.
+    `reserve_in_n` is the lowest line pressure of the actuators in mode N, filtered and predicted by
+    `prediction_time` while it falls, less the greater of both needs. In mode N `reserve` equals
+    `reserve_in_n`. In DB and SB `reserve` is the actuator's own line pressure less its present
+    need, filtered with `boosted_smoothing`.
 
     Args:
         g: State of the governor. Writes `actuators` (reserves [Pa], deviations [rad or m]) and
             `totals` (supply pressure [Pa], tip errors [m]) in place.
     """
     c, o = g.constants[0], g.totals[0]
-    supply = math.inf
+    settings, supply = o.settings, math.inf
+    alpha = settings.filter_gain
     for j in range(len(g.actuators)):
         if not BOOSTED_MODES[g.modes[j]]:
             supply = min(supply, g.sensors[j].line_pressure)
-    if o.awake == 0.0:
+    if o.is_initialized == 0.0:
         o.supply = min(supply, c.supply_pressure)
     if supply < math.inf:
-        o.supply, o.supply_rate = update_alpha_beta_filter(o.supply, o.supply_rate, supply, o.step)
+        o.supply, o.supply_rate = update_alpha_beta_filter(
+            o.supply, o.supply_rate, supply, o.step, alpha
+        )
     for j in range(len(g.actuators)):
         actuator, sensor, cylinder = g.actuators[j], g.sensors[j], g.cylinders[j]
         cap, rod = cylinder.cap_area, cylinder.rod_area
         force = cap * sensor.cap_pressure - rod * sensor.rod_pressure
-        if o.awake == 0.0:
+        if o.is_initialized == 0.0:
             actuator.line, actuator.force = sensor.line_pressure, force
-        actuator.line += FILTER_GAIN * (sensor.line_pressure - actuator.line)
-        actuator.force += FILTER_GAIN * (force - actuator.force)
+        actuator.line += alpha * (sensor.line_pressure - actuator.line)
+        actuator.force += alpha * (force - actuator.force)
         length, arm, _ = evaluate_linkage(g.linkage[j], g.reference[0, 0, j])
         away = sensor.length - length
-        actuator.off = away / arm
+        actuator.deviation = away / arm
         speed, ahead = arm * g.full_speed_velocity[j], arm * g.reference[START_PREVIEW_POINT, 1, j]
         k, tank, needed, soon = cylinder.valve_coefficient, c.tank_pressure, 0.0, 0.0
         if (
@@ -284,36 +382,39 @@ def compute_reserves(g: GovernorState) -> None:
                 needed = compute_pressure_without_margin(k, cap, rod, tank, actuator.force, speed)
             if abs(ahead) > STARTING_SPEED:
                 soon = compute_pressure_without_margin(k, cap, rod, tank, actuator.force, ahead)
-            if o.error > LIFT_ERROR_RATIO * o.usual_error and away * actuator.force < 0.0:
+            if o.error > settings.lift_error_ratio * o.usual_error and away * actuator.force < 0.0:
                 held = compute_pressure_without_margin(k, cap, rod, tank, actuator.force, 0.0)
-                needed = max(needed, held + LIFTING_PRESSURE)
+                needed = max(needed, held + settings.lifting_pressure)
         least = max(0.0, needed, soon)
-        actuator.unboosted = o.supply + PREDICTION_TIME * min(o.supply_rate, 0.0) - least
+        actuator.reserve_in_n = (
+            o.supply + settings.prediction_time * min(o.supply_rate, 0.0) - least
+        )
         if BOOSTED_MODES[g.modes[j]]:
             lasting = actuator.line - max(0.0, needed) - actuator.reserve
-            actuator.reserve += o.step / BOOSTED_SMOOTHING * lasting
+            actuator.reserve += o.step / settings.boosted_smoothing * lasting
         else:
-            actuator.reserve = actuator.unboosted
-    o.error, o.behind = compute_tip_errors(
+            actuator.reserve = actuator.reserve_in_n
+    o.error, o.error_behind = compute_tip_errors(
         g.chain, g.reference[0, 0], g.full_speed_velocity, g.actuators
     )
-    o.awake = 1.0
+    o.is_initialized = 1.0
 
 
 @kernel
 def update_alpha_beta_filter(
-    value: float, rate: float, measured: float, step: float
+    value: float, rate: float, measured: float, step: float, alpha: float
 ) -> tuple[float, float]:
     """Update an α-β filter, which smooths a measured value and estimates its rate, by one step.
 
         r  = measured − (x + h ẋ)
-        x' = x + h ẋ + α r,    ẋ' = ẋ + (β/h) r,    α = FILTER_GAIN,    β = α²/(2 − α)
+        x' = x + h ẋ + α r,    ẋ' = ẋ + (β/h) r,    β = α²/(2 − α)
 
     Args:
         value: Filtered value x.
         rate: Rate of change ẋ of that value [unit of the value per second].
         measured: New measurement.
         step: Time h since the last measurement, above 0 [s].
+        alpha: Gain α, above 0 … 1.
 
     Returns:
         New value x' and new rate ẋ'.
@@ -321,65 +422,73 @@ def update_alpha_beta_filter(
     Source: T. R. Benedict, G. W. Bordner, IRE Trans. Automatic Control AC-7, 1962 (choice of β).
     """
     away = measured - value - step * rate
-    beta = FILTER_GAIN * FILTER_GAIN / (2.0 - FILTER_GAIN)
-    return value + step * rate + FILTER_GAIN * away, rate + beta / step * away
+    beta = alpha * alpha / (2.0 - alpha)
+    return value + step * rate + alpha * away, rate + beta / step * away
 
 
 @kernel
-def update_boost_request(actuator: GovernedActuator, scheduled: bool, step: float) -> bool:
+def update_boost_request(
+    actuator: GovernedActuator, scheduled: bool, step: float, settings: GovernorSettings
+) -> bool:
     """Request boost for an actuator or end the request, according to its reserve in mode N.
 
-    The reserve in mode N is `actuator.unboosted`. Boost is requested (mode DB) after the reserve
-    has been below BOOST_BELOW for BOOST_AFTER. The request ends (mode N) after the reserve has been
-    above RELEASE_ABOVE for RELEASE_AFTER. If the plan boosts the actuator itself, the threshold is
-    KEPT_BELOW in both directions, and a request ends at once. Pressure that is needed only to start
-    a motion is then no reason to keep a boost.
+    The reserve in mode N is `actuator.reserve_in_n`. Boost is requested (mode DB) after the reserve
+    has been below `boost_below` for `boost_after`. The request ends (mode N) after the reserve has
+    been above `release_above` for `release_after`. If the plan boosts the actuator itself, the
+    threshold is `keep_below` in both directions, and a request ends at once. Pressure that is
+    needed only to start a motion is then no reason to keep a boost.
 
     Args:
         actuator: State of the governor for one actuator. Writes
-            `wanted` (the requested mode) and `lasting` [s] in place.
+            `requested_mode` (the requested mode) and `condition_time` [s] in place.
         scheduled: Whether the plan boosts this actuator at present, or prepares to.
         step: Control period [s].
+        settings: Tuned numbers.
 
     Returns:
         True if the request has changed.
     """
-    boosts, reserve = actuator.wanted != Mode.N, actuator.unboosted
+    s = settings
+    boosts, reserve = actuator.requested_mode != Mode.N, actuator.reserve_in_n
     if boosts:
-        due = reserve > (KEPT_BELOW if scheduled else RELEASE_ABOVE)
-        after = 0.0 if scheduled else RELEASE_AFTER
+        due = reserve > (s.keep_below if scheduled else s.release_above)
+        after = 0.0 if scheduled else s.release_after
     else:
-        due = reserve < (KEPT_BELOW if scheduled else BOOST_BELOW)
-        after = BOOST_AFTER
-    actuator.lasting = actuator.lasting + step if due else 0.0
-    if not due or actuator.lasting < after:
+        due = reserve < (s.keep_below if scheduled else s.boost_below)
+        after = s.boost_after
+    actuator.condition_time = actuator.condition_time + step if due else 0.0
+    if not due or actuator.condition_time < after:
         return False
-    actuator.lasting = 0.0
-    actuator.wanted = Mode.N if boosts else Mode.DB
+    actuator.condition_time = 0.0
+    actuator.requested_mode = Mode.N if boosts else Mode.DB
     return True
 
 
 @kernel
-def compute_allowed_rate(actuator: GovernedActuator, boosted: bool) -> float:
+def compute_allowed_rate(
+    actuator: GovernedActuator, boosted: bool, settings: GovernorSettings
+) -> float:
     """Compute the rate of the speed scaling that an actuator's reserve and valve opening allow.
 
-    By the reserve, the rate is 1 above FULL_RATE_RESERVE and 0 below ZERO_RATE_RESERVE, linear in
-    between. For a boosted actuator these thresholds are BOOSTED_FULL_ABOVE and BOOSTED_HOLD_BELOW.
-    By the filtered valve opening, the rate is 1 below FULL_RATE_OPENING and 0 above
-    ZERO_RATE_OPENING.
+    By the reserve, the rate is 1 above `full_rate_reserve` and 0 below `zero_rate_reserve`, linear
+    in between. For a boosted actuator these thresholds are `boosted_full_reserve` and
+    `boosted_zero_reserve`. By the filtered valve opening, the rate is 1 below `full_rate_opening`
+    and 0 above `zero_rate_opening`.
 
     Args:
         actuator: State of the governor for one actuator. Reads
             `reserve` and `opening`.
         boosted: Whether the actuator is in DB or SB.
+        settings: Tuned numbers.
 
     Returns:
         Smaller of both rates, 0 … 1.
     """
-    full = BOOSTED_FULL_ABOVE if boosted else FULL_RATE_RESERVE
-    none = BOOSTED_HOLD_BELOW if boosted else ZERO_RATE_RESERVE
+    s = settings
+    full = s.boosted_full_reserve if boosted else s.full_rate_reserve
+    none = s.boosted_zero_reserve if boosted else s.zero_rate_reserve
     pressure = (actuator.reserve - none) / (full - none)
-    opening = (ZERO_RATE_OPENING - actuator.opening) / (ZERO_RATE_OPENING - FULL_RATE_OPENING)
+    opening = (s.zero_rate_opening - actuator.opening) / (s.zero_rate_opening - s.full_rate_opening)
     return min(max(min(pressure, opening), 0.0), 1.0)
 
 
@@ -387,46 +496,46 @@ def compute_allowed_rate(actuator: GovernedActuator, boosted: bool) -> float:
 def compute_tip_errors(
     c: Chain, q: FloatArray, speed: FloatArray, actuators: Records[GovernedActuator]
 ) -> tuple[float, float]:
-    """Compute the distance of the tip from its reference, in total and without the tip's lead.
+    """Compute the distance of the tip from its reference, in total and without the part ahead.
 
     The first value is |J Δq|, to first order in the deviations Δq of the joints. If joint 1 slews,
-    it contains the direction across the arm's plane. The lead is the part of J Δq along the
-    reference's velocity, if the tip is ahead. The second value omits the lead, since slowing the
+    it contains the direction across the arm's plane. The part ahead is that of J Δq along the
+    reference's velocity, if the tip is ahead. The second value omits it, since slowing the
     plan would not reduce it.
 
     Args:
         c: Links of the arm.
         q: Joint positions of the reference, float64[n], [rad or m].
         speed: Joint velocities of the reference at full speed, float64[n], [rad/s or m/s].
-        actuators: GovernedActuator[n]. Reads `off`, the deviation Δq of each joint [rad or m].
+        actuators: GovernedActuator[n]. Reads `deviation` (Δq) [rad or m].
 
     Returns:
-        Total distance [m], and distance without the lead [m]. Both are equal if the tip is not
-        ahead.
+        Total distance [m], and distance without the part ahead [m]. Both are equal if the tip is
+        not ahead.
     """
-    angle = off = turning = x = z = along = across = 0.0
+    angle = deviation = turning = x = z = along = across = 0.0
     distance = c.slew_offset  # from the slew's axis
     for j in range(len(q)):
         angle += get_turn_angle(c.turns, q, j)
         cosine, sine = math.cos(angle), math.sin(angle)
         if c.slides[j]:
-            x += actuators[j].off * cosine
-            z += actuators[j].off * sine
+            x += actuators[j].deviation * cosine
+            z += actuators[j].deviation * sine
             along += speed[j] * cosine
             across += speed[j] * sine
         elif c.turns[j]:
-            off += actuators[j].off
+            deviation += actuators[j].deviation
             turning += speed[j]
         reach = add_extension(c.slides, c.length, q, j)
         distance += reach * cosine
         right, up = -reach * sine, reach * cosine
-        x += right * off
-        z += up * off
+        x += right * deviation
+        z += up * deviation
         along += right * turning
         across += up * turning
     error, fast, ahead = math.hypot(x, z), math.hypot(along, across), x * along + z * across
     if c.slews:
-        y, aside = distance * actuators[0].off, distance * speed[0]
+        y, aside = distance * actuators[0].deviation, distance * speed[0]
         error, fast, ahead = math.hypot(error, y), math.hypot(fast, aside), ahead + y * aside
     if ahead <= 0.0:
         return error, error

@@ -17,6 +17,7 @@ rest.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -27,18 +28,19 @@ from mhsb_control.coasting import COASTING_SAMPLES, compute_coasting_limit, comp
 from mhsb_control.controller import REFERENCE_POINTS, ServoSignals
 from mhsb_control.draw_estimate import (
     DrawObserver,
+    DrawSettings,
     MeasuredLine,
     build_draw_observers,
     compute_draw_shortfall,
     update_draw_observer,
 )
-from mhsb_control.line_estimate import (
-    CHECK_VALVE_MARGIN,
-    SHUT_OPENING,
-    LineEstimates,
-    build_line_estimates,
+from mhsb_control.line_estimate import LineEstimates, LineSettings, build_line_estimates
+from mhsb_control.pump_estimate import (
+    DriveEstimates,
+    DriveSettings,
+    build_drive_estimates,
+    update_drive_estimates,
 )
-from mhsb_control.pump_estimate import DriveEstimates, build_drive_estimates, update_drive_estimates
 from mhsb_control.reference import PREVIEW_POINT
 from mhsb_model.circuit.elements import compute_orifice_flow
 from mhsb_model.circuit.quantities import CylinderConstants, ModuleState
@@ -46,15 +48,62 @@ from mhsb_model.hydraulics import compute_pressure_without_margin, inlet_area
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES
-from mhsb_model.records import Record, Records, create_records
+from mhsb_model.records import Record, Records, create_record, create_records
 from mhsb_model.schema import DEFAULT_PREVIEW, Gain, NonNegative, Preview, Section
 from mhsb_model.types import FloatArray, IntArray
 
-MIN_CHARGE_SHARE = 0.15
-"""Share of a line's missing oil that is charged at least, however uncertain line and pump are."""
 
-CAUTION_SIGMAS = 1.5
-"""Standard deviations by which charging assumes less leakage, stiffer oil and slower pumps."""
+@dataclass(frozen=True)
+class PumpSettings(Record):
+    """Tuned numbers of the servo pumps' control, and of the estimates that it uses."""
+
+    min_charge_share: float = 0.15
+    """Share of a line's missing oil that is charged however uncertain line and pump are, 0 … 1.
+
+    Origin: chosen; without it a line whose pump is unknown would never be charged.
+
+    30 % smaller and larger, N = 5: RMS error −4.4 and −3.8 % (mhsb_arm3; overshoot −0.06 and
+    −0.03 MPa), +0.8 and −1.9 % (excavator; overshoot −1.29 and −0.46 MPa)."""
+    caution_sigmas: float = 1.5
+    """Standard deviations by which charging assumes unfavourable estimates, 0 … 5.
+
+    Unfavourable are less leakage, stiffer oil and slower pumps.
+    Origin: chosen; 93 % of lines are then not overfilled.
+
+    30 % smaller and larger, N = 5: RMS error −1.2 and −4.3 % (mhsb_arm3), +2.3 and +2.2 %
+    (excavator; overshoot −1.91 and −0.16 MPa)."""
+    min_capacity_factor: float = 0.3
+    """Smallest factor on a line's capacity that charging assumes for stiffer oil, above 0 … 1.
+
+    Origin: plausibility; the stiffest oil of config/variations.yaml has 0.63.
+
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
+    min_manifold_pressure_share: float = 0.94
+    """Share of P_S down to which the oil stored in the manifold may charge lines, 0 … 1.
+
+    Origin: chosen; droop and check valves take 1 % of P_S.
+
+    Distance to 1 30 % smaller and larger, N = 5: RMS error +0.1 and 0 % (mhsb_arm3), −3.3 and
+    −1.5 % (excavator; overshoot −0.46 and −0.46 MPa)."""
+    manifold_reserve: float = 2e5
+    """Pressure beyond p_L + m(v) that is left to actuators that move in mode N [Pa], 0 … 1e7.
+
+    Origin: friction, and a reserve at which the reference governor does not act.
+
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
+    min_diverted_share: float = 0.9
+    """Share of a lent pump's flow to the rail from which the pump counts as feeding it, 0 … 1.
+
+    Origin: 2.3 time constants of the diverter.
+
+    Distance to 1 30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +4.6 and −3.4
+    % (excavator; overshoot −0.43 and −2.77 MPa)."""
+    lines: LineSettings = field(default_factory=LineSettings)
+    """Tuned numbers of the estimates of oil compressibility and leakage."""
+    drives: DriveSettings = field(default_factory=DriveSettings)
+    """Tuned numbers of the estimates of the pumps' lag and delay."""
+    draws: DrawSettings = field(default_factory=DrawSettings)
+    """Tuned numbers of the observers of drawn flow."""
 
 
 class PumpParameters(Record):
@@ -72,6 +121,8 @@ class PumpParameters(Record):
     """Rise above the target that is allowed while a pump coasts [Pa]."""
     fed_below: float
     """Line pressure below which the manifold may feed the line as well [Pa]."""
+    settings: PumpSettings
+    """Tuned numbers."""
 
 
 class PumpGains(Section):
@@ -107,21 +158,6 @@ class PumpGains(Section):
     )
 
 
-MIN_CAPACITY_FACTOR = 0.3
-"""Smallest factor on a line's capacity that charging assumes for stiffer oil."""
-
-MIN_MANIFOLD_PRESSURE_SHARE = 0.94
-"""Share of P_S down to which the oil stored in the manifold may charge lines."""
-
-MANIFOLD_RESERVE = 2e5
-"""Pressure beyond p_L + m(v) that is left in the manifold for actuators that move in mode N [Pa].
-
-It covers friction and a reserve at which the reference governor does not act."""
-
-MIN_DIVERTED_SHARE = 0.9
-"""Share of a lent pump's flow that has to reach the rail before the pump counts as feeding it."""
-
-
 class PumpState(NamedTuple):
     """State by which the servo pumps are driven, beside the cascade."""
 
@@ -143,46 +179,53 @@ class PumpState(NamedTuple):
     coasting_times: FloatArray  # [COASTING_SAMPLES + REFERENCE_POINTS − 1] s, times of `coasting`
 
 
-def build_pump_state(machine: Machine, signals: ServoSignals, settings: PumpGains) -> PumpState:
+def build_pump_state(
+    machine: Machine, signals: ServoSignals, gains: PumpGains, settings: PumpSettings
+) -> PumpState:
     """Build the state of a machine's servo pumps, at rest.
 
     Args:
         machine: The machine as its file describes it.
         signals: Signals of the controller. The present rail pressure becomes the first target of
             the rail.
-        settings: Gains of the controller, as its section of the machine file has them.
+        gains: Gains of the controller, as its section of the machine file has them.
+        settings: Tuned numbers.
 
     Returns:
         The state, with the pump lag and the leakage of the machine file, and a command delay of 0.
     """
     oil, n = machine.config.circuit, machine.joint_count
-    lag, preview = oil.servo_pump_lag, settings.preview
-    gains = create_records(PumpParameters, 1)
-    gains["preview"] = preview
+    lag, preview = oil.servo_pump_lag, gains.preview
+    own = create_records(PumpParameters, 1)
+    own["preview"] = preview
     spin_up = signals.circuit.constants["servo_pump_flow"] / oil.servo_pump_slew
-    gains["bandwidth"] = 1.0 / (settings.pump_response * spin_up)
-    gains["pump_rise"] = np.minimum(
-        1.0, PREVIEW_POINT / (np.maximum(1.0 / lag, gains["bandwidth"]) * preview)
+    own["bandwidth"] = 1.0 / (gains.pump_response * spin_up)
+    own["pump_rise"] = np.minimum(
+        1.0, PREVIEW_POINT / (np.maximum(1.0 / lag, own["bandwidth"]) * preview)
     )
-    gains["pressure_gain"] = settings.pressure_gain / lag
-    gains["allowed_rise"] = settings.allowed_rise
-    gains["fed_below"] = signals.circuit.constants["supply_pressure"] + CHECK_VALVE_MARGIN
+    own["pressure_gain"] = gains.pressure_gain / lag
+    own["allowed_rise"] = gains.allowed_rise
+    supply = signals.circuit.constants["supply_pressure"]
+    own["fed_below"] = supply + settings.lines.check_valve_margin
+    own["settings"] = create_record(settings)
     points = np.concatenate(
         [np.arange(COASTING_SAMPLES) / COASTING_SAMPLES, np.arange(1, REFERENCE_POINTS)]
     )
     full_flow = float(signals.circuit.constants["servo_pump_flow"][0])
     step, count = machine.config.simulation.step, len(signals.circuit.modules)
     pumps = PumpState(
-        gains=gains,
+        gains=own,
         rail_target=np.full(2, signals.rail_pressure[0]),
         rail_before=np.full(1, signals.rail_pressure[0]),
         volume=np.zeros((n + 1, REFERENCE_POINTS)),
         coasting=np.zeros(len(points)),
         cautious_coasting=np.zeros(len(points)),
         charging_flow_left=np.zeros(1),
-        lines=build_line_estimates(n),
+        lines=build_line_estimates(n, settings.lines),
         leakage_uncertainty=np.zeros(n + 1),
-        drives=build_drive_estimates(lag, step, full_flow, oil.servo_pump_slew, count),
+        drives=build_drive_estimates(
+            lag, step, full_flow, oil.servo_pump_slew, count, settings.drives
+        ),
         draws=build_draw_observers(n),
         coasting_times=points * preview / PREVIEW_POINT,
     )
@@ -195,17 +238,17 @@ def predict_coasting(p: PumpState) -> None:
     """Recompute the oil that a pump delivers after a stop command, per unit of its flow.
 
     `coasting` follows from the estimated lag and delay. `cautious_coasting` follows from a lag that
-    is CAUTION_SIGMAS standard deviations longer, and from the longest plausible delay.
+    is `caution_sigmas` standard deviations longer, and from the longest plausible delay.
 
     Args:
         p: State of the pumps. Writes `coasting` and `cautious_coasting` [s], at the times
             `coasting_times`, in place.
     """
-    own = p.drives.record[0]
-    delay, later = own.delay * own.step, (own.latest - own.delay) * own.step
+    own, sigmas = p.drives.record[0], p.gains[0].settings.caution_sigmas
+    delay, later = own.delay * own.step, (own.max_plausible_delay - own.delay) * own.step
     compute_coasting_volumes(own.lag, delay, 0.0, p.coasting_times, p.coasting)
     compute_coasting_volumes(
-        (1.0 + CAUTION_SIGMAS * own.deviation) * own.lag,
+        (1.0 + sigmas * own.deviation) * own.lag,
         delay,
         later,
         p.coasting_times,
@@ -250,8 +293,8 @@ def predict_line_volumes(s: ServoArguments, p: PumpState) -> None:
             in place.
         p: State of the pumps. Writes in place `volume` [m³] and `leakage_uncertainty` [m³/s] of all
             lines, but not of the rail. Column 0 of `volume` is the oil that the present flow would
-            draw up to point 1; column k is V at point k. The uncertainty is CAUTION_SIGMAS standard
-            deviations of the leakage.
+            draw up to point 1; column k is V at point k. The uncertainty is `caution_sigmas`
+            standard deviations of the leakage.
     """
     reference, cylinders, axes = s.reference, s.cylinders, s.axes
     volume, g = p.volume, p.gains[0]
@@ -264,7 +307,7 @@ def predict_line_volumes(s: ServoArguments, p: PumpState) -> None:
             continue
         leakage = p.lines.estimate[1 + j] * axis.leakage
         p.leakage_uncertainty[j] = (
-            CAUTION_SIGMAS * math.sqrt(p.lines.covariance[1 + j, 1 + j]) * axis.leakage
+            g.settings.caution_sigmas * math.sqrt(p.lines.covariance[1 + j, 1 + j]) * axis.leakage
         )
         cap, rod = cylinder.cap_area, cylinder.rod_area
         pressed = (axis.force_ahead - axis.force) / axis.stiffness
@@ -311,11 +354,12 @@ def observe_line_draws(s: ServoArguments, p: PumpState) -> None:
     axes, draws, lines, own, rail = s.axes, p.draws, p.lines, p.drives.record[0], s.rail_pressure[0]
     c, g, squeeze, n = s.constants[0], p.gains[0], lines.estimate[0], len(s.axes)
     lag = s.gains[0].valve_lag + own.delay * own.step
+    settings, shut_opening = g.settings.draws, g.settings.lines.shut_opening
     supplied = lines.fed[n, 0] - c.bleed_conductance * (rail - c.tank_pressure)
     joined_flow, capacity, alone = 0.0, squeeze * c.rail_capacity, rail > g.fed_below
     line_capacity = squeeze * c.line_capacity
     for j in range(n):
-        axis, line, shut = axes[j], s.sensors[j].line_pressure, s.actuators[j].join < SHUT_OPENING
+        axis, line, shut = axes[j], s.sensors[j].line_pressure, s.actuators[j].join < shut_opening
         commanded_flow = compute_commanded_flow(axis, s.cylinders[j])
         own_supply = lines.fed[j, 0] - lines.estimate[1 + j] * axis.leakage
         if axis.joined > 0.0:
@@ -325,13 +369,15 @@ def observe_line_draws(s: ServoArguments, p: PumpState) -> None:
         alone = alone and (shut or axis.joined > 0.0)
         own_alone = shut and line > g.fed_below and axis.line_flow > 0.0
         measured = MeasuredLine(line, own_supply, own_alone)
-        update_draw_observer(draws[j], measured, commanded_flow, line_capacity, lag, own.step)
+        update_draw_observer(
+            draws[j], measured, commanded_flow, line_capacity, lag, own.step, settings
+        )
         if own_alone:
             axis.line_flow -= min(
-                compute_draw_shortfall(draws[j], axis.supply_target), commanded_flow
+                compute_draw_shortfall(draws[j], axis.supply_target, settings), commanded_flow
             )
     measured = MeasuredLine(rail, supplied, alone)
-    update_draw_observer(draws[n], measured, joined_flow, capacity, lag, own.step)
+    update_draw_observer(draws[n], measured, joined_flow, capacity, lag, own.step, settings)
 
 
 @kernel
@@ -373,10 +419,10 @@ def compute_pump_demand(
     - The sum stays below `compute_coasting_limit` by the estimates.
     - The charging flow stays within `p.charging_flow_left`.
     - The sum stays within the coasting limit of a slower pump on a stiffer line. At least the
-      share MIN_CHARGE_SHARE of the charging flow is allowed nevertheless.
+      share `min_charge_share` of the charging flow is allowed nevertheless.
 
     The first limit is relaxed for a line that the manifold may feed as well. Such a line gets the
-    drawn flow and MIN_CHARGE_SHARE of the charging flow, if the limit without leakage uncertainty
+    drawn flow and `min_charge_share` of the charging flow, if the limit without leakage uncertainty
     allows that. Its leakage can be observed only once its pump alone feeds it.
 
     Args:
@@ -401,7 +447,8 @@ def compute_pump_demand(
     )
     squeeze = p.lines.estimate[0]
     stiff = capacity * max(
-        1.0 - CAUTION_SIGMAS * math.sqrt(p.lines.covariance[0, 0]) / squeeze, MIN_CAPACITY_FACTOR
+        1.0 - g.settings.caution_sigmas * math.sqrt(p.lines.covariance[0, 0]) / squeeze,
+        g.settings.min_capacity_factor,
     )
     cautious = compute_coasting_limit(
         volume, p.cautious_coasting, stiff, rises, pending, flow_uncertainty, spacing
@@ -410,7 +457,7 @@ def compute_pump_demand(
     filled = pending - drawn * own.delay * own.step
     lacking = g.pressure_gain * (capacity * (target - pressure) - filled)
     charge = min(lacking, p.charging_flow_left[0])
-    least = MIN_CHARGE_SHARE * charge
+    least = g.settings.min_charge_share * charge
     if pressure < min(target, g.fed_below):
         sure = compute_coasting_limit(volume, p.coasting, capacity, rises, pending, 0.0, spacing)
         limit = max(limit, min(drawn + least, sure))
@@ -426,8 +473,8 @@ def compute_charging_flow_limit(s: ServoArguments, p: PumpState) -> float:
     The flow has two parts, each at least 0. The first is what the main pump has left,
     Q_MP − Σ (A_dir |v_ref| + leakage) over all actuators. The second is k C (p − p_kept), from the
     oil stored in the manifold of capacity C, with the gain k = `pressure_gain`. p is the lowest
-    line pressure. p_kept is the greater of two pressures. One is MIN_MANIFOLD_PRESSURE_SHARE P_S.
-    The other is what actuators that move in mode N need plus MANIFOLD_RESERVE, at most P_S.
+    line pressure. p_kept is the greater of two pressures. One is `min_manifold_pressure_share` P_S.
+    The other is what actuators that move in mode N need plus `manifold_reserve`, at most P_S.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo.
@@ -442,7 +489,8 @@ def compute_charging_flow_limit(s: ServoArguments, p: PumpState) -> float:
     if not in_use:
         return 0.0
     c, g = s.constants[0], p.gains[0]
-    left, lowest, kept = c.main_pump_flow, np.inf, MIN_MANIFOLD_PRESSURE_SHARE * c.supply_pressure
+    left, lowest = c.main_pump_flow, np.inf
+    kept = g.settings.min_manifold_pressure_share * c.supply_pressure
     for j in range(len(s.axes)):
         axis, cylinder, line = s.axes[j], s.cylinders[j], s.sensors[j].line_pressure
         area = inlet_area(cylinder.cap_area, cylinder.rod_area, axis.speed)
@@ -454,31 +502,38 @@ def compute_charging_flow_limit(s: ServoArguments, p: PumpState) -> float:
                 cylinder.valve_coefficient, cylinder.cap_area, cylinder.rod_area, c.tank_pressure,
                 force, axis.speed,
             )  # fmt: skip
-            kept = max(kept, min(needed + MANIFOLD_RESERVE, c.supply_pressure))
+            kept = max(kept, min(needed + g.settings.manifold_reserve, c.supply_pressure))
     pent_up = c.manifold_capacity * (lowest - kept)
     return max(0.0, left) + max(0.0, g.pressure_gain * pent_up)
 
 
 @kernel(borrows=True)
-def feeds_rail(module: ModuleState, home: int, user: int, axes: Records[ControlAxis]) -> bool:
+def feeds_rail(
+    module: ModuleState,
+    home: int,
+    user: int,
+    axes: Records[ControlAxis],
+    min_diverted_share: float,
+) -> bool:
     """Return whether a module in use feeds the shared rail.
 
     A module that serves its own line feeds the rail if that line is joined to the rail. A lent
-    module, spare ones included, does so once more than the share MIN_DIVERTED_SHARE of its flow
-    goes to the rail.
+    module, spare ones included, does so once more than the share `min_diverted_share` of its
+    flow goes to the rail.
 
     Args:
         module: ModuleState of the circuit's module.
         home: Actuator to whose line the module belongs; −1 for a spare.
         user: Actuator that the module serves; not negative.
         axes: ControlAxis[n].
+        min_diverted_share: Share of its flow, 0 … 1.
 
     Returns:
         True if it feeds the rail.
     """
     if home == user:
         return axes[user].joined > 0.0
-    return module.to_rail > MIN_DIVERTED_SHARE
+    return module.to_rail > min_diverted_share
 
 
 @kernel(inline="always")
@@ -519,7 +574,8 @@ def compute_rail_demand(s: ServoArguments, p: PumpState, pending: float) -> floa
             )
             drawn += through
     targets = (p.rail_target[0], p.rail_target[1])
-    drawn -= min(compute_draw_shortfall(p.draws[len(axes)], targets[0]), drawn)
+    shortfall = compute_draw_shortfall(p.draws[len(axes)], targets[0], p.gains[0].settings.draws)
+    drawn -= min(shortfall, drawn)
     return compute_pump_demand(
         len(axes),
         drawn,
@@ -549,13 +605,15 @@ def command_pumps(s: ServoArguments, p: PumpState) -> None:
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `flow_command` [m³/s] and
-            `lend` (1: switch the module to the rail, 0: to its own line) of all modules in place.
+            `to_rail_command` (1: switch the module to the rail, 0: to its own line) of all modules
+            in place.
         p: State of the pumps. Updates `drives` in place. If lag and delay were estimated anew, it
             also writes `coasting` and `cautious_coasting`.
     """
     axes, modules, serves, module_home = s.axes, s.modules, s.serves, s.module_home
     c, g, drives = s.constants[0], p.gains[0], p.drives
-    if update_drive_estimates(drives, modules):
+    diverted = g.settings.min_diverted_share
+    if update_drive_estimates(drives, modules, g.settings.drives):
         predict_coasting(p)
     lead = max(1.0, g.bandwidth * drives.record[0].lag)
     sharing, shared, reaching, pending = 0, 0.0, 0.0, 0.0
@@ -565,7 +623,7 @@ def command_pumps(s: ServoArguments, p: PumpState) -> None:
         if user < 0:
             reaching += drives.flow[k] * module.to_rail
             pending += drives.pending[k] * module.to_rail
-        elif feeds_rail(module, module_home[k], user, axes):
+        elif feeds_rail(module, module_home[k], user, axes, diverted):
             sharing += 1
             shared += drives.flow[k]
             pending += drives.pending[k]
@@ -575,11 +633,11 @@ def command_pumps(s: ServoArguments, p: PumpState) -> None:
         rail_command = (shared + lead * (demand - shared - reaching)) / sharing
     for k in range(len(modules)):
         module, user = modules[k], serves[k]
-        module.lend = 1.0 if user >= 0 and module_home[k] != user else 0.0
+        module.to_rail_command = 1.0 if user >= 0 and module_home[k] != user else 0.0
         command = 0.0
-        if user >= 0 and feeds_rail(module, module_home[k], user, axes):
+        if user >= 0 and feeds_rail(module, module_home[k], user, axes, diverted):
             command = rail_command
-        elif user >= 0 and module.lend == 0.0:
+        elif user >= 0 and module.to_rail_command == 0.0:
             axis = axes[user]
             demand = compute_pump_demand(
                 user,

@@ -3,41 +3,42 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from mhsb_control.draw_estimate import (
-    OBSERVATION_DELAY,
-    PRESSURE_SHORTFALL_SCALE,
+    DrawSettings,
     MeasuredLine,
     build_draw_observers,
     compute_draw_shortfall,
     update_draw_observer,
 )
+from mhsb_model.records import create_record
 
 STEP, CAPACITY, TARGET = 1e-3, 2e-14, 6e6
+SETTINGS = DrawSettings()
+RECORD = create_record(SETTINGS)[0]
 
 
-def observed(told: float, passes: float, seconds: float, alone: bool = True) -> float:
-    """A line whose pump delivers what is told, of which the valve passes a share: the line's DRAW
-    and by how much less it draws, after so many seconds at its target."""
+def observed(commanded: float, passes: float, seconds: float, alone: bool = True) -> float:
+    """Return the observed shortfall of a line whose valve passes a share of what is commanded."""
     draws = build_draw_observers(1)
     draw, pressure = draws[0], TARGET
-    draw["pressure"], draw["told"] = pressure, told
+    draw["pressure"], draw["delayed_command"] = pressure, commanded
     for _ in range(round(seconds / STEP)):
-        supplied = passes * told + CAPACITY * 1e5 / STEP  # rises by 0.1 MPa a step
+        supplied = passes * commanded + CAPACITY * 1e5 / STEP  # rises by 0.1 MPa a step
         pressure += 1e5
         line = MeasuredLine(pressure, supplied, alone)
-        update_draw_observer(draw, line, told, CAPACITY, 0.0, STEP)
+        update_draw_observer(draw, line, commanded, CAPACITY, 0.0, STEP, RECORD)
     draw["pressure"] = TARGET
-    return compute_draw_shortfall(draw, TARGET)
+    return compute_draw_shortfall(draw, TARGET, RECORD)
 
 
 def test_what_a_valve_does_not_pass_is_told_apart_from_what_compresses_the_line() -> None:
-    told = 4e-6
+    commanded = 4e-6
     for seconds in (0.01, 0.03, 0.2):
 
         def rate(t: float, d: float) -> float:
-            return (0.4 * told - d) / OBSERVATION_DELAY
+            return (0.4 * commanded - d) / SETTINGS.observation_delay
 
         exact = solve_ivp(rate, (0.0, seconds), [0.0], rtol=1e-8, atol=1e-16).y[0, -1]
-        assert observed(told, 0.6, seconds) == pytest.approx(exact, rel=0.04)
+        assert observed(commanded, 0.6, seconds) == pytest.approx(exact, rel=0.04)
 
 
 def test_a_line_that_draws_what_it_is_told_or_more_draws_nothing_less() -> None:
@@ -51,15 +52,15 @@ def test_a_line_that_others_feed_too_is_not_judged() -> None:
 
 def test_a_line_far_below_its_target_is_not_judged_as_it_gives_what_there_is() -> None:
     draw = build_draw_observers(1)[0]
-    draw["more"] = -1e-6
+    draw["excess_flow"] = -1e-6
     found = []
     for pressure in (
         TARGET + 1e6,
         TARGET,
-        TARGET - 0.5 * PRESSURE_SHORTFALL_SCALE,
-        TARGET - PRESSURE_SHORTFALL_SCALE,
+        TARGET - 0.5 * SETTINGS.pressure_shortfall_scale,
+        TARGET - SETTINGS.pressure_shortfall_scale,
         TARGET - 1e6,
     ):
         draw["pressure"] = pressure
-        found.append(compute_draw_shortfall(draw, TARGET))
+        found.append(compute_draw_shortfall(draw, TARGET, RECORD))
     np.testing.assert_allclose(found, [1e-6, 1e-6, 0.5e-6, 0.0, 0.0], atol=1e-12)

@@ -2,14 +2,16 @@ import numpy as np
 import pytest
 
 from mhsb_control.load_estimate import (
-    FRICTION_DRIFT,
-    PAYLOAD_DRIFT,
-    TORQUE_DEVIATION,
-    WINDOW_STEPS,
+    LoadSettings,
     accumulate_load_window,
     build_load_estimate,
     update_load_filter,
 )
+from mhsb_model.records import create_record
+
+SETTINGS = LoadSettings()
+RECORD = create_record(SETTINGS)[0]
+WINDOW_STEPS = SETTINGS.window_steps
 
 
 def test_payload_and_friction_are_learnt_from_motions_both_ways() -> None:
@@ -23,7 +25,9 @@ def test_payload_and_friction_are_learnt_from_motions_both_ways() -> None:
             for _ in range(WINDOW_STEPS):
                 lack = (payload - load.estimate[0]) * load.weight[j]
                 lack += (friction[j] - load.estimate[1 + j]) * rubbing[j]
-                accumulate_load_window(load, j, True, lack + random.normal(0.0, 1.0), rubbing[j])
+                accumulate_load_window(
+                    load, j, True, lack + random.normal(0.0, 1.0), rubbing[j], RECORD
+                )
     deviation = np.sqrt(np.diag(load.covariance))
     assert np.all(np.abs(load.estimate - [payload, *friction]) < 2.0 * deviation)
     assert deviation[0] < 0.2
@@ -35,7 +39,7 @@ def test_from_one_posture_and_one_way_they_are_not_told_apart() -> None:
     load.weight[0] = 4.0
     for _ in range(200 * WINDOW_STEPS):
         lack = 2.0 * 4.0 - (load.estimate[0] - 10.0) * 4.0 - (load.estimate[1] - 1.0) * 3.0
-        accumulate_load_window(load, 0, True, lack, 3.0)
+        accumulate_load_window(load, 0, True, lack, 3.0, RECORD)
     assert load.estimate[0] < 12.5
     assert np.sqrt(load.covariance[0, 0]) > 0.3
 
@@ -43,7 +47,7 @@ def test_from_one_posture_and_one_way_they_are_not_told_apart() -> None:
 def test_a_short_spell_is_dropped_and_what_is_not_to_be_learnt_stays() -> None:
     load = build_load_estimate(10.0, 1, is_estimated=True)
     for k in range(10 * WINDOW_STEPS):
-        assert not accumulate_load_window(load, 0, k % WINDOW_STEPS != 0, 50.0, 3.0)
+        assert not accumulate_load_window(load, 0, k % WINDOW_STEPS != 0, 50.0, 3.0, RECORD)
     assert load.estimate[0] == 10.0
     assert not build_load_estimate(10.0, 1, is_estimated=False).covariance.any()
 
@@ -58,10 +62,10 @@ def test_the_update_is_kalmans() -> None:
         torque, rubbing = random.normal(0.0, 1.0), random.uniform(2.0, 4.0)
         row = np.zeros(4)
         row[0], row[1 + j] = load.weight[j], rubbing
-        update_load_filter(load, j, torque, rubbing)
-        spread[0, 0] += (PAYLOAD_DRIFT * 10.0) ** 2
-        spread[1 + j, 1 + j] += FRICTION_DRIFT**2
-        gain = spread @ row / (row @ spread @ row + TORQUE_DEVIATION**2)
+        update_load_filter(load, j, torque, rubbing, RECORD)
+        spread[0, 0] += (SETTINGS.payload_drift * 10.0) ** 2
+        spread[1 + j, 1 + j] += SETTINGS.friction_drift**2
+        gain = spread @ row / (row @ spread @ row + SETTINGS.torque_deviation**2)
         wanted = wanted + gain * torque
         spread = spread - np.outer(gain, row @ spread)
     assert load.estimate == pytest.approx(wanted)

@@ -2,20 +2,19 @@ import numpy as np
 import pytest
 
 from mhsb_control.valve_estimate import (
-    DRIFT_DEVIATIONS,
-    LENGTH_DEVIATION,
-    OVERLAP_SPEED,
-    STROKE_DEVIATION,
-    WINDOW_STEPS,
     ValveEstimates,
+    ValveSettings,
     accumulate_valve_window,
     build_valve_estimates,
     compute_opening,
     update_valve_filter,
 )
 from mhsb_model.circuit.elements import metered_opening
+from mhsb_model.records import create_record
 
 STEP, SPEED_GAIN, STIFFNESS = 1e-3, 0.1, 1e7
+SETTINGS = ValveSettings()
+RECORD = create_record(SETTINGS)[0]
 
 
 def moved(
@@ -26,7 +25,7 @@ def moved(
     valve = valves.records[0]
     for opening in openings:
         speed = gain * SPEED_GAIN * metered_opening(opening, overlap)
-        for _ in range(WINDOW_STEPS + 1):
+        for _ in range(SETTINGS.window_steps + 1):
             valve["opening"], valve["speed_gain"] = opening, SPEED_GAIN
             length += speed * STEP - softness * 2.0 / STIFFNESS
             force += 2.0
@@ -51,7 +50,7 @@ def test_at_one_opening_gain_and_overlap_are_not_told_apart() -> None:
     assert np.sqrt(valves.covariance[0, 0, 0]) > 0.05
     valve = valves.records[0]
     speed = 0.8 * SPEED_GAIN * metered_opening(0.1, 0.03)
-    assert compute_opening(valve, speed) == pytest.approx(0.1, rel=0.02)
+    assert compute_opening(valve, speed, RECORD) == pytest.approx(0.1, rel=0.02)
 
 
 def test_at_rest_nothing_is_learnt() -> None:
@@ -68,10 +67,10 @@ def test_a_piston_that_does_not_move_as_told_tells_of_overlap() -> None:
     valve = valves.records[0]
     for _ in range(40):
         valve["speed_gain"] = SPEED_GAIN
-        opening = compute_opening(valve, 1e-3)
+        opening = compute_opening(valve, 1e-3, RECORD)
         speed = SPEED_GAIN * metered_opening(opening, overlap)
         length = 0.5
-        for _ in range(WINDOW_STEPS + 1):
+        for _ in range(SETTINGS.window_steps + 1):
             valve["opening"] = opening
             accumulate_valve_window(valves, 0, 0.0, length, 1000.0, STIFFNESS, STEP)
             length += speed * STEP
@@ -79,12 +78,12 @@ def test_a_piston_that_does_not_move_as_told_tells_of_overlap() -> None:
     assert valve["overlap"] == pytest.approx(overlap, abs=8e-3)
 
 
-@pytest.mark.parametrize("demand", [-0.012, -OVERLAP_SPEED, 2e-3, 0.012])
+@pytest.mark.parametrize("demand", [-0.012, -SETTINGS.overlap_speed, 2e-3, 0.012])
 def test_the_inverse_opens_a_valve_with_overlap_as_far_as_is_demanded(demand: float) -> None:
     valve, gain, overlap = build_valve_estimates(1).records[0], 0.9, 0.025
     valve["gain"], valve["overlap"] = gain / (1.0 - overlap), overlap
     valve["speed_gain"] = SPEED_GAIN
-    opening = compute_opening(valve, demand)
+    opening = compute_opening(valve, demand, RECORD)
     assert gain * SPEED_GAIN * metered_opening(opening, overlap) == pytest.approx(demand)
 
 
@@ -93,12 +92,16 @@ def test_the_update_is_kalmans() -> None:
     random = np.random.default_rng(2)
     estimate, covariance = np.array([1.0, 0.0, 1.0]), np.diag([0.02, 4e-4, 0.1])
     wanted, spread = estimate.copy(), covariance.copy()
+    s = SETTINGS
+    drift = s.gain_drift, s.overlap_drift, s.compressibility_drift
     for _ in range(20):
         row, y = random.normal(0.0, 5e-4, 3), random.normal(0.0, 5e-4)
-        update_valve_filter(estimate, covariance, y, *row)
-        spread = spread + np.diag(np.square(DRIFT_DEVIATIONS))
+        update_valve_filter(estimate, covariance, y, *row, RECORD)
+        spread = spread + np.diag(np.square(drift))
         gain = (
-            spread @ row / (row @ spread @ row + LENGTH_DEVIATION**2 + (STROKE_DEVIATION * y) ** 2)
+            spread
+            @ row
+            / (row @ spread @ row + s.length_deviation**2 + (s.stroke_deviation * y) ** 2)
         )
         wanted = wanted + gain * (y - row @ wanted)
         spread = spread - np.outer(gain, row @ spread)

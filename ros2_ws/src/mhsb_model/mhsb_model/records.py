@@ -9,11 +9,21 @@ writes. A misspelt field is an error before anything is compiled.
     spools = create_records(Spool, 3)  # Records[Spool], all fields 0
     spools["position"] = 0.5           # Python: the field of all records, float64[3]
     spools[0].position                 # kernels: a field of one record
+
+Settings are frozen dataclasses that are records as well. Their instances are created in Python, and
+kernels read a copy:
+
+    @dataclass(frozen=True)
+    class FilterSettings(Record):
+        gain: float = 0.1
+
+    settings = create_record(FilterSettings(gain=0.2))  # Records[FilterSettings], one record
 """
 
 from __future__ import annotations
 
-from typing import Any, Protocol, SupportsIndex, TypeAlias, TypeVar, overload
+from dataclasses import astuple
+from typing import Any, Protocol, SupportsIndex, TypeAlias, TypeVar, get_type_hints, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +36,10 @@ FIELD_TYPES = {"float": np.float64, "int": np.int64, "Int32": np.int32}
 
 
 class Record:
-    """One record of a structured array, with its fields as annotations; it has no instances.
+    """One record of a structured array, with its fields as annotations.
 
-    The module of a subclass must import `annotations` from `__future__`.
+    A field may be a record itself. Only settings have instances, see `create_record`. The module of
+    a subclass must import `annotations` from `__future__`.
     """
 
 
@@ -60,12 +71,19 @@ def record_dtype(kind: type[Record]) -> np.dtype[np.void]:
     """Return the dtype of a class of records: its fields in order, without gaps.
 
     Args:
-        kind: Class whose annotations are the fields, each `float`, `int` or `Int32`.
+        kind: Class whose annotations are the fields, each `float`, `int`, `Int32` or a class of
+            records.
 
     Returns:
         Structured dtype.
     """
-    return np.dtype([(name, FIELD_TYPES[text]) for name, text in kind.__annotations__.items()])
+    hints = get_type_hints(kind)
+    return np.dtype(
+        [
+            (name, FIELD_TYPES[text] if text in FIELD_TYPES else record_dtype(hints[name]))
+            for name, text in kind.__annotations__.items()
+        ]
+    )
 
 
 def create_records(kind: type[RecordType], count: int) -> Records[RecordType]:
@@ -79,4 +97,19 @@ def create_records(kind: type[RecordType], count: int) -> Records[RecordType]:
         Array of the dtype `record_dtype(kind)`, of shape (count,).
     """
     records: Any = np.zeros(count, record_dtype(kind))
+    return records
+
+
+def create_record(values: RecordType) -> Records[RecordType]:
+    """Create one record with the values of an instance of its class.
+
+    Args:
+        values: Instance of a class of records that is a dataclass.
+
+    Returns:
+        Array of the dtype `record_dtype(type(values))`, of shape (1,).
+    """
+    records: Any = create_records(type(values), 1)
+    instance: Any = values
+    records[0] = astuple(instance)
     return records

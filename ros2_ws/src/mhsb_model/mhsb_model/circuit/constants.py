@@ -64,7 +64,7 @@ def build_cylinders(machine: Machine) -> Records[CylinderConstants]:
     cylinders["dead_volume"] = machine.config.circuit.chamber_dead_volume + volume
     cylinders["valve_coefficient"] = arrays.valve_coefficient
     cylinders["friction"] = machine.friction_factors
-    cylinders["swept"] = [0.0 if motor else 1.0 for motor in motors]
+    cylinders["swept_volume_factor"] = [0.0 if motor else 1.0 for motor in motors]
     return cylinders
 
 
@@ -84,7 +84,7 @@ def build_actuators(machine: Machine) -> Records[ActuatorState]:
     """
     actuators = create_records(ActuatorState, machine.joint_count)
     actuators["relief"] = machine.chamber_reliefs
-    actuators["obeys"] = actuators["leakage"] = 1.0
+    actuators["follows_command"] = actuators["leakage"] = 1.0
     return actuators
 
 
@@ -103,7 +103,7 @@ def build_modules(module_home: IntArray) -> Records[ModuleState]:
     """
     modules = create_records(ModuleState, len(module_home))
     modules["to_rail"] = module_home < 0
-    modules["strength"] = modules["slowness"] = 1.0
+    modules["flow_ratio"] = modules["lag_ratio"] = 1.0
     return modules
 
 

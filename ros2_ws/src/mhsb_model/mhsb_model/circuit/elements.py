@@ -369,7 +369,10 @@ def chamber_volumes(cylinder: CylinderConstants, length: float) -> tuple[float, 
         Volume on the cap side and on the rod side [m³].
     """
     extended, left = length - cylinder.min_length, cylinder.max_length - length
-    cap, rod = cylinder.swept * cylinder.cap_area, cylinder.swept * cylinder.rod_area
+    cap, rod = (
+        cylinder.swept_volume_factor * cylinder.cap_area,
+        cylinder.swept_volume_factor * cylinder.rod_area,
+    )
     return cylinder.dead_volume + cap * extended, cylinder.dead_volume + rod * left
 
 

@@ -22,7 +22,7 @@ class CylinderConstants(Record):
     """Coefficient of one edge of the fully open servo valve [m³/(s √Pa)]."""
     friction: float
     """Ratio of the cylinder's friction to that of `CircuitConstants`."""
-    swept: float
+    swept_volume_factor: float
     """1; 0 of a rotary motor, whose oil volume does not depend on position."""
 
 
@@ -132,7 +132,7 @@ class ActuatorState(Record):
     """Commanded spool position, −1 … 1; positive extends."""
     join_command: float
     """Commanded opening of the valve between rail and line, 0 … 1."""
-    pilot: float
+    spool_target: float
     """Commanded spool position after the valve's hysteresis, −1 … 1."""
     spool: float
     """Spool position, −1 … 1."""
@@ -146,7 +146,7 @@ class ActuatorState(Record):
     """Cylinder force p_A A − p_B a [N]."""
     friction: float
     """Friction of the cylinder [N]."""
-    bend: float
+    bristle_deflection: float
     """Bristle deflection of the LuGre friction model [m]."""
     supply_flow: float
     """Flow from the line to the chambers [m³/s]."""
@@ -156,7 +156,7 @@ class ActuatorState(Record):
     """Closed share of the valve that isolates both chambers, 0 … 1."""
     isolating_command: float
     """Command of that valve, 0 … 1; 1 closes."""
-    obeys: float
+    follows_command: float
     """1; 0 by a fault: the spool goes to `runaway`, whatever its command."""
     runaway: float
     """Spool position of that fault, −1 … 1."""
@@ -171,7 +171,7 @@ class ModuleState(Record):
 
     flow_command: float
     """Commanded flow [m³/s]."""
-    lend: float
+    to_rail_command: float
     """Command of the switching valve: 1 feeds the rail, 0 the own line."""
     flow: float
     """Displacement times speed [m³/s]."""
@@ -179,9 +179,9 @@ class ModuleState(Record):
     """Flow times the share that the inlet fills [m³/s]."""
     to_rail: float
     """Share of the flow that goes to the rail, 0 … 1."""
-    slowness: float
+    lag_ratio: float
     """Ratio of the pump's lag to that of a healthy one."""
-    strength: float
+    flow_ratio: float
     """Ratio of the largest flow to that of a healthy pump."""
     runs_on: float
     """1 by a fault: the pump gives its largest flow, whatever its command."""

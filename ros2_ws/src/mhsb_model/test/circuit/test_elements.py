@@ -223,7 +223,7 @@ def test_chambers_hold_their_dead_volume_and_the_swept_one_which_motors_have_not
     cylinder = create_records(CylinderConstants, 1)[0]
     cylinder["cap_area"], cylinder["rod_area"] = 5e-4, 3e-4
     cylinder["min_length"], cylinder["max_length"] = 0.3, 0.4
-    cylinder["dead_volume"], cylinder["swept"] = 1e-5, swept
+    cylinder["dead_volume"], cylinder["swept_volume_factor"] = 1e-5, swept
     cap, rod = elements.chamber_volumes(cylinder, 0.34)
     assert (cap, rod) == pytest.approx((1e-5 + swept * 2e-5, 1e-5 + swept * 1.8e-5))
 

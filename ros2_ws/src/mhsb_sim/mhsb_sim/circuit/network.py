@@ -307,11 +307,11 @@ def move_spool(actuator: ActuatorState, c: CircuitConstants) -> None:
     if actuator.seized > 0.0:
         actuator.spool_speed = 0.0
         return
-    command = actuator.valve_command if actuator.obeys > 0.0 else actuator.runaway
-    actuator.pilot = follow_with_backlash(actuator.pilot, command, c.valve_hysteresis)
+    command = actuator.valve_command if actuator.follows_command > 0.0 else actuator.runaway
+    actuator.spool_target = follow_with_backlash(actuator.spool_target, command, c.valve_hysteresis)
     before = actuator.spool
-    away, rate = before - actuator.pilot, actuator.spool_speed
-    spool = actuator.pilot + c.spool_00 * away + c.spool_01 * rate
+    away, rate = before - actuator.spool_target, actuator.spool_speed
+    spool = actuator.spool_target + c.spool_00 * away + c.spool_01 * rate
     actuator.spool_speed = c.spool_10 * away + c.spool_11 * rate
     way = c.spool_rate * c.substep
     if abs(spool - before) > way:
@@ -349,11 +349,13 @@ def update_friction(
         )
         return
     sliding = sliding_friction(c.coulomb_friction, c.breakaway, c.stribeck_speed, speed)
-    before = actuator.bend
-    actuator.bend = advance_bristle_deflection(before, speed, sliding, c.bristle_stiffness, dt)
-    bending = (actuator.bend - before) / dt
+    before = actuator.bristle_deflection
+    actuator.bristle_deflection = advance_bristle_deflection(
+        before, speed, sliding, c.bristle_stiffness, dt
+    )
+    bending = (actuator.bristle_deflection - before) / dt
     actuator.friction = share * (
-        c.bristle_stiffness * actuator.bend
+        c.bristle_stiffness * actuator.bristle_deflection
         + c.bristle_damping * bending
         + c.viscous_friction * speed
     )
@@ -408,17 +410,17 @@ def connect_servo_pumps(circuit: Circuit, count: int) -> int:
     for k in range(len(modules)):
         module = modules[k]
         home = 3 * module_home[k] + 2 if module_home[k] >= 0 else rail
-        goal = module.lend if module_home[k] >= 0 else 1.0
+        goal = module.to_rail_command if module_home[k] >= 0 else 1.0
         module.to_rail = advance_first_order_lag(module.to_rail, goal, c.switching_decay)
         outlet = pressure[home] + module.to_rail * (pressure[rail] - pressure[home])
         boost = max(0.0, outlet - pressure[manifold])
-        largest = module.strength * c.servo_pump_flow
+        largest = module.flow_ratio * c.servo_pump_flow
         if boost * largest > c.servo_pump_efficiency * c.servo_pump_power:
             largest = c.servo_pump_efficiency * c.servo_pump_power / boost
         commanded_flow = largest if module.runs_on > 0.0 else module.flow_command
         decay = c.servo_pump_decay
-        if module.slowness != 1.0:
-            decay = c.servo_pump_decay ** (1.0 / module.slowness)
+        if module.lag_ratio != 1.0:
+            decay = c.servo_pump_decay ** (1.0 / module.lag_ratio)
         module.flow = advance_servo_pump_flow(
             module.flow, commanded_flow, largest, decay, c.servo_pump_slew * c.substep
         )

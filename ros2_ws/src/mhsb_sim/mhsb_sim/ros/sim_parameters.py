@@ -29,10 +29,10 @@ SUPERVISION_LIMITS = {
     "following_error": ("of a joint, measured against reference [rad]", (1e-3, 10.0)),
     "overpressure": ("of a chamber or line, share of its relief valve's setting", (0.1, 10.0)),
     "supply_loss": ("of a line, share of the main pump's pressure that it lacks", (0.05, 2.0)),
-    "held": ("time for which the guard holds the plan [s]", (0.01, 1e4)),
-    "silent_sensor": ("time for which a sensor tells no number [s]", (1e-3, 1e4)),
-    "frozen_pressure": ("time for which a pressure sensor tells the very same [s]", (0.02, 1e4)),
-    "frozen_length": ("way of a piston while its sensor tells the very same [m]", (1e-5, 1e3)),
+    "held": ("time for which the reference governor holds the plan [s]", (0.01, 1e4)),
+    "silent_sensor": ("time for which a sensor gives no reading [s]", (1e-3, 1e4)),
+    "frozen_pressure": ("time for which a pressure sensor repeats its reading [s]", (0.02, 1e4)),
+    "frozen_length": ("way of a piston while its sensor repeats its reading [m]", (1e-5, 1e3)),
     "jumping_length": ("by how much a length leaps, over what a piston goes", (0.1, 1e4)),
     "disagreeing_line": ("pressure by which a line is off all others [Pa]", (1e4, 1e9)),
     "disagreeing_valve": ("way of a piston that its opening does not explain [m]", (1e-5, 1e3)),
@@ -124,7 +124,7 @@ def declare_parameters(node: Node, plant: Machine) -> SimParameters:
         NodeParameter(
             "payload",
             plant.arrays.payload,
-            "at the tip [kg]; the servo is not told",
+            "at the tip [kg]; the servo does not know it",
             (0.0, HEAVIEST_PAYLOAD),
         ),
         NodeParameter(

@@ -126,12 +126,12 @@ def compute_reading(channel: SensorChannel, reading: float, before: float, step:
         The reading, in the unit of the sensor.
     """
     if channel.frozen == 0.0:
-        channel.told = reading + channel.error
+        channel.last_reading = reading + channel.error
     if channel.dead > 0.0:
         channel.silent += step
         return before
     channel.silent = 0.0
-    return channel.told
+    return channel.last_reading
 
 
 @kernel(borrows=True)
@@ -236,14 +236,14 @@ def send_commands(servo_circuit: Components, circuit: Circuit, queue: CommandQue
         rows[row, n + j] = servo_circuit.actuators[j].join_command
     for k in range(m):
         rows[row, 2 * n + k] = servo_circuit.modules[k].flow_command
-        rows[row, 2 * n + m + k] = servo_circuit.modules[k].lend
+        rows[row, 2 * n + m + k] = servo_circuit.modules[k].to_rail_command
     due = rows[(row + 1) % len(rows)]
     for j in range(n):
         circuit.actuators[j].valve_command = due[j]
         circuit.actuators[j].join_command = due[n + j]
     for k in range(m):
         circuit.modules[k].flow_command = due[2 * n + k]
-        circuit.modules[k].lend = due[2 * n + m + k]
+        circuit.modules[k].to_rail_command = due[2 * n + m + k]
 
 
 @kernel(borrows=True)

@@ -26,18 +26,6 @@ from mhsb_sim.simulation.fault_isolation import (
 )
 from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, ArmSample, Finding
 
-MIN_DURATION_SAMPLES = 5
-"""Number of samples, one every WATCH_PERIOD_NS, for which a pressure must last.
-
-Shorter peaks and dips are ignored.
-"""
-
-COMMON_LOSS_SHARE = 0.1
-"""Share of P_S that every line lacks if the main pump is the cause."""
-
-FULL_COMMAND_SHARE = 0.99
-"""Share of the full command from which on a command counts as saturated."""
-
 
 @dataclass(frozen=True)
 class SupervisionLimits:
@@ -71,6 +59,31 @@ class SupervisionLimits:
     jumping_length: tuple[float, float] = (0.8, 1.0)
     disagreeing_line: tuple[float, float] = (2.5e5, 5e5)
     disagreeing_valve: tuple[float, float] = (5e-4, 8e-4)
+
+
+@dataclass(frozen=True)
+class DetectionSettings:
+    """Tuned numbers of the symptoms of this module, beside their limits.
+
+    Their sensitivity has not been measured: draws of random plants run without supervision.
+    """
+
+    min_duration_samples: int = 5
+    """Number of samples, one every WATCH_PERIOD_NS, for which a pressure must last, 1 … 100.
+
+    Shorter peaks and dips are ignored. Origin: chosen."""
+    common_loss_share: float = 0.1
+    """Share of P_S that every line lacks if the main pump is the cause, 0 … 1.
+
+    Origin: chosen; droop and check valves take 1 %. It only selects the words of the clause."""
+    full_command_share: float = 0.99
+    """Share of the full command from which on a command counts as saturated, above 0 … 1.
+
+    Origin: chosen; 1 up to rounding."""
+
+
+DETECTION = DetectionSettings()
+"""Settings of all symptoms of this module."""
 
 
 class Symptom(Protocol):
@@ -135,7 +148,7 @@ class FollowingError:
 class Overpressure:
     """Largest ratio p/p_relief of pressure to relief setting over all chambers and lines [-].
 
-    Each pressure counts with its lowest value in the last MIN_DURATION_SAMPLES samples.
+    Each pressure counts with its lowest value in the last `min_duration_samples` samples.
     """
 
     name, unit = "overpressure", ""
@@ -162,7 +175,7 @@ class Overpressure:
 
         Returns:
             Ratio of its lowest recent pressure to its setting [-], and a clause that names it. The
-            ratio is 0 until there are MIN_DURATION_SAMPLES samples.
+            ratio is 0 until there are `min_duration_samples` samples.
         """
         of = sample.actuators
         pressure = np.concatenate([of.cap_pressure, of.rod_pressure, of.supply_pressure])
@@ -178,7 +191,7 @@ class Overpressure:
 class SupplyLoss:
     """Largest lack of supply pressure over the lines, 1 − p_line/P_S [-].
 
-    Each line counts with its smallest lack in the last MIN_DURATION_SAMPLES samples.
+    Each line counts with its smallest lack in the last `min_duration_samples` samples.
     """
 
     name, unit = "supply_loss", ""
@@ -202,13 +215,13 @@ class SupplyLoss:
 
         Returns:
             Smallest recent lack of that line as a share of P_S, and a clause. The share is 0 until
-            there are MIN_DURATION_SAMPLES samples. The clause says "all lines" instead of one name
-            if every line lacks more than COMMON_LOSS_SHARE.
+            there are `min_duration_samples` samples. The clause says "all lines" instead of a name
+            if every line lacks more than `common_loss_share`.
         """
         lacking = self._lasting.update(1.0 - sample.actuators.supply_pressure / self._supply)
         j = int(np.argmax(lacking))
         where = f"the line of {self._names[j]} lacks"
-        if np.min(lacking) > COMMON_LOSS_SHARE:
+        if np.min(lacking) > DETECTION.common_loss_share:
             where = "all lines lack"
         return Finding(float(lacking[j]), f"{where} {lacking[j]:.2f} of the main pump's pressure")
 
@@ -235,7 +248,7 @@ class Saturation:
     def evaluate(self, sample: ArmSample) -> Finding:
         """Update how long each command has been saturated, and return the longest time.
 
-        A command is saturated from FULL_COMMAND_SHARE on. The time is uninterrupted: one
+        A command is saturated from `full_command_share` on. The time is uninterrupted: one
         unsaturated sample resets it to 0. Each call counts as WATCH_PERIOD_NS, so it must come once
         in that period.
 
@@ -248,7 +261,7 @@ class Saturation:
         """
         of = sample.actuators
         command = np.abs(np.concatenate([of.valve_command, of.servo_pump_command]))
-        self._looks = np.where(command >= FULL_COMMAND_SHARE, self._looks + 1.0, 0.0)
+        self._looks = np.where(command >= DETECTION.full_command_share, self._looks + 1.0, 0.0)
         k = int(np.argmax(self._looks))
         time = float(self._looks[k]) * WATCH_PERIOD_NS / SECOND_NS
         return Finding(time, f"{self._names[k]} for {time:.2f} s")
@@ -280,20 +293,20 @@ class MinimumFilter:
     """Filter that gives the smallest value of each element of an array in its last samples."""
 
     def __init__(self) -> None:
-        self._last: deque[FloatArray] = deque(maxlen=MIN_DURATION_SAMPLES)
+        self._last: deque[FloatArray] = deque(maxlen=DETECTION.min_duration_samples)
 
     def update(self, now: FloatArray) -> FloatArray:
-        """Add a sample, and return the minimum of the last MIN_DURATION_SAMPLES samples.
+        """Add a sample, and return the minimum of the last `min_duration_samples` samples.
 
         Args:
             now: New sample, an array in any unit.
 
         Returns:
             Element-wise minimum, of the same shape and unit. All 0 until there are
-            MIN_DURATION_SAMPLES samples.
+            `min_duration_samples` samples.
         """
         self._last.append(now)
-        if len(self._last) < MIN_DURATION_SAMPLES:
+        if len(self._last) < DETECTION.min_duration_samples:
             return np.zeros_like(now)
         return np.min(self._last, axis=0)
 

@@ -9,7 +9,7 @@ Source: R. Isermann, Fault-Diagnosis Systems, 2006 (parity relations, plausibili
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,8 +27,63 @@ CAP_SENSOR, ROD_SENSOR, LINE_SENSOR = range(3)
 """Columns of `Sensed.pressure`."""
 PRESSURE_NAMES = "cap pressure", "rod pressure", "line pressure"
 """Names of these columns in texts."""
-STOPPED_FLOW_SHARE = 0.05
-"""Share of its full flow up to which a servo pump counts as stopped."""
+
+
+@dataclass(frozen=True)
+class IsolationSettings:
+    """Tolerances of the symptoms that name a failed part.
+
+    Their sensitivity has not been measured: draws of random plants run without supervision.
+    """
+
+    stopped_flow_share: float = 0.05
+    """Share of its full flow up to which a servo pump counts as stopped, 0 … 1.
+
+    Origin: chosen."""
+    farthest_jump: float = 3e-3
+    """Longest stroke of a piston between two samples [m], 1e-4 … 1.
+
+    Origin: chosen; a piston does not reach 0.3 m/s."""
+    settled_time: float = 2.0
+    """Time after which nothing of a boost is left in a line [s], 0.1 … 100.
+
+    Origin: chosen."""
+    line_smoothing: float = 0.05
+    """Gain of the low-pass filter of pressure differences per sample, above 0 … 1.
+
+    Origin: a time constant of twenty samples; pressures oscillate at 5 Hz and more."""
+    valve_gain_tolerance: float = 0.4
+    """Tolerance of a valve's gain against the machine file, as a share of a speed, 0 … 1.
+
+    Origin: config/variations.yaml has 0.2; the rest covers the bulk modulus."""
+    valve_opening_tolerance: float = 0.05
+    """Tolerance of a valve's opening, as a share of the spool's stroke, 0 … 1.
+
+    Origin: config/variations.yaml has an overlap of 0.03; the rest covers the delay."""
+    slowest_speed: float = 3e-3
+    """Unexplained speed that is ignored [m/s], 0 … 0.1.
+
+    Origin: chosen."""
+    forgetting_time: float = 0.5
+    """Time constant in which the unexplained stroke is forgotten [s], 0.01 … 100.
+
+    Origin: chosen."""
+    pump_deviation: float = 0.2
+    """Deviation of a pump that counts, as a share of its full flow, 0 … 1.
+
+    Origin: allows three times the machine file's lag, with `pump_failure_time`."""
+    pump_suspicion_time: float = 0.05
+    """Duration of a deviation that may explain another symptom [s], 0.01 … 10.
+
+    Origin: chosen; a quarter of `pump_failure_time`."""
+    pump_failure_time: float = 0.2
+    """Duration of a deviation that is a failure [s], 0.01 … 10.
+
+    Origin: allows three times the machine file's lag, with `pump_deviation`."""
+
+
+ISOLATION = IsolationSettings()
+"""Settings of all symptoms of this module."""
 
 
 class SilentSensor:
@@ -64,7 +119,9 @@ class SilentSensor:
         """
         silent = sample.sensed.silent
         k = int(np.argmax(silent))
-        return Finding(float(silent[k]), f"{self._names[k]} has told nothing for {silent[k]:.3f} s")
+        return Finding(
+            float(silent[k]), f"{self._names[k]} has given no reading for {silent[k]:.3f} s"
+        )
 
 
 class FrozenPressure:
@@ -105,7 +162,7 @@ class FrozenPressure:
         self._same = np.where(changed, 0.0, self._same + float(changed.any()) * WATCH_PERIOD)
         k = int(np.argmax(self._same))
         time = float(self._same.flat[k])
-        return Finding(time, f"{self._names[k]} has told the very same for {time:.2f} s")
+        return Finding(time, f"{self._names[k]} has repeated its reading for {time:.2f} s")
 
 
 class FrozenLength:
@@ -121,8 +178,8 @@ class FrozenLength:
             machine: The machine.
         """
         self._machine = machine
-        self._told = np.full(machine.joint_count, np.nan)
-        self._wanted = np.zeros(machine.joint_count)
+        self._reading = np.full(machine.joint_count, np.nan)
+        self._reference_length = np.zeros(machine.joint_count)
 
     def evaluate(self, sample: ArmSample) -> Finding:
         """Find the piston whose reference has moved furthest since its length reading changed.
@@ -136,25 +193,22 @@ class FrozenLength:
         """
         now = sample.sensed.length
         wanted = self._machine.cylinder_lengths(sample.reference.position)
-        self._wanted = np.where(now != self._told, wanted, self._wanted)
-        self._told = now
-        way = np.abs(wanted - self._wanted)
+        self._reference_length = np.where(now != self._reading, wanted, self._reference_length)
+        self._reading = now
+        way = np.abs(wanted - self._reference_length)
         j = int(np.argmax(way))
         return Finding(
             float(way[j]),
-            f"the length sensor of {self._machine.actuator_names[j]} has told the very same while "
-            f"its piston was to go {1e3 * way[j]:.2f} mm",
+            f"the length sensor of {self._machine.actuator_names[j]} has repeated its reading "
+            f"while its piston was to move {1e3 * way[j]:.2f} mm",
         )
 
 
 class JumpingLength:
-    """Jump of a length reading between two samples, as a multiple of FARTHEST [-]."""
+    """Jump of a length reading between two samples, as a multiple of `farthest_jump` [-]."""
 
     name, unit = "jumping_length", ""
     closes_valves = True
-
-    FARTHEST: ClassVar = 3e-3
-    """Longest stroke of a piston between two samples [m]."""
 
     def __init__(self, machine: Machine) -> None:
         self._names = machine.actuator_names
@@ -167,14 +221,14 @@ class JumpingLength:
             sample: State of the arm.
 
         Returns:
-            Jump of that reading divided by FARTHEST [-], and a clause that names the sensor. The
-            jump is 0 in the first sample.
+            Jump of that reading divided by `farthest_jump` [-], and a clause that names the sensor.
+            The jump is 0 in the first sample.
         """
         before, self._length = self._length, sample.sensed.length
         way = self._length - (self._length if before is None else before)
         j = int(np.argmax(np.abs(way)))
         text = f"the length sensor of {self._names[j]} has leapt by {1e3 * way[j]:.1f} mm"
-        return Finding(float(abs(way[j])) / self.FARTHEST, text)
+        return Finding(float(abs(way[j])) / ISOLATION.farthest_jump, text)
 
 
 class DisagreeingLine:
@@ -186,12 +240,6 @@ class DisagreeingLine:
 
     name, unit = "disagreeing_line", "Pa"
     closes_valves = True
-
-    SETTLED: ClassVar = 2.0
-    """Time after which nothing of a boost is left in a line [s]."""
-
-    SMOOTHING: ClassVar = 0.05
-    """Gain of the low-pass filter per sample."""
 
     def __init__(self, machine: Machine) -> None:
         """Set the time in mode N and the filtered difference of each line to 0.
@@ -209,8 +257,8 @@ class DisagreeingLine:
         """Find the line whose pressure differs most from that of all others.
 
         A line counts once its actuator has been in mode N, with its servo pump stopped, for
-        SETTLED. Of its differences to the other counting lines and to P_S, the one of smallest
-        magnitude is filtered. Without another counting line, 0 is filtered.
+        `settled_time`. Of its differences to the other counting lines and to P_S, the one of
+        smallest magnitude is filtered. Without another counting line, 0 is filtered.
 
         Args:
             sample: State of the arm.
@@ -222,15 +270,15 @@ class DisagreeingLine:
         sensed = sample.sensed
         line, pumps = sensed.pressure[:, LINE_SENSOR], min(len(sensed.modes), len(sensed.pump_flow))
         feeds = np.zeros(len(line), dtype=bool)
-        feeds[:pumps] = sensed.pump_flow[:pumps] > STOPPED_FLOW_SHARE * self._full
+        feeds[:pumps] = sensed.pump_flow[:pumps] > ISOLATION.stopped_flow_share * self._full
         unboosted = (sensed.modes == Mode.N) & ~feeds
         self._since = np.where(unboosted, self._since + WATCH_PERIOD, 0.0)
-        counts = self._since > self.SETTLED
+        counts = self._since > ISOLATION.settled_time
         for j in range(len(line)):
             others = [line[i] for i in np.flatnonzero(counts) if i != j]
             differences = [line[j] - other for other in (*others, self._supply)]
             least = min(differences, key=abs) if counts[j] and others else 0.0
-            self._apart[j] += self.SMOOTHING * (least - self._apart[j])
+            self._apart[j] += ISOLATION.line_smoothing * (least - self._apart[j])
         j = int(np.argmax(np.abs(self._apart)))
         apart = float(self._apart[j])
         name = f"the line pressure sensor of {self._names[j]}"
@@ -249,22 +297,11 @@ class DisagreeingValve:
     [m³/Pa], ṗ the rate of its pressure [Pa/s], A and a are the piston areas [m²]. All speeds
     between the two are explained as well, within tolerances for gain, overlap and delay of the
     valve. Speed beyond them is integrated to a stroke, which decays with the time constant
-    FORGETTING.
+    `forgetting_time`.
     """
 
     name, unit = "disagreeing_valve", "m"
     closes_valves = True
-
-    GAIN: ClassVar = 0.4
-    OPENING: ClassVar = 0.05
-    """Tolerances of valves against the file: share of a speed (GAIN), and of the stroke (OPENING).
-    """
-
-    SLOWEST: ClassVar = 3e-3
-    """Unexplained speed that is ignored [m/s]."""
-
-    FORGETTING: ClassVar = 0.5
-    """Time constant in which the integrated stroke is forgotten [s]."""
 
     def __init__(self, machine: Machine) -> None:
         """Set the unexplained stroke of each piston to 0.
@@ -298,15 +335,17 @@ class DisagreeingValve:
         lowest, highest = self._compute_explained_speeds(
             before, now, np.array([opened, now.valve_command])
         )
-        beyond = np.maximum(lowest - speed, speed - highest) - self.GAIN * np.abs(speed)
-        beyond = np.maximum(beyond - self.SLOWEST, 0.0)
-        self._unexplained += (beyond - self._unexplained / self.FORGETTING) * WATCH_PERIOD
+        beyond = np.maximum(
+            lowest - speed, speed - highest
+        ) - ISOLATION.valve_gain_tolerance * np.abs(speed)
+        beyond = np.maximum(beyond - ISOLATION.slowest_speed, 0.0)
+        self._unexplained += (beyond - self._unexplained / ISOLATION.forgetting_time) * WATCH_PERIOD
         j = int(np.argmax(self._unexplained))
         far = float(self._unexplained[j])
         return Finding(
             far,
             f"the valve or the length sensor of {self._names[j]} fails: its piston has gone "
-            f"{1e3 * far:.2f} mm otherwise than the valve was told to open",
+            f"{1e3 * far:.2f} mm that the opening of its valve does not explain",
         )
 
     def _compute_explained_speeds(
@@ -316,7 +355,7 @@ class DisagreeingValve:
 
         Pressures and lengths are means of two samples, and pressure rates their differences over
         WATCH_PERIOD. For both chambers, each of the two valve commands is evaluated as it is, and
-        with OPENING added and subtracted. The range covers all twelve results.
+        with `valve_opening_tolerance` added and subtracted. The range covers all twelve results.
 
         Args:
             before: Readings of the last sample.
@@ -325,7 +364,7 @@ class DisagreeingValve:
 
         Returns:
             Lowest and highest speed of each piston, both float64[n], [m/s]. Each is moved outwards
-            by the share GAIN of its magnitude.
+            by the share `valve_gain_tolerance` of its magnitude.
         """
         arrays, oil, own = self._machine.arrays, self._machine.config.circuit, self._cylinders
         pressure = 0.5 * (before.pressure + now.pressure)
@@ -335,10 +374,12 @@ class DisagreeingValve:
             (arrays.cap_area, CAP_SENSOR, length - own["min_length"], 1.0),
             (arrays.rod_area, ROD_SENSOR, own["max_length"] - length, -1.0),
         )
-        slack = np.array([-self.OPENING, 0.0, self.OPENING])
+        slack = ISOLATION.valve_opening_tolerance * np.array([-1.0, 0.0, 1.0])
         speeds = []
         for area, side, stroke, sign in chambers:
-            capacity = (own["dead_volume"] + own["swept"] * area * stroke) / oil.bulk_modulus
+            capacity = (
+                own["dead_volume"] + own["swept_volume_factor"] * area * stroke
+            ) / oil.bulk_modulus
             fed = np.maximum(pressure[:, LINE_SENSOR] - pressure[:, side], 0.0)
             emptied = np.maximum(pressure[:, side] - arrays.tank_pressure, 0.0)
             for each in (opening[:, None, :] + slack[:, None]).reshape(-1, len(area)):
@@ -347,7 +388,9 @@ class DisagreeingValve:
                 speeds.append((flow - sign * capacity * rate[:, side]) / area)
         explained = np.array(speeds)
         lowest, highest = explained.min(axis=0), explained.max(axis=0)
-        return lowest - self.GAIN * np.abs(lowest), highest + self.GAIN * np.abs(highest)
+        return lowest - ISOLATION.valve_gain_tolerance * np.abs(
+            lowest
+        ), highest + ISOLATION.valve_gain_tolerance * np.abs(highest)
 
 
 class ServoPumpMonitor:
@@ -355,18 +398,12 @@ class ServoPumpMonitor:
 
     The flow of each pump is compared with the flow of a simulated healthy pump that gets the same
     command. That pump has the lag and at most the power of the machine file. A pump that deviates
-    by more than APART for LASTING fails. These tolerances allow three times the file's lag.
+    by more than `pump_deviation` for `pump_failure_time` fails. These tolerances allow three times
+    the file's lag.
 
     Attributes:
         failures: Clause on each failed pump, by the pump's index from 0.
     """
-
-    APART: ClassVar = 0.2
-    """Deviation of a pump that counts, as a share of its full flow."""
-
-    SUSPECTED: ClassVar = 0.05
-    LASTING: ClassVar = 0.2
-    """Durations of a deviation [s]: SUSPECTED may explain another symptom, LASTING is a failure."""
 
     def __init__(self, machine: Machine) -> None:
         """Set the flow of each healthy pump to 0.
@@ -398,14 +435,18 @@ class ServoPumpMonitor:
         goal = np.minimum(sensed.pump_command, self._power / boost)
         self._healthy += (1.0 - self._decay) * (goal - self._healthy)
         apart = np.abs(sensed.pump_flow - self._healthy) / self._full
-        self._lasting = np.where(apart > self.APART, self._lasting + WATCH_PERIOD, 0.0)
-        found = set(np.flatnonzero(self._lasting > self.LASTING).tolist()) - set(self.failures)
+        self._lasting = np.where(
+            apart > ISOLATION.pump_deviation, self._lasting + WATCH_PERIOD, 0.0
+        )
+        found = set(np.flatnonzero(self._lasting > ISOLATION.pump_failure_time).tolist()) - set(
+            self.failures
+        )
         for k in sorted(found):
             self.failures[k] = self._describe_pump(k, sensed)
         return bool(found)
 
     def describe_suspects(self, sensed: Sensed) -> str:
-        """Describe pumps that have failed, and others that have deviated for SUSPECTED.
+        """Describe pumps that have failed, and others that have deviated for `pump_suspicion_time`.
 
         Args:
             sensed: Readings and commands of this sample.
@@ -413,7 +454,7 @@ class ServoPumpMonitor:
         Returns:
             Clauses separated by commas; empty if there is no such pump.
         """
-        late = np.flatnonzero(self._lasting > self.SUSPECTED).tolist()
+        late = np.flatnonzero(self._lasting > ISOLATION.pump_suspicion_time).tolist()
         new = [self._describe_pump(k, sensed) for k in late if k not in self.failures]
         return ", ".join([*self.failures.values(), *new])
 
@@ -430,7 +471,7 @@ class ServoPumpMonitor:
         share, commanded = sensed.pump_flow[k] / self._full, sensed.pump_command[k] / self._full
         does = (
             "stands still"
-            if share < STOPPED_FLOW_SHARE
+            if share < ISOLATION.stopped_flow_share
             else f"runs at {share:.2f} of its full speed"
         )
-        return f"servo pump {k + 1} {does}, told to run at {commanded:.2f}"
+        return f"servo pump {k + 1} {does}, commanded to run at {commanded:.2f}"

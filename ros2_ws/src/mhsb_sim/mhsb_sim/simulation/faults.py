@@ -173,8 +173,8 @@ def set_faults(
     circuit, channels = plant
     circuit.constants[:] = constants
     for records, values in (
-        (circuit.actuators, {"obeys": 1.0, "seized": 0.0, "leakage": 1.0}),
-        (circuit.modules, {"strength": 1.0, "runs_on": 0.0, "slowness": 1.0}),
+        (circuit.actuators, {"follows_command": 1.0, "seized": 0.0, "leakage": 1.0}),
+        (circuit.modules, {"flow_ratio": 1.0, "runs_on": 0.0, "lag_ratio": 1.0}),
         (channels, {"dead": 0.0, "frozen": 0.0, "error": 0.0, "error_rate": 0.0}),
     ):
         for name, value in values.items():
@@ -224,15 +224,15 @@ def _supply_sag(plant: FaultTarget, place: int, value: float) -> None:
 
 
 def _servo_pumps_off(plant: FaultTarget, place: int, value: float) -> None:
-    plant.circuit.modules["strength"] = 0.0
+    plant.circuit.modules["flow_ratio"] = 0.0
 
 
 def _servo_pump_dead(plant: FaultTarget, place: int, value: float) -> None:
-    plant.circuit.modules["strength"][place] = 0.0
+    plant.circuit.modules["flow_ratio"][place] = 0.0
 
 
 def _servo_pump_slow(plant: FaultTarget, place: int, value: float) -> None:
-    plant.circuit.modules["slowness"][place] = value
+    plant.circuit.modules["lag_ratio"][place] = value
 
 
 def _servo_pump_stuck_on(plant: FaultTarget, place: int, value: float) -> None:
@@ -244,7 +244,7 @@ def _valve_stuck(plant: FaultTarget, place: int, value: float) -> None:
 
 
 def _valve_hard_over(plant: FaultTarget, place: int, value: float) -> None:
-    plant.circuit.actuators["obeys"][place] = 0.0
+    plant.circuit.actuators["follows_command"][place] = 0.0
     plant.circuit.actuators["runaway"][place] = value
 
 

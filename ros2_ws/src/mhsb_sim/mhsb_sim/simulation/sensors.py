@@ -79,10 +79,10 @@ class SensorChannel(Record):
     error_rate: float
     """Change of that error in a second."""
     frozen: float
-    """1 if the reading always stays at `told`."""
+    """1 if the reading always stays at `last_reading`."""
     dead: float
     """1 if there is no reading."""
-    told: float
+    last_reading: float
     """Last reading."""
     silent: float
     """Time for which there has been no reading [s]."""

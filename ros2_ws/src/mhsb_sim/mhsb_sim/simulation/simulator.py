@@ -436,7 +436,7 @@ class Simulator:
         """
         actuators, modules = self._servo_circuit.actuators, self._servo_circuit.modules
         actuators["valve_command"] = actuators["join_command"] = 0.0
-        modules["flow_command"] = modules["lend"] = 0.0
+        modules["flow_command"] = modules["to_rail_command"] = 0.0
         self._circuit.actuators["isolating_command"] = 1.0  # hard-wired, without the servo's delay
         self.guard.reset()
         self._servo.prepare_modes()

@@ -15,7 +15,9 @@ closed until the next plan opens them. The servo then starts without memory of w
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 from enum import Enum
+from typing import ClassVar
 
 import numpy as np
 
@@ -31,28 +33,43 @@ from mhsb_sim.simulation.fault_isolation import ServoPumpMonitor
 from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, ArmSample
 from mhsb_sim.simulation.simulator import Simulator
 
-CLOSING_ERROR_FACTOR = 2.0
-"""Following error at which the valves of a stopping arm close, as a multiple of its limit [-]."""
 
-LONGEST_STOP_NS = 3 * SECOND_NS
-"""Time in which a stopping arm has to come to rest before its valves close [ns]."""
+@dataclass(frozen=True)
+class SupervisionSettings:
+    """Tuned numbers of how an arm is stopped and released.
 
-REST_NS = 300_000_000
-"""Time for which the joints must have stayed within REST_SWAY for the arm to rest [ns]."""
-REST_SWAY = 2e-3
-"""Range of a joint's positions within which the arm counts as resting [rad or m].
+    Their sensitivity has not been measured: draws of random plants run without supervision.
+    """
 
-An arm that a servo holds vibrates.
-"""
+    closing_error_factor: float = 2.0
+    """Following error at which the valves of a stopping arm close [its limit], 1 … 10.
 
-LOOKS_AT_REST = REST_NS // WATCH_PERIOD_NS
-"""Number of samples in REST_NS."""
+    Origin: chosen; twice the error at which the stop began shows that braking does not help."""
+    longest_stop_ns: int = 3 * SECOND_NS
+    """Time in which a stopping arm has to come to rest before its valves close [ns], 1e8 … 1e11.
 
-VENTING_RATE = 6e6
-"""Rate at which the pressure of trapped oil is lowered before valves open again [Pa/s]."""
+    Origin: chosen."""
+    rest_ns: int = 300_000_000
+    """Time for which the joints must have stayed within `rest_sway` to rest [ns], 2e7 … 1e10.
 
-RELEASE_ERROR = 1e-3
-"""Following error of a held arm above which the reference is set again at its release [rad]."""
+    Origin: two periods of the lowest hydro-mechanical mode of the suite's own arm (5 … 8 Hz)."""
+    rest_sway: float = 2e-3
+    """Range of a joint's positions within which the arm rests [rad or m], 1e-5 … 0.1.
+
+    Origin: chosen; an arm that a servo holds vibrates by less."""
+    venting_rate: float = 6e6
+    """Rate at which the pressure of trapped oil is lowered before valves open [Pa/s], 1e5 … 1e9.
+
+    Origin: chosen; 10 MPa in less than two seconds."""
+    release_error: float = 1e-3
+    """Following error of a held arm above which the reference is set again [rad], 0 … 0.1.
+
+    Origin: chosen; smaller errors are corrected by the servo at rest."""
+
+    @property
+    def rest_samples(self) -> int:
+        """Number of samples in `rest_ns`."""
+        return self.rest_ns // WATCH_PERIOD_NS
 
 
 class Phase(Enum):
@@ -69,12 +86,15 @@ class Supervision:
     """Supervision of a simulator's arm; call `watch` every `WATCH_PERIOD_NS`.
 
     Attributes:
+        settings: Tuned numbers of all supervisions.
         limits: Limits of the symptoms; may be replaced at any time.
         phase: Present phase.
         fault: Why the arm has been stopped; empty if it has not.
         warning: Text on failed servo pumps and on the first symptom above its warning value; empty
             if there is neither.
     """
+
+    settings: ClassVar[SupervisionSettings] = SupervisionSettings()
 
     def __init__(self, simulator: Simulator, limits: SupervisionLimits) -> None:
         """Start to watch a simulator that is at rest.
@@ -96,17 +116,18 @@ class Supervision:
         self.phase = Phase.WATCHING
         self.fault = self.warning = ""
         self._since_ns = self._simulator.time_ns
-        self._stayed: deque[FloatArray] = deque(maxlen=LOOKS_AT_REST)
+        self._stayed: deque[FloatArray] = deque(maxlen=self.settings.rest_samples)
 
     def watch(self) -> None:
         """Take a sample of the arm, and act on it according to the phase.
 
         In phase WATCHING, symptoms are evaluated, which warn or begin a stop. In STOPPING, the
-        valves close once one of three things holds. The arm rests, LONGEST_STOP_NS has passed, or
-        the following error exceeds CLOSING_ERROR_FACTOR times its limit. In CLOSED, the reference
+        valves close once one of three things holds. The arm rests, `longest_stop_ns` has passed, or
+        the following error exceeds `closing_error_factor` times its limit. In CLOSED, the reference
         is set to the arm's posture once the arm rests (HELD). In VENTING, the pressure of trapped
         oil is lowered; the arm is released when none is trapped and it rests.
         """
+        settings = self.settings
         now, sample = self._simulator.time_ns, ArmSample.from_simulator(self._simulator)
         self._stayed.append(sample.measured.position)
         if sample.reference.velocity.any():
@@ -116,9 +137,9 @@ class Supervision:
         elif self.phase is Phase.STOPPING:
             grown = (
                 self._following.evaluate(sample).value
-                > CLOSING_ERROR_FACTOR * self.limits.following_error[1]
+                > settings.closing_error_factor * self.limits.following_error[1]
             )
-            if grown or self.rests or now - self._since_ns > LONGEST_STOP_NS:
+            if grown or self.rests or now - self._since_ns > settings.longest_stop_ns:
                 self._simulator.close_valves()
                 self._enter(Phase.CLOSED)
         elif self.phase is Phase.CLOSED and self.rests:
@@ -126,17 +147,17 @@ class Supervision:
             self._enter(Phase.HELD)
         elif self.phase is Phase.VENTING:
             vented = self._simulator.lower_trapped_pressure(
-                VENTING_RATE * WATCH_PERIOD_NS / SECOND_NS
+                settings.venting_rate * WATCH_PERIOD_NS / SECOND_NS
             )
             if vented and self.rests:
                 self._release(sample)
 
     @property
     def rests(self) -> bool:
-        """True if joints and reference have been at rest for REST_NS."""
-        if len(self._stayed) < LOOKS_AT_REST:
+        """True if joints and reference have been at rest for `rest_ns`."""
+        if len(self._stayed) < self.settings.rest_samples:
             return False
-        return float(np.ptp(self._stayed, axis=0).max()) < REST_SWAY
+        return float(np.ptp(self._stayed, axis=0).max()) < self.settings.rest_sway
 
     def restore_servo_pumps(self) -> str:
         """Use all servo pumps again, also those that had been found to fail.
@@ -161,13 +182,13 @@ class Supervision:
     def _release(self, sample: ArmSample) -> None:
         """End a stop: supervision begins anew in phase WATCHING, without faults or history.
 
-        All servo pumps are in use again. If the following error exceeds RELEASE_ERROR, the
+        All servo pumps are in use again. If the following error exceeds `release_error`, the
         reference is first set to the arm's posture. The valves stay closed until the next plan.
 
         Args:
             sample: State of the arm.
         """
-        if self._following.evaluate(sample).value > RELEASE_ERROR:
+        if self._following.evaluate(sample).value > self.settings.release_error:
             self._simulator.hold_here()
         self.restart()
 

@@ -51,7 +51,7 @@ def command(circuit: Circuit, row: tuple) -> None:
     circuit.actuators["valve_command"] = valves
     circuit.actuators["join_command"] = joins
     circuit.modules["flow_command"] = flows
-    circuit.modules["lend"] = lent
+    circuit.modules["to_rail_command"] = lent
 
 
 def run(machine: Machine, substep: float) -> tuple[FloatArray, Circuit]:

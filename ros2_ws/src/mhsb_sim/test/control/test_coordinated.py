@@ -2,8 +2,11 @@ import numpy as np
 import pytest
 
 from mhsb_control import read_gains
-from mhsb_control.cascade import INTEGRAL_LIMIT_RATIO, MAX_POSITION_GAIN_RATIO
-from mhsb_control.coordinated import CoordinatedController, limit_gains_by_delay
+from mhsb_control.coordinated import (
+    CoordinatedController,
+    CoordinatedSettings,
+    limit_gains_by_delay,
+)
 from mhsb_model.hydraulics import required_pressure
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
@@ -12,6 +15,7 @@ from mhsb_model.types import FloatArray
 from mhsb_sim.simulation.simulator import Simulator
 
 RAMP, CRUISE = 0.4, 0.8  # s
+SETTINGS = CoordinatedSettings()
 
 
 def cruise(onset: FloatArray, velocity: FloatArray) -> Trajectory:
@@ -110,7 +114,9 @@ def test_the_integral_of_an_axis_goes_up_to_its_share_of_the_actuators_own_v_max
     for _ in range(200):
         controller.update()
         highest = np.maximum(highest, axes["integral"])
-    np.testing.assert_allclose(highest, np.array([0.012, 0.006, 0.012]) / INTEGRAL_LIMIT_RATIO)
+    np.testing.assert_allclose(
+        highest, np.array([0.012, 0.006, 0.012]) / SETTINGS.cascade.integral_limit_ratio
+    )
 
 
 @pytest.mark.parametrize(("late", "softness"), [(0, 1.0), (2, 1.0), (5, 1.0), (5, 0.6), (5, 1.5)])
@@ -120,16 +126,17 @@ def test_a_force_loop_that_is_late_keeps_a_phase_margin_of_38_degrees(
     """Of ω_F/(c s) with the spool's lag, a step and the delay as dead time, at its crossing."""
     signals, gains = Simulator(machine)._signals, read_gains(machine, "coordinated")
     controller = CoordinatedController(machine, signals, gains)
-    servo, _, pumps = controller._control.args
+    servo, _, pumps, _ = controller._control.args
     pumps.drives.record["delay"], pumps.lines.estimate[0] = late, softness
     usual = servo.axes["force_bandwidth"].copy()
-    limit_gains_by_delay(servo, pumps)
+    limit_gains_by_delay(servo, pumps, SETTINGS.coordination.max_phase_lag)
     bandwidth, oil = servo.axes["force_bandwidth"], machine.config.circuit
     crossing = bandwidth / min(softness, 1.0)
     spool = oil.valve_damping / (np.pi * oil.valve_frequency)
     dead = spool + (1 + late) * machine.config.simulation.step
     assert np.all(np.degrees(np.pi / 2 - crossing * dead) >= 38.0)
     assert np.all(bandwidth <= usual)
-    assert np.all(servo.axes["position_gain"] <= MAX_POSITION_GAIN_RATIO * bandwidth)
+    ratio = SETTINGS.cascade.max_position_gain_ratio
+    assert np.all(servo.axes["position_gain"] <= ratio * bandwidth)
     if late == 0:
         np.testing.assert_array_equal(bandwidth, usual)

@@ -4,19 +4,20 @@ import pytest
 from mhsb_control import read_gains
 from mhsb_control.cascade import build_servo_arguments
 from mhsb_control.line_estimate import (
-    COMPRESSIBILITY_DEVIATION,
-    LEAKAGE_DEVIATION,
     LineEstimates,
+    LineSettings,
     build_line_estimates,
     update_line_estimates,
     update_line_filter,
 )
 from mhsb_model.circuit.quantities import CircuitConstants
 from mhsb_model.machine import Machine
-from mhsb_model.records import Records
+from mhsb_model.records import Records, create_record
 from mhsb_sim.simulation.simulator import Simulator
 
 STEP = 1e-3
+SETTINGS = LineSettings()
+RECORD = create_record(SETTINGS)[0]
 
 
 def leakage_at(constants: Records[CircuitConstants], pressure: float) -> float:
@@ -51,7 +52,7 @@ def weigh(
             + area * abs(speed)
             + squeeze * constants["line_capacity"] * rate
         )
-        update_line_estimates(servo, lines)
+        update_line_estimates(servo, lines, RECORD)
     return lines
 
 
@@ -64,8 +65,8 @@ def test_pumps_tell_what_lines_leak_and_what_their_oil_is_compressed_by(
     deviation = np.sqrt(np.diag(lines.covariance))
     assert abs(lines.estimate[0] - squeeze) < 2.0 * deviation[0]
     assert lines.estimate[1] == pytest.approx(share, rel=0.05)
-    assert deviation[0] < 0.5 * COMPRESSIBILITY_DEVIATION
-    assert deviation[1] < 0.2 * LEAKAGE_DEVIATION
+    assert deviation[0] < 0.5 * SETTINGS.compressibility_deviation
+    assert deviation[1] < 0.2 * SETTINGS.leakage_deviation
 
 
 def test_a_line_that_is_half_joined_tells_nothing(machine: Machine) -> None:
@@ -90,7 +91,7 @@ def test_a_line_that_stays_at_the_manifold_leaks_at_least_what_its_pump_delivers
     for flow, least, most in ((0.2, 0.39, 0.41), (0.9, 0.85, 0.91)):
         servo.modules["flow"][0] = flow * leakage_at(servo.constants[0], pressure)
         for _ in range(1500):
-            update_line_estimates(servo, lines)
+            update_line_estimates(servo, lines, RECORD)
         assert least < lines.estimate[1] < most
 
 
@@ -101,8 +102,10 @@ def test_the_filter_comes_to_what_least_squares_give() -> None:
     oil = rows @ (0.8, 1.3, 0.6) + noise * random.standard_normal(60)
     lines = build_line_estimates(2)
     for row, each in zip(rows, oil, strict=True):
-        update_line_filter(lines, row, each, noise**2)
-    deviation = np.array([COMPRESSIBILITY_DEVIATION, LEAKAGE_DEVIATION, LEAKAGE_DEVIATION])
+        update_line_filter(lines, row, each, noise**2, RECORD)
+    deviation = np.array(
+        [SETTINGS.compressibility_deviation, SETTINGS.leakage_deviation, SETTINGS.leakage_deviation]
+    )
     prior = np.diag((noise / deviation) ** 2)
     fitted = np.linalg.solve(rows.T @ rows + prior, rows.T @ oil + prior @ np.ones(3))
     np.testing.assert_allclose(lines.estimate, fitted, atol=0.05)

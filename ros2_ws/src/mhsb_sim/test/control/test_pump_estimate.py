@@ -3,18 +3,20 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from mhsb_control.pump_estimate import (
-    INITIAL_DEVIATION,
     MAX_DELAY_STEPS,
     DriveEstimates,
+    DriveSettings,
     build_drive_estimates,
     update_drive_estimates,
 )
 from mhsb_model.machine import Machine
-from mhsb_model.records import Records
+from mhsb_model.records import Records, create_record
 from mhsb_sim.simulation.simulator import Simulator
 
 FILE, STEP, FULL, SLEW = 0.02, 1e-3, 5e-6, 4e-4
 PERIOD = 120
+SETTINGS = DriveSettings()
+RECORD = create_record(SETTINGS)[0]
 
 
 def drive(machine: Machine, lag: float, delay: int, noise: float) -> tuple[DriveEstimates, Records]:
@@ -26,7 +28,7 @@ def drive(machine: Machine, lag: float, delay: int, noise: float) -> tuple[Drive
     flow, largest = 0.0, SLEW * STEP
     for k in range(2000):
         modules["flow"][0] = flow + noise * FULL * random.standard_normal()
-        update_drive_estimates(drives, modules)
+        update_drive_estimates(drives, modules, RECORD)
         modules["flow_command"][0] = 0.8 * FULL if k % PERIOD < PERIOD // 2 else 0.1 * FULL
         told = np.concatenate([[modules["flow_command"][0]], told[:-1]])
         change = (told[delay] - flow) * -np.expm1(-STEP / lag)
@@ -40,24 +42,24 @@ def test_commands_and_flows_tell_the_lag_and_the_delay(
     machine: Machine, lag: float, delay: int
 ) -> None:
     own = drive(machine, lag, delay, noise=1e-3)[0].record[0]
-    assert own["delay"] == own["latest"] == delay
+    assert own["delay"] == own["max_plausible_delay"] == delay
     assert own["lag"] == pytest.approx(lag, rel=0.05)
-    assert own["deviation"] < 0.1 * INITIAL_DEVIATION
+    assert own["deviation"] < 0.1 * SETTINGS.initial_deviation
 
 
 def test_a_pump_that_does_not_move_tells_nothing(machine: Machine) -> None:
     modules = Simulator(machine)._signals.circuit.modules
     drives = build_drive_estimates(FILE, STEP, FULL, SLEW, len(modules))
     modules["flow"], modules["flow_command"] = 0.0, FULL
-    assert not any(update_drive_estimates(drives, modules) for _ in range(300))
+    assert not any(update_drive_estimates(drives, modules, RECORD) for _ in range(300))
     assert drives.record["lag"][0] == FILE
 
 
 def test_the_flow_that_is_foreseen_is_the_one_that_comes(machine: Machine) -> None:
     lag, delay = 0.05, 4
     drives, _ = drive(machine, lag, delay, noise=0.0)
-    flow = drives.before[0, 0]
-    waiting = drives.sent[0, :delay][::-1]
+    flow = drives.previous_flow[0, 0]
+    waiting = drives.commands[0, :delay][::-1]
     flows = solve_ivp(
         lambda t, y: [(waiting[min(int(t / STEP), delay - 1)] - y[0]) / lag, y[0]],
         (0.0, delay * STEP), [flow, 0.0], max_step=1e-4,

@@ -4,6 +4,7 @@ import pytest
 from mhsb_control import reference_governor
 from mhsb_control.reference_governor import (
     GovernedActuator,
+    GovernorSettings,
     compute_allowed_rate,
     compute_tip_errors,
     update_alpha_beta_filter,
@@ -12,11 +13,13 @@ from mhsb_control.reference_governor import (
 from mhsb_model.hydraulics import compute_pressure_without_margin
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
-from mhsb_model.records import create_records
+from mhsb_model.records import create_record, create_records
 from mhsb_model.statics import chain_of
 from mhsb_sim.simulation.simulator import Simulator
 
 STEP = 1e-3
+SETTINGS = GovernorSettings()
+RECORD = create_record(SETTINGS)[0]
 
 
 def test_the_reserve_is_the_pressure_beyond_load_and_valve(machine: Machine) -> None:
@@ -36,7 +39,7 @@ def test_the_reserve_is_the_pressure_beyond_load_and_valve(machine: Machine) -> 
             states.force[j], speed,
         )  # fmt: skip
         in_n = states.supply_pressure.min() - max(needed, 0.0)
-        assert state.actuators["unboosted"][j] == pytest.approx(in_n, abs=6e4)
+        assert state.actuators["reserve_in_n"][j] == pytest.approx(in_n, abs=6e4)
         if simulator.modes[j] != Mode.N:
             own = states.supply_pressure[j] - max(needed, 0.0)
             assert state.actuators["reserve"][j] == pytest.approx(own, abs=6e4)
@@ -54,7 +57,7 @@ def test_a_piston_that_stalls_below_its_reference_with_all_pressure_there_is_get
         state.sensors["length"][0] -= sagged
         for _ in range(300):
             reference_governor.run_governor_step(state)
-        assert state.actuators["wanted"][0] == asked_for
+        assert state.actuators["requested_mode"][0] == asked_for
 
 
 def test_the_tips_errors_are_those_of_the_postures(machine: Machine) -> None:
@@ -63,7 +66,7 @@ def test_the_tips_errors_are_those_of_the_postures(machine: Machine) -> None:
     for _ in range(50):
         q = random.uniform(machine.arrays.joint_min, machine.arrays.joint_max)
         off = random.normal(0.0, 1e-4, 3)
-        actuators["off"] = off
+        actuators["deviation"] = off
         exact = machine.tip_position(q + off) - machine.tip_position(q)
         speed = random.normal(0.0, 0.1, 3)
         way = machine.tip_position(q + 1e-6 * speed) - machine.tip_position(q)
@@ -76,7 +79,9 @@ def test_the_tips_errors_are_those_of_the_postures(machine: Machine) -> None:
 def test_a_pressure_that_falls_steadily_is_followed_without_lag() -> None:
     value, rate = 4e6, 0.0
     for k in range(1, 200):
-        value, rate = update_alpha_beta_filter(value, rate, 4e6 - 7e6 * k * STEP, STEP)
+        value, rate = update_alpha_beta_filter(
+            value, rate, 4e6 - 7e6 * k * STEP, STEP, SETTINGS.filter_gain
+        )
     assert value == pytest.approx(4e6 - 7e6 * 199 * STEP, abs=1e3)
     assert rate == pytest.approx(-7e6, rel=1e-2)
 
@@ -85,18 +90,18 @@ def asked(reserves: list[tuple[float, float]], scheduled: bool = False) -> list[
     """What is asked for after each of these reserves [Pa], that last so long [s]."""
     actuators, modes = create_records(GovernedActuator, 1), []
     for reserve, time in reserves:
-        actuators["unboosted"] = reserve
+        actuators["reserve_in_n"] = reserve
         for _ in range(round(time / STEP)):
-            update_boost_request(actuators[0], scheduled, STEP)
-        modes.append(int(actuators["wanted"][0]))
+            update_boost_request(actuators[0], scheduled, STEP, RECORD)
+        modes.append(int(actuators["requested_mode"][0]))
     return modes
 
 
 def test_boost_is_asked_for_at_once_and_kept_until_there_is_plenty_for_a_while() -> None:
     lack, some, plenty = (
-        reference_governor.BOOST_BELOW - 1e4,
+        SETTINGS.boost_below - 1e4,
         3e5,
-        1.1 * reference_governor.RELEASE_ABOVE,
+        1.1 * SETTINGS.release_above,
     )
     assert asked([(some, 1.0), (lack, 0.008), (some, 1.0)]) == [Mode.N] * 3
     assert asked([(lack, 0.011), (some, 1.0)]) == [Mode.DB] * 2
@@ -114,7 +119,7 @@ def test_the_pace_falls_with_the_reserve() -> None:
         shares = []
         for reserve in np.linspace(-5e5, 5e5, 101):
             actuators["reserve"] = reserve
-            shares.append(compute_allowed_rate(actuators[0], boosted))
+            shares.append(compute_allowed_rate(actuators[0], boosted, RECORD))
         assert shares[0] == 0.0
         assert shares[-1] == 1.0
         assert np.all(np.diff(shares) >= 0.0)
@@ -126,7 +131,7 @@ def test_the_pace_falls_while_a_valve_stays_nearly_open() -> None:
     shares = []
     for opening in np.linspace(0.0, 1.0, 51):
         actuators["opening"] = opening
-        shares.append(compute_allowed_rate(actuators[0], False))
-    assert shares[round(50 * reference_governor.FULL_RATE_OPENING)] == pytest.approx(1.0)
+        shares.append(compute_allowed_rate(actuators[0], False, RECORD))
+    assert shares[round(50 * SETTINGS.full_rate_opening)] == pytest.approx(1.0)
     assert shares[-1] == 0.0
     assert np.all(np.diff(shares) <= 0.0)

@@ -42,7 +42,11 @@ def run(machine: Machine, motion, fault: str, after: float = 1.0) -> tuple[Super
 @pytest.mark.parametrize(
     ("fault", "sentence", "farthest"),
     [
-        ("sensor_dead:actuator_2.length", "the length sensor of actuator_2 has told nothing", 2e-3),
+        (
+            "sensor_dead:actuator_2.length",
+            "the length sensor of actuator_2 has given no reading",
+            2e-3,
+        ),
         ("sensor_dead:actuator_1.cap_pressure", "the cap pressure sensor of actuator_1", 2e-3),
         ("sensor_frozen:actuator_2.cap_pressure", "the cap pressure sensor of actuator_2", 0.02),
         ("sensor_frozen:actuator_3.length", "length sensor of actuator_3", 0.05),
