@@ -39,7 +39,7 @@ def addresses_of(process: int) -> list[ipaddress.IPv4Address | ipaddress.IPv6Add
 def test_every_socket_of_the_nodes_is_bound_to_the_loopback_interface(
     observer, start, start_planner, start_simulator, tmp_path
 ):
-    recorder = start("mhsb_tools", "record", "--output", tmp_path / "bag")
+    recorder = start("mhsb_tools", "mhsb", "record", "--output", tmp_path / "bag")
     nodes = [start_simulator(), start_planner(), recorder]
     recorder.wait_for("ready")
     observer.until(lambda: observer.is_matched and len(observer.references) > 0)
