@@ -11,13 +11,17 @@ from pathlib import Path
 
 import pytest
 
+from mhsb_tools.executables import SUBCOMMANDS
+
 ROOT = Path(__file__).resolve().parents[1]
 
 COMMANDS = {
     ("mhsb_tools", "mhsb", "check"): "SI units",
     ("mhsb_planner", "build_table"): "[m]",
+    ("mhsb_tools", "mhsb", "build-table"): "[m]",
     ("mhsb_tools", "mhsb", "plan"): "[m]",
     ("mhsb_planner", "goal"): "[m]",
+    ("mhsb_tools", "mhsb", "goal"): "[m]",
     ("mhsb_tools", "mhsb", "reproduce"): "in J",
     ("mhsb_planner", "planner_node"): "unit",
     ("mhsb_sim", "sim_node"): "unit",
@@ -445,6 +449,41 @@ def test_an_interrupt_of_a_long_command_is_told_in_one_sentence(start, tmp_path)
     assert child.output.endswith("build_table: interrupted; no result was kept\n")
     assert "Traceback" not in child.output
     assert not (tmp_path / "table.npz").exists()
+
+
+def test_the_help_of_mhsb_lists_all_subcommands_and_tests_try_each(told):
+    code, output = told("mhsb_tools", "mhsb")
+    assert code == 0
+    assert re.findall(r"^  ([a-z-]+)  ", output, re.MULTILINE) == list(SUBCOMMANDS)
+    assert {command[2] for command in COMMANDS if "mhsb" in command} == set(SUBCOMMANDS)
+
+
+def test_an_unknown_subcommand_is_answered_with_the_nearest_or_with_all(told):
+    assert told("mhsb_tools", "mhsb", "pln") == (
+        2,
+        "mhsb: no subcommand 'pln'; did you mean plan?\n",
+    )
+    code, output = told("mhsb_tools", "mhsb", "--verbose")
+    assert code == 2
+    assert ", ".join(SUBCOMMANDS) in output
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("mhsb st", ["study"]),
+        ("mhsb check --j", ["--json"]),
+        ("mhsb plan --planner int", ["integrated"]),
+    ],
+)
+def test_bash_completes_subcommands_options_and_choices(line, words):
+    typed = line.split(" ")
+    script = f"""
+        eval "$(mhsb --completion)"; compopt() {{ :; }}
+        COMP_WORDS=({line}) COMP_CWORD={len(typed) - 1}; _mhsb_complete; echo "${{COMPREPLY[@]}}"
+    """
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True)
+    assert done.stdout.split() == words, done.stderr
 
 
 def test_a_command_that_is_not_there_is_answered_with_those_that_are():
