@@ -22,6 +22,8 @@ COMMANDS = {
     ("mhsb_tools", "mhsb", "plan"): "[m]",
     ("mhsb_planner", "goal"): "[m]",
     ("mhsb_tools", "mhsb", "goal"): "[m]",
+    ("mhsb_tools", "mhsb", "param"): "kg",
+    ("mhsb_tools", "mhsb", "echo"): "SI units",
     ("mhsb_tools", "mhsb", "reproduce"): "in J",
     ("mhsb_planner", "planner_node"): "unit",
     ("mhsb_sim", "sim_node"): "unit",
@@ -39,7 +41,7 @@ COMMANDS = {
 WITHOUT_RESULT = ("planner_node", "sim_node", "view")
 """All others have one, which scripts may read."""
 
-NODES = ("planner_node", "sim_node", "record", "view")
+NODES = ("planner_node", "sim_node", "record", "view", "echo")
 
 
 BAD_ARGUMENTS = [
@@ -134,6 +136,9 @@ BAD_ARGUMENTS = [
     (("mhsb_planner", "goal", "0.5", "0.1", "--tolerance", "-1"), "must be from 0 to 2"),
     (("mhsb_planner", "goal", "0.5", "0.1", "--psi-range", "3", "1"), "not 3 and 1"),
     (("mhsb_planner", "planner_node", "--fast"), "--fast"),
+    (("mhsb_tools", "mhsb", "param", "get", "mhsb_planner"), "get takes NODE NAME"),
+    (("mhsb_tools", "mhsb", "param", "put", "mhsb_planner"), "takes one of list, get, set"),
+    (("mhsb_tools", "mhsb", "echo"), "missing TOPIC"),
     (("mhsb_sim", "sim_node", "--ros-args", "-p", "controller:=magic"), "coordinated"),
     (("mhsb_sim", "sim_node", "--ros-args", "-p", "real_time_factor:=2.0"), "publish_clock"),
     (("mhsb_tools", "mhsb", "simulate"), "give --goal X Z T"),

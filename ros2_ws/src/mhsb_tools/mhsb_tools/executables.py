@@ -59,6 +59,8 @@ SUBCOMMANDS = {
     "tune": _command("mhsb_tools.study.tune_command", "tune the gains of both controllers"),
     "reproduce": _command("mhsb_tools.commands.reproduce_command", "the paper's cases and figures"),
     "goal": _command("mhsb_planner.ros.goal_command", "send a goal and print the verdict"),
+    "param": _command("mhsb_tools.commands.param_command", "list, read and set parameters"),
+    "echo": _node("mhsb_tools.commands.echo_command", "print the messages of a topic"),
 }
 """All subcommands by name, in the order of the list that `mhsb --help` prints."""
 
