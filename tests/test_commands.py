@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from mhsb_tools.executables import SUBCOMMANDS
+from mhsb_tools.executables import SUBCOMMAND_TABLE
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -459,8 +459,8 @@ def test_an_interrupt_of_a_long_command_is_told_in_one_sentence(start, tmp_path)
 def test_the_help_of_mhsb_lists_all_subcommands_and_tests_try_each(told):
     code, output = told("mhsb_tools", "mhsb")
     assert code == 0
-    assert re.findall(r"^  ([a-z-]+)  ", output, re.MULTILINE) == list(SUBCOMMANDS)
-    assert {command[2] for command in COMMANDS if "mhsb" in command} == set(SUBCOMMANDS)
+    assert re.findall(r"^  ([a-z-]+)  ", output, re.MULTILINE) == list(SUBCOMMAND_TABLE)
+    assert {command[2] for command in COMMANDS if "mhsb" in command} == set(SUBCOMMAND_TABLE)
 
 
 def test_an_unknown_subcommand_is_answered_with_the_nearest_or_with_all(told):
@@ -470,7 +470,7 @@ def test_an_unknown_subcommand_is_answered_with_the_nearest_or_with_all(told):
     )
     code, output = told("mhsb_tools", "mhsb", "--verbose")
     assert code == 2
-    assert ", ".join(SUBCOMMANDS) in output
+    assert ", ".join(SUBCOMMAND_TABLE) in output
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from mhsb_tools import executables
-from mhsb_tools.executables import SUBCOMMANDS, Subcommand
+from mhsb_tools.executables import SUBCOMMAND_TABLE, Subcommand
 
 ROOT = Path(__file__).resolve().parents[1]
 MOVED = [
@@ -62,7 +62,7 @@ def test_a_former_spelling_runs_the_subcommand_and_names_it_on_stderr(
 ):
     assert executable("mhsb_tools", name)
     started = Subcommand(lambda: print(*sys.argv) or 7, "")
-    monkeypatch.setitem(SUBCOMMANDS, new, started)
+    monkeypatch.setitem(SUBCOMMAND_TABLE, new, started)
     monkeypatch.setattr(sys, "argv", [name, "--case", "1-1"])
     assert getattr(executables, name)() == 7
     said = capsys.readouterr()
@@ -71,7 +71,7 @@ def test_a_former_spelling_runs_the_subcommand_and_names_it_on_stderr(
 
 
 def test_every_former_command_is_a_subcommand():
-    assert {new for _, new in FORMER} | {"build-table", "goal"} <= set(SUBCOMMANDS)
+    assert {new for _, new in FORMER} | {"build-table", "goal"} <= set(SUBCOMMAND_TABLE)
     assert len(FORMER) == 12
 
 

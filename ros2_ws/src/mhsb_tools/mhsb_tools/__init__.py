@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from mhsb_model.lazy_exports import import_on_use
+from mhsb_model import import_on_use
 
 if TYPE_CHECKING:
     from mhsb_tools.moves.move import move_of_plan as move_of_plan

@@ -44,7 +44,7 @@ def _node(module: str, summary: str) -> Subcommand:
     return Subcommand(make_node_entry(module), summary)
 
 
-SUBCOMMANDS = {
+SUBCOMMAND_TABLE = {
     "check": _command("mhsb_tools.commands.check_command", "what a machine file amounts to"),
     "plan": _command("mhsb_tools.commands.plan_command", "plan one motion offline"),
     "build-table": _command("mhsb_planner.build_table", "compute a machine's posture table"),
@@ -80,11 +80,11 @@ def mhsb() -> int:
         print(f"mhsb {__version__}")
     elif name == "--completion":
         print(COMPLETION_FILE.read_text(encoding="utf-8"), end="")
-    elif name in SUBCOMMANDS:
+    elif name in SUBCOMMAND_TABLE:
         return _start(name, arguments)
     else:
-        near = difflib.get_close_matches(name, SUBCOMMANDS, 1)
-        hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(SUBCOMMANDS)}"
+        near = difflib.get_close_matches(name, SUBCOMMAND_TABLE, 1)
+        hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(SUBCOMMAND_TABLE)}"
         print(f"mhsb: no subcommand '{name}'; {hint}", file=sys.stderr)
         return EXIT_USAGE
     return 0
@@ -92,14 +92,14 @@ def mhsb() -> int:
 
 def _describe_subcommands() -> str:
     """Return the help of `mhsb`: usage and a line for each subcommand."""
-    width = max(map(len, SUBCOMMANDS))
+    width = max(map(len, SUBCOMMAND_TABLE))
     return "\n".join(
         [
             "usage: mhsb SUBCOMMAND [ARGUMENTS]",
             "",
             "Motion planning, simulation and control of hydraulic arms.",
             "",
-            *(f"  {name:{width}}  {each.summary}" for name, each in SUBCOMMANDS.items()),
+            *(f"  {name:{width}}  {each.summary}" for name, each in SUBCOMMAND_TABLE.items()),
             "",
             "mhsb SUBCOMMAND --help explains its arguments; mhsb --version prints the version.",
             'eval "$(mhsb --completion)" completes subcommands and options in bash.',
@@ -110,7 +110,7 @@ def _describe_subcommands() -> str:
 def _start(name: str, arguments: list[str]) -> int:
     """Run a subcommand with its arguments and return its exit code."""
     sys.argv = [f"mhsb {name}", *arguments]
-    return SUBCOMMANDS[name].start()
+    return SUBCOMMAND_TABLE[name].start()
 
 
 def _former_spelling(name: str) -> Callable[[], int]:
