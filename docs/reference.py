@@ -37,7 +37,7 @@ def parameters_page() -> str:
 
 {GENERATED}
 `ros2 run mhsb_planner planner_node --ros-args -p NAME:=VALUE` sets one at the start,
-`ros2 param set mhsb_planner NAME VALUE` later; a change applies to the next plan, one that cannot
+`mhsb param set mhsb_planner NAME VALUE` later; a change applies to the next plan, one that cannot
 be is refused with a reason. *Fixed* ones are read at the start alone. Defaults that depend on the
 machine are those of the suite's own arm.
 

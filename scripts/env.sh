@@ -27,17 +27,17 @@ _mhsb_stay_local() {
   fi
 }
 
-# A stand-in for `ros2`, unless a ROS installation has the real one.
+# A stand-in for `ros2`, unless a ROS installation has the real one; completion by TAB.
 _mhsb_provide_ros2() {
   PATH=:$PATH:
   PATH=${PATH//":$1/bin:"/:}  # from an earlier sourcing
   PATH=${PATH#:} PATH=${PATH%:}
-  if type -P ros2 >/dev/null; then return; fi
-  export PATH=$1/bin:$PATH
-  if [[ $- == *i* ]]; then
-    # shellcheck source=scripts/completion.bash
-    source "$1/completion.bash"
-  fi
+  local has_ros2=0
+  if type -P ros2 >/dev/null; then has_ros2=1; else export PATH=$1/bin:$PATH; fi
+  if [[ $- != *i* ]]; then return; fi
+  # shellcheck source=ros2_ws/src/mhsb_tools/mhsb_tools/completion.bash
+  source "$1/../ros2_ws/src/mhsb_tools/mhsb_tools/completion.bash"
+  if [ "$has_ros2" = 0 ]; then complete -F _mhsb_complete_run ros2; fi
 }
 
 _mhsb_enter() {

@@ -11,64 +11,107 @@ from pathlib import Path
 
 import pytest
 
+from mhsb_tools.executables import SUBCOMMAND_TABLE
+
 ROOT = Path(__file__).resolve().parents[1]
 
 COMMANDS = {
-    ("mhsb_tools", "check"): "SI units",
+    ("mhsb_tools", "mhsb", "check"): "SI units",
     ("mhsb_planner", "build_table"): "[m]",
-    ("mhsb_tools", "plan"): "[m]",
+    ("mhsb_tools", "mhsb", "build-table"): "[m]",
+    ("mhsb_tools", "mhsb", "plan"): "[m]",
     ("mhsb_planner", "goal"): "[m]",
-    ("mhsb_tools", "reproduce"): "in J",
+    ("mhsb_tools", "mhsb", "goal"): "[m]",
+    ("mhsb_tools", "mhsb", "param"): "kg",
+    ("mhsb_tools", "mhsb", "echo"): "SI units",
+    ("mhsb_tools", "mhsb", "reproduce"): "in J",
     ("mhsb_planner", "planner_node"): "unit",
     ("mhsb_sim", "sim_node"): "unit",
-    ("mhsb_tools", "simulate"): "[m]",
-    ("mhsb_tools", "study"): "mm",
-    ("mhsb_tools", "compare"): "in mm",
-    ("mhsb_tools", "tune"): "[mm]",
-    ("mhsb_tools", "record"): "[s",
-    ("mhsb_tools", "report"): "BAG",
-    ("mhsb_tools", "viewer"): "[MPa]",
-    ("mhsb_tools", "animate"): "[MPa]",
-    ("mhsb_tools", "demo"): "[m]",
+    ("mhsb_tools", "mhsb", "simulate"): "[m]",
+    ("mhsb_tools", "mhsb", "study"): "mm",
+    ("mhsb_tools", "mhsb", "compare"): "in mm",
+    ("mhsb_tools", "mhsb", "tune"): "[mm]",
+    ("mhsb_tools", "mhsb", "record"): "[s",
+    ("mhsb_tools", "mhsb", "report"): "BAG",
+    ("mhsb_tools", "mhsb", "view"): "[MPa]",
+    ("mhsb_tools", "mhsb", "animate"): "[MPa]",
+    ("mhsb_tools", "mhsb", "demo"): "[m]",
 }
 
-WITHOUT_RESULT = ("planner_node", "sim_node", "viewer")
+WITHOUT_RESULT = ("planner_node", "sim_node", "view")
 """All others have one, which scripts may read."""
 
-NODES = ("planner_node", "sim_node", "record", "viewer")
+NODES = ("planner_node", "sim_node", "record", "view", "echo")
 
 
 BAD_ARGUMENTS = [
     (("mhsb_planner", "build_table", "--spacing", "-0.05"), "spacing"),
     (("mhsb_planner", "build_table", "--solver", "guess"), "guess"),
-    (("mhsb_tools", "plan", "--start", "0.5"), "--start takes"),
-    (("mhsb_tools", "plan", "--start", "0.5", "0.1"), "--start X Z and --goal X Z"),
-    (("mhsb_tools", "plan", "--start", "1", "0", "0", "--goal", "1", "0"), "give X Z"),
-    (("mhsb_tools", "plan", "--case", "9-9"), "must be one of 1-1"),
-    (("mhsb_tools", "plan", "--case", "1-1", "--search", "guess"), "--search takes one of"),
-    (("mhsb_tools", "plan", "--case", "4-2", "--initial-j3", "9"), "initial J3 must be"),
-    (("mhsb_tools", "plan", "--case", "1-1", "--weights", "-1", "0", "2"), "from 0 to 1e+06"),
-    (("mhsb_tools", "plan", "--case", "1-1", "--payload", "-1"), "--payload must be from 0"),
-    (("mhsb_tools", "plan", "--case", "1-1", "--plot", "page.jpg"), "must end in .png"),
-    (("mhsb_tools", "plan", "--case", "4-1", "--area-weight", "-1"), "--area-weight must be"),
+    (("mhsb_tools", "mhsb", "plan", "--start", "0.5"), "--start takes"),
+    (("mhsb_tools", "mhsb", "plan", "--start", "0.5", "0.1"), "--start X Z and --goal X Z"),
+    (("mhsb_tools", "mhsb", "plan", "--start", "1", "0", "0", "--goal", "1", "0"), "give X Z"),
+    (("mhsb_tools", "mhsb", "plan", "--case", "9-9"), "must be one of 1-1"),
+    (("mhsb_tools", "mhsb", "plan", "--case", "1-1", "--search", "guess"), "--search takes one of"),
+    (("mhsb_tools", "mhsb", "plan", "--case", "4-2", "--initial-j3", "9"), "initial J3 must be"),
     (
-        ("mhsb_tools", "plan", "--case", "1-1", "--supply-pressure-range", "9e6", "2e6"),
+        ("mhsb_tools", "mhsb", "plan", "--case", "1-1", "--weights", "-1", "0", "2"),
+        "from 0 to 1e+06",
+    ),
+    (
+        ("mhsb_tools", "mhsb", "plan", "--case", "1-1", "--payload", "-1"),
+        "--payload must be from 0",
+    ),
+    (("mhsb_tools", "mhsb", "plan", "--case", "1-1", "--plot", "page.jpg"), "must end in .png"),
+    (
+        ("mhsb_tools", "mhsb", "plan", "--case", "4-1", "--area-weight", "-1"),
+        "--area-weight must be",
+    ),
+    (
+        ("mhsb_tools", "mhsb", "plan", "--case", "1-1", "--supply-pressure-range", "9e6", "2e6"),
         "--supply-pressure-range: range must be two finite numbers above 0, the lower one first",
     ),
     (
-        ("mhsb_tools", "plan", "--case=1-1", "--v-max=0.01", "--v-max-range", "0.01", "0.02"),
+        (
+            "mhsb_tools",
+            "mhsb",
+            "plan",
+            "--case=1-1",
+            "--v-max=0.01",
+            "--v-max-range",
+            "0.01",
+            "0.02",
+        ),
         "--v-max or --v-max-range, not both",
     ),
-    (("mhsb_tools", "plan", "--case", "1-1", "--zone-box", "-0.5", "0.1"), "takes X1 Z1 X2 Z2"),
-    (("mhsb_tools", "plan", "--case=1-1", "--zone-circle", "0.5", "0", "-1"), "radius: must be"),
-    (("mhsb_tools", "plan", "--case=1-1", "--zone-sphere", "1", "-1", "0", "1"), "does not slew"),
     (
-        ("mhsb_tools", "simulate", "--goal", "0.6", "0.1", "1", "--zone-cylinder", *"12345"),
+        ("mhsb_tools", "mhsb", "plan", "--case", "1-1", "--zone-box", "-0.5", "0.1"),
+        "takes X1 Z1 X2 Z2",
+    ),
+    (
+        ("mhsb_tools", "mhsb", "plan", "--case=1-1", "--zone-circle", "0.5", "0", "-1"),
+        "radius: must be",
+    ),
+    (
+        ("mhsb_tools", "mhsb", "plan", "--case=1-1", "--zone-sphere", "1", "-1", "0", "1"),
+        "does not slew",
+    ),
+    (
+        (
+            "mhsb_tools",
+            "mhsb",
+            "simulate",
+            "--goal",
+            "0.6",
+            "0.1",
+            "1",
+            "--zone-cylinder",
+            *"12345",
+        ),
         "--zone-cylinder 1 2 3 4 5: mhsb_arm3 does not slew; give --zone-box X1 Z1 X2 Z2 or",
     ),
     (
         (
-            *("mhsb_tools", "simulate", "--machine", str(ROOT / "config/excavator.yaml")),
+            *("mhsb_tools", "mhsb", "simulate", "--machine", str(ROOT / "config/excavator.yaml")),
             *("--goal", "2", "0", "0", "1", "--zone-box", "1", "-1", "2", "1"),
         ),
         "--zone-box: excavator slews and takes X1 Y1 Z1 X2 Y2 Z2, not 1 -1 2 1",
@@ -77,100 +120,162 @@ BAD_ARGUMENTS = [
         ("mhsb_planner", "planner_node", "--ros-args", "-p", "zone_spheres:=[0.5, 0.0, 0.8, 0.1]"),
         "zone_spheres must be empty: this arm moves in x and z; give zone_boxes or zone_circles",
     ),
-    (("mhsb_tools", "reproduce", "--scheduler", "nonsense"), "not an address like tcp://"),
+    (("mhsb_tools", "mhsb", "reproduce", "--scheduler", "nonsense"), "not an address like tcp://"),
     (("mhsb_planner", "build_table", "--scheduler", "x", "--jobs", "2"), "leave it out with"),
-    (("mhsb_tools", "study", "--scheduler", "nonsense"), "not an address like tcp://10.0.0.2:8786"),
-    (("mhsb_tools", "compare", "--scheduler", "nonsense"), "not an address like tcp://"),
-    (("mhsb_tools", "tune", "--scheduler", "nonsense"), "not an address like tcp://"),
-    (("mhsb_tools", "study", "--goals", "2"), "--goals: goes with --draws"),
-    (("mhsb_tools", "study", "--draws", "2", "--goals", "0"), "--goals: 0 is below 1"),
+    (
+        ("mhsb_tools", "mhsb", "study", "--scheduler", "nonsense"),
+        "not an address like tcp://10.0.0.2:8786",
+    ),
+    (("mhsb_tools", "mhsb", "compare", "--scheduler", "nonsense"), "not an address like tcp://"),
+    (("mhsb_tools", "mhsb", "tune", "--scheduler", "nonsense"), "not an address like tcp://"),
+    (("mhsb_tools", "mhsb", "study", "--goals", "2"), "--goals: goes with --draws"),
+    (("mhsb_tools", "mhsb", "study", "--draws", "2", "--goals", "0"), "--goals: 0 is below 1"),
     (("mhsb_planner", "goal", "0.5", "up"), "takes X [Y] Z"),
     (("mhsb_planner", "goal", "0.5"), "give X Z or X Y Z [m], not 0.5"),
     (("mhsb_planner", "goal", "0.5", "0.1", "--timeout", "-1"), "--timeout must be from 0"),
     (("mhsb_planner", "goal", "0.5", "0.1", "--tolerance", "-1"), "must be from 0 to 2"),
     (("mhsb_planner", "goal", "0.5", "0.1", "--psi-range", "3", "1"), "not 3 and 1"),
     (("mhsb_planner", "planner_node", "--fast"), "--fast"),
+    (("mhsb_tools", "mhsb", "param", "get", "mhsb_planner"), "get takes NODE NAME"),
+    (("mhsb_tools", "mhsb", "param", "put", "mhsb_planner"), "takes one of list, get, set"),
+    (("mhsb_tools", "mhsb", "echo"), "missing TOPIC"),
     (("mhsb_sim", "sim_node", "--ros-args", "-p", "controller:=magic"), "coordinated"),
     (("mhsb_sim", "sim_node", "--ros-args", "-p", "real_time_factor:=2.0"), "publish_clock"),
-    (("mhsb_tools", "simulate"), "give --goal X Z T"),
-    (("mhsb_tools", "simulate", "--goal", "0.5", "0.1"), "takes X Z T each, not 0.5 0.1"),
-    (("mhsb_tools", "simulate", "--goal", "0.6", "0.1", "-3"), "must be within 0.01"),
-    (("mhsb_tools", "simulate", "--goal", "0.6", "0.1", "1", "--seed", "-1"), "--seed must be"),
-    (("mhsb_tools", "simulate", "--goal", "0.6", "0.1", "1", "--controller", "x"), "coordinated"),
-    (("mhsb_tools", "simulate", "--goal", "0.6", "0.1", "1", "--vary", "weight=2"), "no 'weight'"),
-    (("mhsb_tools", "study", "--jobs", "0"), "--jobs"),
-    (("mhsb_tools", "study", "--draws", "0"), "--draws: 0 is below 1"),
-    (("mhsb_tools", "compare", "--moves", "-1"), "--moves must be from 0"),
-    (("mhsb_tools", "compare", "--moves", "3", "--truths", "4"), "4 is above the number of random"),
-    (("mhsb_tools", "compare", "--weights", "0", "0", "0"), "must not all be 0"),
-    (("mhsb_tools", "tune", "--draws", "0", "--variations", "x.yaml"), "nothing is varied"),
+    (("mhsb_tools", "mhsb", "simulate"), "give --goal X Z T"),
+    (("mhsb_tools", "mhsb", "simulate", "--goal", "0.5", "0.1"), "takes X Z T each, not 0.5 0.1"),
+    (("mhsb_tools", "mhsb", "simulate", "--goal", "0.6", "0.1", "-3"), "must be within 0.01"),
     (
-        ("mhsb_tools", "simulate", "--goal", "0.6", "0.1", "1", "--audit", "--json"),
+        ("mhsb_tools", "mhsb", "simulate", "--goal", "0.6", "0.1", "1", "--seed", "-1"),
+        "--seed must be",
+    ),
+    (
+        ("mhsb_tools", "mhsb", "simulate", "--goal", "0.6", "0.1", "1", "--controller", "x"),
+        "coordinated",
+    ),
+    (
+        ("mhsb_tools", "mhsb", "simulate", "--goal", "0.6", "0.1", "1", "--vary", "weight=2"),
+        "no 'weight'",
+    ),
+    (("mhsb_tools", "mhsb", "study", "--jobs", "0"), "--jobs"),
+    (("mhsb_tools", "mhsb", "study", "--draws", "0"), "--draws: 0 is below 1"),
+    (("mhsb_tools", "mhsb", "compare", "--moves", "-1"), "--moves must be from 0"),
+    (
+        ("mhsb_tools", "mhsb", "compare", "--moves", "3", "--truths", "4"),
+        "4 is above the number of random",
+    ),
+    (("mhsb_tools", "mhsb", "compare", "--weights", "0", "0", "0"), "must not all be 0"),
+    (("mhsb_tools", "mhsb", "tune", "--draws", "0", "--variations", "x.yaml"), "nothing is varied"),
+    (
+        ("mhsb_tools", "mhsb", "simulate", "--goal", "0.6", "0.1", "1", "--audit", "--json"),
         "--audit has no effect with --json",
     ),
     (
-        ("mhsb_tools", "animate", "bag", "--planner", "table", "--output", "x.gif"),
+        ("mhsb_tools", "mhsb", "animate", "bag", "--planner", "table", "--output", "x.gif"),
         "been planned alr",
     ),
     (
-        ("mhsb_tools", "animate", "--case=1-1", "--namespace", "/left", "--output", "x.gif"),
+        (
+            "mhsb_tools",
+            "mhsb",
+            "animate",
+            "--case=1-1",
+            "--namespace",
+            "/left",
+            "--output",
+            "x.gif",
+        ),
         "--namespace /left has no effect: a plan has no topics",
     ),
     (
-        ("mhsb_tools", "plan", "--case", "1-1", "--initial-j3", "0.3"),
+        ("mhsb_tools", "mhsb", "plan", "--case", "1-1", "--initial-j3", "0.3"),
         "--initial-j3 0.3 has no effect: the table planner takes the postures of the posture table",
     ),
     (
-        ("mhsb_tools", "plan", "--case=1-1", "--planner=integrated", "--search", "published"),
+        (
+            "mhsb_tools",
+            "mhsb",
+            "plan",
+            "--case=1-1",
+            "--planner=integrated",
+            "--search",
+            "published",
+        ),
         "leave it out, or give --planner table or fixed",
     ),
-    (("mhsb_tools", "plan", "--case", "1-1", "--weights", "0", "0", "0"), "must not all be 0"),
-    (("mhsb_tools", "compare", "--weights", "-1", "0", "2"), "from 0 to 1e+06 (is -1"),
-    (("mhsb_tools", "tune", "--budget", "0"), "--budget"),
-    (("mhsb_tools", "record"), "--output DIR"),
-    (("mhsb_tools", "record", "--repair", "x", "--duration", "1"), "--duration 1 has no effect"),
-    (("mhsb_tools", "record", "--output", "x", "--duration", "-1"), "above 0"),
-    (("mhsb_tools", "viewer", "--port", "99999"), "--port"),
-    (("mhsb_tools", "animate", "--output", "x.mp4"), "must end in .gif"),
-    (("mhsb_tools", "animate", "--output", "x.gif"), "give a recording, or"),
     (
-        ("mhsb_tools", "animate", "bag", "--case", "1-1", "--output", "x.gif"),
+        ("mhsb_tools", "mhsb", "plan", "--case", "1-1", "--weights", "0", "0", "0"),
+        "must not all be 0",
+    ),
+    (("mhsb_tools", "mhsb", "compare", "--weights", "-1", "0", "2"), "from 0 to 1e+06 (is -1"),
+    (("mhsb_tools", "mhsb", "tune", "--budget", "0"), "--budget"),
+    (("mhsb_tools", "mhsb", "record"), "--output DIR"),
+    (
+        ("mhsb_tools", "mhsb", "record", "--repair", "x", "--duration", "1"),
+        "--duration 1 has no effect",
+    ),
+    (("mhsb_tools", "mhsb", "record", "--output", "x", "--duration", "-1"), "above 0"),
+    (("mhsb_tools", "mhsb", "view", "--port", "99999"), "--port"),
+    (("mhsb_tools", "mhsb", "animate", "--output", "x.mp4"), "must end in .gif"),
+    (("mhsb_tools", "mhsb", "animate", "--output", "x.gif"), "give a recording, or"),
+    (
+        ("mhsb_tools", "mhsb", "animate", "bag", "--case", "1-1", "--output", "x.gif"),
         "give a recording, or",
     ),
-    (("mhsb_tools", "animate", "--case", "1-1", "--output", "x.gif", "--speed", "0"), "above 0"),
-    (("mhsb_tools", "animate", "--case", "1-1", "--output", "x.gif", "--rate", "99"), "at most 50"),
-    (("mhsb_tools", "animate", "--case", "1-1", "--output", "x.gif", "--width", "9"), "200 … 4000"),
-    (("mhsb_tools", "demo"), "--output"),
     (
-        ("mhsb_tools", "reproduce", "--machine", str(ROOT / "config/mhsb_arm4.yaml")),
+        ("mhsb_tools", "mhsb", "animate", "--case", "1-1", "--output", "x.gif", "--speed", "0"),
+        "above 0",
+    ),
+    (
+        ("mhsb_tools", "mhsb", "animate", "--case", "1-1", "--output", "x.gif", "--rate", "99"),
+        "at most 50",
+    ),
+    (
+        ("mhsb_tools", "mhsb", "animate", "--case", "1-1", "--output", "x.gif", "--width", "9"),
+        "200 … 4000",
+    ),
+    (("mhsb_tools", "mhsb", "demo"), "--output"),
+    (
+        ("mhsb_tools", "mhsb", "reproduce", "--machine", str(ROOT / "config/mhsb_arm4.yaml")),
         "the machine must have 3 joints, as the paper's (is mhsb_arm4)",
     ),
 ]
 
 UNUSABLE = [
-    (("mhsb_tools", "check", "nowhere.yaml"), "nowhere.yaml: cannot be read"),
-    (("mhsb_tools", "plan", "--start", "0.5", "-0.1", "--goal", "3", "0"), "workspace"),
+    (("mhsb_tools", "mhsb", "check", "nowhere.yaml"), "nowhere.yaml: cannot be read"),
+    (("mhsb_tools", "mhsb", "plan", "--start", "0.5", "-0.1", "--goal", "3", "0"), "workspace"),
     (("mhsb_planner", "planner_node", "--ros-args", "-p", "machine:=/nowhere.yaml"), "nowhere"),
     (("mhsb_planner", "planner_node", "--ros-args", "-p", "table:=/nowhere.npz"), "nowhere"),
     (("mhsb_planner", "planner_node", "--ros-args", "-p", "machine:=/etc/passwd"), "not a machine"),
     (("mhsb_planner", "planner_node", "--ros-args", "-p", "table:=/etc/passwd"), "damaged or not"),
     (("mhsb_sim", "sim_node", "--ros-args", "-p", "machine:=/dev/zero"), "no regular file"),
-    (("mhsb_tools", "demo", "--output", "x", "--goals", "/etc/passwd"), "not a list of goals"),
-    (("mhsb_tools", "study", "--scenarios", "/etc/passwd"), "/etc/passwd: "),
     (
-        ("mhsb_tools", "simulate", "--goal", "0.6", "0.1", "1", "--output", "/dev/null"),
+        ("mhsb_tools", "mhsb", "demo", "--output", "x", "--goals", "/etc/passwd"),
+        "not a list of goals",
+    ),
+    (("mhsb_tools", "mhsb", "study", "--scenarios", "/etc/passwd"), "/etc/passwd: "),
+    (
+        ("mhsb_tools", "mhsb", "simulate", "--goal", "0.6", "0.1", "1", "--output", "/dev/null"),
         "/dev/null is not a folder; name one for the run",
     ),
-    (("mhsb_tools", "study", "--draws", "1", "--output", "/dev/null"), "name one for the study"),
-    (("mhsb_tools", "plan", "--case", "1-1", "--plot", "/dev/null/x.png"), "for the picture"),
-    (("mhsb_tools", "simulate", "--goal", "0.6", "0.1", "1", "--plant", "no.yaml"), "no.yaml"),
-    (("mhsb_tools", "study", "--variations", "nowhere.yaml"), "nowhere.yaml"),
-    (("mhsb_tools", "study", "--scenarios", "nowhere.yaml"), "nowhere.yaml"),
-    (("mhsb_tools", "report", "nowhere", "--output", "x"), "nowhere"),
-    (("mhsb_tools", "viewer", "nowhere", "--port", "0"), "nowhere is not a folder"),
-    (("mhsb_tools", "viewer", "--machine", "nowhere.yaml"), "nowhere.yaml"),
-    (("mhsb_tools", "animate", "nowhere", "--output", "x.gif"), "nowhere is not a folder"),
-    (("mhsb_tools", "demo", "--output", "x", "--goals", "nowhere.yaml"), "nowhere.yaml"),
+    (
+        ("mhsb_tools", "mhsb", "study", "--draws", "1", "--output", "/dev/null"),
+        "name one for the study",
+    ),
+    (
+        ("mhsb_tools", "mhsb", "plan", "--case", "1-1", "--plot", "/dev/null/x.png"),
+        "for the picture",
+    ),
+    (
+        ("mhsb_tools", "mhsb", "simulate", "--goal", "0.6", "0.1", "1", "--plant", "no.yaml"),
+        "no.yaml",
+    ),
+    (("mhsb_tools", "mhsb", "study", "--variations", "nowhere.yaml"), "nowhere.yaml"),
+    (("mhsb_tools", "mhsb", "study", "--scenarios", "nowhere.yaml"), "nowhere.yaml"),
+    (("mhsb_tools", "mhsb", "report", "nowhere", "--output", "x"), "nowhere"),
+    (("mhsb_tools", "mhsb", "view", "nowhere", "--port", "0"), "nowhere is not a folder"),
+    (("mhsb_tools", "mhsb", "view", "--machine", "nowhere.yaml"), "nowhere.yaml"),
+    (("mhsb_tools", "mhsb", "animate", "nowhere", "--output", "x.gif"), "nowhere is not a folder"),
+    (("mhsb_tools", "mhsb", "demo", "--output", "x", "--goals", "nowhere.yaml"), "nowhere.yaml"),
 ]
 """Arguments in order, but a file cannot be used, or what is asked for cannot be had."""
 
@@ -184,7 +289,7 @@ def told(start_fork, monkeypatch, capfd):
     """
 
     def run(package, name, *arguments):
-        if name in NODES:
+        if {name, *arguments[:1]} & set(NODES):
             child = start_fork(package, name, *arguments)
             return child.wait(120), child.output
         monkeypatch.setattr(sys, "argv", [name, *arguments])
@@ -202,12 +307,12 @@ def told(start_fork, monkeypatch, capfd):
     return run
 
 
-@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[1])
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[-1])
 def test_help_tells_the_units_and_json_where_there_is_a_result(told, command):
     code, output = told(*command, "--help")
     assert code == 0
     assert COMMANDS[command] in output
-    assert ("--json" in output) is (command[1] not in WITHOUT_RESULT)
+    assert ("--json" in output) is (command[-1] not in WITHOUT_RESULT)
     assert "Traceback" not in output
 
 
@@ -228,7 +333,7 @@ def test_what_cannot_be_used_is_one_sentence_and_its_exit_code(
 def test_plan_takes_negative_numbers_and_prints_json_and_a_page(start, tmp_path):
     page = tmp_path / "new" / "page.png"
     child = start(
-        *("mhsb_tools", "plan", "--start", "0.55", "-0.05", "--goal", "0.55", "-0.60"),
+        *("mhsb_tools", "mhsb", "plan", "--start", "0.55", "-0.05", "--goal", "0.55", "-0.60"),
         *("--plot", page, "--json"),
     )
     assert child.wait(180) == 0, child.output
@@ -247,7 +352,7 @@ def test_plan_takes_negative_numbers_and_prints_json_and_a_page(start, tmp_path)
 @pytest.mark.slow
 def test_plan_chooses_the_supply_pressure_and_prints_what_it_looked_at(start):
     child = start(
-        *("mhsb_tools", "plan", "--start", "0.55", "-0.05", "--goal", "0.60", "0.10"),
+        *("mhsb_tools", "mhsb", "plan", "--start", "0.55", "-0.05", "--goal", "0.60", "0.10"),
         *("--weights", "0.5", "0", "2", "--area-weight", "100", "--planner", "integrated"),
         *("--supply-pressure-range", "3.5e6", "5e6", "--json"),
     )
@@ -271,7 +376,7 @@ def test_a_goal_that_nobody_hears_is_told_as_json_with_what_to_do(start):
 
 
 def test_plan_keeps_out_of_several_zones_and_tells_why_a_goal_is_in_one(start_fork):
-    arguments = ("mhsb_tools", "plan", "--start", "0.55", "-0.05", "--goal", "0.55", "0.60")
+    arguments = ("mhsb_tools", "mhsb", "plan", "--start", "0.55", "-0.05", "--goal", "0.55", "0.60")
     zones = ("--zone-box", "0.65", "0.1", "0.9", "0.3", "--zone-circle", "0.2", "-0.6", "0.1")
     around = start_fork(*arguments, *zones, "--json")
     inside = start_fork(*arguments, *zones, "--zone-box", "0.7", "0.8", "0.5", "0.5")
@@ -284,7 +389,7 @@ def test_plan_keeps_out_of_several_zones_and_tells_why_a_goal_is_in_one(start_fo
 
 def test_a_case_of_the_paper_brings_its_weights(start_fork):
     hurried, saving = (
-        start_fork("mhsb_tools", "plan", "--case", case, "--json") for case in ("1-2", "1-1")
+        start_fork("mhsb_tools", "mhsb", "plan", "--case", case, "--json") for case in ("1-2", "1-1")
     )
     assert hurried.wait(180) == saving.wait(180) == 0
     hurried, saving = json.loads(hurried.output), json.loads(saving.output)
@@ -294,7 +399,7 @@ def test_a_case_of_the_paper_brings_its_weights(start_fork):
 
 def test_simulate_is_repeatable_and_accounts_for_all_energy(start, tmp_path):
     there, on = ("0.6", "0.1", "2.0"), ("0.55", "-0.3", "3.0")
-    simulate = ("mhsb_tools", "simulate", "--zone-circle", "0.458", "-0.316", "0.01")
+    simulate = ("mhsb_tools", "mhsb", "simulate", "--zone-circle", "0.458", "-0.316", "0.01")
     first = start(*simulate, "--goal", *there, *on, "--output", tmp_path, "--audit")
     second = start(*simulate, "--goal", *there, "--goal", *on, "--json")
     assert first.wait(180) == 0, first.output
@@ -319,7 +424,7 @@ def test_simulate_is_repeatable_and_accounts_for_all_energy(start, tmp_path):
 
 def test_an_arm_that_does_not_get_there_is_told_and_fails(start_fork, tmp_path):
     child = start_fork(
-        *("mhsb_tools", "simulate", "--goal", "0.55", "0.6", "8", "--vary", "payload=5"),
+        *("mhsb_tools", "mhsb", "simulate", "--goal", "0.55", "0.6", "8", "--vary", "payload=5"),
         *("--output", tmp_path, "--json"),
     )
     assert child.wait(180) == 1, child.output
@@ -349,6 +454,41 @@ def test_an_interrupt_of_a_long_command_is_told_in_one_sentence(start, tmp_path)
     assert child.output.endswith("build_table: interrupted; no result was kept\n")
     assert "Traceback" not in child.output
     assert not (tmp_path / "table.npz").exists()
+
+
+def test_the_help_of_mhsb_lists_all_subcommands_and_tests_try_each(told):
+    code, output = told("mhsb_tools", "mhsb")
+    assert code == 0
+    assert re.findall(r"^  ([a-z-]+)  ", output, re.MULTILINE) == list(SUBCOMMAND_TABLE)
+    assert {command[2] for command in COMMANDS if "mhsb" in command} == set(SUBCOMMAND_TABLE)
+
+
+def test_an_unknown_subcommand_is_answered_with_the_nearest_or_with_all(told):
+    assert told("mhsb_tools", "mhsb", "pln") == (
+        2,
+        "mhsb: no subcommand 'pln'; did you mean plan?\n",
+    )
+    code, output = told("mhsb_tools", "mhsb", "--verbose")
+    assert code == 2
+    assert ", ".join(SUBCOMMAND_TABLE) in output
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("mhsb st", ["study"]),
+        ("mhsb check --j", ["--json"]),
+        ("mhsb plan --planner int", ["integrated"]),
+    ],
+)
+def test_bash_completes_subcommands_options_and_choices(line, words):
+    typed = line.split(" ")
+    script = f"""
+        eval "$(mhsb --completion)"; compopt() {{ :; }}
+        COMP_WORDS=({line}) COMP_CWORD={len(typed) - 1}; _mhsb_complete; echo "${{COMPREPLY[@]}}"
+    """
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True)
+    assert done.stdout.split() == words, done.stderr
 
 
 def test_a_command_that_is_not_there_is_answered_with_those_that_are():

@@ -17,6 +17,7 @@ from mhsb_model.trajectory import MotionState
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.planners.registry import REGISTERED_PLANNERS
 from mhsb_planner.posture.s1_global_search import build_posture_table
+from mhsb_tools.executables import SUBCOMMAND_TABLE
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -118,8 +119,10 @@ def test_every_command_has_its_line():
         package = setup.parent.name
         for name in re.findall(r'"(\w+) = ', setup.read_text()):
             executables = (setup.parent / package / "executables.py").read_text()
-            if f"{name} = forward_to_tools" not in executables:
-                assert f"`{package} {name}" in page
+            if not re.search(rf"^{name} = (forward_to_tools|_former)", executables, re.MULTILINE):
+                assert name == "mhsb" or f"`ros2 run {package} {name}" in page
+    for name in SUBCOMMAND_TABLE:
+        assert f"| `mhsb {name}" in page
 
 
 def test_the_tutorial_runs_its_own_commands_in_order(tmp_path, capfd):
@@ -144,6 +147,9 @@ def test_the_tutorials_commands_are_there():
     installed = "".join(file.read_text() for file in ROOT.glob("ros2_ws/src/*/setup.py"))
     for package, name in started:
         assert f'"{name} = {package}.' in installed
+    assert {*re.findall(r"^mhsb ([\w-]+)", "\n".join(wanted), re.MULTILINE)} <= set(
+        SUBCOMMAND_TABLE
+    )
     for path in re.findall(r"scripts/\w+", "\n".join(wanted)):
         assert (ROOT / path).exists() or (ROOT / f"{path}.sh").exists()
     logged = re.findall(r"^\| `(.+?)`", (DOCS / "tutorial_log.md").read_text(), re.MULTILINE)

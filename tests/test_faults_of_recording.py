@@ -32,13 +32,13 @@ def moving(arm):
 
 
 def repaired(start_fork, folder):
-    child = start_fork("mhsb_tools", "record", "--repair", folder)
+    child = start_fork("mhsb_tools", "mhsb", "record", "--repair", folder)
     assert child.wait() == 0, child.output
     return read_recording(folder)
 
 
 def test_a_killed_recorder_loses_no_more_than_its_last_chunk(arm, moving, start_fork, tmp_path):
-    recorder = start_fork("mhsb_tools", "record", "--output", tmp_path / "bag")
+    recorder = start_fork("mhsb_tools", "mhsb", "record", "--output", tmp_path / "bag")
     recorder.wait_for("ready")
 
     def kill():
@@ -108,12 +108,12 @@ def test_a_bad_sector_is_told_by_report_and_repaired_with_the_original_kept(star
     refused = start_fork("mhsb_tools", *report)
     assert refused.wait() == 1
     assert "the checksum of a chunk is wrong" in refused.output
-    repaired = start_fork("mhsb_tools", "record", "--repair", bag, "--json")
+    repaired = start_fork("mhsb_tools", "mhsb", "record", "--repair", bag, "--json")
     assert repaired.wait() == 0
     told = json.loads(repaired.output)
     assert told["messages"] + told["lost_messages"] == 3000
     assert told["lost_is_exact"]
     assert (bag / "bag_0.mcap.torn").read_bytes() == damaged
-    again = start_fork("mhsb_tools", "record", "--repair", bag)
+    again = start_fork("mhsb_tools", "mhsb", "record", "--repair", bag)
     assert again.wait() == 0
     assert again.output.startswith(f"{bag} is complete with {told['messages']} messages; nothing")

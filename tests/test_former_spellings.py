@@ -1,13 +1,17 @@
-"""Commands that have moved to mhsb_tools start there by their former spelling, too."""
+"""Former spellings start the subcommands of `mhsb`, and name the new spelling."""
 
 from __future__ import annotations
 
 import os
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+
+from mhsb_tools import executables
+from mhsb_tools.executables import SUBCOMMAND_TABLE, Subcommand
 
 ROOT = Path(__file__).resolve().parents[1]
 MOVED = [
@@ -15,6 +19,12 @@ MOVED = [
     for file in sorted(ROOT.glob("ros2_ws/src/mhsb_*/mhsb_*/executables.py"))
     for name in re.findall(r"^(\w+) = forward_to_tools", file.read_text(), re.MULTILINE)
 ]
+FORMER = re.findall(
+    r'^(\w+) = _former_spelling\("([\w-]+)"\)',
+    Path(executables.__file__).read_text(encoding="utf-8"),
+    re.MULTILINE,
+)
+"""Former names of `ros2 run mhsb_tools NAME`, with the subcommands that they start."""
 
 
 def executable(package: str, name: str) -> str:
@@ -44,6 +54,25 @@ def test_a_former_spelling_becomes_the_command_with_all_its_arguments(package, n
     said, _ = child.communicate(timeout=60)
     assert child.returncode == 7
     assert said == "|".join([str(child.pid), *words, ""])  # the very process, no child of it
+
+
+@pytest.mark.parametrize(("name", "new"), FORMER)
+def test_a_former_spelling_runs_the_subcommand_and_names_it_on_stderr(
+    name, new, monkeypatch, capsys
+):
+    assert executable("mhsb_tools", name)
+    started = Subcommand(lambda: print(*sys.argv) or 7, "")
+    monkeypatch.setitem(SUBCOMMAND_TABLE, new, started)
+    monkeypatch.setattr(sys, "argv", [name, "--case", "1-1"])
+    assert getattr(executables, name)() == 7
+    said = capsys.readouterr()
+    assert said.out == f"mhsb {new} --case 1-1\n"
+    assert said.err == f"from the next release on this command is only: mhsb {new}\n"
+
+
+def test_every_former_command_is_a_subcommand():
+    assert {new for _, new in FORMER} | {"build-table", "goal"} <= set(SUBCOMMAND_TABLE)
+    assert len(FORMER) == 12
 
 
 def test_without_the_package_of_commands_one_sentence_says_what_is_missing(tmp_path):

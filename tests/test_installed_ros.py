@@ -90,12 +90,12 @@ def test_an_installed_ros_is_used_with_the_numpy_it_was_made_for(installed, tmp_
     assert Path(rclpy).is_relative_to(installed)
     assert list(venv.rglob("rclpy")) == []
 
-    planned = shell(installed, venv, "source scripts/env.sh; ros2 run mhsb_tools plan --case 1-1")
+    planned = shell(installed, venv, "source scripts/env.sh; mhsb plan --case 1-1")
     assert planned.returncode == 0, planned.stderr
     assert "trajectory:" in planned.stdout
 
     (tmp_path / "goals.yaml").write_text("- {x: 0.55, z: 0.60}\n", encoding="utf-8")
-    demo = f"ros2 run mhsb_tools demo --goals {tmp_path}/goals.yaml --output {tmp_path}/demo"
+    demo = f"mhsb demo --goals {tmp_path}/goals.yaml --output {tmp_path}/demo"
     domain = f"export ROS_DOMAIN_ID={ros_domain}"
     shown = shell(installed, venv, f"source scripts/env.sh; {domain}; {demo}")
     assert shown.returncode == 0, shown.stderr

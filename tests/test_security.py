@@ -37,7 +37,7 @@ def addresses_of(process: int) -> list[ipaddress.IPv4Address | ipaddress.IPv6Add
 
 
 def test_every_socket_of_the_nodes_is_bound_to_the_loopback_interface(observer, start, tmp_path):
-    recorder = start("mhsb_tools", "record", "--output", tmp_path / "bag")
+    recorder = start("mhsb_tools", "mhsb", "record", "--output", tmp_path / "bag")
     nodes = [start("mhsb_sim", "sim_node"), start("mhsb_planner", "planner_node"), recorder]
     for node in nodes:
         node.wait_for("ready", 180.0)

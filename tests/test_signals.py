@@ -17,7 +17,11 @@ import pytest
 from mhsb_model.verdict import Verdict
 
 ROOT = Path(__file__).parents[1]
-NODES = [("mhsb_sim", "sim_node"), ("mhsb_planner", "planner_node"), ("mhsb_tools", "record")]
+NODES = [
+    ("mhsb_sim", "sim_node"),
+    ("mhsb_planner", "planner_node"),
+    ("mhsb_tools", "mhsb", "record"),
+]
 SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 FIRST, LAST = 0.05, 3.0
 """When signals come [s]: from just after the start to well after the node serves."""
@@ -29,7 +33,7 @@ def trouble_at(start, tmp_path):
     sent a signal, where not with code 0 and without a traceback; else nothing."""
 
     def run(node, moment, signal_number, kernels=None):
-        arguments = ("--output", tmp_path / f"bag_{moment}") if node[1] == "record" else ()
+        arguments = ("--output", tmp_path / f"bag_{moment}") if node[-1] == "record" else ()
         chosen = {} if kernels is None else {"NUMBA_CACHE_DIR": str(kernels)}
         child = start(*node, *arguments, environment=chosen)
         time.sleep(moment)
@@ -47,14 +51,14 @@ def moments(count: int, seed: int, last: float = LAST) -> list[float]:
     return [FIRST + (index + rng.random()) * part for index in range(count)]
 
 
-@pytest.mark.parametrize("node", NODES, ids=lambda node: node[1])
+@pytest.mark.parametrize("node", NODES, ids=lambda node: node[-1])
 @pytest.mark.parametrize("number", SIGNALS, ids=lambda each: each.name)
 def test_a_signal_at_any_moment_ends_a_node_with_code_0(trouble_at, node, number):
     for moment in moments(2, seed=number):
         assert trouble_at(node, moment, number) == ""
 
 
-@pytest.mark.parametrize("node", NODES[:2], ids=lambda node: node[1])
+@pytest.mark.parametrize("node", NODES[:2], ids=lambda node: node[-1])
 def test_a_signal_while_kernels_are_compiled_ends_a_node_with_code_0(trouble_at, node, tmp_path):
     for moment in moments(2, seed=3, last=5.0):
         assert trouble_at(node, moment, signal.SIGINT, tmp_path / "kernels") == ""
@@ -76,7 +80,7 @@ def test_a_signal_while_a_plan_is_made_ends_both_nodes_with_code_0(observer, sta
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("node", NODES, ids=lambda node: node[1])
+@pytest.mark.parametrize("node", NODES, ids=lambda node: node[-1])
 @pytest.mark.parametrize("cold", [False, True], ids=["warm", "cold"])
 def test_fifty_signals_over_the_first_eight_seconds(trouble_at, node, cold, tmp_path):
     for index, moment in enumerate(moments(50, seed=8, last=8.0)):
@@ -96,7 +100,7 @@ WRAPPERS = {
 
 @pytest.mark.parametrize("wrapper", WRAPPERS)
 def test_a_command_that_starts_others_finds_ros2(wrapper):
-    line = WRAPPERS[wrapper].format(limit=60, node="mhsb_tools check config/mhsb_arm3.yaml")
+    line = WRAPPERS[wrapper].format(limit=60, node="mhsb_tools mhsb check config/mhsb_arm3.yaml")
     run = subprocess.run(["bash", "-c", line], cwd=ROOT, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     assert "mhsb_arm3" in run.stdout + run.stderr
@@ -104,7 +108,7 @@ def test_a_command_that_starts_others_finds_ros2(wrapper):
 
 def recorder(start_process, tmp_path, prefix=""):
     """A recorder that a shell has started with `&`, once it listens; the shell prints its id."""
-    line = f"{prefix} ros2 run mhsb_tools record --output {tmp_path}/bag & echo id $!; wait $!"
+    line = f"{prefix} mhsb record --output {tmp_path}/bag & echo id $!; wait $!"
     shell = start_process("bash", "-c", line)
     number = int(shell.wait_for(r"id (\d+)")[1])
     shell.wait_for("recording", 60.0)
@@ -138,7 +142,7 @@ def test_a_recorder_under_nohup_survives_the_end_of_its_terminal(
 def test_a_demo_whose_terminal_is_closed_ends_with_its_nodes_and_keeps_its_recording(
     start, tmp_path
 ):
-    demo = start("mhsb_tools", "demo", "--output", tmp_path / "demo")
+    demo = start("mhsb_tools", "mhsb", "demo", "--output", tmp_path / "demo")
     demo.wait_for("m: OK", 200.0)
     demo.process.send_signal(signal.SIGHUP)
     demo.wait(20.0)

@@ -179,7 +179,7 @@ def opened(start: Callable[..., Any], tmp_path: Path) -> Callable[..., tuple[Any
         pytest.skip("Chromium is not installed: the view was not tried in a browser")
 
     def run(*arguments: object) -> tuple[Any, Page]:
-        viewer = start("mhsb_tools", "viewer", "--port", "0", *arguments)
+        viewer = start("mhsb_tools", "mhsb", "view", "--port", "0", *arguments)
         url = viewer.wait_for(r"ready: (\S+)").group(1)
         return viewer, Page(browser, tmp_path / f"profile_{len(arguments)}", url)
 

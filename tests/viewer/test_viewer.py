@@ -116,11 +116,11 @@ def test_goals_are_typed_and_dragged_and_what_was_seen_is_played_back(
 
 
 def test_pages_of_elsewhere_and_a_taken_port_are_refused(start):
-    first = start("mhsb_tools", "viewer", "--port", "0")
+    first = start("mhsb_tools", "mhsb", "view", "--port", "0")
     port = first.wait_for(r"ready: \S+:(\d+)").group(1)
     with pytest.raises(InvalidStatus, match="403"):
         connect(f"ws://127.0.0.1:{port}", origin="https://example.org")
-    second = start("mhsb_tools", "viewer", "--port", port)
+    second = start("mhsb_tools", "mhsb", "view", "--port", port)
     assert second.wait() == 1
     assert f"port {port} is in use" in second.output
     assert first.stop() == 0

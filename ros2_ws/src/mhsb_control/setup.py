@@ -1,10 +1,12 @@
+from xml.etree import ElementTree
+
 from setuptools import find_packages, setup
 
 PACKAGE = "mhsb_control"
 
 setup(
     name=PACKAGE,
-    version="0.1.0",
+    version=ElementTree.parse("package.xml").findtext("version"),
     description="Servo controllers of a hydraulic manipulator",
     license="Apache-2.0",
     maintainer="MHSB maintainers",

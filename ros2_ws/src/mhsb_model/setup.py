@@ -1,4 +1,5 @@
 from pathlib import Path
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
@@ -13,7 +14,7 @@ def share_folder(folder: str) -> list[tuple[str, list[str]]]:
 
 setup(
     name=PACKAGE,
-    version="0.1.0",
+    version=ElementTree.parse("package.xml").findtext("version"),
     description="Machine model of a hydraulic manipulator with booster modules",
     license="Apache-2.0",
     maintainer="MHSB maintainers",

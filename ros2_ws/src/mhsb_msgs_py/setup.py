@@ -1,10 +1,12 @@
+from xml.etree import ElementTree
+
 from setuptools import find_packages, setup
 
 PACKAGE = "mhsb_msgs_py"
 
 setup(
     name=PACKAGE,
-    version="0.1.0",
+    version=ElementTree.parse("package.xml").findtext("version"),
     description="Names, QoS profiles, status codes and message codecs of the MHSB suite.",
     license="Apache-2.0",
     maintainer="MHSB maintainers",

@@ -1,10 +1,12 @@
+from xml.etree import ElementTree
+
 from setuptools import find_packages, setup
 
 PACKAGE = "mhsb_planner"
 
 setup(
     name=PACKAGE,
-    version="0.1.0",
+    version=ElementTree.parse("package.xml").findtext("version"),
     description="Online motion planner for hydraulic manipulators",
     license="Apache-2.0",
     maintainer="MHSB maintainers",

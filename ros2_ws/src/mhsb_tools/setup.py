@@ -1,4 +1,5 @@
 from pathlib import Path
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
@@ -13,13 +14,13 @@ def share_folder(folder: str) -> list[tuple[str, list[str]]]:
 
 setup(
     name=PACKAGE,
-    version="0.1.0",
+    version=ElementTree.parse("package.xml").findtext("version"),
     description="Commands beside the nodes",
     license="Apache-2.0",
     maintainer="MHSB maintainers",
     maintainer_email="mhsb@example.org",
     packages=find_packages(exclude=["test"]),
-    package_data={PACKAGE: ["py.typed"]},
+    package_data={PACKAGE: ["py.typed", "completion.bash"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -30,6 +31,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
+            "mhsb = mhsb_tools.executables:mhsb",
             "check = mhsb_tools.executables:check",
             "plan = mhsb_tools.executables:plan",
             "reproduce = mhsb_tools.executables:reproduce",

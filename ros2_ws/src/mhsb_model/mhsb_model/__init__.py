@@ -1,1 +1,58 @@
-"""Machine model of a hydraulic manipulator with booster modules; knows no ROS."""
+"""Machine model of a hydraulic manipulator with booster modules; knows no ROS.
+
+The public names of the packages are imported at their first use: a package's `__init__` runs before
+each of its modules, and would otherwise import the whole suite, even for a command's help.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from mhsb_model.errors import MhsbError as MhsbError
+    from mhsb_model.files.config_files import find_config_file as find_config_file
+    from mhsb_model.machine import Machine as Machine
+    from mhsb_model.machine import load_machine as load_machine
+    from mhsb_model.mode_schedule import ModeSchedule as ModeSchedule
+    from mhsb_model.modes import Mode as Mode
+    from mhsb_model.trajectory import MotionState as MotionState
+    from mhsb_model.trajectory import Trajectory as Trajectory
+
+
+def import_on_use(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]:
+    """Make the function `__getattr__` of a package that exports names of its modules.
+
+    Args:
+        package: Name of the package.
+        modules: Full name of the module that defines an exported name, by that name.
+
+    Returns:
+        Function from an exported name to its object. It raises AttributeError for other names.
+    """
+
+    def get_export(name: str) -> Any:
+        """Import the module that defines a public name, and return the object of that name."""
+        if name not in modules:
+            raise AttributeError(f"module '{package}' has no attribute '{name}'")
+        return getattr(importlib.import_module(modules[name]), name)
+
+    return get_export
+
+
+__getattr__ = import_on_use(
+    __name__,
+    {
+        "MhsbError": "mhsb_model.errors",
+        "find_config_file": "mhsb_model.files.config_files",
+        "Machine": "mhsb_model.machine",
+        "load_machine": "mhsb_model.machine",
+        "ModeSchedule": "mhsb_model.mode_schedule",
+        "Mode": "mhsb_model.modes",
+        "MotionState": "mhsb_model.trajectory",
+        "Trajectory": "mhsb_model.trajectory",
+    },
+)

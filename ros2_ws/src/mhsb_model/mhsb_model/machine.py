@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from operator import attrgetter
@@ -18,7 +19,7 @@ from pydantic import ValidationError
 from mhsb_model import kinematics, slewing, statics
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.curve_limits import CurveLimits, derive_curve_limits
-from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
+from mhsb_model.errors import MachineFileError, MhsbError, OutOfWorkspaceError
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.files.machine_rules import check_actuator_speed_limits, check_machine_rules
 from mhsb_model.files.schema_problems import describe_validation_errors
@@ -760,13 +761,33 @@ class Machine:
             )
 
 
+def find_machine_file(path: str | Path | None = None) -> Path:
+    """Return the path of a machine file, which may be given by the name of a machine of the suite.
+
+    Args:
+        path: A path, or a name without a suffix such as `excavator`; None or an empty text is the
+            suite's own arm. If a file of that name exists, it is taken.
+
+    Returns:
+        Path of the file. It need not exist if a path was given.
+    """
+    if not path:
+        return find_config_file(MACHINE_FILE)
+    file = Path(path)
+    if file.name == str(path) and not file.suffix and not file.exists():
+        with suppress(MhsbError):
+            return find_config_file(f"{file.name}.yaml")
+    return file
+
+
 def load_machine(
     path: str | Path | None = None, schema: type[MachineConfig] = MachineConfig
 ) -> Machine:
     """Load a machine from a YAML file and check that plans can be made for it.
 
     Args:
-        path: The machine file; None or an empty text loads the suite's own arm.
+        path: The machine file, or the name of a machine of the suite such as `excavator`; None or
+            an empty text loads the suite's own arm.
         schema: Schema of the file. `MachineConfig` leaves the gains of controllers to whoever uses
             them; `mhsb_control.load_machine` checks them, too.
 
@@ -778,7 +799,7 @@ def load_machine(
             actuator a speed above the common V_max. It lists all problems of the first check that
             fails.
     """
-    file = Path(path) if path else find_config_file(MACHINE_FILE)
+    file = find_machine_file(path)
     try:
         content = read_yaml(file)
     except YamlFileError as error:

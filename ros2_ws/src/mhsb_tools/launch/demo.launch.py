@@ -60,9 +60,9 @@ def make_optional_actions(context) -> list:
     if is_true(asked["rviz"]):
         actions.append(make_rviz())
     if is_true(asked["viewer"]):
-        actions.append(make_command("mhsb_tools", "viewer"))
+        actions.append(make_command("mhsb_tools", "mhsb", "view"))
     if asked["record"]:
-        actions.append(make_command("mhsb_tools", "record", "--output", asked["record"]))
+        actions.append(make_command("mhsb_tools", "mhsb", "record", "--output", asked["record"]))
     if asked["goals"] != NO_GOALS:
         machine = load_machine(LaunchConfiguration("machine").perform(context) or None)
         own = partial(find_machine_config_file, GOALS_FILE, machine.name)

@@ -1,19 +1,149 @@
-"""Entry points of the executables that `ros2 run mhsb_tools` starts."""
+"""Entry points: the command `mhsb` with its subcommands, and their former spellings.
 
+`mhsb NAME`, `ros2 run mhsb_tools mhsb NAME` and `python -m mhsb_tools.executables mhsb NAME` start
+the same command. A subcommand's module is imported only if it is started.
+"""
+
+from __future__ import annotations
+
+import difflib
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from mhsb_model import __version__
 from mhsb_model.process import make_command_entry, make_node_entry, run_named
 
-check = make_command_entry("mhsb_tools.commands.check_command")
-plan = make_command_entry("mhsb_tools.commands.plan_command")
-reproduce = make_command_entry("mhsb_tools.commands.reproduce_command")
-simulate = make_command_entry("mhsb_tools.commands.simulate_command")
-compare = make_command_entry("mhsb_tools.comparison.compare_command")
-study = make_command_entry("mhsb_tools.study.study_command")
-tune = make_command_entry("mhsb_tools.study.tune_command")
-report = make_command_entry("mhsb_tools.report.report_command")
-animate = make_command_entry("mhsb_tools.commands.animate_command")
-demo = make_command_entry("mhsb_tools.commands.demo_command")
-record = make_node_entry("mhsb_tools.recording.record_command")
-viewer = make_node_entry("mhsb_tools.viewer.viewer_command")
+EXIT_USAGE = 2
+"""Exit code if the subcommand cannot be understood."""
+
+COMPLETION_FILE = Path(__file__).with_name("completion.bash")
+"""Completion of the commands in bash, which `mhsb --completion` prints."""
+
+
+class Subcommand(NamedTuple):
+    """A subcommand of `mhsb`.
+
+    Attributes:
+        start: Function that imports and runs it, and returns the exit code.
+        summary: What it does, for the list of all subcommands.
+    """
+
+    start: Callable[[], int]
+    summary: str
+
+
+def _command(module: str, summary: str) -> Subcommand:
+    """Return a subcommand that an interrupt ends with code 130."""
+    return Subcommand(make_command_entry(module), summary)
+
+
+def _node(module: str, summary: str) -> Subcommand:
+    """Return a subcommand that runs until a signal ends it with code 0."""
+    return Subcommand(make_node_entry(module), summary)
+
+
+SUBCOMMAND_TABLE = {
+    "check": _command("mhsb_tools.commands.check_command", "what a machine file amounts to"),
+    "plan": _command("mhsb_tools.commands.plan_command", "plan one motion offline"),
+    "build-table": _command("mhsb_planner.build_table", "compute a machine's posture table"),
+    "simulate": _command("mhsb_tools.commands.simulate_command", "simulate goals without ROS"),
+    "demo": _command("mhsb_tools.commands.demo_command", "both nodes, goals, recording, report"),
+    "record": _node("mhsb_tools.recording.record_command", "record all topics; repair recordings"),
+    "report": _command("mhsb_tools.report.report_command", "pictures and numbers of a recording"),
+    "animate": _command("mhsb_tools.commands.animate_command", "a plan or recording as animation"),
+    "view": _node("mhsb_tools.viewer.viewer_command", "the arm or a recording in a browser"),
+    "study": _command("mhsb_tools.study.study_command", "controllers on many simulated runs"),
+    "compare": _command("mhsb_tools.comparison.compare_command", "planners and supplies compared"),
+    "tune": _command("mhsb_tools.study.tune_command", "tune the gains of both controllers"),
+    "reproduce": _command("mhsb_tools.commands.reproduce_command", "the paper's cases and figures"),
+    "goal": _command("mhsb_planner.ros.goal_command", "send a goal and print the verdict"),
+    "param": _command("mhsb_tools.commands.param_command", "list, read and set parameters"),
+    "echo": _node("mhsb_tools.commands.echo_command", "print the messages of a topic"),
+}
+"""All subcommands by name, in the order of the list that `mhsb --help` prints."""
+
+
+def mhsb() -> int:
+    """Run the subcommand that the first argument names.
+
+    The name in usage and messages becomes `mhsb NAME`, by `sys.argv[0]`.
+
+    Returns:
+        The exit code.
+    """
+    name, *arguments = sys.argv[1:] or ["--help"]
+    if name in ("-h", "--help"):
+        print(_describe_subcommands())
+    elif name == "--version":
+        print(f"mhsb {__version__}")
+    elif name == "--completion":
+        print(COMPLETION_FILE.read_text(encoding="utf-8"), end="")
+    elif name in SUBCOMMAND_TABLE:
+        return _start(name, arguments)
+    else:
+        near = difflib.get_close_matches(name, SUBCOMMAND_TABLE, 1)
+        hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(SUBCOMMAND_TABLE)}"
+        print(f"mhsb: no subcommand '{name}'; {hint}", file=sys.stderr)
+        return EXIT_USAGE
+    return 0
+
+
+def _describe_subcommands() -> str:
+    """Return the help of `mhsb`: usage and a line for each subcommand."""
+    width = max(map(len, SUBCOMMAND_TABLE))
+    return "\n".join(
+        [
+            "usage: mhsb SUBCOMMAND [ARGUMENTS]",
+            "",
+            "Motion planning, simulation and control of hydraulic arms.",
+            "",
+            *(f"  {name:{width}}  {each.summary}" for name, each in SUBCOMMAND_TABLE.items()),
+            "",
+            "mhsb SUBCOMMAND --help explains its arguments; mhsb --version prints the version.",
+            'eval "$(mhsb --completion)" completes subcommands and options in bash.',
+        ]
+    )
+
+
+def _start(name: str, arguments: list[str]) -> int:
+    """Run a subcommand with its arguments and return its exit code."""
+    sys.argv = [f"mhsb {name}", *arguments]
+    return SUBCOMMAND_TABLE[name].start()
+
+
+def _former_spelling(name: str) -> Callable[[], int]:
+    """Make the entry point of a former spelling, which names the new one on standard error.
+
+    Args:
+        name: Name of the subcommand.
+
+    Returns:
+        The entry point, which returns the exit code.
+    """
+
+    def enter() -> int:
+        """Print the new spelling and run the subcommand with the process's arguments."""
+        print(f"from the next release on this command is only: mhsb {name}", file=sys.stderr)
+        return _start(name, sys.argv[1:])
+
+    return enter
+
+
+# `ros2 run mhsb_tools NAME`; to be removed in the next release.
+check = _former_spelling("check")
+plan = _former_spelling("plan")
+reproduce = _former_spelling("reproduce")
+simulate = _former_spelling("simulate")
+compare = _former_spelling("compare")
+study = _former_spelling("study")
+tune = _former_spelling("tune")
+report = _former_spelling("report")
+animate = _former_spelling("animate")
+demo = _former_spelling("demo")
+record = _former_spelling("record")
+viewer = _former_spelling("view")
 
 if __name__ == "__main__":
     run_named(globals())

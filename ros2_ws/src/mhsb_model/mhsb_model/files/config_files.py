@@ -1,4 +1,4 @@
-"""Locations of the files in the suite's config folder: installed, or in the source tree."""
+"""Locations of the files in the suite's config folder."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from pathlib import Path
 
 from mhsb_model.errors import MhsbError
 
+PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
+"""Folder of the package mhsb_model."""
+
 
 def find_config_file(name: str) -> Path:
     """Return the path of a file in the suite's config folder.
 
-    The installed package's folder is searched first. If the file is not there, or ROS is missing,
-    the `config` folders above this source file are searched, the nearest one first.
+    The folder is `config` in this package, which a checkout and a pip installation have. An
+    installed ROS package has it in its share folder.
 
     Args:
         name: Path relative to the config folder, such as `mhsb_arm3.yaml` or `views/mhsb.rviz`.
@@ -23,18 +26,17 @@ def find_config_file(name: str) -> Path:
     Raises:
         MhsbError: The file is in neither place.
     """
+    own = PACKAGE_FOLDER / "config" / name
+    if own.is_file():
+        return own.resolve()
     try:
         from ament_index_python.packages import get_package_share_directory
 
         installed = Path(get_package_share_directory("mhsb_model")) / "config" / name
         if installed.is_file():
             return installed
-    except (ImportError, LookupError):
-        pass  # not installed, or without ROS: search the source tree
-    for folder in Path(__file__).resolve().parents:
-        candidate = folder / "config" / name
-        if candidate.is_file():
-            return candidate
+    except (ImportError, LookupError, OSError):
+        pass  # no ROS, or none that is sourced
     raise MhsbError(f"config/{name} is neither in the installation nor beside the source")
 
 

@@ -227,7 +227,7 @@ def _format_verdict(verdict: GoalVerdict) -> list[str]:
 
 def main() -> int:
     """Run the executable `ros2 run mhsb_planner goal`."""
-    return command_line.run(goal, name="goal", node=True)
+    return command_line.run(goal, node=True)
 
 
 if __name__ == "__main__":

@@ -30,9 +30,6 @@ from mhsb_tools.commands.plan_arguments import (
     check_coordinates,
 )
 from mhsb_tools.moves.move import MoveRecord, move_of_plan
-from mhsb_tools.recording.bag_reader import read_recording
-from mhsb_tools.report.recorded_moves import get_whole_run_as_move
-from mhsb_tools.report.recorded_run import evaluate_recording
 
 FILE_SUFFIX = ".gif"
 """Ending that the output file must have."""
@@ -176,6 +173,11 @@ def _read_recorded_move(
     Raises:
         BagError: The recording has no hydraulic states.
     """
+    # Recordings are decoded by ROS; plans are animated without it.
+    from mhsb_tools.recording.bag_reader import read_recording
+    from mhsb_tools.report.recorded_moves import get_whole_run_as_move
+    from mhsb_tools.report.recorded_run import evaluate_recording
+
     run = evaluate_recording(read_recording(bag, namespace, machine.slews), machine)
     move, first_ns = get_whole_run_as_move(
         run, f"{'/'.join(bag.resolve().parts[-2:])}, as recorded"
@@ -246,8 +248,8 @@ def _select_time_range(move: MoveRecord, begin: float, end: float | None) -> Mov
 
 
 def main() -> int:
-    """Entry point of `ros2 run mhsb_tools animate`."""
-    return command_line.run(animate, name="animate")
+    """Entry point of `mhsb animate`."""
+    return command_line.run(animate)
 
 
 if __name__ == "__main__":

@@ -461,7 +461,7 @@ def _find_lowest_hold_pressures(machine: Machine, x: float, z: float) -> FloatAr
 
 
 def main() -> int:
-    """Entry point of `ros2 run mhsb_tools check`."""
+    """Entry point of `mhsb check`."""
     return command_line.run(check)
 
 

@@ -26,6 +26,7 @@ from mhsb_model.files.config_files import find_machine_config_file
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.files.yaml_files import read_yaml
 from mhsb_model.goal import Goal, format_position
+from mhsb_model.machine import find_machine_file
 from mhsb_model.types import Position
 from mhsb_msgs_py.node_process import run_ros, serve_node, spin_until
 from mhsb_planner.ros.goal_sender import GoalSender
@@ -151,7 +152,7 @@ def _demo(
         check_plant(arm, load_plant(arm, plant))
     began = time.monotonic()
     unfinished = begin(output)
-    settings = (f"machine:={machine.resolve()}",) if machine else ()
+    settings = (f"machine:={find_machine_file(machine).resolve()}",) if machine else ()
     of_plant = (f"plant:={plant.resolve()}",) if plant else ()
     compile_nodes()
     try:
@@ -179,8 +180,8 @@ def _shown(machine: Path | None) -> Iterator[None]:
     Args:
         machine: Machine file; None is the suite's own arm.
     """
-    arguments = ["--machine", str(machine.resolve())] if machine else []
-    with ChildProcess("mhsb_tools", "viewer", "--port", "0", *arguments) as viewer:
+    arguments = ["--machine", str(find_machine_file(machine).resolve())] if machine else []
+    with ChildProcess("mhsb_tools", "mhsb", "view", "--port", "0", *arguments) as viewer:
         print(f"the arm can be seen at {viewer.wait_for('http://', ANSWER_TIMEOUT)}", flush=True)
         yield
 
@@ -330,7 +331,7 @@ def _record(
         ChildEndedError: A process ended, the recorder cannot be reached, or the planner is silent.
     """
     bag = str(output / "bag")
-    with ChildProcess("mhsb_tools", "record", "--output", bag) as recorder:
+    with ChildProcess("mhsb_tools", "mhsb", "record", "--output", bag) as recorder:
         recorder.wait_for("ready", ANSWER_TIMEOUT)
         if not spin_until(
             executor, lambda: sender.subscriber_count >= GOAL_LISTENERS, ANSWER_TIMEOUT
@@ -376,8 +377,8 @@ def _send(sender: GoalSender, executor: SingleThreadedExecutor, goal: DemoGoal) 
 
 
 def main() -> int:
-    """Entry point of `ros2 run mhsb_tools demo`."""
-    return command_line.run(demo, name="demo")
+    """Entry point of `mhsb demo`."""
+    return command_line.run(demo)
 
 
 if __name__ == "__main__":

@@ -404,8 +404,8 @@ def point_lines(found: OperatingPoint | None) -> list[str]:
 
 
 def main() -> int:
-    """Entry point of `ros2 run mhsb_tools plan`."""
-    return command_line.run(plan, name="plan")
+    """Entry point of `mhsb plan`."""
+    return command_line.run(plan)
 
 
 if __name__ == "__main__":

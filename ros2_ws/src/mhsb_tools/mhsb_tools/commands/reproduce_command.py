@@ -300,8 +300,8 @@ def as_text(found: ExpectationJudgement) -> list[str]:
 
 
 def main() -> int:
-    """Entry point of `ros2 run mhsb_tools reproduce`."""
-    return command_line.run(reproduce, name="reproduce")
+    """Entry point of `mhsb reproduce`."""
+    return command_line.run(reproduce)
 
 
 if __name__ == "__main__":

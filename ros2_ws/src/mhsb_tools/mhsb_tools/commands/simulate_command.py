@@ -501,8 +501,8 @@ def write(output: Path, samples: Samples, summary: dict[str, Any]) -> None:
 
 
 def main() -> int:
-    """Entry point of `ros2 run mhsb_tools simulate`."""
-    return command_line.run(simulate, name="simulate")
+    """Entry point of `mhsb simulate`."""
+    return command_line.run(simulate)
 
 
 if __name__ == "__main__":

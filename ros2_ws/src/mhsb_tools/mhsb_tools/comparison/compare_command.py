@@ -237,8 +237,8 @@ def as_text(cases: Sequence[Comparison], summary: dict[str, Any]) -> list[str]:
 
 
 def main() -> int:
-    """Entry point of `ros2 run mhsb_tools compare`."""
-    return command_line.run(compare, name="compare")
+    """Entry point of `mhsb compare`."""
+    return command_line.run(compare)
 
 
 if __name__ == "__main__":

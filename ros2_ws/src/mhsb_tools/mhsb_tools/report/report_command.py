@@ -140,7 +140,7 @@ def _text(value: Any) -> str:
 
 def main() -> int:
     """Run the command `report` and return its exit code."""
-    return command_line.run(report, name="report")
+    return command_line.run(report)
 
 
 if __name__ == "__main__":

@@ -344,8 +344,8 @@ def study_faults(machine: Machine, faults: Sequence[str], jobs: Jobs, output: Pa
 
 
 def main() -> int:
-    """Entry point of `ros2 run mhsb_tools study`."""
-    return command_line.run(study, name="study")
+    """Entry point of `mhsb study`."""
+    return command_line.run(study)
 
 
 if __name__ == "__main__":

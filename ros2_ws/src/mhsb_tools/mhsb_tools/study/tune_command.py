@@ -13,8 +13,7 @@ from tqdm import tqdm
 from mhsb_control import load_machine
 from mhsb_model import command_line
 from mhsb_model.command_line import Count, JsonFlag, OptionalFile, Seed
-from mhsb_model.files.config_files import find_config_file
-from mhsb_model.machine import MACHINE_FILE, Machine
+from mhsb_model.machine import Machine, find_machine_file
 from mhsb_planner.work_arguments import WorkArguments
 from mhsb_tools.study.scenarios import load_scenarios
 from mhsb_tools.study.servo_study import plan_scenario
@@ -80,7 +79,7 @@ def tune_servo(
     """
     _check_arguments(budget, training)
     workers = work.connect()
-    file = machine or find_config_file(MACHINE_FILE)
+    file = find_machine_file(machine)
     arm = load_machine(file)
     if not dry_run:
         check_gain_sections(file)
@@ -150,8 +149,8 @@ def _build_training(arm: Machine, asked: TrainingArguments) -> Training:
 
 
 def main() -> int:
-    """Entry point of `ros2 run mhsb_tools tune`."""
-    return command_line.run(tune_servo, name="tune")
+    """Entry point of `mhsb tune`."""
+    return command_line.run(tune_servo)
 
 
 if __name__ == "__main__":

@@ -63,7 +63,7 @@ RELIEF_COST = FALL_COST = 10.0
 FAILURE_COST = 1e3
 """Cost of gains with which a run diverges or the arm is not stable."""
 
-TUNED_COMMENT = "# assumption: tuned by `ros2 run mhsb_tools tune`"
+TUNED_COMMENT = "# assumption: tuned by `mhsb tune`"
 """Comment that is written beside each tuned gain in the machine file."""
 
 

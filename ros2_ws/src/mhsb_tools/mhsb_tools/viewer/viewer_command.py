@@ -42,12 +42,8 @@ def viewer(
         raise command_line.UsageError(f"--port: {port} is not within 0 … {HIGHEST_PORT}")
     arm = load_machine(machine)
     recording = read_recording(bag, slews=arm.slews) if bag else None
-    try:
-        from mhsb_tools.viewer.server import open_server
-    except ModuleNotFoundError as error:
-        raise command_line.UsageError(
-            f"{error.name} is not installed; pip install 'viser>=1.1', or source scripts/env.sh"
-        ) from error
+    from mhsb_tools.viewer.server import open_server
+
     server = open_server(host, port, arm.relative_size)
     print(f"ready: http://{host}:{server.get_port()}", flush=True)
     if recording is not None:
@@ -62,7 +58,7 @@ def viewer(
 
 def main() -> int:
     """Run the command `viewer` and return its exit code."""
-    return command_line.run(viewer, name="viewer", node=True)
+    return command_line.run(viewer, node=True)
 
 
 if __name__ == "__main__":

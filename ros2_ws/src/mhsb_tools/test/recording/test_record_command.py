@@ -51,7 +51,7 @@ def recorded(folder: Path, topic: str) -> list:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_completes_the_recording_and_nothing_is_lost(node, start, tmp_path, number):
-    recorder = start("mhsb_tools", "record", "--output", tmp_path / "bag")
+    recorder = start("mhsb_tools", "mhsb", "record", "--output", tmp_path / "bag")
     publish_numbers(node, recorder, 500)
     assert recorder.stop(number) == 0
     assert recorder.output.endswith(f"recorded 500 messages in {tmp_path / 'bag'}\n")
@@ -62,14 +62,14 @@ def test_a_signal_completes_the_recording_and_nothing_is_lost(node, start, tmp_p
 def test_what_was_latched_before_the_recorder_came_is_recorded(node, start, tmp_path):
     topic = topics.PLAN_IN_FORCE
     node.create_publisher(topic.message, topic.name, topic.qos).publish(topic.message(sec=42))
-    recorder = start("mhsb_tools", "record", "--output", tmp_path / "bag", "--duration", 4)
+    recorder = start("mhsb_tools", "mhsb", "record", "--output", tmp_path / "bag", "--duration", 4)
     assert recorder.wait() == 0
     [message] = recorded(tmp_path / "bag", "/plan_in_force")
     assert message.sec == 42
 
 
 def test_the_recorder_says_when_it_hears_both_nodes(node, start, tmp_path):
-    recorder = start("mhsb_tools", "record", "--output", tmp_path / "bag")
+    recorder = start("mhsb_tools", "mhsb", "record", "--output", tmp_path / "bag")
     recorder.wait_for("recording into")
     for topic in (topics.JOINT_STATES, topics.PLAN_STATUS):
         assert "ready" not in recorder.output
@@ -80,7 +80,14 @@ def test_the_recorder_says_when_it_hears_both_nodes(node, start, tmp_path):
 
 def test_a_recorder_in_a_namespace_records_that_namespace(node, start, tmp_path):
     recorder = start(
-        "mhsb_tools", "record", "--output", tmp_path / "bag", "--ros-args", "-r", "__ns:=/left"
+        "mhsb_tools",
+        "mhsb",
+        "record",
+        "--output",
+        tmp_path / "bag",
+        "--ros-args",
+        "-r",
+        "__ns:=/left",
     )
     recorder.wait_for("recording into")
     topic = topics.JOINT_STATES
@@ -98,13 +105,13 @@ def test_a_recorder_in_a_namespace_records_that_namespace(node, start, tmp_path)
 def test_a_killed_recorder_leaves_a_recording_that_repair_completes(
     node, start, eventually, tmp_path
 ):
-    recorder = start("mhsb_tools", "record", "--output", tmp_path / "bag")
+    recorder = start("mhsb_tools", "mhsb", "record", "--output", tmp_path / "bag")
     publish_numbers(node, recorder, 3000)
     file = tmp_path / "bag" / "bag_0.mcap"
     eventually(lambda: file.stat().st_size > 250_000)
     assert recorder.stop(signal.SIGKILL) == -signal.SIGKILL
 
-    repairer = start("mhsb_tools", "record", "--repair", tmp_path / "bag")
+    repairer = start("mhsb_tools", "mhsb", "record", "--repair", tmp_path / "bag")
     assert repairer.wait() == 0
     positions = [message.position[0] for message in recorded(tmp_path / "bag", "/joint_states")]
     assert re.fullmatch(
@@ -137,7 +144,7 @@ def test_what_cannot_be_done_is_told_in_one_sentence(start, tmp_path, arguments,
     bag = tmp_path / "bag"
     bag.mkdir()
     (bag / "notes.txt").write_text("precious")
-    recorder = start("mhsb_tools", "record", *[word.format(bag=bag) for word in arguments])
+    recorder = start("mhsb_tools", "mhsb", "record", *[word.format(bag=bag) for word in arguments])
     assert recorder.wait() == code
     assert recorder.output == sentence.format(bag=bag) + "\n"
     assert os.listdir(bag) == ["notes.txt"]

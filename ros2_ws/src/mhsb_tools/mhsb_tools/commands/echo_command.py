@@ -1,0 +1,166 @@
+"""`echo`: print the messages of a topic as YAML, as `ros2 topic echo` does."""
+
+from __future__ import annotations
+
+import importlib
+import json as json_format
+import sys
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+import yaml
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from mhsb_model import command_line
+from mhsb_model.command_line import NumberRange
+from mhsb_model.errors import MhsbError
+from mhsb_msgs_py.node_process import run_ros, serve_node, spin_until
+
+QUEUE_DEPTH = 100
+"""Messages that wait to be printed; older ones are dropped."""
+
+LONG_TIME = 1e9
+"""Time to wait without a limit [s]."""
+
+
+class TopicError(MhsbError):
+    """A topic cannot be printed."""
+
+
+def echo(
+    topic: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TOPIC")],
+    once: bool = False,
+    timeout: Annotated[float, tyro.conf.arg(metavar="S"), NumberRange(0.0, 1e6)] = 10.0,
+    json: bool = False,
+) -> None:
+    """Print the messages of a topic as YAML until interrupted; `---` ends each.
+
+    The type is that of the topic's publishers, and so is the QoS: an earlier message of a latched
+    topic is printed as well. Numbers are as in the message, in SI units.
+
+    Args:
+        topic: Name of the topic, such as plan_status.
+        once: Print one message and end.
+        timeout: How long to wait for a publisher, and with --once again for a message [s].
+        json: Print each message as a JSON object on one line.
+    """
+    try:
+        with run_ros(), serve_node(lambda: Node("mhsb_echo")) as (executor, node):
+            _print_messages(node, executor, topic, once, timeout, json)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass  # the usual end
+
+
+def _print_messages(
+    node: Node,
+    executor: SingleThreadedExecutor,
+    topic: str,
+    once: bool,
+    timeout: float,
+    as_json: bool,
+) -> None:
+    """Subscribe to a topic and print its messages.
+
+    Args:
+        node: Node of this process.
+        executor: Executor that serves the node.
+        topic: Name of the topic.
+        once: Whether to return after one message.
+        timeout: Longest wait for a publisher, and for the one message [s].
+        as_json: Whether to print JSON lines instead of YAML.
+
+    Raises:
+        TopicError: There is no publisher or no message in time, or the type is not installed.
+    """
+    printed = 0
+
+    def print_message(message: Any) -> None:
+        """Print a message, unless one was printed and no more are wanted."""
+        nonlocal printed
+        if once and printed:
+            return
+        printed += 1
+        content = to_plain(message)
+        if as_json:
+            print(json_format.dumps(content), flush=True)
+        else:
+            print(yaml.safe_dump(content, sort_keys=False, allow_unicode=True) + "---", flush=True)
+
+    name = node.resolve_topic_name(topic)
+    if not spin_until(executor, lambda: node.count_publishers(name) > 0, timeout):
+        known = [each for each, _ in node.get_topic_names_and_types()]
+        raise TopicError(
+            f"nobody publishes {name} within {timeout:g} s; there are {', '.join(sorted(known))}"
+        )
+    type_name, profile = _describe_publishers(node, name)
+    node.create_subscription(_find_message_class(type_name), name, print_message, profile)
+    longest = timeout if once else LONG_TIME
+    if not spin_until(executor, lambda: once and printed > 0, longest):
+        raise TopicError(f"no message of {name} within {timeout:g} s")
+
+
+def _describe_publishers(node: Node, name: str) -> tuple[str, QoSProfile]:
+    """Return the message type of a topic and the strictest QoS that all its publishers offer.
+
+    Args:
+        node: Node of this process.
+        name: Full name of a topic with publishers.
+
+    Returns:
+        Type, such as `std_msgs/msg/String`, and QoS of a subscription.
+    """
+    publishers = node.get_publishers_info_by_topic(name)
+    profile = QoSProfile(depth=QUEUE_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+    offered = [each.qos_profile for each in publishers]
+    if all(each.reliability is ReliabilityPolicy.RELIABLE for each in offered):
+        profile.reliability = ReliabilityPolicy.RELIABLE
+    if all(each.durability is DurabilityPolicy.TRANSIENT_LOCAL for each in offered):
+        profile.durability = DurabilityPolicy.TRANSIENT_LOCAL
+    return publishers[0].topic_type, profile
+
+
+def _find_message_class(type_name: str) -> Any:
+    """Return the Python class of a message type, such as `std_msgs/msg/String`.
+
+    Raises:
+        TopicError: The package of the type is not installed.
+    """
+    package, _, name = type_name.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ModuleNotFoundError, AttributeError):
+        raise TopicError(f"messages of type {type_name} are not installed here") from None
+
+
+def to_plain(value: Any) -> Any:
+    """Return a message, or the value of one of its fields, in types that YAML and JSON know.
+
+    Args:
+        value: Message or value. An octet becomes its number.
+
+    Returns:
+        Messages as dictionaries in the order of their fields, arrays as lists.
+    """
+    if hasattr(value, "get_fields_and_field_types"):
+        names = value.get_fields_and_field_types()
+        return {name: to_plain(getattr(value, name)) for name in names}
+    if isinstance(value, bytes):
+        return value[0] if len(value) == 1 else list(value)
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [to_plain(each) for each in value]
+    return value
+
+
+def main() -> int:
+    """Entry point of `mhsb echo`."""
+    return command_line.run(echo, node=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

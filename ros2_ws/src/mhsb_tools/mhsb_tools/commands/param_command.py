@@ -1,0 +1,192 @@
+"""`param`: list, read and set the parameters of a running node, as `ros2 param` does."""
+
+from __future__ import annotations
+
+import difflib
+import json as json_format
+import sys
+from array import array
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+import tyro
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.task import Future
+
+from mhsb_model import command_line
+from mhsb_model.command_line import NumberRange
+from mhsb_model.errors import MhsbError
+from mhsb_msgs_py.node_process import run_ros, serve_node, spin_until
+
+
+class ParameterError(MhsbError):
+    """A parameter cannot be read or set."""
+
+
+def param(
+    action: Annotated[Literal["list", "get", "set"], tyro.conf.Positional],
+    node: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NODE")],
+    name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[NAME]")] = None,
+    value: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[VALUE]")] = None,
+    timeout: Annotated[float, tyro.conf.arg(metavar="S"), NumberRange(0.0, 1e6)] = 10.0,
+    json: bool = False,
+) -> None:
+    """List, read and set the parameters of a running node.
+
+    `param list NODE` prints all parameters with value and meaning, `param get NODE NAME` one value,
+    and `param set NODE NAME VALUE` sets one. A change holds for the next plan. Units are SI and
+    stand in the meaning: m, rad, s, kg, Pa.
+
+    Args:
+        action: What to do.
+        node: Name of the node, such as mhsb_planner or mhsb_sim.
+        name: Name of the parameter.
+        value: New value; an array is [0.65, 0.1, 0.9, 0.3].
+        timeout: How long to wait for the node, and for each answer [s].
+        json: Print values, by name, as one JSON object.
+    """
+    given = [each for each in (name, value) if each is not None]
+    words = {"list": "NODE", "get": "NODE NAME", "set": "NODE NAME VALUE"}[action]
+    if len(given) != len(words.split()) - 1:
+        raise command_line.UsageError(f"{action} takes {words}")
+    try:
+        with run_ros(), serve_node(lambda: Node("mhsb_param")) as (executor, own):
+            parameters = _RemoteParameters(own, executor, node, timeout)
+            if action == "set":
+                parameters.change(given[0], given[1])
+            values = parameters.read(given[:1] or parameters.list_names())
+            meanings = parameters.describe(list(values)) if action == "list" else {}
+    except ExternalShutdownException:
+        raise KeyboardInterrupt from None
+    if json:
+        print(json_format.dumps(values))
+    elif action == "list":
+        for key, each in values.items():
+            print(f"{key}: {_format(each)}" + (f"  # {meanings[key]}" if meanings[key] else ""))
+    else:
+        print(_format(values[given[0]]))
+
+
+class _RemoteParameters:
+    """Parameters of another node, read and set over its services."""
+
+    def __init__(
+        self, own: Node, executor: SingleThreadedExecutor, name: str, timeout: float
+    ) -> None:
+        """Wait for the node's services.
+
+        Args:
+            own: Node of this process.
+            executor: Executor that serves it.
+            name: Name of the other node.
+            timeout: Longest wait for the services, and for each answer [s].
+
+        Raises:
+            ParameterError: The services are not there in time.
+        """
+        self._name, self._executor, self._timeout = name, executor, timeout
+        self._client = AsyncParameterClient(own, name)
+        if not spin_until(executor, self._client.services_are_ready, timeout):
+            others = sorted({*own.get_node_names()} - {own.get_name()})
+            there = f"there are {', '.join(others)}" if others else "no node runs"
+            raise ParameterError(
+                f"no node {name} answers within {timeout:g} s; {there} in this ROS domain"
+            )
+
+    def _wait(self, answer: Future) -> Any:
+        """Return the result of a request, or raise ParameterError if none comes in time."""
+        if not spin_until(self._executor, answer.done, self._timeout):
+            raise ParameterError(f"{self._name} gave no answer within {self._timeout:g} s")
+        return answer.result()
+
+    def list_names(self) -> list[str]:
+        """Return the names of all parameters in alphabetical order."""
+        return sorted(self._wait(self._client.list_parameters()).result.names)
+
+    def read(self, names: list[str]) -> dict[str, Any]:
+        """Return values by name, in plain types.
+
+        Raises:
+            ParameterError: The node has no parameter of a name; the nearest name is given.
+        """
+        answer = self._wait(self._client.get_parameters(names))
+        values = {
+            name: _to_plain(parameter_value_to_python(each))
+            for name, each in zip(names, answer.values, strict=False)
+        }
+        for name in names:
+            if values.get(name) is None:
+                raise ParameterError(f"{self._name} has no parameter {name}{self._suggest(name)}")
+        return values
+
+    def _suggest(self, name: str) -> str:
+        """Return "; did you mean …?" with the nearest name of a parameter, or an empty text."""
+        near = difflib.get_close_matches(name, self.list_names(), 1)
+        return f"; did you mean {near[0]}?" if near else ""
+
+    def describe(self, names: list[str]) -> Mapping[str, str]:
+        """Return the description of each parameter, by name."""
+        answer = self._wait(self._client.describe_parameters(names))
+        return {each.name: each.description for each in answer.descriptors}
+
+    def change(self, name: str, text: str) -> None:
+        """Set a parameter to the value that a text stands for.
+
+        Args:
+            name: Name of the parameter.
+            text: The value; read as JSON, or as it is if the parameter is a text.
+
+        Raises:
+            ParameterError: There is no such parameter, the text is not of its type, or the node
+                refuses the value; with the node's reason.
+        """
+        self.read([name])
+        [descriptor] = self._wait(self._client.describe_parameters([name])).descriptors
+        kind = Parameter.Type(descriptor.type)
+        try:
+            parameter = Parameter(name, kind, _parse(text, kind))
+        except (ValueError, AssertionError, TypeError):
+            raise ParameterError(
+                f"{name} takes a value of type {kind.name.lower()}, not '{text}'"
+            ) from None
+        [result] = self._wait(self._client.set_parameters([parameter])).results
+        if not result.successful:
+            raise ParameterError(f"{self._name} refused {name}: {result.reason}")
+
+
+def _parse(text: str, kind: Parameter.Type) -> Any:
+    """Return the value of a text for a type of parameter.
+
+    Raises:
+        ValueError: The text is not a value of this type.
+    """
+    if kind is Parameter.Type.STRING:
+        return text
+    value = json_format.loads(text.lower() if kind is Parameter.Type.BOOL else text)
+    if kind is Parameter.Type.DOUBLE and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if kind is Parameter.Type.DOUBLE_ARRAY:
+        return [float(each) for each in value]
+    return value
+
+
+def _to_plain(value: Any) -> Any:
+    """Return the value of a parameter with arrays as lists."""
+    return list(value) if isinstance(value, array | tuple) else value
+
+
+def _format(value: Any) -> str:
+    """Return a value as a text that `param set` takes."""
+    return value if isinstance(value, str) else json_format.dumps(value)
+
+
+def main() -> int:
+    """Entry point of `mhsb param`."""
+    return command_line.run(param, node=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
