@@ -389,7 +389,8 @@ def test_plan_keeps_out_of_several_zones_and_tells_why_a_goal_is_in_one(start_fo
 
 def test_a_case_of_the_paper_brings_its_weights(start_fork):
     hurried, saving = (
-        start_fork("mhsb_tools", "mhsb", "plan", "--case", case, "--json") for case in ("1-2", "1-1")
+        start_fork("mhsb_tools", "mhsb", "plan", "--case", case, "--json")
+        for case in ("1-2", "1-1")
     )
     assert hurried.wait(180) == saving.wait(180) == 0
     hurried, saving = json.loads(hurried.output), json.loads(saving.output)
