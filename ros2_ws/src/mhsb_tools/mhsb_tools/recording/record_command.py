@@ -169,7 +169,7 @@ class RecordCommand:
             BagError: The recording cannot be written or repaired.
         """
         if (self.output is None) == (self.repair is None):
-            raise UsageError("give either --output DIR or --repair DIR; see record --help")
+            raise UsageError("give either --output DIR or --repair DIR; see mhsb record --help")
         if self.duration is not None and self.duration <= 0:
             raise UsageError(f"--duration is {self.duration:g} s; it must be above 0")
         if self.duration is not None and self.repair is not None:

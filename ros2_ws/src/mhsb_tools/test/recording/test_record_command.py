@@ -126,17 +126,17 @@ def test_a_killed_recorder_leaves_a_recording_that_repair_completes(
 @pytest.mark.parametrize(
     ("arguments", "code", "sentence"),
     [
-        (["--output", "{bag}"], 1, "record: {bag} is not empty; remove it or name another folder"),
+        (["--output", "{bag}"], 1, "mhsb record: {bag} is not empty; remove it or name another folder"),
         (
             ["--repair", "{bag}"],
             1,
-            "record: {bag} holds no file bag_0.mcap; name the folder of a recording",
+            "mhsb record: {bag} holds no file bag_0.mcap; name the folder of a recording",
         ),
-        ([], 2, "record: give either --output DIR or --repair DIR; see record --help"),
+        ([], 2, "mhsb record: give either --output DIR or --repair DIR; see mhsb record --help"),
         (
             ["--output", "{bag}", "--duration", "-2"],
             2,
-            "record: --duration is -2 s; it must be above 0",
+            "mhsb record: --duration is -2 s; it must be above 0",
         ),
     ],
 )
