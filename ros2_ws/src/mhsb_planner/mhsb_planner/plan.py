@@ -30,8 +30,8 @@ class Plan:
         energy: Energy of the motion in both readings.
         seconds: Times [s] by stage: `search`, `fit`, `energy`, and `comparison` for paths proposed
             for comparison. `first_motion` is the time from the request to the first motion.
-        area_shortfall: Area shortfall M of the motion (`manipulability_loss`) [m]; 0 if the area
-            has no weight.
+        area_shortfall: Manipulability loss M of the motion (`manipulability_loss`) [m]; 0 if it has
+            no weight.
         cavitations: Times in which the static load drives an actuator faster than oil fills its
             inlet, with the actuator.
         start_problems: Clause on joints beyond their limits and on an obstacle that the arm touches
@@ -94,7 +94,7 @@ class Plan:
         """Return the cost of the motion, w₁ E + w₂ T + w₃ S + w₄ M.
 
         E is the energy in the chosen reading [J], T the duration [s], S the number of mode
-        switches, and M the area shortfall [m].
+        switches, and M the manipulability loss [m].
 
         Args:
             options: Options that give the weights and the energy reading.

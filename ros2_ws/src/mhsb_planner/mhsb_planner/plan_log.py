@@ -85,7 +85,7 @@ class PlanLog:
 
     @contextmanager
     def record_failure(self, proposer: str) -> Iterator[None]:
-        """Context manager that ends at an error of a proposer, and appends an entry about it.
+        """Context manager that suppresses an `MhsbError` of a proposer and logs it as NO_PATH.
 
         Args:
             proposer: Name of the proposer.

@@ -39,7 +39,10 @@ class Progress:
 
     @property
     def is_half_over(self) -> bool:
-        """True if less time is left until `search_deadline` than has passed since creation."""
+        """True if less time is left until `search_deadline` than has passed since creation.
+
+        Without a deadline it is False.
+        """
         return now() - self._began > self.search_deadline.remaining
 
     @property

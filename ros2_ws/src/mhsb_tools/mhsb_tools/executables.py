@@ -35,12 +35,18 @@ class Subcommand(NamedTuple):
 
 
 def _command(module: str, summary: str) -> Subcommand:
-    """Return a subcommand that an interrupt ends with code 130."""
+    """Create a subcommand from the full name of its module, whose `main` it calls.
+
+    An interrupt (SIGINT) ends it with exit code 130.
+    """
     return Subcommand(make_command_entry(module), summary)
 
 
 def _node(module: str, summary: str) -> Subcommand:
-    """Return a subcommand that runs until a signal ends it with code 0."""
+    """Create a subcommand that runs until SIGINT, SIGTERM or SIGHUP ends it with exit code 0.
+
+    The first argument is the full name of its module, whose `main` it calls.
+    """
     return Subcommand(make_node_entry(module), summary)
 
 
@@ -66,9 +72,10 @@ SUBCOMMAND_TABLE = {
 
 
 def mhsb() -> int:
-    """Run the subcommand that the first argument names.
+    """Run the subcommand that the first argument of the process names.
 
-    The name in usage and messages becomes `mhsb NAME`, by `sys.argv[0]`.
+    Without an argument or with `--help`, the list of subcommands is printed. For an unknown name,
+    the nearest one is printed, and the exit code is EXIT_USAGE.
 
     Returns:
         The exit code.
@@ -108,7 +115,11 @@ def _describe_subcommands() -> str:
 
 
 def _start(name: str, arguments: list[str]) -> int:
-    """Run a subcommand with its arguments and return its exit code."""
+    """Run a subcommand of SUBCOMMAND_TABLE with `sys.argv` set to its name and arguments.
+
+    Returns:
+        The exit code.
+    """
     sys.argv = [f"mhsb {name}", *arguments]
     return SUBCOMMAND_TABLE[name].start()
 

@@ -106,10 +106,13 @@ def create_dispatcher(
 
 @contextmanager
 def _cache_folder(name: str) -> Iterator[None]:
-    """Context manager that lets numba choose a folder below one of a given name.
+    """Context manager in which dispatchers that enable their cache get a subfolder of their own.
+
+    It sets `numba.config.CACHE_DIR`, which numba reads when a dispatcher enables its cache, and
+    restores it at the end. Within the subfolder numba names a folder by the source file.
 
     Args:
-        name: Name of a folder in the cache folder.
+        name: Name of the subfolder of the cache folder.
     """
     folder = config.CACHE_DIR
     config.CACHE_DIR = str(Path(folder) / name)

@@ -5,8 +5,8 @@ every load reads both. Other kernels are linked with the inner version instead, 
 the version that Python calls is never used. Without it, a planner's kernels load in 1.5 s instead
 of 2.3 s of processor time. Numba's public interface has no option for that.
 
-A release of numba that has none of these attributes any more loads its own format, in the longer
-time; `test_machine_code.py` tells.
+A release of numba without these attributes stores and loads its own format, which takes the longer
+time. `test_machine_code.py` then fails.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from llvmlite.binding import parse_assembly
 
 
 def store_machine_code_alone(dispatcher: Any) -> None:
-    """Let a dispatcher store its versions without bitcode, if numba is built as expected.
+    """Let a dispatcher store its versions without bitcode.
 
-    Their bitcode is replaced by empty functions with the names by which the machine code is found.
+    The bitcode is replaced by that of empty functions. They have the names under which numba looks
+    up the machine code. Nothing happens if numba lacks the attributes that this takes.
 
     Args:
         dispatcher: Numba dispatcher that caches on disk, changed in place. Its versions must not be

@@ -57,10 +57,13 @@ class SharedDispatcher:
             self._check_versions(self._folder)
 
     def prepare_call(self, arguments: tuple) -> None:
-        """Compile or load the version for arguments, so that no process waits while it runs.
+        """Compile or load the version for arguments while holding the lock, without running it.
+
+        The lock is released before the call itself, so that no process waits for the call.
 
         Args:
-            arguments: All positional arguments. If there are fewer, numba compiles at the call.
+            arguments: Positional arguments of the call. If some are left to their defaults,
+                nothing happens: numba compiles at the call, without the lock.
         """
         if len(arguments) == self.dispatcher.py_func.__code__.co_argcount:
             self.compile(tuple(map(typeof, arguments)))
@@ -77,10 +80,12 @@ class SharedDispatcher:
         return self.run_locked(lambda: self.dispatcher.compile(types))
 
     def run_locked(self, compile_version: Callable[[], T]) -> T:
-        """Run a function that compiles or loads a version, while no other process does.
+        """Run a function that compiles or loads a version while holding the kernel's file lock.
 
         If another process holds the lock for longer than LONGEST_WAIT, the function runs without
-        it. If the version cannot be stored or read, this is logged and the function runs again.
+        it. If the version cannot be stored, this is logged and the function runs again, which then
+        finds it in memory. If it cannot be read, its files are deleted, and the function compiles
+        it. Errors of numba's compiler are raised.
 
         Args:
             compile_version: Function without arguments.
@@ -115,7 +120,7 @@ class SharedDispatcher:
     def _check_versions(self, folder: Path) -> None:
         """Delete compiled versions that differ from their hashes, so that they are never run.
 
-        Versions without a hash get one. They were stored when a further version was compiled.
+        A version has no hash if numba stored it outside of `run_locked`. It gets one now.
         """
         hashes = {}
         with suppress(OSError):
@@ -160,8 +165,10 @@ def _delete_damaged(files: Sequence[Path], reason: str) -> None:
 def _locked(path: Path) -> Iterator[None]:
     """Context manager that locks a file; it waits at most LONGEST_WAIT for another process.
 
+    After that time, or if the file cannot be opened, the block runs without the lock.
+
     Args:
-        path: Lock file, created if it is missing. If it cannot be opened, nothing is locked.
+        path: Lock file, created if it is missing.
     """
     end = time.monotonic() + LONGEST_WAIT
     try:

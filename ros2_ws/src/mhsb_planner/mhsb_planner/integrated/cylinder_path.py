@@ -6,7 +6,7 @@ pieces picks the mode combination of each piece. It minimises
 
     w₁ E + w₂ T + w₃ switches + w₄ M
 
-with energy E [J], time T [s], the number of mode switches and the area shortfall M [m]
+with energy E [J], time T [s], the number of mode switches and the manipulability loss M [m]
 (`manipulability_loss`). If a cylinder holds a load that P_S cannot carry, it is boosted as in the
 motion. The switches to the modes that hold the arm at the end of the path are counted.
 """
@@ -88,7 +88,7 @@ class PathCostModel(NamedTuple):
             force at the start. Column: combination after.
         weight: Weights of energy [1/J], time [1/s] and mode switches, shape (3,).
         energy_column: Column of a step's cost that holds the energy in the chosen reading.
-        area: Weight w₄ of the area shortfall and the reference area.
+        area: Weight w₄ of the manipulability loss and the reference area.
         obstacles: Obstacles as `Obstacles.path_rows`; empty if there are none.
         max_piece_stroke: Largest stroke of a cylinder within one piece [m].
     """
@@ -122,7 +122,7 @@ def cost_model(
         weight: Weights of energy [1/J], time [1/s] and mode switches, shape (3,).
         column: Column of a step's cost that holds the energy in the chosen reading,
             ENERGY_PAPER_COLUMN or ENERGY_SERIES_COLUMN.
-        area: Weight and reference of the area shortfall; by default the area is ignored.
+        area: Weight and reference of the manipulability loss; by default the area is ignored.
 
     Returns:
         The cost model, with all mode combinations of the machine.

@@ -76,7 +76,7 @@ class IntegratedSearch:
             goal_region: Other admissible tip positions; None: only the goal.
             bound_from: Posture from which the lower bound on the energy holds, shape (n,)
                 [rad or m]; None: the start.
-            area: Weight of the area shortfall and the reference area.
+            area: Weight of the manipulability loss and the reference area.
             slew_demand: Oil [m³] and least time [s] of what moves beside these joints, for the
                 lower bound on the energy.
             counts_leakage: Whether leakage counts when paths are compared. The costs of the paths
@@ -246,7 +246,7 @@ def search(
         machine: The arm in its plane.
         query: Start, goal and cost.
         goal_region: Other admissible tip positions; None: only the goal.
-        area: Weight of the area shortfall and the reference area.
+        area: Weight of the manipulability loss and the reference area.
         deadline: Instant at which the search ends with the cheapest path so far.
         effort: Limits on the effort for an arm of the paper's size; None: defaults.
 

@@ -80,6 +80,9 @@ class IntegratedPlanner:
         Yields:
             Path proposals; `for_comparison` marks all that are not from the planner's main search
             to the goal or region.
+
+        Raises:
+            MhsbError: The own search has failed. Failures of the others are only logged.
         """
         search = _create_search(graph.machine, task, progress, task.area)
         proposers = self._create_proposers(search, graph, task, progress)
@@ -97,10 +100,10 @@ class IntegratedPlanner:
 
         The proposers of other searches are left out if the request does not call for them:
 
-        - The search with a price on time runs if energy has a weight and no motion is to follow.
-        - The search without area runs if the area has a weight.
-        - If there is a goal region, everything is repeated for the goal alone, because the plan
-          must cost no more than without the region.
+        - The search with a price on time runs if energy has a weight and goals have no period.
+        - The search without the manipulability term runs if that has a weight.
+        - If there is a goal region, all proposers are created again for a request without it. They
+          come last, because the plan must cost no more than without the region.
 
         Args:
             search: The own search.
@@ -141,7 +144,9 @@ class IntegratedPlanner:
     def _paths_to_goal_alone(
         self, graph: StepGraph, task: PathRequest, progress: Progress, lower_bound: float
     ) -> Iterator[PathProposal]:
-        """Yield all paths for a request without its goal region, for comparison.
+        """Yield this planner's paths for the same request without its goal region.
+
+        They come from all proposers, baselines included, and are marked `for_comparison`.
 
         Args:
             graph: Step graph of the posture table.
@@ -239,10 +244,10 @@ def _paths_without_leakage(
 def _path_with_time_price(
     machine: Machine, task: PathRequest, progress: Progress
 ) -> Iterator[PathProposal]:
-    """Yield the path that is cheapest if each second costs as much as TIME_PRICE joules more.
+    """Yield the path that is cheapest if TIME_PRICE is added to the power of the pumps.
 
-    The cost that the path states does not contain this surcharge. The area is ignored. At most
-    MAX_TIME_PRICED_STATES states are expanded.
+    The cost that the path states contains neither this surcharge nor the manipulability term. At
+    most MAX_TIME_PRICED_STATES states are expanded.
 
     Args:
         machine: The arm in its plane.
@@ -264,14 +269,36 @@ def _path_with_time_price(
 def _path_without_area(
     machine: Machine, task: PathRequest, progress: Progress
 ) -> Iterator[PathProposal]:
-    """Yield the path that is cheapest if the area has no weight."""
+    """Yield the cheapest path without the manipulability term, which its cost does not contain.
+
+    Args:
+        machine: The arm in its plane.
+        task: The request.
+        progress: Progress of the plan.
+
+    Yields:
+        One path.
+
+    Raises:
+        MhsbError: There is no path.
+    """
     yield PathProposal(_create_search(machine, task, progress, WITHOUT_AREA).best_path())
 
 
 def _baseline_paths(
     baseline: PathPlanner, graph: StepGraph, task: PathRequest, progress: Progress
 ) -> Iterator[PathProposal]:
-    """Yield a baseline's paths, each for both methods of S3 if the options leave them open."""
+    """Yield a baseline's paths, each once for every method of S3 that the options allow.
+
+    Args:
+        baseline: The baseline.
+        graph: Step graph of the posture table.
+        task: The request. If its options name a method, each path comes only once.
+        progress: Progress of the plan.
+
+    Yields:
+        The path for the method of the planner that the request names, then for the baseline's own.
+    """
     for proposal in baseline.paths(graph, task, progress):
         yield from propose_in_both_ways(proposal, baseline, task)
 
@@ -279,9 +306,9 @@ def _baseline_paths(
 def _for_comparison(
     machine: Machine, task: PathRequest, lower_bound: float, proposals: Iterator[PathProposal]
 ) -> Iterator[PathProposal]:
-    """Yield proposals for comparison with the own search's, with its lower bound.
+    """Mark proposals as made for comparison, and give them the lower bound of the own search.
 
-    If the area has a weight, each path's cost grows by that weight times the path's area shortfall.
+    The weight of the manipulability loss times the loss along the path is added to each cost.
 
     Args:
         machine: The arm in its plane.

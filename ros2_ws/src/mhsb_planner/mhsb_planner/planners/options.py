@@ -65,8 +65,8 @@ class PlanOptions:
         heuristic_scale: Scale of the published search's heuristic [1/m].
         max_expansions: Largest number of states that the search expands; None: no limit.
         period: Time after which another motion follows this one [s]; 0: none follows.
-        area_weight: Weight w₄ of the area shortfall (`manipulability_loss`) [1/m]; 0 ignores the
-            area. Only some planners take it.
+        area_weight: Weight w₄ of the manipulability loss (`manipulability_loss`) [1/m]; 0 ignores
+            it. Only some planners take it.
 
     Raises:
         RequestError: A value is out of range, as `__post_init__` states.

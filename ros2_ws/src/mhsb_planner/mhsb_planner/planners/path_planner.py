@@ -51,7 +51,7 @@ class PathRequest:
             along its old path. None: it is at rest.
         departure: Posture at rest from which the path begins, shape (n,) [rad].
         options: Options of the plan.
-        area: Weight of the area shortfall and the reference area.
+        area: Weight of the manipulability loss and the reference area.
         slew_demand: Oil and least time of the slew, which is not among the joints of the graph.
     """
 

@@ -2,7 +2,8 @@
 
 A schedule is a generator of proposers. `take_turns` asks each for one proposal before it asks the
 schedule for the next proposer. A schedule sees what the turns have brought: whether there is a
-motion by now (`Progress.has_motion`), and what each proposer did at its last turn.
+motion by now (`Progress.has_motion`), and what each proposer did at its last turn. A proposer
+pauses if it proposes None.
 """
 
 from __future__ import annotations
@@ -45,11 +46,15 @@ class Proposer:
     def propose(self) -> PathProposal | None:
         """Take a turn: ask for the next proposal and store it in `last`.
 
+        At the end of the source, `has_ended` becomes True.
+
         Returns:
-            The proposal, under the name of this proposer unless it has one; None as for `last`.
+            The proposal. If it names no proposer, it gets the name of this one. None if the
+            proposer pauses or has ended.
 
         Raises:
-            MhsbError: The proposer has failed, and has ended thereby.
+            MhsbError: The source has failed. The error is also stored in `error`, and `has_ended`
+                becomes True.
         """
         try:
             proposal = next(self._proposals)
@@ -112,7 +117,10 @@ class ProposerSet:
     slew_time: float
 
     def turns_without_leakage(self) -> Iterator[Proposer]:
-        """Yield `without_leakage` until its end, if the last own path takes less than the slew."""
+        """Yield `without_leakage` until it has ended, if the slew takes longer than the own path.
+
+        The own path is that of the last turn of `own`. If `own` paused, nothing is yielded.
+        """
         last = self.own.last
         if last is not None and last.path.duration.sum() < self.slew_time:
             yield from _until_end(self.without_leakage)
@@ -126,10 +134,11 @@ class ProposerSet:
 def schedule_without_deadline(
     proposers: ProposerSet, progress: Progress, *, all_at_once: bool
 ) -> Iterator[Proposer]:
-    """Yield proposers in the order that suits a plan without a tight deadline.
+    """Yield proposers in the order for a plan that has time.
 
-    After a turn of the own search, the next baseline proposes all its paths if there is no motion
-    yet, if the own search pauses, or if half of the time is gone.
+    The own search comes first. After each of its turns, the next baseline proposes all its paths
+    if one of three conditions holds. There is no motion yet, the own search pauses, or half of the
+    time to a deadline is gone. Remaining baselines and later proposers follow at the end.
 
     Args:
         proposers: The proposers.
@@ -155,10 +164,10 @@ def schedule_without_deadline(
 def schedule_for_deadline(proposers: ProposerSet, progress: Progress) -> Iterator[Proposer]:
     """Yield proposers in the order that suits a deadline.
 
-    The first baseline has one turn right after the first turn of the own search. It takes a
-    millisecond or two, and no plan may cost more than its plan. The other turns of the baselines
-    come at the end of the own search. They come earlier if half of the time is gone without a
-    motion, and then until there is one.
+    The first baseline has its first turn right after that of the own search. It takes a
+    millisecond or two, and its motion bounds the cost of the plan. All other turns of the
+    baselines, and the later proposers, follow when the own search has ended. If half of the time
+    is gone without a motion, baselines take turns at once until there is a motion.
 
     Args:
         proposers: The proposers.
@@ -184,10 +193,11 @@ def schedule_for_deadline(proposers: ProposerSet, progress: Progress) -> Iterato
 def schedule_in_turn(
     first: Proposer, quick: Sequence[Proposer], others: Sequence[Proposer], progress: Progress
 ) -> Iterator[Proposer]:
-    """Yield proposers in turn, the quick ones more often than others.
+    """Yield proposers in turn until all have ended, the quick ones more often than others.
 
-    While there is no motion, the turns after a quick proposer's turn belong to it, until it ends.
-    Later it has every second turn.
+    While there is no motion, a quick proposer keeps its turn until it has ended. As soon as there
+    is a motion, a quick proposer has its next turn after one turn of another proposer. All others
+    go to the end of the queue after their turns.
 
     Args:
         first: Proposer with the first turn.

@@ -25,9 +25,11 @@ SPEED_FACTORS = (0.5, 0.25)
 def paths_at_falling_speeds(
     planner: PathPlanner, graph: StepGraph, task: PathRequest, progress: Progress
 ) -> Iterator[PathProposal]:
-    """Yield a planner's paths, then its paths at lower V_max while the motions are held back.
+    """Yield a planner's paths, and then, if motions are held back, its paths at lower speeds.
 
-    Lower speeds are also tried if there is no path at V_max, since pressures may suffice then.
+    SPEED_FACTORS are tried one after the other until `progress.is_held_back` is False. They are
+    also tried if there is no path at V_max, since slower steps take less pressure. An error at a
+    lower speed is only logged.
 
     Args:
         planner: The planner.
@@ -36,7 +38,7 @@ def paths_at_falling_speeds(
         progress: Progress of the plan; `is_held_back` decides whether the next speed is tried.
 
     Yields:
-        Path proposals, all with the lower bound of the first one.
+        Path proposals, all with a lower bound on the energy that holds at V_max [J].
 
     Raises:
         MhsbError: The planner has failed at V_max, and there is no path at a lower one.
@@ -67,14 +69,14 @@ def paths_at_falling_speeds(
 
 
 def limit_speeds(machine: Machine, factor: float) -> Machine:
-    """Return a machine with lower limits of all piston speeds.
+    """Return a copy of a machine in which all pistons are slower, for searches only.
 
     Args:
         machine: The arm in its plane.
         factor: Factor on V_max of each actuator [-].
 
     Returns:
-        The machine, for searches only: its configuration states the old limits.
+        The machine. Only its `arrays` have the lower V_max; `config` still states the old one.
     """
     speed = frozen(factor * machine.arrays.max_piston_speed)
     return replace(machine, arrays=machine.arrays._replace(max_piston_speed=speed))

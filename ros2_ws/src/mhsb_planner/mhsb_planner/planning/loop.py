@@ -1,4 +1,8 @@
-"""The planning loop: fits motions to proposed paths (S3, S4) and keeps the cheapest."""
+"""The planning loop: fits motions to proposed paths and keeps the cheapest.
+
+A motion is a trajectory (stage S3 of the method) with its mode schedule (S4). It follows a discrete
+path (S2) or is a polynomial between the path's ends. The best plan so far is the incumbent.
+"""
 
 from __future__ import annotations
 
@@ -76,7 +80,7 @@ class PostponedVariants(NamedTuple):
         proposal: Proposal of the first path.
         motion: Motion along it.
         rules: Rules by which that was fitted.
-        cost: Cost of the incumbent then [-].
+        cost: Cost of the incumbent when they were postponed, which is that of `motion` [-].
     """
 
     proposal: PathProposal
@@ -116,13 +120,13 @@ class PlanningLoop:
         self._since = log.began
 
     def start_with_rest(self, rest: Trajectory, lower_bound: float) -> None:
-        """Make the rest of the plan in force the first incumbent, if it keeps all limits.
+        """Make the remainder of the plan in force the first incumbent, if it keeps all limits.
 
-        Otherwise there is no incumbent yet, and no error is raised. The time until then is
-        stored as the time of the first motion.
+        Otherwise there is no incumbent yet, and no error is raised. In both cases the time since
+        the request is stored as that of the first motion.
 
         Args:
-            rest: Rest of the plan in force, with stamp 0.
+            rest: Remainder of the plan in force, with stamp 0.
             lower_bound: Lower bound on the energy of every plan [J].
         """
         task, log = self._task, self.progress.log
@@ -143,16 +147,17 @@ class PlanningLoop:
         self._seconds["first_motion"] = self._since - log.began
 
     def choose_best(self, proposals: Iterable[PathProposal]) -> Plan:
-        """Fit motions to proposed paths and return the plan with the cheapest one.
+        """Fit motions to proposed paths and return the last incumbent.
 
         An error of the proposers, or the deadline, ends the loop. It is raised only if there is no
-        motion. The other motions along the first path are tried at the latest at the end.
+        incumbent. Variants of the first motion that `_consider` has postponed are tried before the
+        loop ends.
 
         Args:
             proposals: Path proposals, requested one after the other.
 
         Returns:
-            The plan, with the times of its stages [s], its cavitations, and in its path's
+            The plan, with the times of its stages [s], its cavitations, its log, and in its path's
             statistics whether the time ran out.
 
         Raises:
@@ -160,6 +165,7 @@ class PlanningLoop:
                 path.
             DeadlineError: The time was up before there was a motion.
             MhsbError: Errors of the proposers.
+            ValueError: There was no proposal and no error, which is a fault of the planner.
         """
         in_time = True
         try:
@@ -203,23 +209,27 @@ class PlanningLoop:
         return self._cut_short or self._refused or unsaid
 
     def _consider(self, proposal: PathProposal) -> None:
-        """Fit motions to a path, and keep the cheapest.
+        """Fit motions to a path, and make each the incumbent that is better.
 
-        A path is skipped if MIN_MOTION_COST_RATIO times its cost without switches exceeds the
-        incumbent's cost. Other motions along a path are tried if its motion costs at most
-        NEAR_BEST_COST_FACTOR times as much as the incumbent.
+        A path is skipped if MIN_MOTION_COST_RATIO times its cost, less that of its mode switches,
+        exceeds the incumbent's cost. Otherwise it gets one motion by the rules of `fit_rules`. If
+        this costs at most NEAR_BEST_COST_FACTOR times as much as the incumbent, its variants
+        follow.
 
-        A motion is a published polynomial, or it consists of ramps that follow the path
-        (`TrajectoryKind`). If polynomials are asked for but following is allowed, the first path
-        gets ramps first, since they are faster to fit, then a polynomial. That polynomial replaces
-        the ramps whatever it costs, unless it has to be stretched.
+        While there is no incumbent, a path for which the rules ask for a polynomial is first
+        followed by ramps, if that is allowed, since ramps are faster to fit. The polynomial comes
+        next. It becomes the incumbent whatever it costs, unless it has to be stretched.
 
-        With a deadline, other motions along the first path wait until the next path has been
-        fitted, or else for the end of `choose_best`. They take several times as long as the motion
-        along that path and gain less.
+        With a deadline, the variants of the first motion wait until the next path has its motion,
+        or for the end of the proposals. They take several times as long as that motion and lower
+        the cost less. Updates `progress.is_held_back`.
 
         Args:
             proposal: The proposal.
+
+        Raises:
+            DeadlineError: The deadline of the plan passed.
+            FitError: There is no motion yet, and the start steers (`_is_steering`).
         """
         path, options, best = proposal.path, self._task.options, self._best
         estimate = path.cost - options.weights.switches * path.switches
@@ -243,13 +253,14 @@ class PlanningLoop:
     def _judge_speed(self, path: DiscretePath, motion: FittedMotion | None) -> None:
         """Update `progress.is_held_back` after the fits to a path.
 
-        Motions are held back if S3 has refused to follow a path that costs less than
-        MIN_REFUSED_COST_RATIO times the incumbent, or if the incumbent takes longer than
-        MAX_SLOWDOWN times its path's duration.
+        The flag becomes True, or False again, by two conditions. S3 has refused to follow a path
+        whose cost is below MIN_REFUSED_COST_RATIO times the cost of the incumbent's motion. Or the
+        incumbent's motion takes longer than MAX_SLOWDOWN times its path. Without an incumbent, any
+        refused path is enough.
 
         Args:
             path: The path.
-            motion: Its motion; None if there is none that is nearly as cheap as the incumbent.
+            motion: Motion that `_fit_and_keep` returned for it, or None.
         """
         if motion is None and self._refused_path is path:
             self._refused_cost = min(self._refused_cost, path.cost)
@@ -262,10 +273,13 @@ class PlanningLoop:
         self.progress.is_held_back = is_dear or (is_slow and best.path.steps > 0)
 
     def _try_postponed_variants(self) -> None:
-        """Try the other motions along the first path, if they were postponed.
+        """Try the postponed variants of the first motion, if there are any, and forget them.
 
         They are dropped if the first motion costs more than NEAR_BEST_COST_FACTOR times as much as
-        the incumbent.
+        the present incumbent.
+
+        Raises:
+            DeadlineError: The deadline of the plan passed.
         """
         postponed, best = self._postponed, self._best
         if postponed is None or best is None:
@@ -275,15 +289,18 @@ class PlanningLoop:
             self._try_variants(postponed.proposal, postponed.motion, postponed.rules)
 
     def _try_variants(self, proposal: PathProposal, motion: FittedMotion, rules: FitRules) -> None:
-        """Fit other motions to the path of a motion, and keep those that are cheaper.
+        """Fit variants of a motion to its path, and make each the incumbent that is better.
 
-        S3 records why it refused each curve that it tried. If another motion along the same path
-        becomes the incumbent, it takes over the first motion's reasons.
+        S3 records why it refused each curve that it tried. If a variant becomes the incumbent, the
+        first motion's reasons are put before its own.
 
         Args:
             proposal: Proposal with the path.
             motion: Motion along the path.
             rules: Rules by which it was fitted.
+
+        Raises:
+            DeadlineError: The deadline of the plan passed.
         """
         path, may_follow = proposal.path, self._may_follow_instead(proposal.path, rules)
         for other in yield_variant_rules(
@@ -298,7 +315,7 @@ class PlanningLoop:
         """Return whether a path may be followed instead of a polynomial that the rules ask for.
 
         It may if four things hold. The rules ask for a polynomial, and the options leave S3's
-        method open. The path has steps, and the start does not steer straight to the goal.
+        method open. The path has steps, and the start does not steer (`_is_steering`).
 
         Args:
             path: The path.
@@ -312,30 +329,34 @@ class PlanningLoop:
 
     @property
     def _is_steering(self) -> bool:
-        """True if the motion starts from a moving state and steers straight to its goal."""
+        """True if the start moves and the request asks for one curve from there to the goal.
+
+        `Planner` asks for it if the plan in force ends near the goal soon (`s3_state_to_rest`).
+        """
         return isinstance(self._task.brake, Steering)
 
     def _fit_and_keep(self, proposal: PathProposal, rules: FitRules) -> FittedMotion | None:
         """Fit a motion to a path and make it the incumbent if it is better (`_replaces`).
 
         Updates the times of the stages, the log, and `has_motion` and `reserve` of the progress.
-        One kind of motion replaces the incumbent whatever it costs: a polynomial by rules with
-        `polynomial_only` that need not be stretched. If S3 refuses such a polynomial, its reasons
-        are added to the incumbent.
+
+        Rules with `polynomial_only` ask for the published polynomial along the incumbent's path. It
+        becomes the incumbent whatever it costs, unless it has to be stretched. If S3 refuses it,
+        its reasons are added to the incumbent.
 
         Args:
             proposal: Proposal with the path.
             rules: Rules for the fit.
 
         Returns:
-            The motion, if it has become the incumbent's or costs at most NEAR_BEST_COST_FACTOR
-            times as much as the incumbent. If a polynomial by `polynomial_only` was refused, the
-            incumbent's motion. Otherwise None.
+            Motion whose variants are worth a try. It is the fitted motion, if that is the incumbent
+            now or costs at most NEAR_BEST_COST_FACTOR times as much. It is the incumbent's motion,
+            if a polynomial by `polynomial_only` was refused. Otherwise None.
 
         Raises:
             DeadlineError: The deadline of the plan passed.
-            FitError: There is no motion yet, and the start steers: another way of coming to rest
-                will do better than another path.
+            FitError: There is no motion yet, and the start steers. `Planner` then tries another way
+                of coming to rest.
         """
         began, best, options = self._since, self._best, self._task.options
         motion = self._fit(proposal, rules)
@@ -362,9 +383,9 @@ class PlanningLoop:
     def _replaces(self, plan: Plan, best: Plan) -> bool:
         """Return whether a plan is sufficiently better than the incumbent to replace it.
 
-        It must be cheaper. If another motion is to follow, it may take at most ALLOWED_DELAY_SHARE
-        of the period longer. If the incumbent is the rest of the plan in force, the gain in cost
-        must be at least the share WORTH_LEAVING.
+        It must be cheaper. With a period of goals (`PlanOptions.period`), it may take at most
+        ALLOWED_DELAY_SHARE times the period longer than the incumbent. If the incumbent is the
+        remainder of the plan in force, it must cost at least WORTH_LEAVING times that cost less.
 
         Args:
             plan: The plan.
@@ -387,8 +408,8 @@ class PlanningLoop:
     def _fit(self, proposal: PathProposal, rules: FitRules) -> FittedMotion | None:
         """Fit a motion to a path, and log the reason if there is none.
 
-        While there is no motion, a path proposed for comparison gets only COMPARED_SHARE of the
-        remaining time.
+        While there is no motion, the fit to a path that is proposed for comparison may take only
+        COMPARED_SHARE of the time until the deadline, if there is one.
 
         Args:
             proposal: Proposal with the path.
@@ -425,7 +446,7 @@ class PlanningLoop:
         return None
 
     def _fit_by(self, path: DiscretePath, rules: FitRules, deadline: Deadline) -> FittedMotion:
-        """Fit a motion to a path, or to coming to rest alone if the path has no steps.
+        """Fit a motion to a path. If the path has no steps, only bring the start to rest.
 
         Args:
             path: The path.
@@ -447,7 +468,7 @@ class PlanningLoop:
         return fit_trajectory(machine, path, task.start, task.modes, task.brake, rules, deadline)
 
     def _assemble_plan(self, path: DiscretePath, motion: FittedMotion, deadline: Deadline) -> Plan:
-        """Compute the energy and the area shortfall of a motion, and assemble its plan.
+        """Compute the energy and the manipulability loss of a motion, and assemble its plan.
 
         Args:
             path: The path.
@@ -455,8 +476,8 @@ class PlanningLoop:
             deadline: Instant at which the computation is given up.
 
         Returns:
-            Plan of path, motion, energy [J] and area shortfall [m]; without stage times,
-            cavitations, start problems and log.
+            Plan of path, motion, energy [J] and manipulability loss [m]. Its other fields keep
+            their defaults.
 
         Raises:
             DeadlineError: The deadline passed.

@@ -1,4 +1,8 @@
-"""Rules by which motions are fitted to a path: which methods of S3 are tried, with which ramps."""
+"""Rules by which motions are fitted to a path.
+
+The trajectory stage (S3) has two methods. The published polynomial joins the ends of the path. The
+other follows the path with ramps between its speeds (`motion.s3_trajectory`).
+"""
 
 from __future__ import annotations
 
@@ -38,17 +42,17 @@ SHORT_MOTION_TIME_FACTOR = 1.5
 def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> FitRules:
     """Return the rules by which S3 fits a motion to a path.
 
-    The method of S3 (polynomial or following the path) is chosen by the options, else by `of_path`,
-    else by the planner. Polynomials may exceed V_max by `max_speed_excess` only if the options or
-    the planner ask for polynomials.
+    The method is that of the options, else `of_path`, else `trajectory` of the planner that the
+    options name. A polynomial may exceed V_max by the options' `max_speed_excess`, if the options
+    or their planner ask for polynomials. If only `of_path` does, it may not.
 
     Args:
         options: Options of the plan.
-        of_path: Method for this path if the options leave it open; None: the planner's method.
+        of_path: Method for this path if the options have none; None: the planner's method.
 
     Returns:
-        The rules, with the via points as (coordinates, tolerance) [m] and the shortest duration
-        SHORT_MOTION_TIME_FACTOR · period [s].
+        The rules, with the via points as (coordinates, tolerance) [m]. The shortest duration [s] is
+        SHORT_MOTION_TIME_FACTOR times the period of the goals.
     """
     own = options.trajectory or get_planner(options.planner).trajectory
     rules = FitRules.create_following()
@@ -62,7 +66,7 @@ def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> Fi
 
 
 def following_rules(rules: FitRules) -> FitRules:
-    """Return the rules for following the path, with the same shortest duration and via points."""
+    """Return default rules for following a path, with some rules' least duration and via points."""
     return replace(
         FitRules.create_following(), min_duration=rules.min_duration, via_points=rules.via_points
     )
@@ -76,15 +80,16 @@ def yield_variant_rules(
     *,
     may_follow: bool,
 ) -> Iterator[FitRules]:
-    """Yield rules for other motions along a path that may be cheaper than a given one.
+    """Yield rules for variants of a motion along its path, which may be cheaper.
 
-    - For a ramped motion without braking: faster ramps and, if time has a weight, a faster last
-      ramp.
-    - For a polynomial that V_max stretches in time: following the path, if that is allowed.
-    - For any motion but a polynomial that has more mode switches than its path: slower ramps,
-      since inertia then calls for boost.
+    - A ramped motion from rest gets faster ramps, one of FASTER_RAMP_FACTORS at a time. If time
+      has a weight, it also gets a faster last ramp alone.
+    - A polynomial that was stretched because of V_max gets a motion that follows the path, if that
+      is allowed.
+    - A motion that follows the path gets slower ramps, one of SLOWER_RAMP_FACTORS at a time, if it
+      has more mode switches than its path. Inertia then asks for boost.
 
-    If another motion is to follow, ramps are not varied.
+    With a period of goals, ramps are not varied, since there is no time for it.
 
     Args:
         path: The path.
@@ -113,13 +118,13 @@ def yield_variant_rules(
 
 
 def describe_rules(rules: FitRules) -> str:
-    """Return the words of the log for a motion by some rules.
+    """Describe in a few words, for the log, which motion some rules ask for.
 
     Args:
         rules: The rules.
 
     Returns:
-        Method of S3, and the factor on the ramps if there is one only, such as
+        Method, and the factors on the ramps if these are varied. An example is
         `followed, ramps x 0.72`.
     """
     words: str = rules.trajectory

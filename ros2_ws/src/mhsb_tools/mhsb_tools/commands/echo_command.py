@@ -39,13 +39,13 @@ def echo(
 ) -> None:
     """Print the messages of a topic as YAML until interrupted; `---` ends each.
 
-    The type is that of the topic's publishers, and so is the QoS: an earlier message of a latched
-    topic is printed as well. Numbers are as in the message, in SI units.
+    Type and QoS are those of the topic's publishers, so an earlier message of a latched topic is
+    printed as well. Numbers are as in the message, in SI units.
 
     Args:
         topic: Name of the topic, such as plan_status.
         once: Print one message and end.
-        timeout: How long to wait for a publisher, and with --once again for a message [s].
+        timeout: How long to wait for a publisher, and with --once as long again for a message [s].
         json: Print each message as a JSON object on one line.
     """
     try:
@@ -104,7 +104,10 @@ def _print_messages(
 
 
 def _describe_publishers(node: Node, name: str) -> tuple[str, QoSProfile]:
-    """Return the message type of a topic and the strictest QoS that all its publishers offer.
+    """Return the message type of a topic and the QoS to subscribe with.
+
+    The QoS is reliable if all publishers are, and transient local if all are. The type is that of
+    the first publisher.
 
     Args:
         node: Node of this process.
@@ -158,7 +161,7 @@ def to_plain(value: Any) -> Any:
 
 
 def main() -> int:
-    """Entry point of `mhsb echo`."""
+    """Run `mhsb echo` with the arguments of the process, and return its exit code."""
     return command_line.run(echo, node=True)
 
 

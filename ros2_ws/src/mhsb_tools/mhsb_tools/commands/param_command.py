@@ -37,8 +37,8 @@ def param(
     """List, read and set the parameters of a running node.
 
     `param list NODE` prints all parameters with value and meaning, `param get NODE NAME` one value,
-    and `param set NODE NAME VALUE` sets one. A change holds for the next plan. Units are SI and
-    stand in the meaning: m, rad, s, kg, Pa.
+    and `param set NODE NAME VALUE` sets one. The planner plans with it from the next plan on. Units
+    are SI and stand in the meaning: m, rad, s, kg, Pa.
 
     Args:
         action: What to do.
@@ -158,7 +158,14 @@ class _RemoteParameters:
 
 
 def _parse(text: str, kind: Parameter.Type) -> Any:
-    """Return the value of a text for a type of parameter.
+    """Convert a text to a value of a parameter's type.
+
+    Args:
+        text: The text, read as JSON unless the type is text. An integer is accepted for a number.
+        kind: Type of the parameter.
+
+    Returns:
+        The value.
 
     Raises:
         ValueError: The text is not a value of this type.
@@ -184,7 +191,7 @@ def _format(value: Any) -> str:
 
 
 def main() -> int:
-    """Entry point of `mhsb param`."""
+    """Run `mhsb param` with the arguments of the process, and return its exit code."""
     return command_line.run(param, node=True)
 
 

@@ -126,7 +126,11 @@ def test_a_killed_recorder_leaves_a_recording_that_repair_completes(
 @pytest.mark.parametrize(
     ("arguments", "code", "sentence"),
     [
-        (["--output", "{bag}"], 1, "mhsb record: {bag} is not empty; remove it or name another folder"),
+        (
+            ["--output", "{bag}"],
+            1,
+            "mhsb record: {bag} is not empty; remove it or name another folder",
+        ),
         (
             ["--repair", "{bag}"],
             1,

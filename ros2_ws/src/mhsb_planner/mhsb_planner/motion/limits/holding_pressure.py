@@ -1,13 +1,16 @@
-"""Pressure that cylinders take to hold their loads, near which an interval is looked at closely.
+"""Limit of the pressure at which cylinders hold their loads.
+
+An interval with a value near the limit is checked closely.
 
     holding = max_j p_j(F_j, 0) / p_max,j
 
-p_j is the supply pressure at which a cylinder holds its load F_j, with margin, and p_max,j the
-highest one of its mode. Only cylinders that may be lifting their load count. Far below the dead
-band the valve is closed, and a cylinder does not count.
+p_j(F_j, 0) is the supply pressure at which a cylinder carries its load F_j at speed 0, with the
+boost margin, and p_max,j the highest one of its mode. A cylinder counts if it moves against its
+load, or if its speed is in the dead band but above a quarter of it. At lower speeds its valve is
+closed.
 
-`usage` itself leaves out cylinders in the dead band and jumps at its edge. This quantity does not,
-so it shows where a parabola through three values of `usage` would prove too much.
+`usage` leaves out cylinders in the dead band and jumps at its edge, so a parabola through three of
+its values is no bound there. This quantity does not jump.
 """
 
 from __future__ import annotations
@@ -33,7 +36,10 @@ The rest is enough for the valve at the lowest speeds."""
 
 @kernel(inline="always")
 def measure_holding_pressure(m: MachineArrays, state: LimitInputs) -> float:
-    """Return the largest share of its highest supply pressure that a cylinder takes to hold [-]."""
+    """Return the largest ratio p_j(F_j, 0) / p_max,j over all cylinders that count [-].
+
+    It is 0 if no cylinder counts.
+    """
     oil, valve, cap, rod = get_shared_hydraulics(m), m.valve_coefficient, m.cap_area, m.rod_area
     heaviest = 0.0
     for j in range(len(state.speed)):

@@ -60,8 +60,10 @@ def joint_excess(m: MachineArrays, q: FloatArray) -> FloatArray:
 def compute_outward_excess(m: MachineArrays, position: FloatArray) -> float:
     """Compute how far a joint moves outwards beyond its limits.
 
-    A joint that starts beyond a limit may return. Therefore only the increase over its least excess
-    so far counts; that least excess is 0 once the joint is within its limits.
+    A joint that starts beyond a limit may return, but may not move outwards again. With e_k the
+    excess at instant k, negative within the limits, the result is
+
+        max_k ( e_k − min_{i ≤ k} max(e_i, 0) )
 
     Args:
         m: Arrays of the machine.

@@ -49,7 +49,17 @@ class LimitInputs(NamedTuple):
 
 @kernel(inline="always")
 def select_instant(motion: LimitInputs, k: int, interval: int) -> LimitInputs:
-    """Return the state of a motion at its instant k, in the modes of row `interval`."""
+    """Return the state of a motion at one instant, as views of its arrays.
+
+    Args:
+        motion: The motion: arrays with a row for each instant, and `modes` with a row for each
+            interval between two points, shape (k − 1, n).
+        k: Index of the instant.
+        interval: Index of the interval whose modes count.
+
+    Returns:
+        The state.
+    """
     return LimitInputs(
         motion.position[k],
         motion.speed[k],

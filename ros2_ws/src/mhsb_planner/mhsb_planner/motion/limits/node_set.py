@@ -1,4 +1,4 @@
-"""Limit of the tip: it stays in the node set, the workspace.
+"""Limit of the tip: it stays in the node set, which is the workspace in the arm's plane.
 
 x ≥ x_min,   r_min ≤ √(x² + z²) ≤ r_max
 """
@@ -21,7 +21,10 @@ CLEAR_DISTANCE = 2e-3
 
 @kernel(inline="always")
 def measure_tip_excess(m: MachineArrays, state: LimitInputs) -> float:
-    """Return the distance of the tip out of the node set; negative inside [m]."""
+    """Return the largest excess of the tip over the three bounds of the node set [m].
+
+    It is negative inside.
+    """
     return compute_region_excess(m.min_x, m.min_radius, m.max_radius, state.tip[0], state.tip[1])
 
 

@@ -2,9 +2,10 @@
 
     thrust = max_j (p_L(F + (M q̈ + C q̇)/r) + m(v) + margin) / p_max,j ≤ 1
 
-p_L is the load pressure, m(v) the drop over the valve, and `margin` the part of the boost margin
-that inertia must leave. p_max,j is the highest supply pressure of the actuator's mode. Cylinders
-count that move against their load.
+p_L is the load pressure under the force F of gravity plus that of inertia, with the moment arm r.
+m(v) is the drop over the valve. `margin` is the part of the boost margin that must remain in spite
+of inertia. p_max,j is the highest supply pressure of the actuator's mode. Only cylinders that move
+against their load count.
 
 Source: paper, Section 2.1, with inertia added.
 """
@@ -26,7 +27,10 @@ from mhsb_planner.motion.motion_profile import DEAD_BAND
 
 @kernel(inline="always")
 def measure_thrust(m: MachineArrays, state: LimitInputs) -> float:
-    """Return the largest share of its highest supply pressure that a moving cylinder takes [-]."""
+    """Return the largest ratio of needed to highest supply pressure over all cylinders [-].
+
+    It is 0 if no cylinder moves against its load.
+    """
     oil, valve, cap, rod = get_shared_hydraulics(m), m.valve_coefficient, m.cap_area, m.rod_area
     hardest = 0.0
     for j in range(len(state.speed)):

@@ -52,8 +52,9 @@ def speed_limit(
 
         v = K √((p − margin − p_L) A_dir/(A³ + a³))
 
-    With the load the valve at P_S limits it, and the filling of the inlet chamber, K √P_S/A_dir. In
-    boost the flow of n modules, n Q_SP/A_dir, is a further limit.
+    With the load, two limits hold: the same equation with p = P_S and without margin, and the flow
+    that the valve passes into the inlet chamber, v = K √P_S/A_dir. The load need not be lifted
+    then. In boost the flow of n modules, v = n Q_SP/A_dir, is a further limit.
 
     Args:
         oil: Hydraulic numbers that all actuators share.
@@ -83,9 +84,10 @@ def speed_limit(
 
 @kernel(inline="always")
 def measure_usage(m: MachineArrays, state: LimitInputs) -> float:
-    """Return the share of what pumps and valves can do; inf if no speed is possible [-].
+    """Return the usage of pumps and valves by the equation of this module [-].
 
-    Writes the boosted supply pressure of each actuator [Pa] into the working memory.
+    It is inf if a cylinder has to move and cannot. Writes the supply pressure of each boosted
+    actuator [Pa] into `state.scratch`; other entries are left as they are.
     """
     oil, valve, cap, rod = get_shared_hydraulics(m), m.valve_coefficient, m.cap_area, m.rod_area
     own, modes = state.scratch, state.modes
