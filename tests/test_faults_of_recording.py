@@ -80,14 +80,14 @@ def test_a_file_that_is_no_recording_stays_as_it_is_and_every_reader_says_so(sta
         "record": ("record", "--repair", bag),
         "report": ("report", bag, "--output", tmp_path / "report"),
         "animate": ("animate", bag, "--output", tmp_path / "film.gif"),
-        "viewer": ("viewer", bag, "--port", 0),
+        "view": ("view", bag, "--port", 0),
     }
-    children = {name: start("mhsb_sim", *words) for name, words in commands.items()}
+    children = {name: start("mhsb_tools", "mhsb", *words) for name, words in commands.items()}
     for name, child in children.items():
         assert child.wait() == 1, child.output
         [sentence] = child.output.splitlines()
-        assert sentence.startswith(f"{name}: ")
-        told = "nothing can be read" if name == "record" else "complete it by record --repair"
+        assert sentence.startswith(f"mhsb {name}: ")
+        told = "nothing can be read" if name == "record" else "complete it by mhsb record --repair"
         assert told in sentence
     assert sorted(path.name for path in bag.iterdir()) == before
     assert (bag / "bag_0.mcap").read_bytes() == bytes(range(256)) * 400

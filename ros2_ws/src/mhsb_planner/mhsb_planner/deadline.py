@@ -4,7 +4,7 @@
     planner.plan(goal, start, deadline=deadline.earlier_by(0.005))
 
 A deadline is an absolute instant, so it is passed on unchanged. Every callee sees the time that is
-left, whatever was done before. `progress.Progress` is the
+left, whatever was done before. `progress.PlanProgress` is the
 part of that time that a search may take.
 """
 

@@ -12,8 +12,8 @@ from time import perf_counter
 from mhsb_model.errors import MhsbError
 
 
-class Outcome(StrEnum):
-    """Outcome of a proposal."""
+class ProposalOutcome(StrEnum):
+    """ProposalOutcome of a proposal."""
 
     TAKEN = "taken"
     """Its motion became the incumbent."""
@@ -41,7 +41,7 @@ class LogEntry:
     Attributes:
         time: Time since the request [s].
         proposer: Name of the proposer, such as `table`.
-        outcome: Outcome of the proposal.
+        outcome: ProposalOutcome of the proposal.
         path_cost: Cost of the proposed path [-]; NaN if there is none.
         motion: Kind of motion that was asked for, such as `polynomial`; empty if none was.
         motion_cost: Cost of the motion [-]; NaN if there is none.
@@ -50,7 +50,7 @@ class LogEntry:
 
     time: float
     proposer: str
-    outcome: Outcome
+    outcome: ProposalOutcome
     path_cost: float = math.nan
     motion: str = ""
     motion_cost: float = math.nan
@@ -72,7 +72,7 @@ class PlanLog:
     def add(
         self,
         proposer: str,
-        outcome: Outcome,
+        outcome: ProposalOutcome,
         path_cost: float = math.nan,
         motion: str = "",
         motion_cost: float = math.nan,
@@ -93,7 +93,7 @@ class PlanLog:
         try:
             yield
         except MhsbError as error:
-            self.add(proposer, Outcome.NO_PATH, reason=str(error))
+            self.add(proposer, ProposalOutcome.NO_PATH, reason=str(error))
 
     def format_table(self) -> str:
         """Return the entries as a text table, with a line for each."""

@@ -9,7 +9,7 @@ from mhsb_planner.plan_log import PlanLog
 
 
 @dataclass
-class Progress:
+class PlanProgress:
     """What searches may know of the plan that is being made.
 
     The planning loop (`planning.loop`) updates it; everything else only reads it and adds to the

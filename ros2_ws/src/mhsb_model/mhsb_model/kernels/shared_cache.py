@@ -33,7 +33,7 @@ LOCK_NAME = "kernel.lock"
 HASHES_NAME = "sha256"
 """Name of the file with the hashes of the compiled versions, in the format of sha256sum."""
 
-T = TypeVar("T")
+Version = TypeVar("Version")
 
 _log = logging.getLogger(__name__)
 
@@ -79,7 +79,7 @@ class SharedDispatcher:
         """
         return self.run_locked(lambda: self.dispatcher.compile(types))
 
-    def run_locked(self, compile_version: Callable[[], T]) -> T:
+    def run_locked(self, compile_version: Callable[[], Version]) -> Version:
         """Run a function that compiles or loads a version while holding the kernel's file lock.
 
         If another process holds the lock for longer than LONGEST_WAIT, the function runs without

@@ -38,7 +38,7 @@ from mhsb_planner.integrated.search_problem import (
     SearchProblem,
     max_bound_cells,
 )
-from mhsb_planner.progress import Progress
+from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.lower_bound import ENERGY_ALONE, add_other_motion
 from mhsb_planner.search.manipulability_loss import WITHOUT_AREA, AreaTerm
@@ -65,7 +65,7 @@ class IntegratedSearch:
         area: AreaTerm = WITHOUT_AREA,
         slew_demand: tuple[float, float] = (0.0, 0.0),
         counts_leakage: bool = True,
-        progress: Progress | None = None,
+        progress: PlanProgress | None = None,
         limits: SearchLimits | None = None,
     ) -> None:
         """Prepare the search: sample the goal postures and compute the lower bounds.
@@ -91,7 +91,7 @@ class IntegratedSearch:
             ZoneError: The arm would be too near to an obstacle in every goal posture.
             DeadlineError: The time was up before the search could begin.
         """
-        self._began, progress = perf_counter(), progress or Progress()
+        self._began, progress = perf_counter(), progress or PlanProgress()
         limits = limits or (WITH_AREA if area.weight > 0.0 else SearchLimits())
         limits = limits.scaled(machine.relative_size)
         progress.search_deadline.check(SEARCH_TASK)
@@ -265,7 +265,7 @@ def search(
         query,
         goal_region=goal_region,
         area=area,
-        progress=Progress(deadline),
+        progress=PlanProgress(deadline),
         limits=effort,
     )
     return under_way.best_path()
@@ -383,4 +383,4 @@ def _example_problem(machine: Machine) -> SearchProblem:
     goals = sample_goal_postures(machine, float(x), float(z), psi, effort.psi_spacing)
     modes = np.zeros(machine.joint_count, dtype=np.uint8)
     priced_by = cost_model(machine, modes, np.ones(3), ENERGY_COLUMN["paper"], AreaTerm(1.0, 1.0))
-    return SearchProblem.create(machine, start, priced_by, goals, Progress(), effort)
+    return SearchProblem.create(machine, start, priced_by, goals, PlanProgress(), effort)

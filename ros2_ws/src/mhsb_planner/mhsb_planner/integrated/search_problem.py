@@ -15,7 +15,7 @@ from mhsb_planner.integrated.cylinder_path import (
 )
 from mhsb_planner.integrated.goal_postures import PSI_SPACING, GoalPostures
 from mhsb_planner.integrated.lower_bound import MOST_CELLS, SOON_CELLS, lower_bound_to_goals
-from mhsb_planner.progress import Progress
+from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.lower_bound import bound_costs_between
 
 
@@ -119,7 +119,7 @@ class SearchProblem:
     goals: GoalPostures
     lower_bound: float
     goal_lower_bounds: FloatArray
-    progress: Progress
+    progress: PlanProgress
     limits: SearchLimits
 
     @classmethod
@@ -129,7 +129,7 @@ class SearchProblem:
         posture: FloatArray,
         cost_model: PathCostModel,
         goals: GoalPostures,
-        progress: Progress,
+        progress: PlanProgress,
         effort: SearchLimits,
     ) -> SearchProblem:
         """Create the problem from a start posture to given goal postures.
@@ -181,6 +181,6 @@ class SearchProblem:
         return CylinderPath(via, k, int(self.goals.elbow[k]), self.goals.free[k], cost)
 
 
-def max_bound_cells(progress: Progress) -> int:
+def max_bound_cells(progress: PlanProgress) -> int:
     """Return the largest number of cells for a lower bound; fewer if there is a deadline."""
     return SOON_CELLS if progress.has_deadline else MOST_CELLS

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
 from mhsb_planner.planners.table import yield_graph_paths
-from mhsb_planner.progress import Progress
+from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search import fixed_j3
 from mhsb_planner.search.s2_graph import StepGraph
 
@@ -23,7 +23,7 @@ class FixedPlanner:
     takes: tuple[str, ...] = ("search", "heuristic_scale", "initial_j3")
 
     def paths(
-        self, graph: StepGraph, task: PathRequest, progress: Progress
+        self, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
         """Yield the cheapest path over the fixed-joint graph, or the path of the published search.
 

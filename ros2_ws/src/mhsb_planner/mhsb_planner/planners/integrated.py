@@ -35,7 +35,7 @@ from mhsb_planner.planners.schedule import (
     take_turns,
 )
 from mhsb_planner.planners.table import TablePlanner
-from mhsb_planner.progress import Progress
+from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.manipulability_loss import WITHOUT_AREA, AreaTerm, area_along_path
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_search import PathQuery
@@ -66,7 +66,7 @@ class IntegratedPlanner:
     takes: tuple[str, ...] = ()
 
     def paths(
-        self, graph: StepGraph, task: PathRequest, progress: Progress
+        self, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
         """Yield the planner's own paths and, in between, paths of the baselines for comparison.
 
@@ -94,7 +94,7 @@ class IntegratedPlanner:
         yield from take_turns(schedule, progress, proposers.own)
 
     def _create_proposers(
-        self, search: IntegratedSearch, graph: StepGraph, task: PathRequest, progress: Progress
+        self, search: IntegratedSearch, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> ProposerSet:
         """Create the proposers for a request, which do nothing before their first turns.
 
@@ -142,7 +142,7 @@ class IntegratedPlanner:
         )
 
     def _paths_to_goal_alone(
-        self, graph: StepGraph, task: PathRequest, progress: Progress, lower_bound: float
+        self, graph: StepGraph, task: PathRequest, progress: PlanProgress, lower_bound: float
     ) -> Iterator[PathProposal]:
         """Yield this planner's paths for the same request without its goal region.
 
@@ -177,7 +177,7 @@ class IntegratedPlanner:
 def _create_search(
     machine: Machine,
     task: PathRequest,
-    progress: Progress,
+    progress: PlanProgress,
     area: AreaTerm,
     effort: SearchLimits | None = None,
     *,
@@ -219,7 +219,7 @@ def _create_search(
 
 
 def _paths_without_leakage(
-    machine: Machine, task: PathRequest, progress: Progress, lower_bound: float
+    machine: Machine, task: PathRequest, progress: PlanProgress, lower_bound: float
 ) -> Iterator[PathProposal]:
     """Yield the paths of an own search that ignores leakage when it compares paths.
 
@@ -242,7 +242,7 @@ def _paths_without_leakage(
 
 
 def _path_with_time_price(
-    machine: Machine, task: PathRequest, progress: Progress
+    machine: Machine, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
     """Yield the path that is cheapest if TIME_PRICE is added to the power of the pumps.
 
@@ -267,7 +267,7 @@ def _path_with_time_price(
 
 
 def _path_without_area(
-    machine: Machine, task: PathRequest, progress: Progress
+    machine: Machine, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
     """Yield the cheapest path without the manipulability term, which its cost does not contain.
 
@@ -286,7 +286,7 @@ def _path_without_area(
 
 
 def _baseline_paths(
-    baseline: PathPlanner, graph: StepGraph, task: PathRequest, progress: Progress
+    baseline: PathPlanner, graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
     """Yield a baseline's paths, each once for every method of S3 that the options allow.
 

@@ -15,7 +15,7 @@ from mhsb_planner.motion.s3_state_to_rest import Steering
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planners.options import PlanOptions
-from mhsb_planner.progress import Progress
+from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.lower_bound import ENERGY_ALONE, add_other_motion
 from mhsb_planner.search.manipulability_loss import AreaTerm
@@ -148,7 +148,7 @@ class PathPlanner(Protocol):
     takes: tuple[str, ...]
 
     def paths(
-        self, graph: StepGraph, task: PathRequest, progress: Progress
+        self, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
         """Yield paths from the departure to the goal: the first early, then cheaper ones.
 

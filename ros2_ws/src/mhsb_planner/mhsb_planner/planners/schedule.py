@@ -2,7 +2,7 @@
 
 A schedule is a generator of proposers. `take_turns` asks each for one proposal before it asks the
 schedule for the next proposer. A schedule sees what the turns have brought: whether there is a
-motion by now (`Progress.has_motion`), and what each proposer did at its last turn. A proposer
+motion by now (`PlanProgress.has_motion`), and what each proposer did at its last turn. A proposer
 pauses if it proposes None.
 """
 
@@ -13,9 +13,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from mhsb_model.errors import MhsbError
-from mhsb_planner.plan_log import Outcome
+from mhsb_planner.plan_log import ProposalOutcome
 from mhsb_planner.planners.path_planner import PathProposal
-from mhsb_planner.progress import Progress
+from mhsb_planner.progress import PlanProgress
 
 
 class Proposer:
@@ -70,7 +70,7 @@ class Proposer:
 
 
 def take_turns(
-    schedule: Iterator[Proposer], progress: Progress, main: Proposer | None = None
+    schedule: Iterator[Proposer], progress: PlanProgress, main: Proposer | None = None
 ) -> Iterator[PathProposal]:
     """Give the proposers of a schedule their turns, and yield what they propose.
 
@@ -89,7 +89,7 @@ def take_turns(
         try:
             proposal = proposer.propose()
         except MhsbError as error:
-            progress.log.add(proposer.name, Outcome.NO_PATH, reason=str(error))
+            progress.log.add(proposer.name, ProposalOutcome.NO_PATH, reason=str(error))
             if proposer is main:
                 raise
             continue
@@ -132,7 +132,7 @@ class ProposerSet:
 
 
 def schedule_without_deadline(
-    proposers: ProposerSet, progress: Progress, *, all_at_once: bool
+    proposers: ProposerSet, progress: PlanProgress, *, all_at_once: bool
 ) -> Iterator[Proposer]:
     """Yield proposers in the order for a plan that has time.
 
@@ -161,7 +161,7 @@ def schedule_without_deadline(
     yield from proposers.remaining_turns()
 
 
-def schedule_for_deadline(proposers: ProposerSet, progress: Progress) -> Iterator[Proposer]:
+def schedule_for_deadline(proposers: ProposerSet, progress: PlanProgress) -> Iterator[Proposer]:
     """Yield proposers in the order that suits a deadline.
 
     The first baseline has its first turn right after that of the own search. It takes a
@@ -191,7 +191,7 @@ def schedule_for_deadline(proposers: ProposerSet, progress: Progress) -> Iterato
 
 
 def schedule_in_turn(
-    first: Proposer, quick: Sequence[Proposer], others: Sequence[Proposer], progress: Progress
+    first: Proposer, quick: Sequence[Proposer], others: Sequence[Proposer], progress: PlanProgress
 ) -> Iterator[Proposer]:
     """Yield proposers in turn until all have ended, the quick ones more often than others.
 

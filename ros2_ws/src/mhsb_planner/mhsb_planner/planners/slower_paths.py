@@ -15,7 +15,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.types import frozen
 from mhsb_planner.errors import NoPathError
 from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
-from mhsb_planner.progress import Progress
+from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.s2_graph import StepGraph
 
 SPEED_FACTORS = (0.5, 0.25)
@@ -23,7 +23,7 @@ SPEED_FACTORS = (0.5, 0.25)
 
 
 def paths_at_falling_speeds(
-    planner: PathPlanner, graph: StepGraph, task: PathRequest, progress: Progress
+    planner: PathPlanner, graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
     """Yield a planner's paths, and then, if motions are held back, its paths at lower speeds.
 

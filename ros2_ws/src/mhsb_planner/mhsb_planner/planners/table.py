@@ -10,7 +10,7 @@ from mhsb_planner.errors import DeadlineError
 from mhsb_planner.goal_region import is_goal_met, tip_positions
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
-from mhsb_planner.progress import Progress
+from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search import s2_search
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.s2_graph import StepGraph
@@ -28,7 +28,7 @@ class TablePlanner:
     takes: tuple[str, ...] = ("search", "heuristic_scale")
 
     def paths(
-        self, graph: StepGraph, task: PathRequest, progress: Progress
+        self, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
         """Yield the cheapest path over the posture table, or the path of the published search.
 
@@ -51,7 +51,7 @@ class TablePlanner:
 
 
 def yield_graph_paths(
-    graph: StepGraph, task: PathRequest, progress: Progress
+    graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> Iterator[DiscretePath]:
     """Yield paths over a step graph, to the goal and to the cheapest position of its region.
 
@@ -119,7 +119,7 @@ def _is_in_goal_region(graph: StepGraph, task: PathRequest) -> bool:
 
 
 def _search_path_to(
-    tip: tuple[float, float], graph: StepGraph, task: PathRequest, progress: Progress
+    tip: tuple[float, float], graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> DiscretePath:
     """Search the cheapest path to one tip position over a step graph, by the method in the options.
 

@@ -12,7 +12,7 @@ from mhsb_model.machine import Machine
 from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
 from mhsb_planner.planners.resting import insert_rests
 from mhsb_planner.planners.slower_paths import paths_at_falling_speeds
-from mhsb_planner.progress import Progress
+from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.s2_graph import StepGraph
 
@@ -27,7 +27,7 @@ class PathSource(Protocol):
     def bound(self, task: PathRequest) -> float:
         """Return a lower bound on the energy of every plan for a request [J]."""
 
-    def paths(self, task: PathRequest, progress: Progress) -> Iterator[PathProposal]:
+    def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
         """Yield paths from the departure to the goal, as `PathPlanner.paths` does."""
 
 
@@ -52,13 +52,13 @@ class PlanePaths:
         """Return a lower bound on the energy of every plan for a request [J]."""
         return task.energy_lower_bound(self.graph)
 
-    def paths(self, task: PathRequest, progress: Progress) -> Iterator[PathProposal]:
+    def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
         """Yield the planner's paths, at V_max first (`slower_paths`)."""
         return paths_at_falling_speeds(self.planner, self.graph, task, progress)
 
 
 def paths_through_via_points(
-    source: PathSource, task: PathRequest, progress: Progress
+    source: PathSource, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
     """Yield paths from the departure to the goal through all via points in their order.
 
@@ -100,7 +100,7 @@ def paths_through_via_points(
 
 
 def plan_leg(
-    source: PathSource, task: PathRequest, progress: Progress, cheapest: bool
+    source: PathSource, task: PathRequest, progress: PlanProgress, cheapest: bool
 ) -> DiscretePath:
     """Return the path of a leg to a via point.
 

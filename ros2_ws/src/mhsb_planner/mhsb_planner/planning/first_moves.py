@@ -21,12 +21,12 @@ from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.errors import DeadlineError, StartError
 from mhsb_planner.motion.limits.joint_range import JOINT_TOLERANCE, joint_excess
-from mhsb_planner.plan_log import Outcome
+from mhsb_planner.plan_log import ProposalOutcome
 from mhsb_planner.planners.path_planner import PathProposal, PathRequest
 from mhsb_planner.planners.resting import insert_rests
 from mhsb_planner.planners.via_paths import PathSource, join_paths, paths_through_via_points
 from mhsb_planner.posture.s1_posture_table import PostureTable
-from mhsb_planner.progress import Progress
+from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.goal_clearance import describe_start_contact
 from mhsb_planner.search.s2_step import step_costs
@@ -112,7 +112,11 @@ def describe_start_problems(machine: Machine, posture: FloatArray) -> str:
 
 
 def paths_from_anywhere(
-    machine: Machine, source: PathSource, table: PostureTable, task: PathRequest, progress: Progress
+    machine: Machine,
+    source: PathSource,
+    table: PostureTable,
+    task: PathRequest,
+    progress: PlanProgress,
 ) -> Iterator[PathProposal]:
     """Yield paths from the departure to the goal, wherever the departure is.
 
@@ -161,7 +165,7 @@ def paths_from_anywhere(
         raise refused
 
 
-def _limit_to_direct_share(progress: Progress) -> Progress:
+def _limit_to_direct_share(progress: PlanProgress) -> PlanProgress:
     """Create a progress with the same log and a deadline after DIRECT_SHARE of the remaining time.
 
     Args:
@@ -171,13 +175,17 @@ def _limit_to_direct_share(progress: Progress) -> Progress:
         The progress, whose `has_motion` and `reserve` the caller must update.
     """
     if not progress.has_deadline:
-        return Progress(progress.deadline, log=progress.log)
+        return PlanProgress(progress.deadline, log=progress.log)
     later = (1.0 - DIRECT_SHARE) * max(0.0, progress.deadline.remaining)
-    return Progress(progress.deadline.earlier_by(later), log=progress.log)
+    return PlanProgress(progress.deadline.earlier_by(later), log=progress.log)
 
 
 def _paths_over_first_moves(
-    machine: Machine, source: PathSource, table: PostureTable, task: PathRequest, progress: Progress
+    machine: Machine,
+    source: PathSource,
+    table: PostureTable,
+    task: PathRequest,
+    progress: PlanProgress,
 ) -> Iterator[PathProposal]:
     """Yield paths that begin with a first move to an admissible posture.
 
@@ -217,7 +225,7 @@ def _paths_over_first_moves(
             raise
         except MhsbError as error:
             refused = refused or error
-            progress.log.add(FIRST_MOVE, Outcome.NO_PATH, reason=str(error))
+            progress.log.add(FIRST_MOVE, ProposalOutcome.NO_PATH, reason=str(error))
         if progress.has_motion:
             return
     if refused is not None:

@@ -31,7 +31,7 @@ from mhsb_planner.motion.s3_trajectory import (
     fit_trajectory,
 )
 from mhsb_planner.plan import Plan
-from mhsb_planner.plan_log import Outcome, PlanLog
+from mhsb_planner.plan_log import PlanLog, ProposalOutcome
 from mhsb_planner.planners.path_planner import PathProposal, PathRequest
 from mhsb_planner.planning.motion_rules import (
     describe_rules,
@@ -39,7 +39,7 @@ from mhsb_planner.planning.motion_rules import (
     following_rules,
     yield_variant_rules,
 )
-from mhsb_planner.progress import Progress
+from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.manipulability_loss import area_along_motion
 
@@ -109,7 +109,7 @@ class PlanningLoop:
             log: Log, to which the loop and the proposers add entries.
         """
         self._machine, self._task = machine, task
-        self.progress = Progress(deadline, log=log)
+        self.progress = PlanProgress(deadline, log=log)
         self._best: Plan | None = None
         self._refused: FitError | None = None
         self._refused_path: DiscretePath | None = None
@@ -140,9 +140,9 @@ class PlanningLoop:
             )
             self.progress.has_motion = True
             cost = self._best.cost(task.options)
-            log.add("plan in force", Outcome.TAKEN, motion_cost=cost)
+            log.add("plan in force", ProposalOutcome.TAKEN, motion_cost=cost)
         except (FitError, DeadlineError) as error:
-            log.add("plan in force", Outcome.REFUSED, reason=str(error))
+            log.add("plan in force", ProposalOutcome.REFUSED, reason=str(error))
         self._charge_time("fit")
         self._seconds["first_motion"] = self._since - log.began
 
@@ -234,7 +234,7 @@ class PlanningLoop:
         path, options, best = proposal.path, self._task.options, self._best
         estimate = path.cost - options.weights.switches * path.switches
         if best is not None and MIN_MOTION_COST_RATIO * estimate > best.cost(options):
-            self._log(proposal, Outcome.SKIPPED)
+            self._log(proposal, ProposalOutcome.SKIPPED)
             return
         rules, followed = fit_rules(options, proposal.trajectory), None
         if best is None and self._may_follow_instead(path, rules):  # faster to fit
@@ -374,10 +374,10 @@ class PlanningLoop:
         published = rules.polynomial_only and motion.stretch <= 1.0
         cost = plan.cost(options)
         if best is None or published or self._replaces(plan, best):
-            self._log(proposal, Outcome.TAKEN, rules, motion_cost=cost)
+            self._log(proposal, ProposalOutcome.TAKEN, rules, motion_cost=cost)
             self._best = plan
             return motion
-        self._log(proposal, Outcome.DEARER, rules, motion_cost=cost)
+        self._log(proposal, ProposalOutcome.DEARER, rules, motion_cost=cost)
         return motion if cost <= NEAR_BEST_COST_FACTOR * best.cost(options) else None
 
     def _replaces(self, plan: Plan, best: Plan) -> bool:
@@ -428,12 +428,12 @@ class PlanningLoop:
         try:
             return self._fit_by(proposal.path, rules, deadline)
         except DeadlineError as error:
-            self._log(proposal, Outcome.TOO_LATE, rules, reason=str(error))
+            self._log(proposal, ProposalOutcome.TOO_LATE, rules, reason=str(error))
             if deadline == self.progress.deadline:
                 raise
             self._cut_short = error
         except FitError as error:
-            self._log(proposal, Outcome.REFUSED, rules, reason=error.refused[-1])
+            self._log(proposal, ProposalOutcome.REFUSED, rules, reason=error.refused[-1])
             self._refused = self._refused or error
             if rules.trajectory == "followed":
                 self._refused_path = proposal.path
@@ -503,7 +503,7 @@ class PlanningLoop:
     def _log(
         self,
         proposal: PathProposal,
-        outcome: Outcome,
+        outcome: ProposalOutcome,
         rules: FitRules | None = None,
         **values: Any,
     ) -> None:

@@ -42,7 +42,7 @@ from mhsb_planner.planners.path_planner import (
 from mhsb_planner.planners.resting import insert_rests
 from mhsb_planner.planners.schedule import Proposer, schedule_in_turn, take_turns
 from mhsb_planner.planners.via_paths import PlanePaths, join_paths, plan_leg
-from mhsb_planner.progress import Progress
+from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.goal_clearance import check_tip_clearance
 from mhsb_planner.search.lower_bound import bound_costs_between
@@ -170,7 +170,7 @@ class SlewingPaths:
         """
         return self._convert_to_plane(task)[0].energy_lower_bound(self.graph)
 
-    def paths(self, task: PathRequest, progress: Progress) -> Iterator[PathProposal]:
+    def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
         """Yield paths of the whole arm from the start posture to the goal.
 
         Without zones in space each path of the planner is yielded with an even slew motion. With
@@ -213,7 +213,7 @@ class SlewingPaths:
         )
 
     def _yield_paths_among_zones(
-        self, task: PathRequest, in_plane: PathRequest, slew: float, progress: Progress
+        self, task: PathRequest, in_plane: PathRequest, slew: float, progress: PlanProgress
     ) -> Iterator[PathProposal]:
         """Yield clear paths of the whole arm among zones in space, by all methods in turn.
 
@@ -271,7 +271,7 @@ class SlewingPaths:
             raise self._create_error(task, direct.error, progress)
 
     def _create_error(
-        self, task: PathRequest, refused: MhsbError | None, progress: Progress
+        self, task: PathRequest, refused: MhsbError | None, progress: PlanProgress
     ) -> MhsbError:
         """Return the error to raise if no method has given a clear path.
 
@@ -293,7 +293,7 @@ class SlewingPaths:
         planner: PathPlanner,
         in_plane: PathRequest,
         slew_angles: tuple[float, float],
-        progress: Progress,
+        progress: PlanProgress,
     ) -> Iterator[PathProposal]:
         """Yield planar paths on which the arm is clear at every slew angle (method "past shadows").
 
@@ -316,7 +316,7 @@ class SlewingPaths:
         planner: PathPlanner,
         in_plane: PathRequest,
         slew_angles: tuple[float, float],
-        progress: Progress,
+        progress: PlanProgress,
     ) -> Iterator[PathProposal]:
         """Yield planar paths over a via point where the plane may turn (method "carried").
 
@@ -377,7 +377,7 @@ class SlewingPaths:
         posture: FloatArray,
         ends: tuple[PlanePaths, PlanePaths],
         in_plane: PathRequest,
-        progress: Progress,
+        progress: PlanProgress,
         thorough: bool,
     ) -> tuple[DiscretePath, DiscretePath]:
         """Plan a path to the tip of a carrying posture, and from rest there on to the goal.

@@ -20,7 +20,7 @@ from mhsb_planner.planners.registry import (
     planner_summaries,
 )
 from mhsb_planner.planners.table import yield_graph_paths
-from mhsb_planner.progress import Progress
+from mhsb_planner.progress import PlanProgress
 from mhsb_planner.ros import planner_parameters
 from mhsb_planner.search.s2_graph import StepGraph
 
@@ -39,7 +39,7 @@ class DetourPlanner:
         self.asked = 0
 
     def paths(
-        self, graph: StepGraph, task: PathRequest, progress: Progress
+        self, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
         """A path that costs too much, something impossible, then the table's."""
         self.asked += 1

@@ -14,7 +14,7 @@ from mhsb_planner.planners.schedule import (
     schedule_without_deadline,
     take_turns,
 )
-from mhsb_planner.progress import Progress
+from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 
 FAILS = "fails"
@@ -81,27 +81,27 @@ def proposers(own, *, leak_free=(), slew_time=0.0):
 def test_without_deadline_a_baseline_has_its_turns_when_the_own_search_does_not_help(
     own, motion_at, all_at_once, order
 ):
-    progress = Progress(NO_DEADLINE)
+    progress = PlanProgress(NO_DEADLINE)
     schedule = schedule_without_deadline(proposers(own), progress, all_at_once=all_at_once)
     # the pause at the end of the own search lets one more baseline in, which then comes anyway
     assert turns(schedule, progress, motion_at=motion_at) == order
 
 
 def test_with_a_deadline_the_quickest_baseline_has_one_turn_second():
-    progress = Progress(Deadline.after(3600.0))
+    progress = PlanProgress(Deadline.after(3600.0))
     schedule = schedule_for_deadline(proposers((1, 1, 1)), progress)
     assert turns(schedule, progress, motion_at=1) == "own table own own table fixed later"
 
 
 def test_with_half_of_the_time_gone_baselines_propose_until_there_is_a_motion():
-    progress = Progress(Deadline.after(-1.0))
+    progress = PlanProgress(Deadline.after(-1.0))
     schedule = schedule_for_deadline(proposers((1, 1, 1)), progress)
     assert turns(schedule, progress, motion_at=4) == "own table own table own fixed later"
 
 
 @pytest.mark.parametrize("deadline", [NO_DEADLINE, Deadline.after(3600.0)])
 def test_leakage_is_left_out_after_the_first_own_path_that_is_shorter_than_the_slew(deadline):
-    progress = Progress(deadline)
+    progress = PlanProgress(deadline)
     every = proposers((3, 1, 1), leak_free=(1, 1), slew_time=2.0)
     if deadline is NO_DEADLINE:
         schedule, first = schedule_without_deadline(every, progress, all_at_once=False), "own"
@@ -112,7 +112,7 @@ def test_leakage_is_left_out_after_the_first_own_path_that_is_shorter_than_the_s
 
 
 def test_zones_give_the_quick_ones_every_turn_until_there_is_a_motion_and_then_every_second():
-    progress = Progress()
+    progress = PlanProgress()
     quick = [scripted("quick", 1, 1, 1, 1)]
     others = [scripted("slow", 1, 1), scripted("last", 1)]
     schedule = schedule_in_turn(scripted("direct", 1, 1, 1), quick, others, progress)
@@ -121,7 +121,7 @@ def test_zones_give_the_quick_ones_every_turn_until_there_is_a_motion_and_then_e
 
 
 def test_a_failure_is_logged_with_its_reason_and_others_go_on():
-    progress = Progress()
+    progress = PlanProgress()
     every = [scripted("one", 1, FAILS, 1), scripted("two", 1)]
     schedule = schedule_in_turn(every[0], [], every[1:], progress)
     assert turns(schedule, progress) == "one two"
@@ -133,7 +133,7 @@ def test_a_failure_is_logged_with_its_reason_and_others_go_on():
 
 
 def test_the_main_proposer_s_failure_ends_the_plan():
-    progress = Progress()
+    progress = PlanProgress()
     every = proposers((1, FAILS))
     schedule = schedule_for_deadline(every, progress)
     with pytest.raises(NoPathError):

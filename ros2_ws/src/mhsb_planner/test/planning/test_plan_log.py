@@ -8,7 +8,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.errors import DeadlineError
-from mhsb_planner.plan_log import Outcome, PlanLog
+from mhsb_planner.plan_log import PlanLog, ProposalOutcome
 from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions
 
 GOAL = (0.55, 0.60)
@@ -29,7 +29,7 @@ def start(planner) -> MotionState:
 def test_costs_of_motions_that_were_taken_fall_to_that_of_the_plan(planner, start, kind):
     options = PlanOptions(planner=kind, trajectory="followed")
     plan = planner.plan(GOAL, start, options=options)
-    taken = [each.motion_cost for each in plan.log if each.outcome == Outcome.TAKEN]
+    taken = [each.motion_cost for each in plan.log if each.outcome == ProposalOutcome.TAKEN]
     assert taken == sorted(taken, reverse=True)
     assert taken[-1] == plan.cost(options)
     assert plan.log[0].proposer == kind
@@ -52,7 +52,7 @@ def test_a_search_that_fails_has_its_reason_in_the_log(planner, start):
     log = PlanLog()
     with pytest.raises(MhsbError) as error:
         hindered.plan(GOAL, start, options=PlanOptions(planner="integrated"), log=log)
-    assert {each.outcome for each in log.entries} == {Outcome.NO_PATH}
+    assert {each.outcome for each in log.entries} == {ProposalOutcome.NO_PATH}
     reasons = {each.proposer: each.reason for each in log.entries}
     assert reasons["integrated"] in str(error.value)
     assert "integrated at 0.5 V_max" in reasons
@@ -68,7 +68,7 @@ def test_a_log_that_is_given_is_filled_even_if_the_time_is_up(planner, start, lo
             deadline=looks.deadline_after(6),
             log=log,
         )
-    assert all(each.outcome != Outcome.TAKEN for each in log.entries)
+    assert all(each.outcome != ProposalOutcome.TAKEN for each in log.entries)
 
 
 def test_the_table_has_a_line_for_each_entry(planner, start):

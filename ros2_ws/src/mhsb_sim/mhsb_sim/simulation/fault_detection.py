@@ -82,7 +82,7 @@ class DetectionSettings:
     Origin: chosen; 1 up to rounding."""
 
 
-DETECTION = DetectionSettings()
+DETECTION_SETTINGS = DetectionSettings()
 """Settings of all symptoms of this module."""
 
 
@@ -221,7 +221,7 @@ class SupplyLoss:
         lacking = self._lasting.update(1.0 - sample.actuators.supply_pressure / self._supply)
         j = int(np.argmax(lacking))
         where = f"the line of {self._names[j]} lacks"
-        if np.min(lacking) > DETECTION.common_loss_share:
+        if np.min(lacking) > DETECTION_SETTINGS.common_loss_share:
             where = "all lines lack"
         return Finding(float(lacking[j]), f"{where} {lacking[j]:.2f} of the main pump's pressure")
 
@@ -261,7 +261,9 @@ class Saturation:
         """
         of = sample.actuators
         command = np.abs(np.concatenate([of.valve_command, of.servo_pump_command]))
-        self._looks = np.where(command >= DETECTION.full_command_share, self._looks + 1.0, 0.0)
+        self._looks = np.where(
+            command >= DETECTION_SETTINGS.full_command_share, self._looks + 1.0, 0.0
+        )
         k = int(np.argmax(self._looks))
         time = float(self._looks[k]) * WATCH_PERIOD_NS / SECOND_NS
         return Finding(time, f"{self._names[k]} for {time:.2f} s")
@@ -293,7 +295,7 @@ class MinimumFilter:
     """Filter that gives the smallest value of each element of an array in its last samples."""
 
     def __init__(self) -> None:
-        self._last: deque[FloatArray] = deque(maxlen=DETECTION.min_duration_samples)
+        self._last: deque[FloatArray] = deque(maxlen=DETECTION_SETTINGS.min_duration_samples)
 
     def update(self, now: FloatArray) -> FloatArray:
         """Add a sample, and return the minimum of the last `min_duration_samples` samples.
@@ -306,7 +308,7 @@ class MinimumFilter:
             `min_duration_samples` samples.
         """
         self._last.append(now)
-        if len(self._last) < DETECTION.min_duration_samples:
+        if len(self._last) < DETECTION_SETTINGS.min_duration_samples:
             return np.zeros_like(now)
         return np.min(self._last, axis=0)
 

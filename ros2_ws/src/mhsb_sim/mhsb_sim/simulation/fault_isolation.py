@@ -82,7 +82,7 @@ class IsolationSettings:
     Origin: allows three times the machine file's lag, with `pump_deviation`."""
 
 
-ISOLATION = IsolationSettings()
+ISOLATION_SETTINGS = IsolationSettings()
 """Settings of all symptoms of this module."""
 
 
@@ -228,7 +228,7 @@ class JumpingLength:
         way = self._length - (self._length if before is None else before)
         j = int(np.argmax(np.abs(way)))
         text = f"the length sensor of {self._names[j]} has leapt by {1e3 * way[j]:.1f} mm"
-        return Finding(float(abs(way[j])) / ISOLATION.farthest_jump, text)
+        return Finding(float(abs(way[j])) / ISOLATION_SETTINGS.farthest_jump, text)
 
 
 class DisagreeingLine:
@@ -270,15 +270,17 @@ class DisagreeingLine:
         sensed = sample.sensed
         line, pumps = sensed.pressure[:, LINE_SENSOR], min(len(sensed.modes), len(sensed.pump_flow))
         feeds = np.zeros(len(line), dtype=bool)
-        feeds[:pumps] = sensed.pump_flow[:pumps] > ISOLATION.stopped_flow_share * self._full
+        feeds[:pumps] = (
+            sensed.pump_flow[:pumps] > ISOLATION_SETTINGS.stopped_flow_share * self._full
+        )
         unboosted = (sensed.modes == Mode.N) & ~feeds
         self._since = np.where(unboosted, self._since + WATCH_PERIOD, 0.0)
-        counts = self._since > ISOLATION.settled_time
+        counts = self._since > ISOLATION_SETTINGS.settled_time
         for j in range(len(line)):
             others = [line[i] for i in np.flatnonzero(counts) if i != j]
             differences = [line[j] - other for other in (*others, self._supply)]
             least = min(differences, key=abs) if counts[j] and others else 0.0
-            self._apart[j] += ISOLATION.line_smoothing * (least - self._apart[j])
+            self._apart[j] += ISOLATION_SETTINGS.line_smoothing * (least - self._apart[j])
         j = int(np.argmax(np.abs(self._apart)))
         apart = float(self._apart[j])
         name = f"the line pressure sensor of {self._names[j]}"
@@ -337,9 +339,11 @@ class DisagreeingValve:
         )
         beyond = np.maximum(
             lowest - speed, speed - highest
-        ) - ISOLATION.valve_gain_tolerance * np.abs(speed)
-        beyond = np.maximum(beyond - ISOLATION.slowest_speed, 0.0)
-        self._unexplained += (beyond - self._unexplained / ISOLATION.forgetting_time) * WATCH_PERIOD
+        ) - ISOLATION_SETTINGS.valve_gain_tolerance * np.abs(speed)
+        beyond = np.maximum(beyond - ISOLATION_SETTINGS.slowest_speed, 0.0)
+        self._unexplained += (
+            beyond - self._unexplained / ISOLATION_SETTINGS.forgetting_time
+        ) * WATCH_PERIOD
         j = int(np.argmax(self._unexplained))
         far = float(self._unexplained[j])
         return Finding(
@@ -374,7 +378,7 @@ class DisagreeingValve:
             (arrays.cap_area, CAP_SENSOR, length - own["min_length"], 1.0),
             (arrays.rod_area, ROD_SENSOR, own["max_length"] - length, -1.0),
         )
-        slack = ISOLATION.valve_opening_tolerance * np.array([-1.0, 0.0, 1.0])
+        slack = ISOLATION_SETTINGS.valve_opening_tolerance * np.array([-1.0, 0.0, 1.0])
         speeds = []
         for area, side, stroke, sign in chambers:
             capacity = (
@@ -388,9 +392,9 @@ class DisagreeingValve:
                 speeds.append((flow - sign * capacity * rate[:, side]) / area)
         explained = np.array(speeds)
         lowest, highest = explained.min(axis=0), explained.max(axis=0)
-        return lowest - ISOLATION.valve_gain_tolerance * np.abs(
+        return lowest - ISOLATION_SETTINGS.valve_gain_tolerance * np.abs(
             lowest
-        ), highest + ISOLATION.valve_gain_tolerance * np.abs(highest)
+        ), highest + ISOLATION_SETTINGS.valve_gain_tolerance * np.abs(highest)
 
 
 class ServoPumpMonitor:
@@ -436,11 +440,11 @@ class ServoPumpMonitor:
         self._healthy += (1.0 - self._decay) * (goal - self._healthy)
         apart = np.abs(sensed.pump_flow - self._healthy) / self._full
         self._lasting = np.where(
-            apart > ISOLATION.pump_deviation, self._lasting + WATCH_PERIOD, 0.0
+            apart > ISOLATION_SETTINGS.pump_deviation, self._lasting + WATCH_PERIOD, 0.0
         )
-        found = set(np.flatnonzero(self._lasting > ISOLATION.pump_failure_time).tolist()) - set(
-            self.failures
-        )
+        found = set(
+            np.flatnonzero(self._lasting > ISOLATION_SETTINGS.pump_failure_time).tolist()
+        ) - set(self.failures)
         for k in sorted(found):
             self.failures[k] = self._describe_pump(k, sensed)
         return bool(found)
@@ -454,7 +458,7 @@ class ServoPumpMonitor:
         Returns:
             Clauses separated by commas; empty if there is no such pump.
         """
-        late = np.flatnonzero(self._lasting > ISOLATION.pump_suspicion_time).tolist()
+        late = np.flatnonzero(self._lasting > ISOLATION_SETTINGS.pump_suspicion_time).tolist()
         new = [self._describe_pump(k, sensed) for k in late if k not in self.failures]
         return ", ".join([*self.failures.values(), *new])
 
@@ -471,7 +475,7 @@ class ServoPumpMonitor:
         share, commanded = sensed.pump_flow[k] / self._full, sensed.pump_command[k] / self._full
         does = (
             "stands still"
-            if share < ISOLATION.stopped_flow_share
+            if share < ISOLATION_SETTINGS.stopped_flow_share
             else f"runs at {share:.2f} of its full speed"
         )
         return f"servo pump {k + 1} {does}, commanded to run at {commanded:.2f}"

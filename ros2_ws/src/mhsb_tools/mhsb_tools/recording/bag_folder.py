@@ -45,7 +45,7 @@ class BagFolder:
     @property
     def advice(self) -> str:
         """Advice for the user if the recording is damaged, as part of a sentence."""
-        return f"complete it by record --repair {self.path}"
+        return f"complete it by mhsb record --repair {self.path}"
 
 
 def find_data_files(path: Path) -> BagFolder:

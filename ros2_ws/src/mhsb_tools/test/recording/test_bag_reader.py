@@ -174,7 +174,9 @@ def test_a_folder_that_is_no_recording_is_refused_with_advice(tmp_path):
         read_recording(tmp_path)
     write(tmp_path / "bag")
     (tmp_path / "bag" / "metadata.yaml").unlink()
-    with pytest.raises(BagError, match=r"has no metadata.yaml; complete it by record --repair"):
+    with pytest.raises(
+        BagError, match=r"has no metadata.yaml; complete it by mhsb record --repair"
+    ):
         read_recording(tmp_path / "bag")
     with pytest.raises(BagError, match="is not a folder; name the folder of a recording"):
         read_recording(tmp_path / "nowhere")
