@@ -90,9 +90,7 @@ class GuardedExecutor(SingleThreadedExecutor):
         """Make the task that takes the input of one callback, executes it, and records exceptions.
 
         The input of services is taken by `_take_request`, messages for the node's clock by
-        `_take_clock`, and all other input by rclpy. rclpy's own task wakes the executor twice for
-        each callback, which only executors with several threads need: here it is woken if another
-        task waits, perhaps for what the callback has done.
+        `_take_clock`, and all other input by rclpy.
 
         Args:
             entity: Subscription, timer, service or other object that is ready.
@@ -103,38 +101,43 @@ class GuardedExecutor(SingleThreadedExecutor):
             The task.
         """
         faults = get_faults(node)
-        take: Callable[[Any], Execution | None] = take_from_wait_list
+        take = take_from_wait_list
         if isinstance(entity, Service):
             take = functools.partial(self._take_request, node)
         elif getattr(entity, "callback", None) == node._time_source.clock_callback:
             take = _take_clock
 
-        async def serve() -> None:
-            """Take the input and execute the callback, unless its callback group is occupied."""
-            group = entity.callback_group
-            if self._is_shutdown or not group.beginning_execution(entity):
-                entity._executor_event = False
-                return
-            with self._work_tracker:
-                try:
-                    execute = take(entity)
-                    entity._executor_event = False  # it can be waited for again
-                    if execute is not None:
-                        await execute()
-                        faults.record_success(entity)
-                except Exception as error:
-                    faults.record_fault(name_callback(entity), error)
-                finally:
-                    entity._executor_event = False
-                    group.ending_execution(entity)
-                    if any(each is not task and not each.done() for each, _, _ in self._tasks):
-                        self.wake()
+        def guarded_take(entity: Any) -> Execution | None:
+            """Take the entity's input, and record an exception as a fault.
 
-        entity._executor_event = True
-        task = Task(serve, executor=self)
-        with self._tasks_lock:
-            self._tasks.append((task, entity, node))
-        return task
+            Args:
+                entity: What the executor serves.
+
+            Returns:
+                Coroutine function that executes the callback; None if there is no input or it
+                failed.
+            """
+            try:
+                execute: Execution | None = take(entity)
+            except Exception as error:
+                faults.record_fault(name_callback(entity), error)
+                return None
+            return None if execute is None else functools.partial(guarded, execute)
+
+        async def guarded(execute: Execution) -> None:
+            """Execute the callback, and record its success or its exception.
+
+            Args:
+                execute: Coroutine function that executes it.
+            """
+            try:
+                await execute()
+            except Exception as error:
+                faults.record_fault(name_callback(entity), error)
+            else:
+                faults.record_success(entity)
+
+        return super()._make_handler(entity, node, guarded_take)
 
     def _take_request(self, node: Node, service: Service) -> Execution | None:
         """Take a request from a service's queue.
