@@ -10,8 +10,8 @@ os.environ["MUJOCO_GL"] = "disable"  # as the simulator node does, before MuJoCo
 from mhsb_model.machine import load_machine
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
-from mhsb_planner.ros import planner_node  # noqa: F401
-from mhsb_sim.ros import sim_node  # noqa: F401
+from mhsb_planner.ros import planner_node  # noqa: F401 - imported so that forks have it
+from mhsb_sim.ros import sim_node  # noqa: F401 - imported so that forks have it
 from mhsb_sim.simulation.kernel_parts import exercise_kernels
 
 machine = load_machine()

@@ -48,7 +48,7 @@ def paths_at_falling_speeds(
     try:
         for proposal in planner.paths(graph, task, progress):
             lower_bound = proposal.path.lower_bound
-            yield proposal
+            yield proposal._replace(proposer=proposal.proposer or planner.name)
     except NoPathError as error:
         refused = error
     for factor in SPEED_FACTORS:

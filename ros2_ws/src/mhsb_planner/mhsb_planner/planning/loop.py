@@ -516,8 +516,7 @@ class PlanningLoop:
             **values: Further fields of `LogEntry`.
         """
         motion = "" if rules is None else describe_rules(rules)
-        proposer = proposal.proposer or self._task.options.planner
-        self.progress.log.add(proposer, outcome, proposal.path.cost, motion, **values)
+        self.progress.log.add(proposal.proposer, outcome, proposal.path.cost, motion, **values)
 
     def _charge_time(self, stage: str) -> None:
         """Add the time since the last call to the time of a stage.
