@@ -290,7 +290,7 @@ def child_of(ros_domain: int) -> Callable[..., Child]:
 
 @pytest.fixture
 def start_process(child_of: Callable[..., Child]) -> Iterator[Callable[..., Child]]:
-    """The same for the length of a test."""
+    """Function that starts a `Child` as `child_of` does; it is ended after the test."""
     yield from children_by(child_of)
 
 
@@ -334,7 +334,7 @@ def fork_of(ros_domain: int) -> Callable[..., Child]:
 
 @pytest.fixture
 def start_fork(fork_of: Callable[..., Child]) -> Iterator[Callable[..., Child]]:
-    """The same for the length of a test."""
+    """Function that starts an installed executable; its process is ended after the test."""
     yield from children_by(fork_of)
 
 

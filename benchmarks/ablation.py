@@ -75,9 +75,9 @@ class ServoSettings:
     """All tuned numbers of a coordinated servo."""
 
     controller: CoordinatedSettings = field(default_factory=CoordinatedSettings)
-    """Those of the controller."""
+    """Settings of the controller."""
     governor: GovernorSettings = field(default_factory=GovernorSettings)
-    """Those of the reference governor."""
+    """Settings of the reference governor."""
 
     def apply(self) -> None:
         """Use these settings in all controllers and reference governors that are made from now."""

@@ -64,6 +64,7 @@ def _simulator_parameters(node: Node) -> None:
 
 
 def _table(declare: Callable[[Node], None]) -> str:
+    """Return a Markdown table of the parameters that a function declares at a node."""
     context = rclpy.Context()
     rclpy.init(context=context)
     node = Node("mhsb_reference", context=context, start_parameter_services=False)
@@ -79,6 +80,7 @@ def _table(declare: Callable[[Node], None]) -> str:
 
 
 def _parameter_row(node: Node, name: str) -> str:
+    """Return the row of a parameter: name, default, range and meaning."""
     told = node.describe_parameter(name)
     ranges = [*told.floating_point_range, *told.integer_range]
     limits = [f"{_text(each.from_value)} … {_text(each.to_value)}" for each in ranges]
@@ -134,6 +136,7 @@ def _models(annotation: Any) -> list[type[schema.Section]]:
 
 
 def _key_row(name: str, field: dict[str, Any], is_section: bool, place: str) -> str:
+    """Return the row of a key of the machine file: name, values, default and meaning."""
     default = _code(field["default"]) if "default" in field and not is_section else ""
     if is_section:
         values = f"section `{place}`" + (", one for each" if field.get("type") == "array" else "")

@@ -116,13 +116,13 @@ class CoordinatedSettings:
     """Tuned numbers of the coordinated controller with its cascade, pumps and estimators."""
 
     coordination: CoordinationSettings = field(default_factory=CoordinationSettings)
-    """Those of the controller itself."""
+    """Settings of the controller itself."""
     cascade: CascadeSettings = field(default_factory=CascadeSettings)
-    """Those of the cascade, and of the estimates of the load."""
+    """Settings of the cascade and of the load estimates."""
     valves: ValveSettings = field(default_factory=ValveSettings)
-    """Those of the valves' estimates and inverse."""
+    """Settings of the valve estimates and of the inverse valve curve."""
     pumps: PumpSettings = field(default_factory=PumpSettings)
-    """Those of the pumps, and of the estimates of lines, pumps and drawn flow."""
+    """Settings of the pumps, and of the estimates of lines, pumps and drawn flow."""
 
 
 class CoordinatedGains(PumpGains, CascadeGains):

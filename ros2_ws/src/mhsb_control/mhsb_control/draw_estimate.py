@@ -56,7 +56,7 @@ class DrawObserver(Record):
 
 
 class MeasuredLine(NamedTuple):
-    """What is measured of a line in one step.
+    """Measurements of a line in one step.
 
     Attributes:
         pressure: Pressure of the line [Pa].

@@ -35,7 +35,7 @@ ROS_ADVICE = (
     "this needs ROS 2 Jazzy: install it by pip install 'mhsb[ros]', or source an installed one, or "
     "source scripts/env.sh of a checkout"
 )
-"""What a command says that needs ROS where rclpy is missing."""
+"""Sentence of a command that needs ROS, if rclpy is missing."""
 
 VIEW_PACKAGES = frozenset({"lz4", "mcap", "rosbags", "viser", "zstandard"})
 """Packages of the extra `view` of the distribution `mhsb`."""

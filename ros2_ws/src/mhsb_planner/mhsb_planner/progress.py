@@ -10,7 +10,7 @@ from mhsb_planner.plan_log import PlanLog
 
 @dataclass
 class PlanProgress:
-    """What searches may know of the plan that is being made.
+    """Progress of the making of one plan, as far as searches may know it.
 
     The planning loop (`planning.loop`) updates it; everything else only reads it and adds to the
     log.

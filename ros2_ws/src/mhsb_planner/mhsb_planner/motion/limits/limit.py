@@ -1,4 +1,4 @@
-"""What a limit of a motion declares, and the violation that reports a broken one."""
+"""Declaration of a limit of a motion, and the violation that reports a broken one."""
 
 from __future__ import annotations
 

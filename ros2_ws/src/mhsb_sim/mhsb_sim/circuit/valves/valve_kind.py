@@ -1,4 +1,4 @@
-"""What a kind of valve declares: its numbers, its places in the circuit and its flow."""
+"""Declaration of a kind of valve: its numbers, its places in the circuit and its flow."""
 
 from __future__ import annotations
 
