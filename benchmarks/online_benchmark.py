@@ -225,7 +225,7 @@ def online(
     if goals < 1:
         raise UsageError(f"--goals is {goals}; it must be at least 1")
     machine = load_machine()
-    figures, wanted = _prepare(machine, goals, seed)
+    figures, wanted = prepare(machine, goals, seed)
     try:
         for name in condition:
             figures[name] = measure(CONDITIONS[name], wanted, name)
@@ -244,7 +244,7 @@ def online(
     return 0
 
 
-def _prepare(machine: Machine, goals: int, seed: int) -> tuple[Figures, list[SeededGoal]]:
+def prepare(machine: Machine, goals: int, seed: int) -> tuple[Figures, list[SeededGoal]]:
     """Compile all kernels and prepare what all conditions share.
 
     Args:

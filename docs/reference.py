@@ -37,8 +37,8 @@ def parameters_page() -> str:
 
 {GENERATED}
 `ros2 run mhsb_planner planner_node --ros-args -p NAME:=VALUE` sets one at the start,
-`mhsb param set mhsb_planner NAME VALUE` later; a change applies to the next plan, one that cannot
-be is refused with a reason. *Fixed* ones are read at the start alone. Defaults that depend on the
+`mhsb param set mhsb_planner NAME VALUE` later. A change applies to the next plan; an impossible one
+is refused with a reason. *Fixed* parameters are read only at the start. Defaults that depend on the
 machine are those of the suite's own arm.
 
 ## `mhsb_planner planner_node`
@@ -98,9 +98,9 @@ def machine_file_page() -> str:
     return f"""# The machine file
 
 {GENERATED}
-[`config/mhsb_arm3.yaml`](../config/mhsb_arm3.yaml) is one; how to write your own is told in
-[your_machine.md](your_machine.md). All values are in SI units. Keys that are not here are refused,
-as are numbers that are not finite; everything that is wrong is told at once, by its path. Keys with
+[`config/mhsb_arm3.yaml`](../config/mhsb_arm3.yaml) is an example, and
+[your machine](your_machine.md) shows how to write your own. All values are in SI units. Unknown
+keys and numbers that are not finite are refused. All errors are listed at once, by path. Keys with
 a default may be left out.
 
 {sections}

@@ -1,7 +1,7 @@
 """Random inputs at everything that reaches the nodes: no node ends or fails, and the next goal
 works.
 
-What they subscribe and serve is read off the running nodes; that docs/trust_boundaries.md names
+What they subscribe and serve is read off the running nodes; that docs/security.md names
 the same is tested elsewhere.
 """
 

@@ -1,4 +1,4 @@
-"""Everything that reaches the nodes from outside, by the tables of docs/trust_boundaries.md.
+"""Everything that reaches the nodes from outside, by the tables of docs/security.md.
 
 The page must name all that the running nodes subscribe and serve, and what it says of an input that
 cannot be used must happen. Random inputs are given elsewhere.
@@ -28,7 +28,7 @@ from mhsb_msgs_py.node_process import serve_node, spin_until
 from mhsb_planner.ros.goal_sender import GoalSender
 
 DOCS = Path(__file__).parents[1] / "docs"
-PAGE = DOCS / "trust_boundaries.md"
+PAGE = DOCS / "security.md"
 NODES = names.PLANNER_NODE, names.SIM_NODE
 OF_ROS = {"use_sim_time", "start_type_description_service"}
 """Parameters of every node."""

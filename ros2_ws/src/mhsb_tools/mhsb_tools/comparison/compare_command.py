@@ -60,7 +60,7 @@ def compare(
 
     Arms that slew have random moves only. Every motion follows its path, whichever planner found
     it. Energy models tell what the same moves would take with other supplies: constant pressure,
-    load sensing, pump control (docs/supplies.md). Writes DIR/records.json (energies in J, times in
+    load sensing, pump control (docs/studies.md). Writes DIR/records.json (energies in J, times in
     s, errors in mm), DIR/summary.json, DIR/supplies.md and DIR/proportions.png.
 
     Args:

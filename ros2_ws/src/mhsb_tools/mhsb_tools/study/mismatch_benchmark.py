@@ -1,6 +1,6 @@
 """Mismatch benchmark: fixed moves on drawn plants, read from config/mismatch_benchmark.yaml.
 
-The file is the protocol; docs/benchmark.md explains it. Every sequence is run once on the machine
+The file is the protocol; docs/studies.md explains it. Every sequence is run once on the machine
 itself, then every draw on its plant. All controllers are given identical plans.
 """
 

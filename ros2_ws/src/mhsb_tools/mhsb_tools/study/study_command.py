@@ -108,7 +108,7 @@ def study(
     written, one record for each draw and controller. With --faults a part fails during a lift in
     boost; DIR/summary.json has one record for each fault, and there is a figure of each. With
     --benchmark the moves and plants come from config/mismatch_benchmark.yaml
-    (docs/benchmark.md): DIR/records.json, DIR/summary.json and the table DIR/results.md.
+    (docs/studies.md): DIR/records.json, DIR/summary.json and the table DIR/results.md.
 
     Args:
         output: Folder for summary, comparison and figures.
