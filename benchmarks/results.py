@@ -10,12 +10,13 @@ come from `mhsb compare`, planning times from `scripts/bench planning`, tracking
 # ruff: noqa: E402  # imports of the repository need its root on the path
 from __future__ import annotations
 
+import json
 import os
 import platform
 import shlex
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
@@ -42,13 +43,10 @@ from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
 from mhsb_tools.commands.demo_command import GOALS_FILE, read_goals
 from mhsb_tools.comparison.compare_command import requests
-from mhsb_tools.comparison.planner_comparison import (
-    ComparedMove,
-    Comparison,
-    compare_all,
-)
+from mhsb_tools.comparison.planner_comparison import ComparedMove, Comparison, compare_all
 from mhsb_tools.comparison.supply_comparison import as_markdown, totals
 from mhsb_tools.study import mismatch_benchmark
+from mhsb_tools.study.study_command import study_benchmark
 
 Figures = dict[str, Any]
 
@@ -102,19 +100,20 @@ def energy_figures(machine: Machine, comparisons: Sequence[Comparison]) -> Figur
 
 def energy_lines(title: str, figures: Figures) -> list[str]:
     """Format the energies of all planners for one set of moves as a Markdown table."""
-    bound = figures["planners"]["integrated"]["lower_bound_j"] / 1e3
-    return [
-        f"| {title}, {figures['moves']} moves | simulated [kJ] | planned [kJ] | duration [s] "
-        "| mode switches | simulated, over `table` |",
-        "|---|---|---|---|---|---|",
-        *(
-            f"| `{kind}` | {each['energy_simulated_j'] / 1e3:.2f} | {each['energy_j'] / 1e3:.2f} "
-            f"| {each['duration_s']:.0f} | {each['switches']} | {each['ratio']:.3f} |"
-            for kind, each in figures["planners"].items()
-        ),
-        f"| lower bound of any plan | – | {bound:.2f} | – | – | – |",
-        "",
-    ]
+    head = ("simulated [kJ]", "planned [kJ]", "duration [s]", "mode switches")
+    rows = {
+        f"`{kind}`": (
+            f"{each['energy_simulated_j'] / 1e3:.2f}",
+            f"{each['energy_j'] / 1e3:.2f}",
+            f"{each['duration_s']:.0f}",
+            each["switches"],
+            f"{each['ratio']:.3f}",
+        )
+        for kind, each in figures["planners"].items()
+    }
+    bound = f"{figures['planners']['integrated']['lower_bound_j'] / 1e3:.2f}"
+    rows["lower bound of any plan"] = ("–", bound, "–", "–", "–")
+    return table(f"{title}, {figures['moves']} moves", (*head, "simulated, over `table`"), rows)
 
 
 # --- Planning time -------------------------------------------------------------------------------
@@ -124,102 +123,116 @@ def time_lines(figures: Figures) -> list[str]:
     """Format planning times beside SciPy's Dijkstra as a Markdown table."""
     plans = figures["plan"]
     soon = plans["integrated"]["soon"]
-    rows = {
+    measured = {
         "SciPy's Dijkstra over the table planner's states": figures["scipy_dijkstra"],
         "`table`, whole plan (S2 to S4)": plans["table"],
         "`integrated`, whole plan, no deadline": plans["integrated"],
         f"`integrated`, deadline of {soon['deadline_ms']:.0f} ms": soon,
     }
-    base = figures["scipy_dijkstra"]["p50_ms"]
+    rows = {
+        name: (f"{each['p50_ms']:.1f}", f"{each['p99_ms']:.1f}") for name, each in measured.items()
+    }
     return [
-        "| | median [ms] | 99 of 100 within [ms] | median over Dijkstra's |",
-        "|---|---|---|---|",
-        *(
-            f"| {name} | {row['p50_ms']:.1f} | {row['p99_ms']:.1f} | {row['p50_ms'] / base:.1f} |"
-            for name, row in rows.items()
-        ),
-        "",
+        *table("", ("median [ms]", "99 of 100 within [ms]"), rows),
         f"Moves without a plan at the deadline: {soon['not_found']}.",
     ]
 
 
-# --- Tracking, and fates of goals ----------------------------------------------------------------
-
-
-def tracking_figures(machine: Machine, draws: int) -> Figures:
-    """Run the mismatch benchmark on the exact machine and on drawn plants.
-
-    Args:
-        machine: The arm.
-        draws: Number of drawn plants.
-
-    Returns:
-        Summaries by `exact` and `draws`, as `mhsb study --benchmark` writes them.
-    """
-    protocol = mismatch_benchmark.load_protocol(machine)
-    total = len(protocol.file.sequences) + draws
-    runs = mismatch_benchmark.run_benchmark(machine, protocol, draws, None)
-    found = list(tqdm(runs, "tracking", total, unit="run"))
-    return {
-        title: mismatch_benchmark.summarize(
-            [record for run in found if run.exact is exact for record in run.records],
-            protocol.file.lost,
-        )
-        for title, exact in (("exact", True), ("draws", False))
-    }
+# --- Fates of goals ------------------------------------------------------------------------------
 
 
 def online_lines(figures: Figures) -> list[str]:
     """Format the fates of goals as a Markdown table."""
-    lead = figures["lead_ms"]
-    return [
-        "| goals | applied | superseded | lost | commit horizon, median, p99 [ms] "
-        "| largest jump of the reference [rad] |",
-        "|---|---|---|---|---|---|",
-        f"| {figures['goals']} | {figures['applied']} | {figures['superseded']} "
-        f"| {figures['lost']} | {lead['p50']:.0f}, {lead['p99']:.0f} "
-        f"| {figures['reference_jump_max_rad']:.1e} |",
-    ]
+    lead, jump = figures["lead_ms"], figures["reference_jump_max_rad"]
+    counts = ("goals", "applied", "superseded", "lost")
+    head = (*counts[1:], "commit horizon, median, p99 [ms]", "largest jump of the reference [rad]")
+    cells = (f"{lead['p50']:.0f}, {lead['p99']:.0f}", f"{jump:.1e}")
+    row = (*(figures[name] for name in counts[1:]), *cells)
+    return table("goals", head, {str(figures["goals"]): row})
 
 
 # --- Page ----------------------------------------------------------------------------------------
 
 
+def table(corner: str, head: Sequence[str], rows: Mapping[str, Sequence[object]]) -> list[str]:
+    """Return the lines of a Markdown table, with an empty line behind it."""
+    return [
+        f"| {corner} | {' | '.join(head)} |",
+        "|---" * (1 + len(head)) + "|",
+        *(f"| {name} | {' | '.join(map(str, cells))} |" for name, cells in rows.items()),
+        "",
+    ]
+
+
 def conditions() -> dict[str, str]:
     """Return date, commit, computer, load and command of the measurement."""
     git = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
-    load = " ".join(f"{value:.1f}" for value in os.getloadavg())
+    load = os.getloadavg()
+    busy = ", beside other work" if max(load) > 0.5 else ""
     return {
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "commit": subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip(),
         "computer": f"{os.cpu_count()} processors, {platform.system()} {platform.machine()}, "
         f"Python {platform.python_version()}, NumPy {np.__version__}",
-        "load": f"{load} processes on the average of 1, 5 and 15 minutes at the start; the "
-        "computer was shared with other work",
+        "load at the start": " ".join(f"{each:.1f}" for each in load) + busy,
         "command": f"`python benchmarks/results.py {shlex.join(sys.argv[1:])}".rstrip() + "`",
     }
 
 
+def summary_lines(figures: Figures) -> list[str]:
+    """Return the table of the main figures, each beside its baselines."""
+    planners, supplies = (figures["random"][key] for key in ("planners", "supplies"))
+    times, tracking = figures["planning"], figures["tracking"]["exact"]
+    planned = {k: f"{v['energy_simulated_j'] / 1e3:.1f}" for k, v in planners.items()}
+    oil = {k: f"{v['leaking']['hydraulic_j'] / 1e3:.1f}" for k, v in supplies["systems"].items()}
+    soon = times["plan"]["integrated"]["soon"]
+    error = {k: "{:.2f} mm, {:.2f} mm".format(*v["RMS [mm]"][::2]) for k, v in tracking.items()}
+    moves = f"{figures['random']['moves']} random moves"
+    rows: dict[str, Sequence[object]] = {
+        f"energy of {moves}, simulated": (
+            f"`integrated` {planned['integrated']} kJ",
+            f"`table` (the paper's) {planned['table']} kJ, `fixed` {planned['fixed']} kJ",
+        ),
+        "energy to the oil, the same moves": (
+            f"booster {oil['MHSB']} kJ",
+            f"constant pressure {oil['constant pressure']} kJ, ideal load sensing "
+            f"{oil['load sensing, 1 MPa']} kJ (Δp 1 MPa), {oil['load sensing, 2 MPa']} kJ (2 MPa)",
+        ),
+        f"time of a plan, deadline {soon['deadline_ms']:.0f} ms": (
+            f"median {soon['p50_ms']:.0f} ms, p99 {soon['p99_ms']:.0f} ms",
+            f"SciPy's Dijkstra, path only {times['scipy_dijkstra']['p50_ms']:.1f} ms",
+        ),
+        "tip error RMS: median, worst sequence": (
+            f"`coordinated` {error['coordinated']}",
+            f"`independent` (the paper's) {error['independent']}",
+        ),
+    }
+    if "online" in figures:
+        goals = "{lost} of {goals}".format(**figures["online"])
+        rows["goals lost, in motion over real topics"] = (goals, "–")
+    return table("", ("MHSB", "baseline"), rows)
+
+
 def page(figures: Figures) -> str:
     """Return the page of results."""
-    energy = {title: figures[title] for title in ("demo", "random")}
+    sets = {title: figures[title] for title in ("demo", "random")}
+    measured = {name: (value,) for name, value in figures["conditions"].items()}
     lines = [
         "# How good is it? Measured results\n",
         "<!-- written by benchmarks/results.py -->\n",
-        "| | |\n|---|---|",
-        *(f"| {name} | {value} |" for name, value in figures["conditions"].items()),
-        f"| machine | `{figures['machine']}` |\n",
+        *summary_lines(figures),
+        *table("measured", (f"machine `{figures['machine']}`",), measured),
         "## Energy by planner\n",
         "All motions start at rest, follow their paths, and were simulated. `demo` has the moves "
         "from each goal of the demo to the next one; `random` has moves between random nodes. "
         "Weights are (0.5, 0, 2). `planned` is the energy reading `paper`. Ratios are geometric "
         "means over the moves.\n",
-        *(line for title, each in energy.items() for line in energy_lines(title, each)),
+        *(line for title, each in sets.items() for line in energy_lines(title, each)),
         "## Energy by supply\n",
         "The same moves with other supplies, by the energy models of "
         "[studies](studies.md#other-supplies). Every supply counts with the motion that is best "
         "for it. In brackets: moves in which it takes less than MHSB.\n",
-        *as_markdown({title: each["supplies"] for title, each in energy.items()}),
+        *as_markdown({title: each["supplies"] for title, each in sets.items()}),
         "## Planning time\n",
         *time_lines(figures["planning"]),
         "\n## Tracking error\n",
@@ -229,9 +242,9 @@ def page(figures: Figures) -> str:
     ]
     if "online" in figures:
         lines += [
-            "\n## Goals over real topics\n",
+            "## Goals over real topics\n",
             "Random goals 0.5 to 3 s apart, both nodes as processes. [Studies]"
-            "(studies.md#what-becomes-of-goals) defines the columns.\n",
+            "(studies.md#outcome-of-goals) defines the columns.\n",
             *online_lines(figures["online"]),
         ]
     return "\n".join(lines).rstrip() + "\n"
@@ -262,7 +275,10 @@ def results(
         figures[title] = energy_figures(machine, done)
     size = planning_benchmark.BenchmarkSize(moves=moves, truths=0)
     figures["planning"] = planning_benchmark.measure(machine, size, parts=("plan",))
-    figures["tracking"] = tracking_figures(machine, draws)
+    protocol = mismatch_benchmark.load_protocol(machine)
+    study_benchmark(machine, protocol, draws, None, output.with_name("tracking"))
+    tracking = json.loads(output.with_name("tracking").joinpath("summary.json").read_text())
+    figures["tracking"] = {title: tracking[title] for title in ("exact", "draws")}
     if goals:
         _, wanted = online_benchmark.prepare(machine, goals, 0)
         idle = online_benchmark.CONDITIONS["idle"]
