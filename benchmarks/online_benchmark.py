@@ -176,7 +176,7 @@ def _send(
     for goal in tqdm(goals, name, unit="goal", disable=None):
         spin_until(executor, lambda: False, due - time.monotonic())
         last = watcher.send(*goal.position)
-        due += goal.time
+        due += goal.pause
         for node in nodes:
             node.check_running()
     spin_until(executor, lambda: last in watcher.executions, LAST_TIMEOUT)

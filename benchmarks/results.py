@@ -279,6 +279,7 @@ def results(
     study_benchmark(machine, protocol, draws, None, output.with_name("tracking"))
     tracking = json.loads(output.with_name("tracking").joinpath("summary.json").read_text())
     figures["tracking"] = {title: tracking[title] for title in ("exact", "draws")}
+    write_json(output, figures)
     if goals:
         _, wanted = online_benchmark.prepare(machine, goals, 0)
         idle = online_benchmark.CONDITIONS["idle"]
