@@ -191,7 +191,7 @@ def summary_lines(figures: Figures) -> list[str]:
     rows: dict[str, Sequence[object]] = {
         f"energy of {moves}, simulated": (
             f"`integrated` {planned['integrated']} kJ",
-            f"`table` (the paper's) {planned['table']} kJ, `fixed` {planned['fixed']} kJ",
+            f"`table` (the paper's postures) {planned['table']} kJ, `fixed` (joint 3 kept) {planned['fixed']} kJ",
         ),
         "energy to the oil, the same moves": (
             f"booster {oil['MHSB']} kJ",
@@ -209,7 +209,7 @@ def summary_lines(figures: Figures) -> list[str]:
     }
     if "online" in figures:
         goals = "{lost} of {goals}".format(**figures["online"])
-        rows["goals lost, in motion over real topics"] = (goals, "–")
+        rows["goals lost, sent in motion over topics"] = (goals, "–")
     return table("", ("MHSB", "baseline"), rows)
 
 

@@ -1,4 +1,4 @@
-"""`scripts/soak` over real processes; a whole one takes ten minutes, see the README."""
+"""`scripts/soak` over real processes; a whole one takes ten minutes, see docs/studies.md."""
 
 import json
 import subprocess
