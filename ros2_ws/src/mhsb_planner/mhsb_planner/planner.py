@@ -33,10 +33,9 @@ from mhsb_planner.motion.s3_state_to_rest import Steering
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.plan import Plan
 from mhsb_planner.plan_log import PlanLog
-from mhsb_planner.planners.options import ENERGY_OPTIMAL, PlanOptions
+from mhsb_planner.planners.options import DEFAULT_PLANNER, ENERGY_OPTIMAL, PlanOptions
 from mhsb_planner.planners.path_planner import PathProposal, PathRequest
 from mhsb_planner.planners.registry import (
-    ONLINE_PLANNER,
     PLANNER_KINDS,
     REGISTERED_PLANNERS,
     PlannerKind,
@@ -56,8 +55,8 @@ from mhsb_planner.slewing import among_zones
 from mhsb_planner.slewing.slewing import SlewingPaths
 
 __all__ = [
+    "DEFAULT_PLANNER",
     "ENERGY_OPTIMAL",
-    "ONLINE_PLANNER",
     "PLANNER_KINDS",
     "Plan",
     "PlanOptions",

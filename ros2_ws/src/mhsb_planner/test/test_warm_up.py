@@ -59,7 +59,7 @@ before = compiled()
 for options in (
     *(planning.PlanOptions(planner=kind) for kind in planning.PLANNER_KINDS),
     planning.PlanOptions(planner="integrated", area_weight=300.0),
-    planning.PlanOptions(search="published"),
+    planning.PlanOptions(planner="table", search="published"),
 ):
     for x, z in ((0.60, 0.30), (0.61, 0.31)):
         start = MotionState.at_rest(q)
