@@ -13,6 +13,7 @@ early, and cheaper ones while there is time.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -78,6 +79,9 @@ MAX_POSTURE_TURN_RATE = 0.2
 The posture then follows a moving goal and does not flip to and fro.
 """
 
+_warmed_up: set[tuple[str, bool]] = set()
+"""Path planners whose kernels this process has loaded, each for arms that slew (True) or not."""
+
 
 class Planner:
     """Planner for one machine and one posture table.
@@ -141,7 +145,9 @@ class Planner:
             brake: Braking along the old path (`mhsb_model.braking`), by which a moving start comes
                 to rest if the other ways give no plan; None: it must steer or coast.
             options: Options of the plan; None: defaults.
-            deadline: Instant at which the search for cheaper motions ends.
+            deadline: Instant at which the search for cheaper motions ends. Compiling does not
+                count: the first plan of a process that has one calls `warm_up` before, and the
+                deadline is that much later.
             rest: Rest of the plan in force, with stamp 0; None: no plan is in force. If it leads to
                 the goal, it stays unless another motion is cheaper by WORTH_LEAVING. If it is short
                 and ends near the goal, the motion steers there.
@@ -165,6 +171,7 @@ class Planner:
         planner = get_planner(options.planner)
         self._check(goal, start, options)
         deadline.check("planning")
+        deadline = self._exclude_warm_up(options.planner, deadline)
         log, refused = log or PlanLog(), None
         source: PathSource = PlanePaths(planner, self.graph)
         if self.machine.slews:
@@ -188,6 +195,22 @@ class Planner:
                 refused = refused or error
         assert refused is not None
         raise self._with_remarks(refused, start)
+
+    def _exclude_warm_up(self, kind: str, deadline: Deadline) -> Deadline:
+        """Warm up for a plan with a deadline, unless this process has done so.
+
+        Args:
+            kind: Name of the path planner.
+            deadline: Deadline of the plan; NO_DEADLINE warms up nothing.
+
+        Returns:
+            The deadline, later by the time that the warm-up took.
+        """
+        if deadline.instant == math.inf or (kind, self.machine.slews) in _warmed_up:
+            return deadline
+        began = time.monotonic()
+        warm_up(self, [kind])
+        return deadline.earlier_by(began - time.monotonic())
 
     def _with_remarks(self, error: MhsbError, start: MotionState) -> MhsbError:
         """Append a clause on problems of the start to an error's sentence, if there are any.
@@ -354,19 +377,22 @@ class Planner:
 def warm_up(planner: Planner, kinds: Iterable[str] | None = None) -> None:
     """Compile and load all kernels that a plan needs.
 
-    Obstacles are removed for these calls; the planner's machine and graph are restored afterwards.
+    Plans with a deadline do so by themselves, once in a process. Obstacles are removed for these
+    calls; the planner's machine and graph are restored afterwards.
 
     Args:
         planner: The planner.
         kinds: Names of the path planners that will be used; None: all.
     """
     compile_planner()
+    kinds = list(REGISTERED_PLANNERS if kinds is None else kinds)
     machine, graph = planner.machine, planner.graph
     planner.change_machine(machine.without_obstacles())
     goal_clearance.warm_up(planner.graph.machine)
-    for kind in REGISTERED_PLANNERS if kinds is None else kinds:
+    for kind in kinds:
         get_planner(kind).warm_up(planner.graph)
     among_zones.warm_up(planner.machine)
     manipulability_loss.warm_up(planner.machine)
     s3_trajectory.warm_up(planner.machine)
     planner.machine, planner.graph = machine, graph
+    _warmed_up.update((kind, machine.slews) for kind in kinds)
