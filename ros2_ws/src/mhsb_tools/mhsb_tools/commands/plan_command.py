@@ -216,8 +216,8 @@ def as_json(machine: Machine, plan: Plan, seconds: dict[str, float]) -> dict[str
         waypoint; `modes` has a row for each step. `trajectory` is the motion over time: `time_s`,
         and rows for these times of joint positions, velocities and accelerations [rad or m, per s
         and s²] and of the modes in force. Modes are 0 N, 1 DB, 2 SB. `lower_bound_j` is a lower
-        bound on the energy, and `gap` the share by which the motion's energy exceeds it. `expanded` is
-        the number of states that the search expanded.
+        bound on the energy, and `gap` the share by which the motion's energy exceeds it. `expanded`
+        is the number of states that the search expanded.
     """
     path, motion = plan.path, plan.motion
     return {
