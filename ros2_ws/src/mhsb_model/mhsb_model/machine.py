@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -45,6 +45,7 @@ from mhsb_model.obstacles.zones import (
 )
 from mhsb_model.schema import COMMON_PATHS, DEFAULT_PREVIEW, MachineConfig
 from mhsb_model.types import FloatArray, ModeArray, Position, as_frozen, frozen
+from mhsb_model.unit_hints import suggest_unit
 
 MACHINE_FILE = "mhsb_arm3.yaml"
 """Name of the machine file of the suite's own arm, in the folder config."""
@@ -747,18 +748,32 @@ class Machine:
             OutOfWorkspaceError: x, the distance from the origin (joint 1, or 2 of a slewing arm) or
                 the slew's angle is outside its limits.
         """
+        limit = self._describe_workspace_limit(position)
+        if limit:
+            hint = suggest_unit(position, "m", lambda p: not self._describe_workspace_limit(p))
+            raise OutOfWorkspaceError(position, f"{limit}{hint}")
+
+    def _describe_workspace_limit(self, position: Sequence[float]) -> str:
+        """Return the rule of the workspace that a position breaks; empty if it keeps all.
+
+        Args:
+            position: (x, z), or (x, y, z) if joint 1 slews, in `base_link` [m].
+        """
         area, rounding = self.config.workspace, 1e-9
-        x, z = self.convert_to_plane(position, 0.0).tip
+        try:
+            x, z = self.convert_to_plane(tuple(position), 0.0).tip
+        except OutOfWorkspaceError as error:
+            return error.limit
         radius, least = math.hypot(x, z), area.min_x + self.arrays.slew_offset
         if x < area.min_x - rounding:
             what = "its distance from the slew's axis" if self.slews else "x"
-            raise OutOfWorkspaceError(position, f"{what} must be at least {least:g} m")
+            return f"{what} must be at least {least:g} m"
         if radius < area.min_radius - rounding or radius > area.max_radius + rounding:
-            raise OutOfWorkspaceError(
-                position,
+            return (
                 f"its distance {radius:.4g} m from {'joint 2' if self.slews else 'the base'} must "
-                f"be within {area.min_radius:g} … {area.max_radius:g} m",
+                f"be within {area.min_radius:g} … {area.max_radius:g} m"
             )
+        return ""
 
 
 def find_machine_file(path: str | Path | None = None) -> Path:

@@ -25,12 +25,13 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import Position
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
-from mhsb_planner.errors import DeadlineError, RequestError
+from mhsb_planner.errors import DeadlineError, NoPathError, RequestError
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion import s3_trajectory
 from mhsb_planner.motion.s3_blend_in import Coasting, compute_coasting
 from mhsb_planner.motion.s3_limits import keeps_position_limits
 from mhsb_planner.motion.s3_state_to_rest import Steering
+from mhsb_planner.motion.s3_trajectory import FitError
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.plan import Plan
 from mhsb_planner.plan_log import PlanLog
@@ -47,6 +48,7 @@ from mhsb_planner.planners.via_paths import PathSource, PlanePaths
 from mhsb_planner.planning.first_moves import describe_start_problems, paths_from_anywhere
 from mhsb_planner.planning.loop import PlanningLoop
 from mhsb_planner.planning.motion_rules import fit_rules
+from mhsb_planner.planning.overload_remarks import describe_overload
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search import goal_clearance, manipulability_loss
 from mhsb_planner.search.discrete_path import DiscretePath
@@ -213,10 +215,11 @@ class Planner:
         return deadline.earlier_by(began - time.monotonic())
 
     def _with_remarks(self, error: MhsbError, start: MotionState) -> MhsbError:
-        """Append a clause on problems of the start to an error's sentence, if there are any.
+        """Append a clause on problems of the start or the payload to an error's sentence.
 
-        Problems are joints beyond their limits and an obstacle that the arm touches. Nothing is
-        appended if the sentence contains the clause already.
+        Problems of the start are joints beyond their limits and an obstacle that the arm touches.
+        A payload is named if it may be why there is no path or motion. Nothing is appended if there
+        are no problems, or if the sentence contains the clause already.
 
         Args:
             error: The error, changed in place.
@@ -225,9 +228,12 @@ class Planner:
         Returns:
             The same error.
         """
-        remarks = describe_start_problems(self.machine, start.position)
-        if remarks and remarks not in str(error):
-            error.args = (f"{error}; {remarks}",)
+        remarks = [describe_start_problems(self.machine, start.position)]
+        if isinstance(error, NoPathError | FitError):
+            remarks.append(describe_overload(self.machine, self.graph.table, start.position))
+        for remark in remarks:
+            if remark and remark not in str(error):
+                error.args = (f"{error}; {remark}",)
         return error
 
     def follow(
@@ -394,5 +400,7 @@ def warm_up(planner: Planner, kinds: Iterable[str] | None = None) -> None:
     among_zones.warm_up(planner.machine)
     manipulability_loss.warm_up(planner.machine)
     s3_trajectory.warm_up(planner.machine)
+    start = np.array(planner.machine.config.simulation.start_posture)
+    describe_overload(planner.machine, planner.graph.table, start)
     planner.machine, planner.graph = machine, graph
     _warmed_up.update((kind, machine.slews) for kind in kinds)

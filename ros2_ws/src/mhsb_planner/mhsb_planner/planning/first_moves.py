@@ -19,6 +19,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, frozen
+from mhsb_model.unit_hints import suggest_unit_of_number
 from mhsb_planner.errors import DeadlineError, StartError
 from mhsb_planner.motion.limits.joint_range import JOINT_TOLERANCE, joint_excess
 from mhsb_planner.plan_log import ProposalOutcome
@@ -91,6 +92,24 @@ def describe_limit_excess(machine: Machine, posture: FloatArray) -> str:
                 f"{side} limit of {limit:.4g} {unit}"
             )
     return " and ".join(words)
+
+
+def suggest_unit_of_start(machine: Machine, posture: FloatArray) -> str:
+    """Ask whether a posture was meant in degrees, or in mm where joints slide.
+
+    Args:
+        machine: The arm.
+        posture: Joint positions, shape (n,) [rad or m].
+
+    Returns:
+        Clause of `suggest_unit` for the first joint that is beyond its limits by more than its
+        range; empty if there is none.
+    """
+    low, high = machine.arrays.joint_min, machine.arrays.joint_max
+    for j in np.flatnonzero(np.maximum(posture - high, low - posture) > high - low):
+        unit = machine.joint_units[j]
+        return suggest_unit_of_number(float(posture[j]), unit, float(low[j]), float(high[j]))
+    return ""
 
 
 def describe_start_problems(machine: Machine, posture: FloatArray) -> str:
@@ -230,7 +249,9 @@ def _paths_over_first_moves(
             return
     if refused is not None:
         raise refused
-    raise StartError(f"the arm starts with {describe_limit_excess(machine, task.departure)}")
+    excess = describe_limit_excess(machine, task.departure)
+    hint = suggest_unit_of_start(machine, task.departure)
+    raise StartError(f"the arm starts with {excess}{hint}")
 
 
 def _first_moves(

@@ -36,10 +36,10 @@ from mhsb_tools.moves.operating_point import Range
 
 Point = tuple[float, float]
 
-POSITION_RANGE, DISTANCE_RANGE = NumberRange(-1e4, 1e4), NumberRange(0.0, MAX_REGION_SIZE)
-ANGLE_RANGE = NumberRange(-WIDEST_ANGLE, WIDEST_ANGLE)
+POSITION_RANGE, DISTANCE_RANGE = NumberRange(-1e4, 1e4, "m"), NumberRange(0.0, MAX_REGION_SIZE, "m")
+ANGLE_RANGE = NumberRange(-WIDEST_ANGLE, WIDEST_ANGLE, "rad")
 WEIGHT_RANGE, PAYLOAD_RANGE = NumberRange(0.0, HIGHEST_WEIGHT), NumberRange(0.0, 1e4)
-PRESSURE_RANGE, SPEED_RANGE = NumberRange(1e5, 5e7), NumberRange(1e-4, 1.0)
+PRESSURE_RANGE, SPEED_RANGE = NumberRange(1e5, 5e7, "Pa"), NumberRange(1e-4, 1.0, "m/s")
 """Ranges of the options: positions and distances [m], angles [rad], weights, payload [kg], supply
 pressure P_S [Pa], piston speed V_max [m/s].
 """
