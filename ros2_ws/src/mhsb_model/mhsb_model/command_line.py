@@ -34,8 +34,7 @@ import tyro
 # Events of a failed parse are not public in tyro, so its version is pinned.
 from tyro import _errors as parse_errors
 
-from mhsb_model.errors import ArgumentError, MhsbError
-from mhsb_model.unit_hints import suggest_unit_of_number
+from mhsb_model.errors import ArgumentError, MhsbError, suggest_unit_of_number
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2

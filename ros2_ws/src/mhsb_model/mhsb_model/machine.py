@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from mhsb_model import kinematics, slewing, statics
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.curve_limits import CurveLimits, derive_curve_limits
-from mhsb_model.errors import MachineFileError, MhsbError, OutOfWorkspaceError
+from mhsb_model.errors import MachineFileError, MhsbError, OutOfWorkspaceError, suggest_unit
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.files.machine_rules import check_actuator_speed_limits, check_machine_rules
 from mhsb_model.files.schema_problems import describe_validation_errors
@@ -45,7 +45,6 @@ from mhsb_model.obstacles.zones import (
 )
 from mhsb_model.schema import COMMON_PATHS, DEFAULT_PREVIEW, MachineConfig
 from mhsb_model.types import FloatArray, ModeArray, Position, as_frozen, frozen
-from mhsb_model.unit_hints import suggest_unit
 
 MACHINE_FILE = "mhsb_arm3.yaml"
 """Name of the machine file of the suite's own arm, in the folder config."""

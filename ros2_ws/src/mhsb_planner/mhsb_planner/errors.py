@@ -6,9 +6,8 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from mhsb_model.errors import ArgumentError, MhsbError
+from mhsb_model.errors import ArgumentError, MhsbError, suggest_unit
 from mhsb_model.types import Position
-from mhsb_model.unit_hints import suggest_unit
 
 
 def place_text(position: Position) -> str:

@@ -12,7 +12,7 @@ from typing import Any, get_args, get_type_hints
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from mhsb_model.unit_hints import suggest_unit_of_number
+from mhsb_model.errors import suggest_unit_of_number
 
 LONGEST_VALUE = 40
 """Largest number of characters of a wrong value that a message repeats."""

@@ -15,11 +15,10 @@ from itertools import islice
 
 import numpy as np
 
-from mhsb_model.errors import MhsbError
+from mhsb_model.errors import MhsbError, suggest_unit_of_number
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, frozen
-from mhsb_model.unit_hints import suggest_unit_of_number
 from mhsb_planner.errors import DeadlineError, StartError
 from mhsb_planner.motion.limits.joint_range import JOINT_TOLERANCE, joint_excess
 from mhsb_planner.plan_log import ProposalOutcome
