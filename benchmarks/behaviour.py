@@ -191,11 +191,13 @@ def record_motion(name: str, seed: int) -> dict[str, Record]:
     machine = load_machine(find_config_file(f"{name}.yaml"))
     table = load_or_build_table(machine)
     planner, replanner = Planner(machine, table), Replanner(machine, table)
-    run = HeadlessRun(Simulator(machine, "coordinated", seed), replanner, PlanOptions())
+    run = HeadlessRun(
+        Simulator(machine, "coordinated", seed), replanner, PlanOptions(planner="table")
+    )
     goals: list[TimedGoal] = []
     for goal in random_goals(machine, 50, seed):
         start = machine.config.simulation.start_posture
-        planned = record_plan(planner, goal, np.array(start), PlanOptions())
+        planned = record_plan(planner, goal, np.array(start), PlanOptions(planner="table"))
         if "refused" not in planned:
             goals.append(TimedGoal(goal, 1.0 if not goals else 3.0))
         if len(goals) == 2:

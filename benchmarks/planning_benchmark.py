@@ -54,7 +54,7 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.cases.moves import Move, random_moves
 from mhsb_planner.motion.s4_mode_schedule import StartModes, mode_schedule
-from mhsb_planner.planner import ENERGY_OPTIMAL, Planner, warm_up
+from mhsb_planner.planner import ENERGY_OPTIMAL, Planner, PlanOptions, warm_up
 from mhsb_planner.posture import s1_judge, s1_slsqp
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_posture_table import PostureTable
@@ -225,7 +225,9 @@ def _plan_figures(planner: Planner, moves: list[Move], effort: BenchmarkSize) ->
     for _ in tqdm(range(effort.runs), desc="plans", unit="run"):
         times = np.empty((len(moves), 4))
         for row, move in zip(times, moves, strict=True):
-            plan = planner.plan(move.goal, MotionState.at_rest(move.start))
+            plan = planner.plan(
+                move.goal, MotionState.at_rest(move.start), options=PlanOptions(planner="table")
+            )
             began = time.perf_counter()
             mode_schedule(planner.machine, plan.motion.trajectory, settled)
             s4 = time.perf_counter() - began
@@ -267,7 +269,9 @@ def _rebuild_ms(planner: Planner, moves: list[Move], runs: int) -> float:
             move = moves[run % len(moves)]
             began = time.perf_counter()
             planner.change_machine(machine)
-            planner.plan(move.goal, MotionState.at_rest(move.start))
+            planner.plan(
+                move.goal, MotionState.at_rest(move.start), options=PlanOptions(planner="table")
+            )
             times.append(time.perf_counter() - began)
     planner.change_machine(base)
     return MILLI * statistics.median(times)

@@ -334,7 +334,7 @@ def test_plan_takes_negative_numbers_and_prints_json_and_a_page(start, tmp_path)
     page = tmp_path / "new" / "page.png"
     child = start(
         *("mhsb_tools", "mhsb", "plan", "--start", "0.55", "-0.05", "--goal", "0.55", "-0.60"),
-        *("--plot", page, "--json"),
+        *("--planner", "table", "--plot", page, "--json"),
     )
     assert child.wait(180) == 0, child.output
     assert page.read_bytes().startswith(b"\x89PNG")

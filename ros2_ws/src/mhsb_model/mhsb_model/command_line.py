@@ -34,7 +34,7 @@ import tyro
 # Events of a failed parse are not public in tyro, so its version is pinned.
 from tyro import _errors as parse_errors
 
-from mhsb_model.errors import ArgumentError, MhsbError
+from mhsb_model.errors import ArgumentError, MhsbError, suggest_unit_of_number
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
@@ -79,10 +79,12 @@ class NumberRange:
     Attributes:
         least: Smallest allowed number.
         greatest: Largest allowed number.
+        unit: SI unit, for a hint if a number seems to be in another one; empty: no hint.
     """
 
     least: float
     greatest: float
+    unit: str = ""
 
     def __str__(self) -> str:
         """Return the range in words."""
@@ -309,7 +311,9 @@ def _check_ranges(kinds: Mapping[str, Any], values: Mapping[str, Any]) -> None:
         for number in _iterate_numbers(value):
             if not limits.least <= number <= limits.greatest:
                 flag = f"--{name.strip('_').replace('_', '-')}"
-                raise UsageError(f"{flag} must be {limits} (is {str(number)[:MAX_QUOTED_NUMBER]})")
+                hint = suggest_unit_of_number(number, limits.unit, limits.least, limits.greatest)
+                given = str(number)[:MAX_QUOTED_NUMBER]
+                raise UsageError(f"{flag} must be {limits} (is {given}){hint}")
 
 
 def _iterate_numbers(value: Any) -> Iterator[float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from mhsb_model import kinematics, slewing, statics
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.curve_limits import CurveLimits, derive_curve_limits
-from mhsb_model.errors import MachineFileError, MhsbError, OutOfWorkspaceError
+from mhsb_model.errors import MachineFileError, MhsbError, OutOfWorkspaceError, suggest_unit
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.files.machine_rules import check_actuator_speed_limits, check_machine_rules
 from mhsb_model.files.schema_problems import describe_validation_errors
@@ -747,18 +747,32 @@ class Machine:
             OutOfWorkspaceError: x, the distance from the origin (joint 1, or 2 of a slewing arm) or
                 the slew's angle is outside its limits.
         """
+        limit = self._describe_workspace_limit(position)
+        if limit:
+            hint = suggest_unit(position, "m", lambda p: not self._describe_workspace_limit(p))
+            raise OutOfWorkspaceError(position, f"{limit}{hint}")
+
+    def _describe_workspace_limit(self, position: Sequence[float]) -> str:
+        """Return the rule of the workspace that a position breaks; empty if it keeps all.
+
+        Args:
+            position: (x, z), or (x, y, z) if joint 1 slews, in `base_link` [m].
+        """
         area, rounding = self.config.workspace, 1e-9
-        x, z = self.convert_to_plane(position, 0.0).tip
+        try:
+            x, z = self.convert_to_plane(tuple(position), 0.0).tip
+        except OutOfWorkspaceError as error:
+            return error.limit
         radius, least = math.hypot(x, z), area.min_x + self.arrays.slew_offset
         if x < area.min_x - rounding:
             what = "its distance from the slew's axis" if self.slews else "x"
-            raise OutOfWorkspaceError(position, f"{what} must be at least {least:g} m")
+            return f"{what} must be at least {least:g} m"
         if radius < area.min_radius - rounding or radius > area.max_radius + rounding:
-            raise OutOfWorkspaceError(
-                position,
+            return (
                 f"its distance {radius:.4g} m from {'joint 2' if self.slews else 'the base'} must "
-                f"be within {area.min_radius:g} … {area.max_radius:g} m",
+                f"be within {area.min_radius:g} … {area.max_radius:g} m"
             )
+        return ""
 
 
 def find_machine_file(path: str | Path | None = None) -> Path:

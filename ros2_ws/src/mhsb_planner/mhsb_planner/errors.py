@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 
-from mhsb_model.errors import ArgumentError, MhsbError
+from mhsb_model.errors import ArgumentError, MhsbError, suggest_unit
 from mhsb_model.types import Position
 
 
 def place_text(position: Position) -> str:
     """Return a position as text for a sentence, such as "(0.55, 0.6) m"."""
     return f"({', '.join(f'{value:.4g}' for value in position)}) m"
+
+
+def _suggest_degrees(angles: Sequence[float]) -> str:
+    """Ask whether end-link angles [rad] were meant in degrees, if any exceeds a whole turn."""
+    whole_turn = 2.0 * math.pi
+    if all(abs(angle) <= whole_turn for angle in angles):
+        return ""
+    return suggest_unit(angles, "rad", lambda given: all(abs(each) <= whole_turn for each in given))
 
 
 class InfeasibleGoalError(MhsbError):
@@ -38,6 +48,7 @@ class InfeasibleGoalError(MhsbError):
         with_psi = f" with the end link at {angle} rad" if angle else ""
         super().__init__(
             f"no posture within the joint limits puts the tip at ({x:.4g}, {z:.4g}) m{with_psi}"
+            f"{_suggest_degrees(asked)}"
         )
 
 

@@ -3,31 +3,49 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
 from mhsb_model.feasibility.cavitation import Cavitation
+from mhsb_model.goal import format_position
+from mhsb_model.machine import Machine
+from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.motion.energy import Energy
+from mhsb_planner.motion.motion_table import (
+    MODE_MEANINGS,
+    format_mode_intervals,
+    format_switches,
+    iterate_rows,
+    list_columns,
+)
 from mhsb_planner.motion.s3_trajectory import FittedMotion
 from mhsb_planner.plan_log import LogEntry
 from mhsb_planner.planners.options import PlanOptions
+from mhsb_planner.result_files import write_rows
 from mhsb_planner.search.discrete_path import DiscretePath
 
 COST_ROUNDING = 1e-9
 """Relative difference up to which two costs count as equal."""
 
+NOTICEABLE_EXCESS = 0.005
+"""Excess of a piston over V_max from which a summary mentions it [-]."""
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Plan:
     """A motion and its origin.
+
+    `print(plan)` shows a summary.
 
     Attributes:
         path: Discrete path of S2; without steps if the motion is braking alone or the rest of a
             plan.
         motion: Trajectory of S3 and mode schedule of S4, both with stamp 0.
         energy: Energy of the motion in both readings.
+        machine: Machine for which the plan was made.
         seconds: Times [s] by stage: `search`, `fit`, `energy`, and `comparison` for paths proposed
             for comparison. `first_motion` is the time from the request to the first motion.
         area_shortfall: Manipulability loss M of the motion (`manipulability_loss`) [m]; 0 if it has
@@ -42,11 +60,60 @@ class Plan:
     path: DiscretePath
     motion: FittedMotion
     energy: Energy
+    machine: Machine
     seconds: MappingProxyType[str, float] = field(default_factory=lambda: MappingProxyType({}))
     area_shortfall: float = 0.0
     cavitations: tuple[Cavitation, ...] = ()
     start_problems: str = ""
     log: tuple[LogEntry, ...] = ()
+
+    def __repr__(self) -> str:
+        """Return one line with duration, energy and number of mode switches."""
+        return (
+            f"<Plan: {self.duration:.2f} s, {self.energy.paper:.1f} J, "
+            f"{format_switches(self.motion.schedule.switch_count)}>"
+        )
+
+    def __str__(self) -> str:
+        """Return a summary: the motion's ends and duration, energy, modes over time, warnings."""
+        motion, names = self.motion, self.machine.actuator_names
+        ends = self.machine.tip_in_base(motion.trajectory.position[[0, -1]])
+        begin, end = (format_position(tip, ".3f") for tip in ends.tolist())
+        used = [mode for mode in Mode if (motion.schedule.modes == mode).any()]
+        bound = (
+            f"          {100 * self.gap:.0f} % above the lower bound of {self.lower_bound:.1f} J, "
+            "which no motion of this planner can undercut"
+        )
+        excess = f"speed:    pistons exceed V_max by up to {100 * motion.speed_excess:.0f} %"
+        return "\n".join([
+            f"motion:   from {begin} to {end} in {self.duration:.2f} s",
+            f"energy:   {self.energy.paper:.1f} J "
+            f"({self.energy.series:.1f} J if computed with main pump and servo pump in series)",
+            *([bound] if self.lower_bound > 0.0 else []),
+            f"modes:    {'; '.join(f'{mode.name}: {MODE_MEANINGS[mode]}' for mode in used)}",
+            *(
+                f"          {name}: {format_mode_intervals(motion.schedule, self.duration, j)}"
+                for j, name in enumerate(names)
+            ),
+            *([excess] if motion.speed_excess > NOTICEABLE_EXCESS else []),
+            *(f"warning:  {warning}" for warning in self.warnings),
+            f"planning: {1e3 * self.planning_time:.0f} ms",
+        ])  # fmt: skip
+
+    def to_csv(self, file: str | Path) -> Path:
+        """Write the timed motion as a CSV file, with a line for each point of the trajectory.
+
+        Columns: time [s]; position, velocity and acceleration of each joint [rad or m, per s and
+        s²]; mode of each actuator (N, DB, SB); planned pressure in its supply line [Pa].
+
+        Args:
+            file: The file, written whole or not at all; missing folders are created.
+
+        Returns:
+            The file.
+        """
+        rows = iterate_rows(self.machine, self.motion.trajectory, self.motion.schedule)
+        return write_rows(Path(file), list_columns(self.machine), rows)
 
     @property
     def warnings(self) -> tuple[str, ...]:

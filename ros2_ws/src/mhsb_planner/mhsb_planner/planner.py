@@ -13,6 +13,7 @@ early, and cheaper ones while there is time.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -24,19 +25,19 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import Position
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
-from mhsb_planner.errors import DeadlineError, RequestError
+from mhsb_planner.errors import DeadlineError, NoPathError, RequestError
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion import s3_trajectory
 from mhsb_planner.motion.s3_blend_in import Coasting, compute_coasting
 from mhsb_planner.motion.s3_limits import keeps_position_limits
 from mhsb_planner.motion.s3_state_to_rest import Steering
+from mhsb_planner.motion.s3_trajectory import FitError
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.plan import Plan
 from mhsb_planner.plan_log import PlanLog
-from mhsb_planner.planners.options import ENERGY_OPTIMAL, PlanOptions
+from mhsb_planner.planners.options import DEFAULT_PLANNER, ENERGY_OPTIMAL, PlanOptions
 from mhsb_planner.planners.path_planner import PathProposal, PathRequest
 from mhsb_planner.planners.registry import (
-    ONLINE_PLANNER,
     PLANNER_KINDS,
     REGISTERED_PLANNERS,
     PlannerKind,
@@ -47,6 +48,7 @@ from mhsb_planner.planners.via_paths import PathSource, PlanePaths
 from mhsb_planner.planning.first_moves import describe_start_problems, paths_from_anywhere
 from mhsb_planner.planning.loop import PlanningLoop
 from mhsb_planner.planning.motion_rules import fit_rules
+from mhsb_planner.planning.overload_remarks import describe_overload
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search import goal_clearance, manipulability_loss
 from mhsb_planner.search.discrete_path import DiscretePath
@@ -56,8 +58,8 @@ from mhsb_planner.slewing import among_zones
 from mhsb_planner.slewing.slewing import SlewingPaths
 
 __all__ = [
+    "DEFAULT_PLANNER",
     "ENERGY_OPTIMAL",
-    "ONLINE_PLANNER",
     "PLANNER_KINDS",
     "Plan",
     "PlanOptions",
@@ -78,6 +80,9 @@ MAX_POSTURE_TURN_RATE = 0.2
 """Largest change of the end-link angle per period between motions that follow each other [rad/s].
 The posture then follows a moving goal and does not flip to and fro.
 """
+
+_warmed_up: set[tuple[str, bool]] = set()
+"""Path planners whose kernels this process has loaded, each for arms that slew (True) or not."""
 
 
 class Planner:
@@ -142,7 +147,9 @@ class Planner:
             brake: Braking along the old path (`mhsb_model.braking`), by which a moving start comes
                 to rest if the other ways give no plan; None: it must steer or coast.
             options: Options of the plan; None: defaults.
-            deadline: Instant at which the search for cheaper motions ends.
+            deadline: Instant at which the search for cheaper motions ends. Compiling does not
+                count: the first plan of a process that has one calls `warm_up` before, and the
+                deadline is that much later.
             rest: Rest of the plan in force, with stamp 0; None: no plan is in force. If it leads to
                 the goal, it stays unless another motion is cheaper by WORTH_LEAVING. If it is short
                 and ends near the goal, the motion steers there.
@@ -166,6 +173,7 @@ class Planner:
         planner = get_planner(options.planner)
         self._check(goal, start, options)
         deadline.check("planning")
+        deadline = self._exclude_warm_up(options.planner, deadline)
         log, refused = log or PlanLog(), None
         source: PathSource = PlanePaths(planner, self.graph)
         if self.machine.slews:
@@ -190,11 +198,28 @@ class Planner:
         assert refused is not None
         raise self._with_remarks(refused, start)
 
-    def _with_remarks(self, error: MhsbError, start: MotionState) -> MhsbError:
-        """Append a clause on problems of the start to an error's sentence, if there are any.
+    def _exclude_warm_up(self, kind: str, deadline: Deadline) -> Deadline:
+        """Warm up for a plan with a deadline, unless this process has done so.
 
-        Problems are joints beyond their limits and an obstacle that the arm touches. Nothing is
-        appended if the sentence contains the clause already.
+        Args:
+            kind: Name of the path planner.
+            deadline: Deadline of the plan; NO_DEADLINE warms up nothing.
+
+        Returns:
+            The deadline, later by the time that the warm-up took.
+        """
+        if deadline.instant == math.inf or (kind, self.machine.slews) in _warmed_up:
+            return deadline
+        began = time.monotonic()
+        warm_up(self, [kind])
+        return deadline.earlier_by(began - time.monotonic())
+
+    def _with_remarks(self, error: MhsbError, start: MotionState) -> MhsbError:
+        """Append a clause on problems of the start or the payload to an error's sentence.
+
+        Problems of the start are joints beyond their limits and an obstacle that the arm touches.
+        A payload is named if it may be why there is no path or motion. Nothing is appended if there
+        are no problems, or if the sentence contains the clause already.
 
         Args:
             error: The error, changed in place.
@@ -203,9 +228,12 @@ class Planner:
         Returns:
             The same error.
         """
-        remarks = describe_start_problems(self.machine, start.position)
-        if remarks and remarks not in str(error):
-            error.args = (f"{error}; {remarks}",)
+        remarks = [describe_start_problems(self.machine, start.position)]
+        if isinstance(error, NoPathError | FitError):
+            remarks.append(describe_overload(self.machine, self.graph.table, start.position))
+        for remark in remarks:
+            if remark and remark not in str(error):
+                error.args = (f"{error}; {remark}",)
         return error
 
     def follow(
@@ -355,19 +383,24 @@ class Planner:
 def warm_up(planner: Planner, kinds: Iterable[str] | None = None) -> None:
     """Compile and load all kernels that a plan needs.
 
-    Obstacles are removed for these calls; the planner's machine and graph are restored afterwards.
+    Plans with a deadline do so by themselves, once in a process. Obstacles are removed for these
+    calls; the planner's machine and graph are restored afterwards.
 
     Args:
         planner: The planner.
         kinds: Names of the path planners that will be used; None: all.
     """
     compile_planner()
+    kinds = list(REGISTERED_PLANNERS if kinds is None else kinds)
     machine, graph = planner.machine, planner.graph
     planner.change_machine(machine.without_obstacles())
     goal_clearance.warm_up(planner.graph.machine)
-    for kind in REGISTERED_PLANNERS if kinds is None else kinds:
+    for kind in kinds:
         get_planner(kind).warm_up(planner.graph)
     among_zones.warm_up(planner.machine)
     manipulability_loss.warm_up(planner.machine)
     s3_trajectory.warm_up(planner.machine)
+    start = np.array(planner.machine.config.simulation.start_posture)
+    describe_overload(planner.machine, planner.graph.table, start)
     planner.machine, planner.graph = machine, graph
+    _warmed_up.update((kind, machine.slews) for kind in kinds)

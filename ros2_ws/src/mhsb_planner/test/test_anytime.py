@@ -21,6 +21,8 @@ from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions, fit_rules
 from mhsb_planner.planners.path_planner import PathProposal
 from mhsb_planner.planning import loop, motion_rules
 
+BY_TABLE = PlanOptions(planner="table")
+
 LOOKS_TO_END = 15
 """Looks at the clock that stages may take to see, one after the other, that time is up."""
 
@@ -43,7 +45,7 @@ def moves(planner, count, seed=0):
         goal = tuple((table.nodes[there] * table.spacing + [0.011, -0.013]).tolist())
         start = MotionState.at_rest(table.posture[here, 0])
         try:
-            planner.plan(goal, start)
+            planner.plan(goal, start, options=BY_TABLE)
         except MhsbError:
             continue
         count -= 1
@@ -160,16 +162,18 @@ def test_where_straight_lines_are_barred_the_first_motion_is_another_s(machine, 
     start = MotionState.at_rest(table.posture[planner.graph.grid.node_at(0.55, -0.05), 0])
     options = PlanOptions(planner="integrated")
     plan = planner.plan((0.55, 0.60), start, options=options)
-    by_table = planner.plan((0.55, 0.60), start, options=PlanOptions(trajectory="followed"))
+    by_table = planner.plan(
+        (0.55, 0.60), start, options=PlanOptions(planner="table", trajectory="followed")
+    )
     assert plan.cost(options) <= by_table.cost(options)
     assert plan.seconds["first_motion"] < plan.planning_time
 
 
 def test_a_fit_ends_with_the_first_look_that_finds_the_deadline_passed(planner, looks):
     start, goal = next(moves(planner, 1))
-    path = planner.plan(goal, start).path
+    path = planner.plan(goal, start, options=BY_TABLE).path
     modes = StartModes.create_settled(np.zeros(3, dtype=np.uint8))
-    arguments = planner.machine, path, start, modes, None, fit_rules(PlanOptions())
+    arguments = planner.machine, path, start, modes, None, fit_rules(BY_TABLE)
     fit_trajectory(*arguments, looks.deadline_after(math.inf))
     needed = looks.count
     assert needed > 1
@@ -198,11 +202,11 @@ def test_a_path_that_is_refused_is_no_verdict_on_the_goal_when_the_time_is_up(
     planner, deadline, error
 ):
     start, goal = next(moves(planner, 1))
-    path = planner.plan(goal, start).path
+    path = planner.plan(goal, start, options=BY_TABLE).path
     posture = path.posture.copy()
     posture[-1] = planner.machine.arrays.joint_max + 0.1
     beyond = replace(path, posture=posture)
-    task = planner._create_request(goal, start, None, None, PlanOptions())
+    task = planner._create_request(goal, start, None, None, BY_TABLE)
     under_way = loop.PlanningLoop(planner.machine, task, Deadline.after(deadline), PlanLog())
 
     def until_the_time_is_up():

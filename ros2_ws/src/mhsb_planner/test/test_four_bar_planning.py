@@ -6,7 +6,7 @@ import pytest
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import MotionState
 from mhsb_model.types import FloatArray
-from mhsb_planner.planner import Planner
+from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_posture_table import PostureTable
 
@@ -38,7 +38,11 @@ def test_no_point_of_the_workspace_is_without_a_posture(table: PostureTable) -> 
 )
 def test_a_plan_keeps_every_limit(planner: Planner, worst, start, goal) -> None:
     machine = planner.machine
-    plan = planner.plan(goal, MotionState.at_rest(lightest_posture(machine, *start)))
+    plan = planner.plan(
+        goal,
+        MotionState.at_rest(lightest_posture(machine, *start)),
+        options=PlanOptions(planner="table"),
+    )
     trajectory, schedule = plan.motion.trajectory, plan.motion.schedule
     assert machine.tip_position(trajectory.position[-1]) == pytest.approx(goal, abs=1e-6)
     excess = worst(trajectory, schedule, machine=machine)

@@ -15,7 +15,7 @@ from mhsb_planner.planner import Planner, PlanOptions, fit_rules
 from mhsb_planner.search.s2_search import PathQuery, Weights
 
 INTEGRATED = PlanOptions(planner="integrated")
-FOLLOWED = PlanOptions(trajectory="followed")
+FOLLOWED = PlanOptions(planner="table", trajectory="followed")
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +132,7 @@ def test_another_payload_or_pressure_is_planned_for_with_the_same_planner(machin
 
 def test_under_a_weight_on_switches_alone_no_motion_switches_more_than_the_tables(planner):
     weights = Weights(0.0, 0.0, 1.0)
-    by_table = PlanOptions(trajectory="followed", weights=weights)
+    by_table = PlanOptions(planner="table", trajectory="followed", weights=weights)
     integrated = PlanOptions(planner="integrated", weights=weights)
     for start, goal, _ in pairs(planner, 8, seed=5):
         start = MotionState.at_rest(start)

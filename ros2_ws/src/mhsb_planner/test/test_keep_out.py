@@ -158,7 +158,9 @@ def test_a_verdict_tells_in_which_zone_the_arm_starts(planner, arm, table):
     x, z = START
     crowded = arm.changed(zones=Zones(tip_boxes=((x - 0.1, z - 0.1, x + 0.1, z + 0.1),)))
     held = Command.hold(0, posture_at(planner, *START), np.zeros(3, dtype=np.uint8))
-    replan = Replanner(crowded, table).replan(held, SECOND_NS, GOAL, 0.1, PlanOptions())
+    replan = Replanner(crowded, table).replan(
+        held, SECOND_NS, GOAL, 0.1, PlanOptions(planner="table")
+    )
     told = compose_acceptance_sentence(replan, Goal(1, *GOAL))
     assert "; the arm starts 0.1 m deep in the keep-out box (0.45, -0.15)" in told
 

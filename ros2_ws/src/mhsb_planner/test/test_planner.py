@@ -61,8 +61,9 @@ def test_a_path_found_elsewhere_is_followed_as_if_it_had_been_searched(planner):
     table = planner.graph.table
     nodes = np.flatnonzero(table.feasible)
     start, goal = table.posture[nodes[0], 0], tuple(table.nodes[nodes[40]] * table.spacing)
-    plan = planner.plan(goal, MotionState.at_rest(start))
-    again = planner.follow(plan.path)
+    options = PlanOptions(planner="table")
+    plan = planner.plan(goal, MotionState.at_rest(start), options=options)
+    again = planner.follow(plan.path, options=options)
     np.testing.assert_array_equal(again.motion.trajectory.position, plan.motion.trajectory.position)
     assert again.energy == plan.energy
 

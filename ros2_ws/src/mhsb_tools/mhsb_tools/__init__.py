@@ -7,6 +7,7 @@ from mhsb_model import import_on_use
 if TYPE_CHECKING:
     from mhsb_tools.moves.move import move_of_plan as move_of_plan
     from mhsb_tools.moves.move_page import draw_move_page as draw_move_page
+    from mhsb_tools.moves.move_page import plot_plan as plot_plan
     from mhsb_tools.recording.bag_reader import read_recording as read_recording
 
 __getattr__ = import_on_use(
@@ -14,6 +15,7 @@ __getattr__ = import_on_use(
     {
         "move_of_plan": "mhsb_tools.moves.move",
         "draw_move_page": "mhsb_tools.moves.move_page",
+        "plot_plan": "mhsb_tools.moves.move_page",
         "read_recording": "mhsb_tools.recording.bag_reader",
     },
 )

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import difflib
 import inspect
+import math
 import re
 from collections.abc import Sequence
 from typing import Any, get_args, get_type_hints
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
+
+from mhsb_model.errors import suggest_unit_of_number
 
 LONGEST_VALUE = 40
 """Largest number of characters of a wrong value that a message repeats."""
@@ -105,7 +108,10 @@ def _describe_problem(item: Any, model: type[BaseModel]) -> str:
     unit, value = _find_unit(field), _format_value(item.get("input")) if item["loc"] else ""
     if kind in LIMIT_ERRORS:
         key, words, what_to_do = LIMIT_ERRORS[kind]
-        return f"must be {words} {context[key]:g}{unit}{value}; {what_to_do}"
+        limit = context[key]
+        low, high = (limit, math.inf) if key in ("gt", "ge") else (-math.inf, limit)
+        hint = suggest_unit_of_number(item["input"], unit.strip(), low, high)
+        return f"must be {words} {limit:g}{unit}{value}{hint or f'; {what_to_do}'}"
     if kind == "missing":
         meaning = (field.description if field else "") or ""
         return f"is missing; add it{f': {meaning}' if meaning else ''}"

@@ -23,6 +23,9 @@ from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE
 from mhsb_planner.search.s2_search import SearchMethod, Weights
 from mhsb_planner.search.s2_step import EnergyReading
 
+DEFAULT_PLANNER = "integrated"
+"""Name of the planner of requests that name none."""
+
 ENERGY_OPTIMAL = Weights(0.5, 0.0, 2.0)
 """Weights of the paper's energy-optimal cases."""
 
@@ -78,7 +81,7 @@ class PlanOptions:
     goal_region: Region | None = None
     via: tuple[Position, ...] = ()
     via_tolerance: float = 0.01
-    planner: str = "table"
+    planner: str = DEFAULT_PLANNER
     trajectory: TrajectoryKind | None = None
     max_speed_excess: float = DEFAULT_SPEED_EXCESS
     initial_j3: float | None = None

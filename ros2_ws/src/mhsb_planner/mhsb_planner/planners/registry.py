@@ -18,9 +18,6 @@ REGISTERED_PLANNERS: dict[str, PathPlanner] = {
 PLANNER_KINDS: tuple[str, ...] = tuple(REGISTERED_PLANNERS)
 """Names of all planners."""
 
-ONLINE_PLANNER = IntegratedPlanner.name
-"""Name of the planner that the node uses by default; the paper's cases name their own."""
-
 if TYPE_CHECKING:
     PlannerKind = str
 else:  # tyro reads the choices of a command from it

@@ -15,7 +15,7 @@ from itertools import islice
 
 import numpy as np
 
-from mhsb_model.errors import MhsbError
+from mhsb_model.errors import MhsbError, suggest_unit_of_number
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, frozen
@@ -91,6 +91,24 @@ def describe_limit_excess(machine: Machine, posture: FloatArray) -> str:
                 f"{side} limit of {limit:.4g} {unit}"
             )
     return " and ".join(words)
+
+
+def suggest_unit_of_start(machine: Machine, posture: FloatArray) -> str:
+    """Ask whether a posture was meant in degrees, or in mm where joints slide.
+
+    Args:
+        machine: The arm.
+        posture: Joint positions, shape (n,) [rad or m].
+
+    Returns:
+        Clause of `suggest_unit` for the first joint that is beyond its limits by more than its
+        range; empty if there is none.
+    """
+    low, high = machine.arrays.joint_min, machine.arrays.joint_max
+    for j in np.flatnonzero(np.maximum(posture - high, low - posture) > high - low):
+        unit = machine.joint_units[j]
+        return suggest_unit_of_number(float(posture[j]), unit, float(low[j]), float(high[j]))
+    return ""
 
 
 def describe_start_problems(machine: Machine, posture: FloatArray) -> str:
@@ -230,7 +248,9 @@ def _paths_over_first_moves(
             return
     if refused is not None:
         raise refused
-    raise StartError(f"the arm starts with {describe_limit_excess(machine, task.departure)}")
+    excess = describe_limit_excess(machine, task.departure)
+    hint = suggest_unit_of_start(machine, task.departure)
+    raise StartError(f"the arm starts with {excess}{hint}")
 
 
 def _first_moves(

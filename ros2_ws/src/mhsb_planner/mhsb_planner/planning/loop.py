@@ -488,7 +488,7 @@ class PlanningLoop:
         if area.weight > 0.0:
             along = area_along_motion(machine, motion.trajectory, motion.schedule, deadline)
             shortfall = along.compute_area_loss(area.reference)
-        return Plan(path, motion, energy, area_shortfall=shortfall)
+        return Plan(path, motion, energy, machine, area_shortfall=shortfall)
 
     def _set_refused(self, refused: tuple[str, ...]) -> None:
         """Replace the reasons for refused curves in the incumbent, which must exist.

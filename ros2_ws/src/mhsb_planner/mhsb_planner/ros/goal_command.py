@@ -24,14 +24,18 @@ EXIT_ACCEPTED, EXIT_REFUSED, EXIT_NO_ANSWER = 0, 1, 3
 time.
 """
 
+POSITION_RANGE, TOLERANCE_RANGE = NumberRange(-1e4, 1e4, "m"), NumberRange(0.0, 2.0, "m")
+ANGLE_RANGE = NumberRange(-100.0, 100.0, "rad")
+"""Ranges of the options: positions and distances [m], angles [rad]."""
+
 
 def goal(
     place: Annotated[
-        Position, tyro.conf.Positional, tyro.conf.arg(metavar="X [Y] Z"), NumberRange(-1e4, 1e4)
+        Position, tyro.conf.Positional, tyro.conf.arg(metavar="X [Y] Z"), POSITION_RANGE
     ],
-    tolerance: Annotated[float | None, tyro.conf.arg(metavar="M"), NumberRange(0.0, 2.0)] = None,
+    tolerance: Annotated[float | None, tyro.conf.arg(metavar="M"), TOLERANCE_RANGE] = None,
     psi_range: Annotated[
-        tuple[float, float] | None, tyro.conf.arg(metavar="LOW HIGH"), NumberRange(-100.0, 100.0)
+        tuple[float, float] | None, tyro.conf.arg(metavar="LOW HIGH"), ANGLE_RANGE
     ] = None,
     wait: bool = False,
     timeout: Annotated[float, tyro.conf.arg(metavar="S"), NumberRange(0.0, 1e6)] = 10.0,

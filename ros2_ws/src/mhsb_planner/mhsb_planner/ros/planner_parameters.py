@@ -28,13 +28,13 @@ from mhsb_planner.goal_region import (
 )
 from mhsb_planner.online.settings import REACHED_TOLERANCE, Settings
 from mhsb_planner.planners.options import (
+    DEFAULT_PLANNER,
     DEFAULT_SPEED_EXCESS,
     HIGHEST_SPEED_EXCESS,
     HIGHEST_WEIGHT,
     PlanOptions,
 )
 from mhsb_planner.planners.registry import (
-    ONLINE_PLANNER,
     REGISTERED_PLANNERS,
     planner_summaries,
     planners_weighing_area,
@@ -314,7 +314,7 @@ def declare_changeable(node: Node, machine: Machine) -> None:
     for parameter in (
         NodeParameter(
             "planner",
-            ONLINE_PLANNER,
+            DEFAULT_PLANNER,
             f"one of {', '.join(REGISTERED_PLANNERS)}: {planner_summaries()}",
         ),
         NodeParameter(

@@ -50,7 +50,9 @@ def test_a_plan_tells_of_the_steps_and_times_at_which_inlets_empty(machine, tabl
 
 def test_a_motion_that_lifts_its_loads_has_none(machine, table):
     folded = np.array(machine.config.simulation.start_posture)
-    plan = Planner(machine, table).plan((0.45, 0.3), MotionState.at_rest(folded))
+    plan = Planner(machine, table).plan(
+        (0.45, 0.3), MotionState.at_rest(folded), options=PlanOptions(planner="table")
+    )
     assert not any(
         emptied(machine, q, qd).any()
         for q, qd in zip(

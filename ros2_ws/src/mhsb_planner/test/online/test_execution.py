@@ -29,7 +29,7 @@ def ending(machine):
     command = Command(trajectory, ModeSchedule(STAMP, [0], [[0, 0, 0]]))
     x, z = machine.tip_position(END)
     plan = PlanSummary(STAMP, 100.0, 90.0, 5.0, 0, 20.0, 80.0)
-    settings = Settings(machine, PlanOptions())
+    settings = Settings(machine, PlanOptions(planner="table"))
     goal = Goal(1, x, z)
 
     def judge(view, now_ns, **changes):

@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 from mhsb_model.errors import MhsbError
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.errors import NoPathError, RequestError
-from mhsb_planner.planner import Planner, PlanOptions, warm_up
+from mhsb_planner.planner import DEFAULT_PLANNER, Planner, PlanOptions, warm_up
 from mhsb_planner.planners.path_planner import PathProposal, PathRequest
 from mhsb_planner.planners.registry import (
     PLANNER_KINDS,
@@ -84,7 +84,9 @@ def test_one_registration_makes_a_planner_plan(machine, table, toy):
     planner = Planner(machine, table)
     start = MotionState.at_rest(table.posture[planner.graph.grid.node_at(0.55, -0.05), 0])
     plan = planner.plan((0.55, 0.3), start, options=PlanOptions(planner="detour"))
-    known = planner.plan((0.55, 0.3), start, options=PlanOptions(trajectory="followed"))
+    known = planner.plan(
+        (0.55, 0.3), start, options=PlanOptions(planner="table", trajectory="followed")
+    )
     assert toy.asked == 1
     assert np.array_equal(plan.motion.trajectory.position, known.motion.trajectory.position)
     with pytest.raises(RequestError, match="must be 0 for the planner 'detour'"):
@@ -122,6 +124,7 @@ def test_a_planner_that_is_not_there_is_refused_with_those_that_are(machine, tab
 
 def test_each_planner_is_registered_by_its_own_name():
     assert PLANNER_KINDS == ("table", "fixed", "integrated")
+    assert PlanOptions().planner == DEFAULT_PLANNER == "integrated"
     assert all(planner.name == name for name, planner in REGISTERED_PLANNERS.items())
 
 

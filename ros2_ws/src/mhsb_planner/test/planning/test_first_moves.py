@@ -119,7 +119,12 @@ def test_what_takes_too_long_from_such_a_start_names_the_joint_as_well(machine, 
     planner, top = Planner(machine, table), float(machine.arrays.joint_max[0])
     start = MotionState.at_rest(np.array([top + 0.02, -1.4, -0.6]))
     with pytest.raises(DeadlineError, match=r"before the deadline; the arm starts with joint_1"):
-        planner.plan((0.55, 0.4), start, deadline=Deadline.after(1e-4))
+        planner.plan(
+            (0.55, 0.4),
+            start,
+            options=PlanOptions(planner="table"),
+            deadline=Deadline.after(1e-4),
+        )
 
 
 def test_a_new_goal_on_the_way_back_leads_back_as_well(machine, table):
@@ -167,7 +172,11 @@ def test_an_arm_deep_in_a_zone_gets_out_or_the_answer_names_the_zone(name, reque
         seen += 1
         planner.change_machine(crowded)
         try:
-            plan = planner.plan(tuple(goal.tolist()), MotionState.at_rest(start))
+            plan = planner.plan(
+                tuple(goal.tolist()),
+                MotionState.at_rest(start),
+                options=PlanOptions(planner="table"),
+            )
         except (NoPathError, ZoneError) as error:  # a goal by the zone has no clear posture
             refused.append(str(error))
             continue

@@ -73,7 +73,9 @@ def test_a_log_that_is_given_is_filled_even_if_the_time_is_up(planner, start, lo
 
 def test_the_table_has_a_line_for_each_entry(planner, start):
     log = PlanLog()
-    plan = planner.plan(GOAL, start, options=PlanOptions(), deadline=Deadline.after(60.0), log=log)
+    plan = planner.plan(
+        GOAL, start, options=PlanOptions(planner="table"), deadline=Deadline.after(60.0), log=log
+    )
     lines = log.format_table().splitlines()
     assert len(lines) == 1 + len(plan.log)
     assert "taken" in lines[1]

@@ -143,7 +143,9 @@ def test_the_planner_keeps_joint_3_as_it_is_at_the_start(machine, table):
         (0.65, 0.45), MotionState.at_rest(start), options=PlanOptions(planner="fixed")
     )
     assert plan.path.posture[:, 2] == pytest.approx(-1.1)
-    by_table = planner.plan((0.65, 0.45), MotionState.at_rest(start))
+    by_table = planner.plan(
+        (0.65, 0.45), MotionState.at_rest(start), options=PlanOptions(planner="table")
+    )
     assert np.ptp(by_table.path.posture[:, 2]) > 0.1
 
 

@@ -125,7 +125,7 @@ def _task(machine, path):
     modes = StartModes.create_settled(np.zeros(4, dtype=np.uint8))
     goal = tuple(machine.tip_in_base(np.append(ENDED, path.posture[-1])).tolist())
     state = MotionState.at_rest(start)
-    return PathRequest(goal, state, modes, None, start, PlanOptions(), WITHOUT_AREA)
+    return PathRequest(goal, state, modes, None, start, PlanOptions(planner="table"), WITHOUT_AREA)
 
 
 def test_behind_a_wall_that_the_path_does_not_pass_there_is_no_turning(over_a_post):

@@ -11,6 +11,7 @@ from mhsb_planner.errors import NoPathError, RequestError, ZoneError
 from mhsb_planner.planner import PlanOptions
 
 PLANNERS = ("table", "fixed", "integrated")
+BY_TABLE = PlanOptions(planner="table")
 GOAL = (2.0, 1.8, -0.5)
 SCENES = {
     "a post": Zones(cylinders=((2.6, 0.2, -2.0, 3.0, 0.15),)),
@@ -91,8 +92,8 @@ def test_among_zones_too_the_integrated_planner_is_never_dearer_than_the_others(
 
 def test_a_zone_that_is_nowhere_near_leaves_the_plan_as_it_is(among, begin):
     start = MotionState.at_rest(begin)
-    alone = among(Zones()).plan(GOAL, start)
-    beside = among(Zones(spheres=((-3.0, 0.0, 0.0, 0.3),))).plan(GOAL, start)
+    alone = among(Zones()).plan(GOAL, start, options=BY_TABLE)
+    beside = among(Zones(spheres=((-3.0, 0.0, 0.0, 0.3),))).plan(GOAL, start, options=BY_TABLE)
     assert beside.motion.trajectory.position == pytest.approx(alone.motion.trajectory.position)
 
 
@@ -100,14 +101,14 @@ def test_a_goal_in_a_zone_is_refused_by_the_zones_name_and_where_it_is(among, be
     zone = Zones(cylinders=((2.0, 1.7, -1.0, 0.0, 0.3),))
     sentence = r"at \(2, 1\.8, -0\.5\) m the tip is 0\.\d+ m deep in the keep-out cylinder"
     with pytest.raises(ZoneError, match=sentence):
-        among(zone).plan(GOAL, MotionState.at_rest(begin))
+        among(zone).plan(GOAL, MotionState.at_rest(begin), options=BY_TABLE)
 
 
 def test_where_no_way_leads_past_a_zone_the_sentence_names_it(among, begin):
     all_around = Zones(boxes=((0.7, -0.1, -4.0, 6.0, 0.1, 6.0),))
     sentence = r"from \(2\.6, -1\.5, -0\.8\) m to \(2, 1\.8, -0\.5\) m clear of the keep-out box"
     with pytest.raises(NoPathError, match=sentence):
-        among(all_around).plan(GOAL, MotionState.at_rest(begin))
+        among(all_around).plan(GOAL, MotionState.at_rest(begin), options=BY_TABLE)
 
 
 @pytest.mark.parametrize("kind", PLANNERS)
@@ -126,6 +127,6 @@ def test_points_on_the_way_are_passed_in_space(among, begin, kind):
 
 
 def test_a_point_on_the_way_of_an_arm_that_slews_has_three_numbers(among, begin):
-    planner, options = among(Zones()), PlanOptions(via=((2.4, 0.2),))
+    planner, options = among(Zones()), PlanOptions(planner="table", via=((2.4, 0.2),))
     with pytest.raises(RequestError, match=r"via must be three numbers, x y z \[m\]"):
         planner.plan(GOAL, MotionState.at_rest(begin), options=options)

@@ -20,7 +20,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_planner.cases.paper_cases import PaperCase
 from mhsb_planner.kernel_parts import compile_planner
-from mhsb_planner.planner import ONLINE_PLANNER, Planner, PlannerKind
+from mhsb_planner.planner import Planner, PlannerKind
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_tools.commands.film import FilmGoal, write_film
 from mhsb_tools.commands.plan_arguments import (
@@ -122,8 +122,7 @@ def animate(
     if bag is not None:
         move, goals = _read_recorded_move(arm, bag, namespace or "")
     else:
-        kind = plan.planner or (None if plan.case else ONLINE_PLANNER)
-        asked = build_request(plan.start, plan.goal, plan.case, planner=kind)
+        asked = build_request(plan.start, plan.goal, plan.case, planner=plan.planner)
         move, goals = _plan_move(arm, asked)
     shown = _select_time_range(move, film.begin, film.end)
     frames = write_film(shown, goals, output, speed=film.speed, rate=film.rate, width=film.width)

@@ -29,8 +29,11 @@ from mhsb_model.goal import Goal, format_position
 from mhsb_model.machine import find_machine_file
 from mhsb_model.types import Position
 from mhsb_msgs_py.node_process import run_ros, serve_node, spin_until
+from mhsb_planner.result_files import write_json
 from mhsb_planner.ros.goal_sender import GoalSender
 from mhsb_sim.simulation.plant_files import check_plant, load_plant
+from mhsb_tools.commands.demo_story import format_story
+from mhsb_tools.comparison.goal_tour import compare_on_tour
 from mhsb_tools.live.child_process import ChildEndedError, ChildProcess
 from mhsb_tools.live.nodes import (
     ANSWER_TIMEOUT,
@@ -39,7 +42,7 @@ from mhsb_tools.live.nodes import (
     run_both_nodes,
     wait_for_planner_answer,
 )
-from mhsb_tools.report.report_command import format_summary, write_report
+from mhsb_tools.report.report_command import write_report
 
 GOALS_FILE = "demo_goals.yaml"
 """Name of the goals file of the suite's own arm."""
@@ -164,10 +167,14 @@ def _demo(
         raise KeyboardInterrupt from None
     print("writing the report")
     summary = write_report(unfinished / "bag", unfinished / "report", arm)
-    shutil.move(unfinished / "report" / "summary.json", unfinished / "summary.json")
+    (unfinished / "report" / "summary.json").unlink()
+    print("planning the same goals by the other planners")
+    tour = compare_on_tour(arm, [goal.position for goal in wanted])
+    summary["tour"] = tour
+    write_json(unfinished / "summary.json", summary)
     finish(output)
-    print("\n".join(format_summary(summary)))
-    print(f"done in {time.monotonic() - began:.0f} s; see {output}/report and summary.json")
+    print("\n".join(["", *format_story(summary, tour, output)]))
+    print(f"done in {time.monotonic() - began:.0f} s")
     return summary
 
 
@@ -338,13 +345,13 @@ def _record(
         ):
             raise ChildEndedError("the recorder is ready, but cannot be reached over ROS")
         spin_until(executor, lambda: False, BOTH_SIDES)
-        for goal in tqdm(goals, desc="goals", unit="goal", disable=None):
-            _send(sender, executor, goal)
+        for number, goal in enumerate(tqdm(goals, desc="goals", unit="goal", disable=None), 1):
+            _send(sender, executor, goal, f"goal {number} of {len(goals)}")
             for process in (*nodes, recorder):
                 process.check_running()
 
 
-def _send(sender: GoalSender, executor: SingleThreadedExecutor, goal: DemoGoal) -> None:
+def _send(sender: GoalSender, executor: SingleThreadedExecutor, goal: DemoGoal, title: str) -> None:
     """Send one goal, print its verdict and wait until the next goal is due.
 
     If the goal has a time, the wait ends that long after sending. If it has none but a plan was
@@ -356,6 +363,7 @@ def _send(sender: GoalSender, executor: SingleThreadedExecutor, goal: DemoGoal) 
         sender: Node that sends goals and collects verdicts.
         executor: Executor of that node, run during the wait.
         goal: The goal.
+        title: Words that name it, before its position.
 
     Raises:
         ChildEndedError: The planner gave no verdict within `ANSWER_TIMEOUT`.
@@ -365,9 +373,15 @@ def _send(sender: GoalSender, executor: SingleThreadedExecutor, goal: DemoGoal) 
     if not spin_until(executor, lambda: stamp_ns in sender.verdicts, ANSWER_TIMEOUT):
         raise ChildEndedError(f"the planner gave no answer within {ANSWER_TIMEOUT:g} s")
     verdict = sender.verdicts[stamp_ns]
-    tqdm.write(
-        f"  {format_position(goal.position, '.3f')}: {verdict.code.value}, {verdict.sentence}"
-    )
+    plan = verdict.plan
+    words = verdict.sentence
+    if plan is not None and plan.plan_stamp_ns:
+        words = (
+            f"planned in {plan.plan_ms:.0f} ms, a motion of {plan.duration_s:.1f} s and "
+            f"{plan.energy_series_j:.0f} J"
+        )
+    place = format_position(goal.position, ".3f")
+    tqdm.write(f"  {title}, {place}: {verdict.code.value}, {words}")
     if goal.time is not None:
         spin_until(executor, lambda: False, goal.time - (time.monotonic() - began))
     elif verdict.plan is not None:

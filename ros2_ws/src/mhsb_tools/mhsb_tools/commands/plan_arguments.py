@@ -18,7 +18,12 @@ from mhsb_planner.errors import RequestError
 from mhsb_planner.goal_region import MAX_REGION_SIZE, WIDEST_ANGLE, Angle, Region, create_region
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planner import PlannerKind
-from mhsb_planner.planners.options import ENERGY_OPTIMAL, HIGHEST_WEIGHT, PlanOptions
+from mhsb_planner.planners.options import (
+    DEFAULT_PLANNER,
+    ENERGY_OPTIMAL,
+    HIGHEST_WEIGHT,
+    PlanOptions,
+)
 from mhsb_planner.planners.registry import (
     get_planner,
     planner_summaries,
@@ -31,10 +36,10 @@ from mhsb_tools.moves.operating_point import Range
 
 Point = tuple[float, float]
 
-POSITION_RANGE, DISTANCE_RANGE = NumberRange(-1e4, 1e4), NumberRange(0.0, MAX_REGION_SIZE)
-ANGLE_RANGE = NumberRange(-WIDEST_ANGLE, WIDEST_ANGLE)
+POSITION_RANGE, DISTANCE_RANGE = NumberRange(-1e4, 1e4, "m"), NumberRange(0.0, MAX_REGION_SIZE, "m")
+ANGLE_RANGE = NumberRange(-WIDEST_ANGLE, WIDEST_ANGLE, "rad")
 WEIGHT_RANGE, PAYLOAD_RANGE = NumberRange(0.0, HIGHEST_WEIGHT), NumberRange(0.0, 1e4)
-PRESSURE_RANGE, SPEED_RANGE = NumberRange(1e5, 5e7), NumberRange(1e-4, 1.0)
+PRESSURE_RANGE, SPEED_RANGE = NumberRange(1e5, 5e7, "Pa"), NumberRange(1e-4, 1.0, "m/s")
 """Ranges of the options: positions and distances [m], angles [rad], weights, payload [kg], supply
 pressure P_S [Pa], piston speed V_max [m/s].
 """
@@ -244,7 +249,8 @@ class PlannerArguments:
         weights: Weights of energy [1/J], time [1/s] and mode switches; 0.5 0 2 when left out.
         area_weight: Weight of the velocity polytope's area that is lost along the tip's path, for
             the integrated planner [1/m]; the area does not count when left out.
-        planner: Method that chooses postures and path; table when left out.
+        planner: Method that chooses postures and path; that of the case when left out, else
+            integrated.
         initial_j3: Angle of joint 3 that the fixed planner keeps [rad]; that of the posture table
             at the start when left out.
         search: The exact search, or the published one with one label for each node, of the table
@@ -266,7 +272,8 @@ class PlannerArguments:
     planner: Annotated[
         PlannerKind | None,
         tyro.conf.arg(
-            help=f"Where postures come from: {planner_summaries()}; table when left out."
+            help=f"Where postures come from: {planner_summaries()}. "
+            f"When left out, the case's; without a case, {DEFAULT_PLANNER}."
         ),
     ] = None
     initial_j3: Annotated[float | None, tyro.conf.arg(metavar="RAD"), ANGLE_RANGE] = None
@@ -327,7 +334,7 @@ def build_request(
             needed.
         weights: Weights of energy [1/J], time [1/s] and mode switches; None takes the case's, or
             the energy-optimal ones without a case.
-        planner: Name of the planner; None takes the case's, `table` without a case.
+        planner: Name of the planner; None takes the case's, DEFAULT_PLANNER without a case.
         initial_j3: Angle of joint 3 that the fixed planner keeps [rad]; None takes the case's.
 
     Returns:
@@ -346,7 +353,7 @@ def build_request(
             raise UsageError(f"--{name} takes {wanted}, not {_format_value(given)}")
     if start is None or goal is None:
         raise UsageError("give --start X Z and --goal X Z, or --case NAME")
-    base = named or PaperCase("", start, goal, ENERGY_OPTIMAL)
+    base = named or PaperCase("", start, goal, ENERGY_OPTIMAL, DEFAULT_PLANNER)
     try:
         chosen = Weights(*weights) if weights is not None else base.weights
     except RequestError as error:

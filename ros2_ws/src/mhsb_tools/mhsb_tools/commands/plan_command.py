@@ -18,12 +18,14 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.files.output_folders import make_parent_folder
 from mhsb_model.goal import format_position
 from mhsb_model.machine import Machine
+from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import pattern_name
-from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import FloatArray, Position
 from mhsb_planner.cases.paper_cases import PaperCase
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion.cavitation import find_cavitating_steps
+from mhsb_planner.motion.motion_table import format_switches
 from mhsb_planner.plan_log import LogEntry, PlanLog
 from mhsb_planner.planner import Plan, Planner, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
@@ -59,6 +61,9 @@ REPEATED_PLAN_TIME = 1.0
 include loading compiled kernels [s].
 """
 
+SHOWN_INSTANTS = 11
+"""Number of instants of the motion that are printed."""
+
 BAR_DELAY = 0.5
 """Delay before a progress bar appears [s]; an error in a request is printed sooner."""
 
@@ -71,10 +76,11 @@ def plan(
     planning: PlannerArguments,
     zones: ZoneArguments,
     plot: OptionalFile = None,
+    csv: OptionalFile = None,
     json_: JsonFlag = False,
     explain: bool = False,
 ) -> None:
-    """Plan a motion from rest and print it: path, modes, energy, time.
+    """Plan a motion from rest and print it: duration, energy, modes over time, tip and joints.
 
     Give --start and --goal, or --case for one of the paper's. The start posture is that of the
     posture table in normal mode, or the one with the initial angle of joint 3 if that is fixed.
@@ -89,8 +95,12 @@ def plan(
         zones: Keep-out zones.
         plot: Picture (PNG) of the motion on one page: path, joints, modes, operating regions,
             pressures, energy.
+        csv: Table (CSV) of the motion over time: positions, velocities and accelerations of the
+            joints, modes, supply pressures.
         json_: Print one JSON object instead of text.
-        explain: Print also which paths were proposed, when, at which cost, and what became of each.
+        explain: Print also the discrete path of the search, how the motion was fitted to it, the
+            velocity polytope's area and the times of planning; which paths were proposed, when, at
+            which cost, and what became of each.
 
     Raises:
         UsageError: An option has no effect, or options exclude each other: `start_posture` with
@@ -99,6 +109,8 @@ def plan(
     """
     if plot is not None and plot.suffix.lower() != ".png":
         raise command_line.UsageError(f"--plot: '{plot}' must end in .png")
+    if csv is not None and csv.suffix.lower() != ".csv":
+        raise command_line.UsageError(f"--csv: '{csv}' must end in .csv")
     base = load_machine(arm.machine)
     posture, start = move.find_start(base)
     asked = build_request(
@@ -108,6 +120,8 @@ def plan(
     options = build_options(asked, move, goal, planning)
     if plot is not None:
         make_parent_folder(plot, "the picture")
+    if csv is not None:
+        make_parent_folder(csv, "the table")
     check_coordinates(base, asked)
     changed = zones.add_to(arm.change(base))
     compile_planner()
@@ -130,6 +144,8 @@ def plan(
     area = compute_polytope_areas(suite, made)
     if plot is not None:
         draw_move_page(move_of_plan(suite.machine, made, asked.goal, _title(asked)), plot)
+    if csv is not None:
+        made.to_csv(csv)
     if json_:
         content = as_json(suite.machine, made, seconds) | area | operating_points_as_json(found)
         content |= {"case": move.case, "replaced": list_replaced_values(asked)}
@@ -137,11 +153,11 @@ def plan(
             content["log"] = log_as_json(made.log)
         print(json.dumps(content))
     else:
-        lines = as_text(suite.machine, made, seconds)
-        lines += [area_line(area), *point_lines(found)]
+        lines = [*case_line(asked), str(made), *point_lines(found), "", *motion_lines(made)]
         if explain:
-            lines.append(PlanLog(list(made.log)).format_table())
-        print("\n".join([*case_line(asked), *lines]))
+            lines += ["", *path_lines(suite.machine, made), "", *fit_lines(made, seconds)]
+            lines += [area_line(area), "", PlanLog(list(made.log)).format_table()]
+        print("\n".join(lines))
 
 
 def _make_plan(
@@ -197,9 +213,11 @@ def as_json(machine: Machine, plan: Plan, seconds: dict[str, float]) -> dict[str
         `cost`, describe the path of the search. `energy_j`, `energy_series_j`, `duration_s` and
         `switches_scheduled` describe the motion, and `fit` says how the motion was made from the
         path. `path` (tip [m]) and `joint_path` [rad or m] are nested lists with a row for each
-        waypoint; `modes` has a row for each step. `lower_bound_j` is a lower bound on the energy,
-        and `gap` the share by which the motion's energy exceeds it. `expanded` is the number of
-        states that the search expanded.
+        waypoint; `modes` has a row for each step. `trajectory` is the motion over time: `time_s`,
+        and rows for these times of joint positions, velocities and accelerations [rad or m, per s
+        and s²] and of the modes in force. Modes are 0 N, 1 DB, 2 SB. `lower_bound_j` is a lower
+        bound on the energy, and `gap` the share by which the motion's energy exceeds it. `expanded`
+        is the number of states that the search expanded.
     """
     path, motion = plan.path, plan.motion
     return {
@@ -220,6 +238,7 @@ def as_json(machine: Machine, plan: Plan, seconds: dict[str, float]) -> dict[str
         "path": path.tip.tolist(),
         "modes": path.modes.tolist(),
         "joint_path": path.posture.tolist(),
+        "trajectory": _trajectory_as_json(motion.trajectory, motion.schedule),
         "fit": {
             "method": motion.method.value,
             "stretch": motion.stretch,
@@ -264,22 +283,55 @@ def log_as_json(log: tuple[LogEntry, ...]) -> list[dict[str, Any]]:
     ]
 
 
-def as_text(machine: Machine, plan: Plan, seconds: dict[str, float]) -> list[str]:
-    """Format a plan as a table of its steps and a summary.
+def _trajectory_as_json(trajectory: Trajectory, schedule: ModeSchedule) -> dict[str, Any]:
+    """Return a trajectory's points and the modes in force at them for JSON."""
+    time_ns = trajectory.stamp_ns + trajectory.offset_ns
+    return {
+        "time_s": (trajectory.offset_ns / SECOND_NS).tolist(),
+        **{name: values.tolist() for name, values in trajectory.points._asdict().items()},
+        "modes": schedule.modes_at_many(time_ns).tolist(),
+    }
+
+
+def motion_lines(plan: Plan) -> list[str]:
+    """Format the motion of a plan as a table over time.
+
+    Args:
+        plan: The plan.
+
+    Returns:
+        A line of column titles, then SHOWN_INSTANTS lines at equal distances in time: time [s], tip
+        in `base_link` [m], joint positions [rad or m]; a single one if nothing moves.
+    """
+    machine, trajectory = plan.machine, plan.motion.trajectory
+    time_ns = np.unique(np.linspace(0, trajectory.duration_ns, SHOWN_INSTANTS).astype(np.int64))
+    position = trajectory.sample_many(trajectory.stamp_ns + time_ns)[0]
+    titles = [f"{axis} [m]" for axis in machine.axes]
+    for name, unit in zip(machine.joint_names, machine.joint_units, strict=True):
+        titles.append(f"{name} [{unit}]")
+    return [
+        f"time [s]   {' '.join(f'{title:>13}' for title in titles)}",
+        *(
+            f"{at / SECOND_NS:8.2f}   " + " ".join(f"{value:13.3f}" for value in (*tip, *row))
+            for at, tip, row in zip(time_ns, machine.tip_in_base(position), position, strict=True)
+        ),
+    ]
+
+
+def path_lines(machine: Machine, plan: Plan) -> list[str]:
+    """Format the discrete path of a plan as a table of its steps.
 
     Args:
         machine: The arm for which the plan was made.
         plan: The plan.
-        seconds: Wall time of each part of planning [s], by name; printed in ms.
 
     Returns:
-        A line of column titles, then a line for each step of the discrete path: its number, the tip
-        at its end [m], modes, time [s], energy [J] and the actuators that cavitate. Then lines on
-        the whole path, the trajectory (duration, energies, switches) and the fit (stretch, excess
-        over V_max, deviation of the tip), warnings, and planning times [ms].
+        A line of column titles, then a line for each step: its number, the tip at its end [m], the
+        modes that the search assumed, time [s], energy [J] and the actuators that cavitate. The
+        last line has the sums.
     """
-    path, motion = plan.path, plan.motion
-    names, empty = np.array(machine.actuator_names), find_cavitating_steps(machine, path)
+    path, names = plan.path, np.array(machine.actuator_names)
+    empty = find_cavitating_steps(machine, path)
     axes = f"tip {', '.join(machine.axes)} [m]"
     wide = 8 * len(machine.axes)
     lines = [f"step   {axes:{wide}}  modes           time [s]   energy [J]   cavitating"]
@@ -289,22 +341,32 @@ def as_text(machine: Machine, plan: Plan, seconds: dict[str, float]) -> list[str
             f"{k + 1:4d}  {tip}   {pattern_name(path.modes[k]):14s}"
             f"{path.duration[k]:10.2f} {path.energy[k]:12.1f}   {', '.join(names[empty[k]]) or '–'}"
         )
-    lines += [
-        f"discrete path: {path.duration.sum():.2f} s, {path.energy.sum():.1f} J "
-        f"({path.energy_series.sum():.1f} J in series reading, at least "
-        f"{plan.lower_bound:.1f} J), {path.switches} mode switches",
-        f"trajectory:    {motion.trajectory.duration_ns / SECOND_NS:.2f} s, "
-        f"{plan.energy.paper:.1f} J ({plan.energy.series:.1f} J in series reading), "
-        f"{motion.schedule.switch_count} mode switches, "
-        f"{100 * plan.gap:.0f} % above the least energy",
+    return [
+        *lines,
+        f"discrete path of the search: {path.duration.sum():.2f} s, {path.energy.sum():.1f} J "
+        f"({path.energy_series.sum():.1f} J in series reading), {format_switches(path.switches)}; "
+        "the modes of the motion are chosen anew",
+    ]
+
+
+def fit_lines(plan: Plan, seconds: dict[str, float]) -> list[str]:
+    """Describe how the motion of a plan was fitted to its path, and how long planning took.
+
+    Args:
+        plan: The plan.
+        seconds: Wall time of each part of planning [s], by name; printed in ms.
+
+    Returns:
+        A line on the fit (stretch, excess over V_max, deviation of the tip), and one on the times.
+    """
+    motion = plan.motion
+    return [
         f"fit: {motion.method.value}, stretched {motion.stretch:.2f} times, "
         f"{100 * max(0.0, motion.speed_excess):.0f} % above V_max at most, "
         f"tip within {1e3 * motion.tip_deviation:.0f} mm of the discrete path",
-        *(f"warning: {warning}" for warning in plan.warnings),
         "planned in "
         + ", ".join(f"{1e3 * value:.1f} ms {name}" for name, value in seconds.items()),
     ]
-    return lines
 
 
 def compute_polytope_areas(planner: Planner, plan: Plan) -> dict[str, float | None]:

@@ -26,7 +26,7 @@ from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion.energy import Energy, energy_of_states
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.online.replanning import Replanner
-from mhsb_planner.planner import ONLINE_PLANNER, PlannerKind, PlanOptions
+from mhsb_planner.planner import DEFAULT_PLANNER, PlannerKind, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_sim.circuit.audit import energy_by_source, energy_gap, volume_gap
 from mhsb_sim.simulation.kernel_parts import compile_simulator
@@ -87,7 +87,7 @@ class MethodArguments:
         seed: Seed of the sensor noise.
     """
 
-    planner: PlannerKind = ONLINE_PLANNER
+    planner: PlannerKind = DEFAULT_PLANNER
     trajectory: TrajectoryKind | None = None
     controller: str = "coordinated"
     seed: Seed = 0

@@ -23,7 +23,7 @@ from mhsb_model.trajectory import MotionState, Trajectory
 from mhsb_model.types import FloatArray
 from mhsb_planner.cases.moves import Move
 from mhsb_planner.motion.s4_mode_schedule import StartModes
-from mhsb_planner.planner import ONLINE_PLANNER, PLANNER_KINDS, Plan, Planner, PlanOptions
+from mhsb_planner.planner import DEFAULT_PLANNER, PLANNER_KINDS, Plan, Planner, PlanOptions
 from mhsb_planner.planners.path_planner import PathRequest
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.search.manipulability_loss import WITHOUT_AREA
@@ -184,7 +184,7 @@ class PlannerComparer:
         Returns:
             The motion of the integrated planner.
         """
-        options = PlanOptions(self._weights, planner=ONLINE_PLANNER, trajectory="followed")
+        options = PlanOptions(self._weights, planner=DEFAULT_PLANNER, trajectory="followed")
         plan = self._direct.plan(move.goal, MotionState.at_rest(move.start), options=options)
         return plan.motion.trajectory
 

@@ -7,19 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mhsb_model.hydraulics import (
-    boosted_supply,
-    get_shared_hydraulics,
-    load_pressure,
-    rail_pressure,
-    select_supply_pressure,
-)
+from mhsb_model.hydraulics import load_pressure
 from mhsb_model.machine import Machine
-from mhsb_model.modes import BOOSTED_MODES
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, ModeArray, Position
 from mhsb_planner.motion.energy import Energy
 from mhsb_planner.motion.motion_profile import DEAD_BAND, motion_profile
+from mhsb_planner.motion.planned_pressures import planned_supply
 from mhsb_planner.plan import Plan
 
 SAMPLE_COUNT = 601
@@ -112,41 +106,6 @@ def move_of_plan(machine: Machine, plan: Plan, goal: Position, title: str) -> Mo
         energy=energy_of_plan(plan.energy),
         energy_source="the planner's model",
     )
-
-
-def planned_supply(
-    machine: Machine, force: FloatArray, speed: FloatArray, modes: ModeArray
-) -> FloatArray:
-    """Compute the supply pressure of each actuator's line as planned.
-
-    It is P_S in mode N, the actuator's own boosted pressure in mode DB, and the pressure of the
-    shared rail in mode SB.
-
-    Args:
-        machine: The arm.
-        force: Piston forces, shape (k, n) [N].
-        speed: Piston speeds, shape (k, n) [m/s].
-        modes: Modes in force, shape (k, n).
-
-    Returns:
-        Pressures [Pa], shape (k, n).
-    """
-    m, oil = machine.arrays, get_shared_hydraulics(machine.arrays)
-    own_of = list(zip(m.valve_coefficient, m.cap_area, m.rod_area, strict=True))
-    supply = np.empty_like(force)
-    for k, pattern in enumerate(modes):
-        own = np.array([
-            boosted_supply(oil, *own_of[j], force[k, j], speed[k, j])
-            if BOOSTED_MODES[pattern[j]]
-            else oil.supply_pressure
-            for j in range(machine.joint_count)
-        ])  # fmt: skip
-        rail = rail_pressure(oil, own, pattern)
-        supply[k] = [
-            select_supply_pressure(oil, mode, each, rail)
-            for mode, each in zip(pattern, own, strict=True)
-        ]
-    return supply
 
 
 def load_pressures(machine: Machine, force: FloatArray, speed: FloatArray) -> FloatArray:

@@ -27,7 +27,7 @@ from mhsb_model.modes import Mode, strongest
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.motion.limits.usage import speed_limit
 from mhsb_tools.moves.energy_flow import draw_energy_flow
-from mhsb_tools.moves.move import MoveRecord
+from mhsb_tools.moves.move import MoveRecord, move_of_plan
 from mhsb_tools.moves.workspace_drawing import (
     BORDER_WIDTH,
     draw_arm,
@@ -37,6 +37,8 @@ from mhsb_tools.moves.workspace_drawing import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from mhsb_planner.plan import Plan
 
 JOINT_COLORS = (BLACK, GREEN, PURPLE, GREY)
 """Colours of the joints; none of them stands for a mode."""
@@ -77,6 +79,18 @@ def draw_move_page(move: MoveRecord, file: Path) -> None:
         _draw_modes(move, modes)
         _draw_regions(move, regions.subplots(1, n, squeeze=False)[0])
         _draw_pressures(move, pressures.subplots(1, n, squeeze=False, sharey=True)[0])
+
+
+def plot_plan(plan: Plan, file: str | Path, title: str = "planned motion") -> None:
+    """Draw the page of a plan's motion (`draw_move_page`).
+
+    Args:
+        plan: The plan.
+        file: PNG file to write, whole or not at all.
+        title: Title of the page.
+    """
+    goal = tuple(plan.machine.tip_in_base(plan.motion.trajectory.position[-1]).tolist())
+    draw_move_page(move_of_plan(plan.machine, plan, goal, title), Path(file))
 
 
 # --- Path, joints, modes -------------------------------------------------------------------------

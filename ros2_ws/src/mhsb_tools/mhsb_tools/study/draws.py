@@ -22,7 +22,7 @@ from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.cases.moves import random_position
 from mhsb_planner.online.commit_horizon import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replanner
-from mhsb_planner.planner import ONLINE_PLANNER, PlanOptions
+from mhsb_planner.planner import DEFAULT_PLANNER, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.workers import Jobs, Prepared, results_of
 from mhsb_sim.circuit.audit import energy_by_source
@@ -50,7 +50,7 @@ TAIL_TIME = 2.0
 LOWEST_SPEED = 1e-6
 """Least tip speed of the reference by which errors are divided [m/s]."""
 
-PLAN_OPTIONS = PlanOptions(planner=ONLINE_PLANNER)
+PLAN_OPTIONS = PlanOptions(planner=DEFAULT_PLANNER)
 REACH_OPTIONS = PlanOptions(planner="table")
 """Options for a quick test whether a goal can be reached; the motion is planned with
 `PLAN_OPTIONS`.

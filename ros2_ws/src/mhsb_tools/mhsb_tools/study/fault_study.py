@@ -19,7 +19,7 @@ from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
 from mhsb_planner.online.commit_horizon import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replanner
-from mhsb_planner.planner import ONLINE_PLANNER, PlanOptions
+from mhsb_planner.planner import DEFAULT_PLANNER, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.workers import Jobs, processes, results_of
 from mhsb_sim.simulation.fault_detection import SupervisionLimits
@@ -127,7 +127,7 @@ def lift(machine: Machine) -> Command:
     replanner = Replanner(machine, load_or_build_table(machine))
     start = np.array(machine.config.simulation.start_posture)
     rest = Command.hold(0, start, holding_modes(machine, machine.piston_forces(start)))
-    options = PlanOptions(planner=ONLINE_PLANNER)
+    options = PlanOptions(planner=DEFAULT_PLANNER)
     replan = replanner.replan(rest, SECOND_NS // 2, GOAL_POSITION, OFFLINE_LEAD, options)
     if replan is None:
         raise ScenarioError(f"the arm is at {GOAL_POSITION} m from the start; faults need a motion")

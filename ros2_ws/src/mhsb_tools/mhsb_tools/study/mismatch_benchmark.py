@@ -18,7 +18,7 @@ from mhsb_control import REGISTERED_CONTROLLERS
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine
 from mhsb_model.schema import Duration, Section, Weight
-from mhsb_planner.planner import ONLINE_PLANNER, PlanOptions
+from mhsb_planner.planner import DEFAULT_PLANNER, PlanOptions
 from mhsb_planner.search.s2_search import Weights
 from mhsb_planner.workers import Jobs, Prepared, results_of
 from mhsb_tools.study.draws import DrawRecord, DrawStudy, PlannedSequence
@@ -44,7 +44,7 @@ class BenchmarkMoves(Section):
     @property
     def options(self) -> PlanOptions:
         """Options of the plans."""
-        return PlanOptions(Weights(*self.weights), planner=ONLINE_PLANNER)
+        return PlanOptions(Weights(*self.weights), planner=DEFAULT_PLANNER)
 
     @property
     def timed_goals(self) -> list[TimedGoal]:

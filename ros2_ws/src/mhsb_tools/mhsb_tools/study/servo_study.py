@@ -33,6 +33,9 @@ from mhsb_tools.study.needed_pressure import needed_pressure
 from mhsb_tools.study.replay import Replay, replay
 from mhsb_tools.study.scenarios import Scenario
 
+SCENARIO_PLANNER = "table"
+"""Planner of all scenarios."""
+
 NEED_WINDOW = 0.1
 """Pressure that is needed within this time ahead may already be in the line, since lines are
 charged in time [s].
@@ -148,7 +151,7 @@ def plan_scenario(machine: Machine, scenario: Scenario) -> PlannedScenario:
     replanner = Replanner(loaded, load_or_build_table(loaded))
     start = np.array(loaded.config.simulation.start_posture)
     command = Command.hold(0, start, holding_modes(loaded, loaded.piston_forces(start)))
-    options = PlanOptions(weights=scenario.weights)
+    options = PlanOptions(weights=scenario.weights, planner=SCENARIO_PLANNER)
     commands, refused = [], []
     for number, goal in enumerate(scenario.goals):
         now_ns = round(number * scenario.interval * SECOND_NS)

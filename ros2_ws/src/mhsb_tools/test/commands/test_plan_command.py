@@ -1,4 +1,4 @@
-"""The command plan, with starts beyond joint limits."""
+"""The command plan: what it prints and writes, and starts beyond joint limits."""
 
 import json
 
@@ -6,7 +6,7 @@ import pytest
 
 from mhsb_model import command_line
 from mhsb_planner.planner import PLANNER_KINDS
-from mhsb_tools.commands.plan_command import plan
+from mhsb_tools.commands.plan_command import SHOWN_INSTANTS, plan
 
 
 @pytest.mark.parametrize("kind", PLANNER_KINDS)
@@ -23,3 +23,42 @@ def test_the_command_plan_leads_back_into_the_limits_as_well(machine, capsys, ki
     assert "takes 3 joint positions, joint_1, joint_2, joint_3" in capsys.readouterr().err
     assert command_line.run(plan, [*words, "--start", "0.5", "0"]) == command_line.EXIT_USAGE
     assert "give --start-posture or --start, not both" in capsys.readouterr().err
+
+
+MOVE = ["--start", "0.55", "-0.05", "--goal", "0.55", "0.60"]
+
+
+def test_the_text_has_the_driven_modes_and_the_motion(capsys):
+    assert command_line.run(plan, MOVE) == 0
+    words = capsys.readouterr().out
+    assert "actuator_1: N throughout" in words
+    assert "N-N-N" not in words
+    assert "above the lower bound of" in words
+    first, *rows = words.splitlines()[-SHOWN_INSTANTS - 1 :]
+    assert first.split()[:4] == ["time", "[s]", "x", "[m]"]
+    assert [float(value) for value in rows[0].split()[:3]] == [0.0, 0.55, -0.05]
+    assert [float(value) for value in rows[-1].split()[1:3]] == [0.55, 0.60]
+
+
+def test_with_explain_the_discrete_path_and_the_log_follow(capsys):
+    assert command_line.run(plan, [*MOVE, "--planner", "table", "--explain"]) == 0
+    words = capsys.readouterr().out
+    for each in ("N-N-N", "discrete path of the search", "fit: ", "planned in", "polytope: "):
+        assert each in words
+    assert "outcome   proposer" in words
+
+
+def test_json_has_the_motion_over_time(capsys, tmp_path):
+    table = tmp_path / "motion.csv"
+    assert command_line.run(plan, [*MOVE, "--json", "--csv", str(table)]) == 0
+    found = json.loads(capsys.readouterr().out)
+    motion = found["trajectory"]
+    times = motion["time_s"]
+    assert times[0] == 0.0
+    assert times[-1] == found["duration_s"]
+    for name in ("position", "velocity", "acceleration", "modes"):
+        assert len(motion[name]) == len(times)
+        assert {len(row) for row in motion[name]} == {3}
+    assert motion["position"][0] == found["joint_path"][0]
+    assert len(table.read_text().splitlines()) == 1 + len(times)
+    assert command_line.run(plan, [*MOVE, "--csv", "motion.txt"]) == command_line.EXIT_USAGE

@@ -14,6 +14,9 @@ from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_model.modes import Mode
 from mhsb_model.obstacles.zones import Zones
+from mhsb_model.trajectory import MotionState
+from mhsb_planner import Planner
+from mhsb_tools import plot_plan
 from mhsb_tools.moves import energy_flow, move_page
 from mhsb_tools.moves.move import MoveRecord
 from mhsb_tools.moves.move_page import mode_limits, mode_spans
@@ -45,6 +48,13 @@ def test_the_page_is_drawn_in_the_colours_of_the_modes(move, tmp_path):
     for color in move_page.MODE_COLOR.values():
         wanted = [int(color[k : k + 2], 16) for k in (1, 3, 5)]
         assert np.sum(np.all(picture == wanted, axis=2)) > 500
+
+
+def test_a_plan_is_drawn_without_further_inputs(machine, table, tmp_path):
+    start = MotionState.at_rest(machine.config.simulation.start_posture)
+    plan = Planner(machine, table).plan((0.55, 0.60), start)
+    plot_plan(plan, str(tmp_path / "plan.png"))
+    assert (tmp_path / "plan.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_spans_cover_all_instants_once():

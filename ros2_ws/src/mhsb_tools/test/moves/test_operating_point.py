@@ -69,7 +69,10 @@ def test_the_best_pressure_is_as_good_as_that_of_a_dense_sweep(machine, table, p
 
 @pytest.mark.slow
 def test_pressure_and_speed_together_are_no_worse_than_either_alone(machine, planner):
-    options, goal_and_start = PlanOptions(weights=Weights(0.5, 5.0, 2.0)), move(machine)
+    options, goal_and_start = (
+        PlanOptions(planner="table", weights=Weights(0.5, 5.0, 2.0)),
+        move(machine),
+    )
     alone = []
     for ranges in ((PRESSURES, None), (None, SPEEDS)):
         found = best_operating_point(planner, *goal_and_start, options, *ranges)

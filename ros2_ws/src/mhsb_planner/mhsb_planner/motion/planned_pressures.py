@@ -1,0 +1,50 @@
+"""Supply pressures of a motion as planned, in each actuator's line."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mhsb_model.hydraulics import (
+    boosted_supply,
+    get_shared_hydraulics,
+    rail_pressure,
+    select_supply_pressure,
+)
+from mhsb_model.machine import Machine
+from mhsb_model.modes import BOOSTED_MODES
+from mhsb_model.types import FloatArray, ModeArray
+
+
+def planned_supply(
+    machine: Machine, force: FloatArray, speed: FloatArray, modes: ModeArray
+) -> FloatArray:
+    """Compute the supply pressure of each actuator's line as planned.
+
+    It is P_S in mode N, the actuator's own boosted pressure in mode DB, and the pressure of the
+    shared rail in mode SB.
+
+    Args:
+        machine: The arm.
+        force: Piston forces, shape (k, n) [N].
+        speed: Piston speeds, shape (k, n) [m/s].
+        modes: Modes in force, shape (k, n).
+
+    Returns:
+        Pressures [Pa], shape (k, n).
+    """
+    m, oil = machine.arrays, get_shared_hydraulics(machine.arrays)
+    own_of = list(zip(m.valve_coefficient, m.cap_area, m.rod_area, strict=True))
+    supply = np.empty_like(force)
+    for k, pattern in enumerate(modes):
+        own = np.array([
+            boosted_supply(oil, *own_of[j], force[k, j], speed[k, j])
+            if BOOSTED_MODES[pattern[j]]
+            else oil.supply_pressure
+            for j in range(machine.joint_count)
+        ])  # fmt: skip
+        rail = rail_pressure(oil, own, pattern)
+        supply[k] = [
+            select_supply_pressure(oil, mode, each, rail)
+            for mode, each in zip(pattern, own, strict=True)
+        ]
+    return supply

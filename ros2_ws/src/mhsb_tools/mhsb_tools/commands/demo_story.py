@@ -1,0 +1,150 @@
+"""Text at the end of the demo: what became of the goals, how well, and at which energy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from mhsb_model.goal import format_position
+from mhsb_model.verdict import Outcome, Verdict
+from mhsb_planner.planner import DEFAULT_PLANNER
+
+PLANNER_WORDS = {
+    "integrated": "integrated planner",
+    "table": "planner of the paper (posture table)",
+    "fixed": "conventional planner (joint 3 kept)",
+}
+"""What each planner of the suite is."""
+
+
+def format_story(summary: Mapping[str, Any], tour: Mapping[str, Any], output: Path) -> list[str]:
+    """Describe a run of the demo.
+
+    Args:
+        summary: The report's summary (`mhsb_tools.report.summary.compute_summary`).
+        tour: Energies of the same goals from rest to rest (`compare_on_tour`).
+        output: Folder of the results.
+
+    Returns:
+        Lines of text: a line for each goal; how many were accepted, replaced in motion and reached;
+        accuracy and planning time; energies; where pictures and numbers are.
+    """
+    return [
+        "Most goals come before the one before is reached, and the arm replans in motion:",
+        *_goal_lines(summary),
+        "",
+        *_accuracy_lines(summary),
+        "",
+        *_energy_lines(summary, tour),
+        "",
+        f"pictures: {output}/report, a page for each move: mhsb report {output}/bag --moves "
+        f"--output {output}/moves",
+        f"all numbers: {output}/summary.json; the arm as recorded: mhsb view {output}/bag",
+    ]
+
+
+def _goal_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return a line for each goal that got a verdict, and one with the numbers of goals."""
+    goals = summary["goals"]
+    lines = [
+        f"goal {number:2d} {_place(goal):24s} {_describe_fate(goal, number < len(goals))}"
+        for number, goal in enumerate(goals, start=1)
+    ]
+    replaced, reached = summary["goals_replaced"], summary["goals_reached"]
+    unfinished = {
+        name: summary[f"goals_{name}"]
+        for name in ("superseded", "refused", "lost")
+        if summary[f"goals_{name}"]
+    }
+    others = "".join(f", {count} {name}" for name, count in unfinished.items())
+    return [
+        *lines,
+        f"{summary['goals_sent']} goals sent, {summary['goals_accepted']} accepted: {replaced} "
+        f"replaced in motion by the next goal, {reached} reached{others}",
+    ]
+
+
+def _place(entry: Mapping[str, Any]) -> str:
+    """Return the position of a goal's entry as text."""
+    axes = ("x_m", "y_m", "z_m")
+    if any(entry.get(axis, 0.0) is None for axis in axes):
+        return "not a finite position"
+    return format_position((entry[axis] for axis in axes if axis in entry), ".3f")
+
+
+def _describe_fate(goal: Mapping[str, Any], has_next: bool) -> str:
+    """Return in words what became of a goal.
+
+    Args:
+        goal: Entry of the summary.
+        has_next: Whether another goal followed.
+    """
+    match goal["outcome"]:
+        case Outcome.REACHED:
+            away = goal["distance_at_rest_mm"]
+            return "reached" if away is None else f"reached; the tip rests {away:.2f} mm from it"
+        case Outcome.REPLACED:
+            return f"replaced in motion{' by the next goal' if has_next else ''}"
+        case None:
+            there = goal["code"] == Verdict.AT_GOAL.value
+            return "the tip was there already" if there else f"{goal['code']}: {goal['sentence']}"
+        case outcome:
+            return str(outcome)
+
+
+def _accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return lines on planning time, hand-over, tracking error and loads that outrun the supply."""
+    lines = []
+    planning, lead = summary["replan_ms"]["p50"], summary["lead_ms"]["p50"]
+    if planning is not None and lead is not None:
+        lines.append(
+            f"planning: {planning:.0f} ms until a plan is published, {lead:.0f} ms until the arm "
+            f"leaves the old one (medians); {summary['switches_in_motion']} took over in motion"
+        )
+    jump = summary["reference_jump_max_rad"]
+    if jump is not None:
+        lines.append(f"hand-over: the reference jumped by at most {jump:.1g} rad")
+    rms, largest = summary["tip_error_rms_mm"], summary["tip_error_max_mm"]
+    if rms is not None and largest is not None:
+        lines.append(
+            f"tracking: the tip was {rms:.2f} mm RMS from its reference, {largest:.1f} mm at most"
+        )
+    for each in summary["cavitation"]:
+        lines.append(
+            f"note: for {each['duration_s']:.2f} s a load moved {each['actuator']} faster than oil "
+            f"fills its inlet ({abs(each['force_n']):.0f} N); plans warn of such loads"
+        )
+    return lines
+
+
+def _energy_lines(summary: Mapping[str, Any], tour: Mapping[str, Any]) -> list[str]:
+    """Return lines on the energy of the run, and of the same goals by other methods."""
+    lines = []
+    pumps = summary["energy_measured_j"]
+    if pumps["mp"] is not None and pumps["sp"] is not None:
+        lines.append(
+            f"energy of this run, simulated: {pumps['mp'] + pumps['sp']:.0f} J, "
+            f"{pumps['sp']:.0f} J of it by the servo pumps"
+        )
+    planned, pressure = tour["planned_j"], tour["constant_pressure_pa"]
+    own = planned.get(DEFAULT_PLANNER)
+    if not own or not pressure:
+        return lines
+    compared = {
+        PLANNER_WORDS.get(kind, kind): energy
+        for kind, energy in planned.items()
+        if kind != DEFAULT_PLANNER
+    }
+    compared[f"no boosters, one constant pressure of {pressure / 1e6:.1f} MPa"] = tour[
+        "constant_pressure_j"
+    ]
+    lines += [
+        "energy of the same goals, each from rest to rest, as planned:",
+        f"  {PLANNER_WORDS[DEFAULT_PLANNER]:52s}{own:7.0f} J",
+        *(
+            f"  {name:52s}{energy:7.0f} J, {energy / own:.2f} times as much"
+            for name, energy in compared.items()
+        ),
+    ]
+    return lines

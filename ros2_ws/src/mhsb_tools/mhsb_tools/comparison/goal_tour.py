@@ -1,0 +1,92 @@
+"""Comparison of planners, and of boosters with one constant pressure, on a sequence of goals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from mhsb_model.errors import MhsbError
+from mhsb_model.holding import holding_modes
+from mhsb_model.machine import Machine
+from mhsb_model.trajectory import MotionState
+from mhsb_model.types import Position
+from mhsb_planner.motion.s4_mode_schedule import StartModes
+from mhsb_planner.planner import DEFAULT_PLANNER, PLANNER_KINDS, Planner, PlanOptions
+from mhsb_planner.posture.posture_table_cache import load_or_build_table
+from mhsb_tools.comparison.supply_comparison import (
+    ONE_PRESSURE,
+    PLANNED_SYSTEM,
+    Supplied,
+    compute_supply_energies,
+    totals,
+)
+from mhsb_tools.comparison.supply_systems import without_leakage
+
+
+def compare_on_tour(machine: Machine, goals: Iterable[Position]) -> dict[str, Any]:
+    """Plan a tour from rest to rest by every planner, and compare the energies to the oil.
+
+    Args:
+        machine: The arm; the tour begins at the start posture of its file.
+        goals: Goals in `base_link` in their order [m].
+
+    Returns:
+        `planned_j`: energy of all motions by planner [J], with main pump and servo pumps in series.
+        `constant_pressure_j`: energy of the default planner's motions without boosters, at
+        `constant_pressure_pa`, the lowest constant pressure that does them all. `failures`: why a
+        planner has no tour, as a sentence by planner. The constant pressure is None if the default
+        planner has none.
+    """
+    planner, goals = Planner(machine, load_or_build_table(machine)), list(goals)
+    found: dict[str, dict[str, Any]] = {}
+    failures: dict[str, str] = {}
+    for kind in PLANNER_KINDS:
+        try:
+            tour = _plan_tour(planner, goals, PlanOptions(planner=kind))
+        except MhsbError as error:
+            failures[kind] = str(error)
+            continue
+        found[kind] = totals(machine, [{kind: motion} for motion in tour])
+    energies = {
+        kind: {
+            name: entry["leaking"]["hydraulic_j"]
+            for name, entry in total.get("systems", {}).items()
+            if "leaking" in entry
+        }
+        for kind, total in found.items()
+    }
+    own = energies.get(DEFAULT_PLANNER, {})
+    return {
+        "planned_j": {kind: each.get(PLANNED_SYSTEM, 0.0) for kind, each in energies.items()},
+        "constant_pressure_j": own.get(ONE_PRESSURE),
+        "constant_pressure_pa": found.get(DEFAULT_PLANNER, {}).get("one_pressure_pa"),
+        "failures": failures,
+    }
+
+
+def _plan_tour(planner: Planner, goals: list[Position], options: PlanOptions) -> list[Supplied]:
+    """Plan motions from goal to goal, and compute the energies of each with every supply.
+
+    Args:
+        planner: Planner of the arm.
+        goals: Goals in their order [m].
+        options: Options of every plan.
+
+    Returns:
+        Energies of the motions; goals at which the arm is already have none.
+
+    Raises:
+        MhsbError: There is no plan to a goal.
+    """
+    machine, tour = planner.machine, []
+    posture = np.array(machine.config.simulation.start_posture)
+    for goal in goals:
+        modes = StartModes.create_settled(holding_modes(machine, machine.piston_forces(posture)))
+        plan = planner.plan(goal, MotionState.at_rest(posture), modes, options=options)
+        if plan.duration > 0.0:
+            motion = plan.motion.trajectory, plan.motion.schedule
+            tour.append(compute_supply_energies(machine, without_leakage(machine), *motion))
+        posture = plan.motion.trajectory.position[-1]
+    return tour

@@ -1,0 +1,66 @@
+"""The examples run as they are, each in a process of its own, and the notebook without Jupyter."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+MAX_LINES = 60
+OUTPUT = {
+    "01_one_move": ("actuator_1: ", ["move.csv", "move.png"]),
+    "02_compare_planners": ("integrated", []),
+    "03_velocity_polytope": ("SB-N-N: ", ["polytopes.png"]),
+    "04_own_planner": ("straight <Plan: ", []),
+    "05_own_machine": ("in bar or MPa? 40 bar are 4e+06 Pa", ["my_arm.yaml"]),
+    "06_zones": ("deep in the keep-out box", ["zones.png"]),
+    "07_streaming_goals": ("velocity jumps by 0.0e+00 rad/s", []),
+    "08_simulate_and_record": ("at rest", ["signals.csv", "simulated.png"]),
+    "09_servo_on_recorded_signals": ("payload : 12.5 ± ", []),
+    "10_study": ("  20 kg at 6 MPa: ", ["study.csv"]),
+}
+"""Words that each example prints, and the files that it writes."""
+
+
+def test_every_example_is_run_and_listed():
+    names = {file.stem for file in EXAMPLES.glob("*.py")}
+    assert names == set(OUTPUT)
+    page = (EXAMPLES / "README.md").read_text()
+    assert all(f"[{name}.py]({name}.py)" in page for name in names)
+
+
+@pytest.mark.parametrize("name", OUTPUT)
+def test_an_example_prints_and_writes_what_it_says(name, tmp_path):
+    file = EXAMPLES / f"{name}.py"
+    assert len(file.read_text().splitlines()) < MAX_LINES
+    words, files = OUTPUT[name]
+    run = subprocess.run(
+        [sys.executable, file, *([tmp_path / "new"] if files else [])],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    assert words in run.stdout
+    assert sorted(each.name for each in tmp_path.rglob("*") if each.is_file()) == sorted(files)
+    assert all(each.stat().st_size > 0 for each in tmp_path.rglob("*"))
+
+
+def test_the_cells_of_the_notebook_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    matplotlib.use("Agg")
+    cells = json.loads((EXAMPLES / "01_one_move.ipynb").read_text())["cells"]
+    names: dict = {}
+    for cell in cells:
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == []
+            assert cell["execution_count"] is None
+            exec("".join(cell["source"]), names)
+    assert "above the lower bound of" in capsys.readouterr().out
+    assert (tmp_path / "move.csv").exists()
+    assert (tmp_path / "move.png").exists()
