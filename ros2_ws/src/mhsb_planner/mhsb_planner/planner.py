@@ -25,11 +25,13 @@ from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import Position
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import DeadlineError, RequestError
+from mhsb_planner.integrated.search_problem import max_bound_cells
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion import s3_trajectory
 from mhsb_planner.motion.s3_blend_in import Coasting, compute_coasting
 from mhsb_planner.motion.s3_limits import keeps_position_limits
 from mhsb_planner.motion.s3_state_to_rest import Steering
+from mhsb_planner.motion.s3_trajectory import FitMethod
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.plan import Plan
 from mhsb_planner.plan_log import PlanLog
@@ -174,12 +176,15 @@ class Planner:
             task = self._create_request(goal, start, modes, stop, options)
             loop = PlanningLoop(self.machine, task, deadline, log)
             if rest is not None and self._ends_at_goal(goal, rest, options):
-                loop.start_with_rest(rest, source.bound(task))
+                loop.start_with_rest(rest)
             try:
                 proposals = paths_from_anywhere(
                     self.machine, source, self.graph.table, task, loop.progress
                 )
                 plan = loop.choose_best(proposals)
+                if plan.motion.method != FitMethod.BRAKING:
+                    cells = max_bound_cells(loop.progress)
+                    plan = replace(plan, lower_bound=source.bound(task, cells))
                 return replace(
                     plan, start_problems=describe_start_problems(self.machine, start.position)
                 )

@@ -662,7 +662,6 @@ def to_discrete_path(
     cost: float,
     start: FloatArray,
     start_modes: ModeArray,
-    lower_bound: float,
     statistics: SearchStatistics,
 ) -> DiscretePath:
     """Convert a cylinder path to a discrete path, with one step for each piece and the best modes.
@@ -674,7 +673,6 @@ def to_discrete_path(
         cost: Cost of the path, stored as it is.
         start: Joint positions at via[0], shape (n,) [rad or m].
         start_modes: Modes in force at the start, shape (n,).
-        lower_bound: Lower bound on the energy of every plan [J], stored as it is.
         statistics: Statistics of the search, stored as they are.
 
     Returns:
@@ -690,6 +688,5 @@ def to_discrete_path(
         energy_series=of_step[:, ENERGY_SERIES_COLUMN],
         cost=cost,
         start_modes=start_modes,
-        lower_bound=lower_bound,
         statistics=statistics,
     )

@@ -32,7 +32,12 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
-from mhsb_planner.integrated.goal_postures import GoalPostures, held_joints
+from mhsb_planner.goal_region import Angle, Region
+from mhsb_planner.integrated.goal_postures import (
+    GoalPostures,
+    held_joints,
+    sample_goal_postures,
+)
 from mhsb_planner.integrated.intervals import (
     INTERVAL_ROUNDING,
     Interval,
@@ -42,8 +47,16 @@ from mhsb_planner.integrated.intervals import (
     wrist_direction_range,
 )
 from mhsb_planner.integrated.telescope_cells import enclose_with_telescopes
-from mhsb_planner.search.lower_bound import bound_cost_between, bound_costs_between
-from mhsb_planner.search.s2_step import HydraulicCoefficients
+from mhsb_planner.search.lower_bound import (
+    ENERGY_ALONE,
+    add_other_motion,
+    bound_cost_between,
+    bound_costs_between,
+)
+from mhsb_planner.search.s2_step import (
+    HydraulicCoefficients,
+    compute_hydraulic_coefficients,
+)
 
 BOUND_TOLERANCE = 1e-3
 """Relative gap between the bound found and the true minimum at which the branch and bound stops."""
@@ -53,7 +66,7 @@ MIN_CELL_WIDTH = 1e-5
 
 FIRST_CELLS = 32
 """Number of cells into which ψ is divided at first, for each elbow branch."""
-MOST_CELLS, SOON_CELLS = 4000, 1000
+MAX_CELLS, MAX_CELLS_WITH_DEADLINE = 4000, 1000
 """Largest number of additional cells for chains that are not 3R: without and with a deadline."""
 
 
@@ -302,15 +315,15 @@ def _branch_and_bound_of_chain(
             count += 1
 
 
-def lower_bound_to_goals(
+def bound_cost_to_goals(
     machine: Machine,
     circuit: HydraulicCoefficients,
     start: FloatArray,
     goals: GoalPostures,
     weight: FloatArray,
-    most_cells: int = MOST_CELLS,
+    most_cells: int = MAX_CELLS,
 ) -> float:
-    """Return a lower bound on the cost of every plan from cylinder lengths to the goal.
+    """Compute a lower bound on the cost of every plan from cylinder lengths to the goal.
 
     The bound is the minimum over all tip positions of the goal and all postures there.
 
@@ -338,6 +351,46 @@ def lower_bound_to_goals(
             here, achieved = _branch_and_bound_of_chain(cost, tip, ranges, achieved, most_cells)
         least = min(least, here)
     return least
+
+
+def bound_energy_to_goal(
+    machine: Machine,
+    start: FloatArray,
+    goal: tuple[float, float],
+    psi: Angle = None,
+    region: Region | None = None,
+    others: tuple[float, float] = (0.0, 0.0),
+    most_cells: int = MAX_CELLS,
+) -> float:
+    """Compute a lower bound on the energy of every plan from a posture to a goal.
+
+    Args:
+        machine: The arm in its plane.
+        start: Start posture, shape (n,) [rad or m].
+        goal: Tip position (x, z) [m].
+        psi: End-link angle at the goal, or its range (least, greatest) [rad]; None: any.
+        region: Other admissible tip positions; None: only the goal.
+        others: Oil [m³] and least time [s] of what moves beside these joints.
+        most_cells: Largest number of additional cells if the arm is not 3R.
+
+    Returns:
+        The bound [J].
+
+    Raises:
+        OutOfWorkspaceError: The goal is outside the workspace.
+        InfeasibleGoalError: No posture within limits reaches the goal.
+        ZoneError: The arm would be too near to an obstacle in every goal posture.
+    """
+    goals = sample_goal_postures(machine, *goal, psi, region=region)
+    circuit = compute_hydraulic_coefficients(machine.arrays, machine.patterns)
+    return bound_cost_to_goals(
+        machine,
+        add_other_motion(circuit, *others),
+        machine.cylinder_lengths(start),
+        goals,
+        ENERGY_ALONE,
+        most_cells,
+    )
 
 
 def _free_coordinate_ranges(machine: Machine, psi: Interval) -> FloatArray:

@@ -20,7 +20,7 @@ from mhsb_planner.integrated.lattice import (
     lattice_even_in_angles,
     lattice_even_in_lengths,
 )
-from mhsb_planner.integrated.lower_bound import lower_bound_to_goals
+from mhsb_planner.integrated.lower_bound import bound_cost_to_goals
 from mhsb_planner.search.s2_step import Postures, describe_postures, step_costs
 
 SPACING, REACH = 22e-3, 0.4  # m
@@ -148,7 +148,7 @@ def test_the_search_finds_what_dijkstra_finds_and_nothing_undercuts_the_bound(
         tip = machine.tip_position(goal)
         psi, still = np.array([[goal.sum()]]), np.zeros(1)
         exactly = GoalPostures((tip[0], tip[1]), tip[None, :], goals, np.ones(1), psi, still, None)
-        bound = lower_bound_to_goals(machine, t.circuit, via[0], exactly, frozen([0.5, 1.0]))
+        bound = bound_cost_to_goals(machine, t.circuit, via[0], exactly, frozen([0.5, 1.0]))
         assert bound <= expected * (1 + 1e-9)
         found += 1
     assert found >= 2
