@@ -167,7 +167,6 @@ class Planner:
         options = options or PlanOptions()
         planner = get_planner(options.planner)
         self._check(goal, start, options)
-        deadline.check("planning")
         log, refused = log or PlanLog(), None
         source: PathSource = PlanePaths(planner, self.graph)
         if self.machine.slews:
@@ -178,6 +177,7 @@ class Planner:
             if rest is not None and self._ends_at_goal(goal, rest, options):
                 loop.start_with_rest(rest)
             try:
+                deadline.check("planning")
                 proposals = paths_from_anywhere(
                     self.machine, source, self.graph.table, task, loop.progress
                 )

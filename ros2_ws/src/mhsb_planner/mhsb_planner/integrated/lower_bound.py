@@ -32,11 +32,10 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
-from mhsb_planner.goal_region import Angle, Region
+from mhsb_planner.goal_region import Angle, Region, angle_range, tip_positions
 from mhsb_planner.integrated.goal_postures import (
     GoalPostures,
     held_joints,
-    sample_goal_postures,
 )
 from mhsb_planner.integrated.intervals import (
     INTERVAL_ROUNDING,
@@ -338,19 +337,14 @@ def bound_cost_to_goals(
     Returns:
         The bound; inf if no posture reaches any of the tip positions.
     """
-    between = (-math.pi, math.pi) if goals.psi_range is None else goals.psi_range
-    least, achieved, three = math.inf, math.inf, machine.is_3r
-    ranges = np.empty((0, 3)) if three else _free_coordinate_ranges(machine, between)
-    if not three:  # a known cost lets cells be closed earlier
-        achieved = float(bound_costs_between(circuit, start, goals.postures.length, weight).min())
+    best_sampled_bound = math.inf
+    if not machine.is_3r:  # a known cost lets cells be closed earlier
+        lengths = goals.postures.length
+        best_sampled_bound = float(bound_costs_between(circuit, start, lengths, weight).min())
     cost = CostFromStart(machine.arrays, circuit, start, weight)
-    for tip in map(tuple, np.unique(goals.tips, axis=0).tolist()):
-        if three:
-            here, achieved = _branch_and_bound(cost, tip, between, achieved)
-        else:
-            here, achieved = _branch_and_bound_of_chain(cost, tip, ranges, achieved, most_cells)
-        least = min(least, here)
-    return least
+    return _bound_cost_to_tips(
+        machine, cost, goals.tips, goals.psi_range, best_sampled_bound, most_cells
+    )
 
 
 def bound_energy_to_goal(
@@ -374,23 +368,51 @@ def bound_energy_to_goal(
         most_cells: Largest number of additional cells if the arm is not 3R.
 
     Returns:
-        The bound [J].
-
-    Raises:
-        OutOfWorkspaceError: The goal is outside the workspace.
-        InfeasibleGoalError: No posture within limits reaches the goal.
-        ZoneError: The arm would be too near to an obstacle in every goal posture.
+        The bound [J]; inf if no posture reaches the goal.
     """
-    goals = sample_goal_postures(machine, *goal, psi, region=region)
     circuit = compute_hydraulic_coefficients(machine.arrays, machine.patterns)
-    return bound_cost_to_goals(
-        machine,
+    cost = CostFromStart(
+        machine.arrays,
         add_other_motion(circuit, *others),
         machine.cylinder_lengths(start),
-        goals,
         ENERGY_ALONE,
-        most_cells,
     )
+    tips = tip_positions(goal, region)
+    return _bound_cost_to_tips(machine, cost, tips, angle_range(psi), math.inf, most_cells)
+
+
+def _bound_cost_to_tips(
+    machine: Machine,
+    cost: CostFromStart,
+    tips: FloatArray,
+    psi_range: Interval | None,
+    best_sampled_bound: float,
+    most_cells: int,
+) -> float:
+    """Compute a lower bound on the cost to any posture at any of several tip positions.
+
+    Args:
+        machine: The arm in its plane.
+        cost: Start and weights.
+        tips: Tip positions (x, z), shape (k, 2) [m].
+        psi_range: Least and greatest end-link angle [rad]; None: any.
+        best_sampled_bound: Least bound for any single goal posture that is known; inf: none.
+        most_cells: Largest number of additional cells if the arm is not 3R.
+
+    Returns:
+        The bound; inf if no posture reaches any of the tip positions.
+    """
+    psi, least = psi_range or (-math.pi, math.pi), math.inf
+    ranges = None if machine.is_3r else _free_coordinate_ranges(machine, psi)
+    for tip in map(tuple, np.unique(tips, axis=0).tolist()):
+        if ranges is None:
+            here, best_sampled_bound = _branch_and_bound(cost, tip, psi, best_sampled_bound)
+        else:
+            here, best_sampled_bound = _branch_and_bound_of_chain(
+                cost, tip, ranges, best_sampled_bound, most_cells
+            )
+        least = min(least, here)
+    return least
 
 
 def _free_coordinate_ranges(machine: Machine, psi: Interval) -> FloatArray:

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from mhsb_model.errors import OutOfWorkspaceError
-from mhsb_model.holding import holding_modes
+from mhsb_model.holding import MAX_HELD_SPEED, holding_modes
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.errors import DeadlineError, InfeasibleGoalError, NoPathError
-from mhsb_planner.integrated.cylinder_path import REST_SPEED
 from mhsb_planner.integrated.integrated_search import IntegratedSearch, SearchLimits, search
 from mhsb_planner.integrated.lower_bound import bound_energy_to_goal
 from mhsb_planner.search.lower_bound import energy_lower_bound
@@ -50,7 +49,7 @@ def check_possible(machine, path, start, goal):
     assert np.all(path.posture >= limits.joint_min - 1e-9)
     assert np.all(path.posture <= limits.joint_max + 1e-9)
     for k, ends in enumerate(itertools.pairwise(path.posture)):
-        step = step_costs(machine, *ends, REST_SPEED)
+        step = step_costs(machine, *ends, MAX_HELD_SPEED)
         p = int(np.flatnonzero((machine.patterns == path.modes[k]).all(axis=1))[0])
         assert step.admissible[p]
         assert path.energy[k] == pytest.approx(step.energy[p], rel=1e-9)

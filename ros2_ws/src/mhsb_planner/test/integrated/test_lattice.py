@@ -8,12 +8,12 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from mhsb_model.holding import holding_modes
+from mhsb_model.holding import MAX_HELD_SPEED, holding_modes
 from mhsb_model.types import frozen
 from mhsb_model.workspace import compute_workspace_excess
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.integrated import lattice as lattice_module
-from mhsb_planner.integrated.cylinder_path import REST_SPEED, new_path_cost_buffers
+from mhsb_planner.integrated.cylinder_path import new_path_cost_buffers
 from mhsb_planner.integrated.goal_postures import GoalPostures
 from mhsb_planner.integrated.lattice import (
     LatticeSearch,
@@ -78,7 +78,7 @@ def by_dijkstra(machine, lattice, goal):
     def add(k, target, beyond, states, last_switches):
         if beyond > max(1e-9, excess[k]):
             return
-        step = step_costs(machine, posture[k], target, REST_SPEED)
+        step = step_costs(machine, posture[k], target, MAX_HELD_SPEED)
         cost = 0.5 * step.energy + step.duration + SWITCH * last_switches
         ways = np.column_stack([leaving + k * count + own, states, cost])
         edges.append(ways[step.admissible])
