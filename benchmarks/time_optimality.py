@@ -27,6 +27,7 @@ from scipy.optimize import linprog
 from scipy.sparse import coo_array
 from tqdm import tqdm
 
+from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import (
     compute_inertia_margin,
     get_max_supply_pressure,
@@ -38,7 +39,6 @@ from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.cases.moves import Move
 from mhsb_planner.motion.limits.usage import speed_limit
-from mhsb_planner.motion.motion_profile import DEAD_BAND
 from mhsb_planner.motion.piston_motion import compute_cylinder_lengths, convert_to_joints
 from mhsb_planner.planner import Plan, Planner, PlanOptions
 from mhsb_planner.search.s2_search import Weights
@@ -218,8 +218,8 @@ class _Grid:
                     own = (m.valve_coefficient[j], m.cap_area[j], m.rod_area[j], force[k, j])
                     out = speed_limit(oil, *own, 1.0, modules)
                     back = speed_limit(oil, *own, -1.0, modules)
-                    upper[k, j] = min(upper[k, j], max(out, DEAD_BAND))
-                    lower[k, j] = max(lower[k, j], -max(back, DEAD_BAND))
+                    upper[k, j] = min(upper[k, j], max(out, MAX_HELD_SPEED))
+                    lower[k, j] = max(lower[k, j], -max(back, MAX_HELD_SPEED))
         return lower, upper
 
     def inertia_force_limits(self, q: FloatArray, speed: FloatArray, share: float) -> FloatArray:
@@ -239,7 +239,7 @@ class _Grid:
         oil, room = get_shared_hydraulics(m), np.full(q.shape, np.inf)
         force = share * np.array([self.machine.piston_forces(row) for row in q])
         modes = np.vstack([self.modes, self.modes[-1:]])
-        for k, j in zip(*np.nonzero(np.abs(speed) > DEAD_BAND), strict=True):
+        for k, j in zip(*np.nonzero(np.abs(speed) > MAX_HELD_SPEED), strict=True):
             v, cap, rod = speed[k, j], m.cap_area[j], m.rod_area[j]
             inlet, outlet = (cap, rod) if v > 0.0 else (rod, cap)
             supply = min(

@@ -26,9 +26,9 @@ def make_path(graph, task, posture):
     pairs = zip(steps, cheapest, strict=True)
     taken = np.array([(s.duration[p], s.energy[p], s.energy_series[p]) for s, p in pairs])
     cost = float(task.options.weights.energy * taken[:, 1].sum())
-    bound, statistics = task.energy_lower_bound(graph), SearchStatistics(0, len(steps), 0.0)
+    statistics = SearchStatistics(0, len(steps), 0.0)
     tips, modes = graph.machine.tip_positions(posture), graph.machine.patterns[cheapest]
-    found = *taken.T, cost, task.modes.modes, bound, statistics
+    found = *taken.T, cost, task.modes.modes, statistics
     return DiscretePath(tips, posture, modes, *found)
 
 

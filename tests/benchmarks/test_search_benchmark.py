@@ -8,13 +8,13 @@ import pytest
 from benchmarks.scenes import CLEARANCE, random_scenes
 from benchmarks.search_benchmark import mirror_linkages
 
-from mhsb_planner.integrated import cylinder_path
+from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_planner.integrated.integrated_search import search
 from mhsb_planner.planner import Planner
 from mhsb_planner.search.s2_search import PathQuery, Weights
 from mhsb_planner.search.s2_step import step_costs
-from mhsb_tools.comparison.least_cost import REST_SPEED, least_cost
 from mhsb_tools.comparison.least_cost import _Pricing as Pricing
+from mhsb_tools.comparison.least_cost import least_cost
 
 WEIGHTS = Weights(0.5, 1.0, 2.0)
 NORMAL = np.zeros(3, dtype=np.uint8)
@@ -37,10 +37,9 @@ def test_a_mirrored_arm_has_the_same_arms_with_the_other_sign(
             assert mirrored.cylinder_lengths(seen) == pytest.approx(arm.cylinder_lengths(q))
 
 
-@pytest.mark.parametrize("rest_speed", [0.0, REST_SPEED])
+@pytest.mark.parametrize("rest_speed", [0.0, MAX_HELD_SPEED])
 @pytest.mark.parametrize("own", [{}, OWN], ids=["common", "own"])
 def test_prices_are_the_planner_s(machine, own, rest_speed):
-    assert cylinder_path.REST_SPEED == REST_SPEED
     machine = machine.with_values(own)
     random, pricing = np.random.default_rng(0), Pricing(machine, WEIGHTS, rest_speed)
     low, high = machine.arrays.joint_min, machine.arrays.joint_max

@@ -10,6 +10,11 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory, standstill
 from mhsb_model.types import FloatArray, ModeArray
 
+MAX_HAND_OVER_JUMP = 1e-6
+"""Largest jump of the reference when a new command replaces another, as rounding causes it, in
+position [rad or m] and velocity [rad/s or m/s].
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class Command:

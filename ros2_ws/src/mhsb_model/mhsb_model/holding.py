@@ -16,6 +16,9 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode, pattern_name
 from mhsb_model.types import FloatArray, ModeArray
 
+MAX_HELD_SPEED = 2e-4
+"""Piston speed up to which a cylinder counts as held by its valve [m/s]."""
+
 
 class HoldingError(MhsbError):
     """The arm has too few booster modules to hold a posture.

@@ -50,6 +50,8 @@ class Plan:
             for comparison. `first_motion` is the time from the request to the first motion.
         area_shortfall: Manipulability loss M of the motion (`manipulability_loss`) [m]; 0 if it has
             no weight.
+        lower_bound: Lower bound on the energy of every plan from the start to the goal or its
+            region, with any planner and any posture there [J]. It is 0 for braking alone.
         cavitations: Times in which the static load drives an actuator faster than oil fills its
             inlet, with the actuator.
         start_problems: Clause on joints beyond their limits and on an obstacle that the arm touches
@@ -63,6 +65,7 @@ class Plan:
     machine: Machine
     seconds: MappingProxyType[str, float] = field(default_factory=lambda: MappingProxyType({}))
     area_shortfall: float = 0.0
+    lower_bound: float = 0.0
     cavitations: tuple[Cavitation, ...] = ()
     start_problems: str = ""
     log: tuple[LogEntry, ...] = ()
@@ -120,15 +123,6 @@ class Plan:
         """One sentence for each problem of the start and each excessive demand of the motion."""
         start = (self.start_problems,) if self.start_problems else ()
         return (*start, *map(str, (*self.motion.overloads, *self.cavitations)))
-
-    @property
-    def lower_bound(self) -> float:
-        """Lower bound on the energy of every plan from the start to the goal [J].
-
-        The integrated planner's bound holds for all postures at the goal, another planner's for the
-        postures that it uses.
-        """
-        return self.path.lower_bound
 
     @property
     def gap(self) -> float:

@@ -26,12 +26,13 @@ from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import Position
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import DeadlineError, NoPathError, RequestError
+from mhsb_planner.integrated.search_problem import max_bound_cells
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion import s3_trajectory
 from mhsb_planner.motion.s3_blend_in import Coasting, compute_coasting
 from mhsb_planner.motion.s3_limits import keeps_position_limits
 from mhsb_planner.motion.s3_state_to_rest import Steering
-from mhsb_planner.motion.s3_trajectory import FitError
+from mhsb_planner.motion.s3_trajectory import FitError, FitMethod
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.plan import Plan
 from mhsb_planner.plan_log import PlanLog
@@ -172,7 +173,6 @@ class Planner:
         options = options or PlanOptions()
         planner = get_planner(options.planner)
         self._check(goal, start, options)
-        deadline.check("planning")
         deadline = self._exclude_warm_up(options.planner, deadline)
         log, refused = log or PlanLog(), None
         source: PathSource = PlanePaths(planner, self.graph)
@@ -182,12 +182,16 @@ class Planner:
             task = self._create_request(goal, start, modes, stop, options)
             loop = PlanningLoop(self.machine, task, deadline, log)
             if rest is not None and self._ends_at_goal(goal, rest, options):
-                loop.start_with_rest(rest, source.bound(task))
+                loop.start_with_rest(rest)
             try:
+                deadline.check("planning")
                 proposals = paths_from_anywhere(
                     self.machine, source, self.graph.table, task, loop.progress
                 )
                 plan = loop.choose_best(proposals)
+                if plan.motion.method != FitMethod.BRAKING:
+                    cells = max_bound_cells(loop.progress)
+                    plan = replace(plan, lower_bound=source.bound(task, cells))
                 return replace(
                     plan, start_problems=describe_start_problems(self.machine, start.position)
                 )

@@ -219,7 +219,6 @@ def walk(machine: Machine) -> Callable[..., DiscretePath]:
             energy_series=np.array([costs.energy_series[p] for p, costs in taken]),
             cost=0.0,
             start_modes=np.zeros(3, dtype=np.uint8),
-            lower_bound=0.0,
             statistics=SearchStatistics(0, 0, 0.0),
         )
 

@@ -8,7 +8,7 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.integrated import goal_postures
-from mhsb_planner.integrated.lower_bound import SOON_CELLS, lower_bound_to_goals
+from mhsb_planner.integrated.lower_bound import MAX_CELLS_WITH_DEADLINE, bound_cost_to_goals
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
 from mhsb_planner.search.lower_bound import ENERGY_ALONE, energy_lower_bound
@@ -94,14 +94,16 @@ def test_the_certificate_is_below_every_posture_at_the_goal_and_close_to_the_lea
     for q in np.random.default_rng(9).uniform(low, high, (4, arm.joint_count)):
         for tip in (GOAL, (0.9, -0.2)):
             goals = goal_postures.sample_goal_postures(arm, *tip)
-            bound = lower_bound_to_goals(arm, circuit, arm.cylinder_lengths(q), goals, ENERGY_ALONE)
+            bound = bound_cost_to_goals(arm, circuit, arm.cylinder_lengths(q), goals, ENERGY_ALONE)
             dense = arm.postures(*tip, np.linspace(-np.pi, np.pi, angles))
             sampled = energy_lower_bound(arm, q, np.vstack([dense, goals.postures.posture]))
             assert bound <= sampled * (1 + 1e-9)
             assert bound >= share * sampled
             lengths = arm.cylinder_lengths(q)
-            hasty = lower_bound_to_goals(arm, circuit, lengths, goals, ENERGY_ALONE, SOON_CELLS)
-            assert 0.0 <= hasty <= bound * (1 + 1e-9)
+            coarse = bound_cost_to_goals(
+                arm, circuit, lengths, goals, ENERGY_ALONE, MAX_CELLS_WITH_DEADLINE
+            )
+            assert 0.0 <= coarse <= bound * (1 + 1e-9)
 
 
 def test_inner_samples_that_are_left_out_reach_nothing(monkeypatch):

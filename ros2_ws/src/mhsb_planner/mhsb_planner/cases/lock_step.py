@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mhsb_model.arm_reports import HandOverReason
-from mhsb_model.command import Command
+from mhsb_model.command import MAX_HAND_OVER_JUMP, Command
 from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
@@ -43,8 +43,6 @@ DELAY_PERIOD = 0.1
 LONGEST_PLANNING = 1.0
 """Largest processor time of a plan whose simulated planning time is given [s]."""
 
-LARGEST_JUMP = 1e-6
-"""Largest difference between reference and command at the hand-over [rad, rad/s or m, m/s]."""
 FIRST_STAMP_NS = 1000 * SECOND_NS
 """The arm's time at the start [ns]."""
 FARTHEST_AHEAD_NS = SECOND_NS // 2
@@ -126,7 +124,7 @@ class SimulatedArm:
         return bool(self.reference.velocity.any())
 
     def accept(self, command: Command) -> HandOverReason:
-        """Take a command if it continues the reference, within LARGEST_JUMP.
+        """Take a command if it continues the reference, within MAX_HAND_OVER_JUMP.
 
         `command`, `in_force_ns` and `jumps` are then updated.
 
@@ -144,7 +142,7 @@ class SimulatedArm:
             float(np.abs(new.position - old.position).max()),
             float(np.abs(new.velocity - old.velocity).max()),
         )
-        if jump > LARGEST_JUMP:
+        if jump > MAX_HAND_OVER_JUMP:
             return HandOverReason.LATE
         self.jumps.append(jump)
         self.command, self.in_force_ns = command, command.stamp_ns

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import needs_boost
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import tip_position, tip_positions
@@ -67,11 +68,6 @@ Boost reduces the area, and a motion follows its path too loosely to avoid boost
 margin.
 """
 
-REST_SPEED = 2e-4
-"""Piston speed below which a cylinder holds its load [m/s]. S3 and S4 use the same value,
-`motion.motion_profile.DEAD_BAND`.
-"""
-
 HALF_WAY = 2
 """Index in `PathCostBuffers.points` of the posture half-way along a piece."""
 
@@ -113,7 +109,7 @@ def cost_model(
 ) -> PathCostModel:
     """Build the cost model for cylinder paths that start with given modes.
 
-    A cylinder slower than REST_SPEED counts as held. It must be boosted if P_S cannot hold its
+    A cylinder slower than MAX_HELD_SPEED counts as held. It must be boosted if P_S cannot hold its
     load. If the area has a weight, BOOST_RESERVE is added to the boost margin.
 
     Args:
@@ -131,7 +127,7 @@ def cost_model(
     before = np.vstack([patterns, start_modes[None, :]])
     switches = np.count_nonzero(before[:, None, :] != patterns[None, :, :], axis=2)
     circuit = compute_hydraulic_coefficients(machine.arrays, patterns)._replace(
-        rest_speed=REST_SPEED
+        rest_speed=MAX_HELD_SPEED
     )
     if area.weight > 0.0:
         circuit = circuit._replace(boost_margin=circuit.boost_margin + BOOST_RESERVE)
@@ -662,7 +658,6 @@ def to_discrete_path(
     cost: float,
     start: FloatArray,
     start_modes: ModeArray,
-    lower_bound: float,
     statistics: SearchStatistics,
 ) -> DiscretePath:
     """Convert a cylinder path to a discrete path, with one step for each piece and the best modes.
@@ -674,7 +669,6 @@ def to_discrete_path(
         cost: Cost of the path, stored as it is.
         start: Joint positions at via[0], shape (n,) [rad or m].
         start_modes: Modes in force at the start, shape (n,).
-        lower_bound: Lower bound on the energy of every plan [J], stored as it is.
         statistics: Statistics of the search, stored as they are.
 
     Returns:
@@ -690,6 +684,5 @@ def to_discrete_path(
         energy_series=of_step[:, ENERGY_SERIES_COLUMN],
         cost=cost,
         start_modes=start_modes,
-        lower_bound=lower_bound,
         statistics=statistics,
     )

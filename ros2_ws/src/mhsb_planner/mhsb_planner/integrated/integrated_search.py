@@ -30,17 +30,14 @@ from mhsb_planner.integrated.cylinder_path import (
     without_leakage_cost,
 )
 from mhsb_planner.integrated.goal_postures import sample_goal_postures
-from mhsb_planner.integrated.lower_bound import lower_bound_to_goals
 from mhsb_planner.integrated.search_problem import (
     WITH_AREA,
     CylinderPath,
     SearchLimits,
     SearchProblem,
-    max_bound_cells,
 )
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
-from mhsb_planner.search.lower_bound import ENERGY_ALONE, add_other_motion
 from mhsb_planner.search.manipulability_loss import WITHOUT_AREA, AreaTerm
 from mhsb_planner.search.s2_search import SAME_POINT, SEARCH_TASK, PathQuery, Weights
 from mhsb_planner.search.s2_step import ENERGY_COLUMN
@@ -49,11 +46,7 @@ __all__ = ["CylinderPath", "IntegratedSearch", "SearchLimits", "SearchProblem", 
 
 
 class IntegratedSearch:
-    """An integrated search for one request.
-
-    Attributes:
-        lower_bound: Lower bound on the energy of every plan to any posture at the goal [J].
-    """
+    """An integrated search for one request."""
 
     def __init__(
         self,
@@ -61,24 +54,18 @@ class IntegratedSearch:
         query: PathQuery,
         *,
         goal_region: Region | None = None,
-        bound_from: FloatArray | None = None,
         area: AreaTerm = WITHOUT_AREA,
-        slew_demand: tuple[float, float] = (0.0, 0.0),
         counts_leakage: bool = True,
         progress: PlanProgress | None = None,
         limits: SearchLimits | None = None,
     ) -> None:
-        """Prepare the search: sample the goal postures and compute the lower bounds.
+        """Prepare the search: sample the goal postures and bound the cost to each.
 
         Args:
             machine: The arm in its plane.
             query: Start, goal and cost.
             goal_region: Other admissible tip positions; None: only the goal.
-            bound_from: Posture from which the lower bound on the energy holds, shape (n,)
-                [rad or m]; None: the start.
             area: Weight of the manipulability loss and the reference area.
-            slew_demand: Oil [m³] and least time [s] of what moves beside these joints, for the
-                lower bound on the energy.
             counts_leakage: Whether leakage counts when paths are compared. The costs of the paths
                 yielded include it in any case.
             progress: Progress of the plan, with the time limit; None: no limit.
@@ -119,30 +106,6 @@ class IntegratedSearch:
         )
         self._task = SearchProblem.create(machine, posture, priced_by, goals, progress, limits)
         progress.search_deadline.check(SEARCH_TASK)
-        origin = posture if bound_from is None else bound_from
-        self.lower_bound = self._compute_lower_bound(origin, slew_demand)
-
-    def _compute_lower_bound(self, posture: FloatArray, others: tuple[float, float]) -> float:
-        """Return a lower bound on the energy of every plan from a posture to the goal.
-
-        The search problem's own bound is reused if it counts energy alone, starts from the same
-        posture, and nothing else moves.
-
-        Args:
-            posture: The posture, shape (n,) [rad or m].
-            others: Oil [m³] and least time [s] of what moves beside these joints.
-
-        Returns:
-            The bound [J].
-        """
-        task, (energy, time) = self._task, self._terms.weight[:2]
-        own = task.cost_model is self._terms and not any(others)
-        if energy > 0.0 and time == 0.0 and own and np.array_equal(posture, task.start):
-            return task.lower_bound / float(energy)
-        origin = task.machine.cylinder_lengths(posture)
-        circuit = add_other_motion(self._terms.circuit, *others)
-        cells = max_bound_cells(task.progress)
-        return lower_bound_to_goals(task.machine, circuit, origin, task.goals, ENERGY_ALONE, cells)
 
     def paths(self) -> Iterator[DiscretePath | None]:
         """Yield ever cheaper discrete paths.
@@ -210,7 +173,7 @@ class IntegratedSearch:
             work: Work done so far, for the statistics.
 
         Returns:
-            The discrete path with the lower bound and the statistics of the search.
+            The discrete path with the statistics of the search.
         """
         task, cost = self._task, best.cost
         if task.cost_model is not self._terms:
@@ -224,7 +187,6 @@ class IntegratedSearch:
             cost,
             task.start,
             self._modes,
-            self.lower_bound,
             SearchStatistics(
                 work.expanded, work.priced, self._elapsed, task.progress.search_deadline.has_passed
             ),
@@ -333,7 +295,7 @@ def warm_up_paths(machine: Machine) -> None:
     task = _example_problem(machine)
     modes, statistics = np.zeros(machine.joint_count, dtype=np.uint8), SearchStatistics(0, 0, 0.0)
     to_discrete_path(
-        task.cost_model, task.buffers, _straight_line(task), 0.0, task.start, modes, 0.0, statistics
+        task.cost_model, task.buffers, _straight_line(task), 0.0, task.start, modes, statistics
     )
 
 

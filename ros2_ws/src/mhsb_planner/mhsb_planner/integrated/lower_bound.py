@@ -32,7 +32,11 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
-from mhsb_planner.integrated.goal_postures import GoalPostures, held_joints
+from mhsb_planner.goal_region import Angle, Region, angle_range, tip_positions
+from mhsb_planner.integrated.goal_postures import (
+    GoalPostures,
+    held_joints,
+)
 from mhsb_planner.integrated.intervals import (
     INTERVAL_ROUNDING,
     Interval,
@@ -42,8 +46,16 @@ from mhsb_planner.integrated.intervals import (
     wrist_direction_range,
 )
 from mhsb_planner.integrated.telescope_cells import enclose_with_telescopes
-from mhsb_planner.search.lower_bound import bound_cost_between, bound_costs_between
-from mhsb_planner.search.s2_step import HydraulicCoefficients
+from mhsb_planner.search.lower_bound import (
+    ENERGY_ALONE,
+    add_other_motion,
+    bound_cost_between,
+    bound_costs_between,
+)
+from mhsb_planner.search.s2_step import (
+    HydraulicCoefficients,
+    compute_hydraulic_coefficients,
+)
 
 BOUND_TOLERANCE = 1e-3
 """Relative gap between the bound found and the true minimum at which the branch and bound stops."""
@@ -53,7 +65,7 @@ MIN_CELL_WIDTH = 1e-5
 
 FIRST_CELLS = 32
 """Number of cells into which ψ is divided at first, for each elbow branch."""
-MOST_CELLS, SOON_CELLS = 4000, 1000
+MAX_CELLS, MAX_CELLS_WITH_DEADLINE = 4000, 1000
 """Largest number of additional cells for chains that are not 3R: without and with a deadline."""
 
 
@@ -302,15 +314,15 @@ def _branch_and_bound_of_chain(
             count += 1
 
 
-def lower_bound_to_goals(
+def bound_cost_to_goals(
     machine: Machine,
     circuit: HydraulicCoefficients,
     start: FloatArray,
     goals: GoalPostures,
     weight: FloatArray,
-    most_cells: int = MOST_CELLS,
+    most_cells: int = MAX_CELLS,
 ) -> float:
-    """Return a lower bound on the cost of every plan from cylinder lengths to the goal.
+    """Compute a lower bound on the cost of every plan from cylinder lengths to the goal.
 
     The bound is the minimum over all tip positions of the goal and all postures there.
 
@@ -325,17 +337,80 @@ def lower_bound_to_goals(
     Returns:
         The bound; inf if no posture reaches any of the tip positions.
     """
-    between = (-math.pi, math.pi) if goals.psi_range is None else goals.psi_range
-    least, achieved, three = math.inf, math.inf, machine.is_3r
-    ranges = np.empty((0, 3)) if three else _free_coordinate_ranges(machine, between)
-    if not three:  # a known cost lets cells be closed earlier
-        achieved = float(bound_costs_between(circuit, start, goals.postures.length, weight).min())
+    best_sampled_bound = math.inf
+    if not machine.is_3r:  # a known cost lets cells be closed earlier
+        lengths = goals.postures.length
+        best_sampled_bound = float(bound_costs_between(circuit, start, lengths, weight).min())
     cost = CostFromStart(machine.arrays, circuit, start, weight)
-    for tip in map(tuple, np.unique(goals.tips, axis=0).tolist()):
-        if three:
-            here, achieved = _branch_and_bound(cost, tip, between, achieved)
+    return _bound_cost_to_tips(
+        machine, cost, goals.tips, goals.psi_range, best_sampled_bound, most_cells
+    )
+
+
+def bound_energy_to_goal(
+    machine: Machine,
+    start: FloatArray,
+    goal: tuple[float, float],
+    psi: Angle = None,
+    region: Region | None = None,
+    others: tuple[float, float] = (0.0, 0.0),
+    most_cells: int = MAX_CELLS,
+) -> float:
+    """Compute a lower bound on the energy of every plan from a posture to a goal.
+
+    Args:
+        machine: The arm in its plane.
+        start: Start posture, shape (n,) [rad or m].
+        goal: Tip position (x, z) [m].
+        psi: End-link angle at the goal, or its range (least, greatest) [rad]; None: any.
+        region: Other admissible tip positions; None: only the goal.
+        others: Oil [m³] and least time [s] of what moves beside these joints.
+        most_cells: Largest number of additional cells if the arm is not 3R.
+
+    Returns:
+        The bound [J]; inf if no posture reaches the goal.
+    """
+    circuit = compute_hydraulic_coefficients(machine.arrays, machine.patterns)
+    cost = CostFromStart(
+        machine.arrays,
+        add_other_motion(circuit, *others),
+        machine.cylinder_lengths(start),
+        ENERGY_ALONE,
+    )
+    tips = tip_positions(goal, region)
+    return _bound_cost_to_tips(machine, cost, tips, angle_range(psi), math.inf, most_cells)
+
+
+def _bound_cost_to_tips(
+    machine: Machine,
+    cost: CostFromStart,
+    tips: FloatArray,
+    psi_range: Interval | None,
+    best_sampled_bound: float,
+    most_cells: int,
+) -> float:
+    """Compute a lower bound on the cost to any posture at any of several tip positions.
+
+    Args:
+        machine: The arm in its plane.
+        cost: Start and weights.
+        tips: Tip positions (x, z), shape (k, 2) [m].
+        psi_range: Least and greatest end-link angle [rad]; None: any.
+        best_sampled_bound: Least bound for any single goal posture that is known; inf: none.
+        most_cells: Largest number of additional cells if the arm is not 3R.
+
+    Returns:
+        The bound; inf if no posture reaches any of the tip positions.
+    """
+    psi, least = psi_range or (-math.pi, math.pi), math.inf
+    ranges = None if machine.is_3r else _free_coordinate_ranges(machine, psi)
+    for tip in map(tuple, np.unique(tips, axis=0).tolist()):
+        if ranges is None:
+            here, best_sampled_bound = _branch_and_bound(cost, tip, psi, best_sampled_bound)
         else:
-            here, achieved = _branch_and_bound_of_chain(cost, tip, ranges, achieved, most_cells)
+            here, best_sampled_bound = _branch_and_bound_of_chain(
+                cost, tip, ranges, best_sampled_bound, most_cells
+            )
         least = min(least, here)
     return least
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
@@ -14,7 +15,11 @@ from mhsb_planner.integrated.cylinder_path import (
     price_path,
 )
 from mhsb_planner.integrated.goal_postures import PSI_SPACING, GoalPostures
-from mhsb_planner.integrated.lower_bound import MOST_CELLS, SOON_CELLS, lower_bound_to_goals
+from mhsb_planner.integrated.lower_bound import (
+    MAX_CELLS,
+    MAX_CELLS_WITH_DEADLINE,
+    bound_cost_to_goals,
+)
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.lower_bound import bound_costs_between
 
@@ -105,7 +110,6 @@ class SearchProblem:
         start: Start posture, shape (n,) [rad or m].
         start_lengths: Cylinder lengths in the start posture, shape (n,) [m].
         goals: Goal postures.
-        lower_bound: Lower bound on the cost of every path from the start to a goal.
         goal_lower_bounds: Lower bound on the cost of a path to each goal posture, shape (goals,).
         progress: Progress of the plan, with the time limit of the search.
         limits: Limits on the effort.
@@ -117,7 +121,6 @@ class SearchProblem:
     start: FloatArray
     start_lengths: FloatArray
     goals: GoalPostures
-    lower_bound: float
     goal_lower_bounds: FloatArray
     progress: PlanProgress
     limits: SearchLimits
@@ -134,21 +137,18 @@ class SearchProblem:
     ) -> SearchProblem:
         """Create the problem from a start posture to given goal postures.
 
-        Computes the lower bounds; the one over all goals takes a branch and bound.
-
         Args:
             machine: The arm in its plane.
             posture: Start posture, shape (n,) [rad or m].
             cost_model: Cost model of the search.
             goals: Goal postures.
-            progress: Progress of the plan. With a deadline the bound uses fewer cells.
+            progress: Progress of the plan, with the time limit of the search.
             effort: Limits on the effort.
 
         Returns:
             The problem, with its own working memory.
         """
         lengths, reached = machine.cylinder_lengths(posture), goals.postures.length
-        weight, cells = cost_model.weight, max_bound_cells(progress)
         return cls(
             machine=machine,
             cost_model=cost_model,
@@ -156,12 +156,26 @@ class SearchProblem:
             start=posture,
             start_lengths=lengths,
             goals=goals,
-            lower_bound=lower_bound_to_goals(
-                machine, cost_model.circuit, lengths, goals, weight, cells
+            goal_lower_bounds=bound_costs_between(
+                cost_model.circuit, lengths, reached, cost_model.weight
             ),
-            goal_lower_bounds=bound_costs_between(cost_model.circuit, lengths, reached, weight),
             progress=progress,
             limits=effort,
+        )
+
+    @cached_property
+    def lower_bound(self) -> float:
+        """Lower bound on the cost of every path from the start to any posture at the goal.
+
+        The first access takes a branch and bound, with fewer cells if there is a deadline.
+        """
+        return bound_cost_to_goals(
+            self.machine,
+            self.cost_model.circuit,
+            self.start_lengths,
+            self.goals,
+            self.cost_model.weight,
+            max_bound_cells(self.progress),
         )
 
     def price(self, via: FloatArray, limit: float = math.inf) -> float:
@@ -183,4 +197,4 @@ class SearchProblem:
 
 def max_bound_cells(progress: PlanProgress) -> int:
     """Return the largest number of cells for a lower bound; fewer if there is a deadline."""
-    return SOON_CELLS if progress.has_deadline else MOST_CELLS
+    return MAX_CELLS_WITH_DEADLINE if progress.has_deadline else MAX_CELLS

@@ -8,9 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from mhsb_model.feasibility.cavitation import Cavitation, find_cavitating, summarize_cavitation
+from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_planner.motion.motion_profile import DEAD_BAND, motion_profile
+from mhsb_planner.motion.motion_profile import motion_profile
 from mhsb_planner.search.discrete_path import DiscretePath
 
 
@@ -29,7 +30,7 @@ def find_cavitations(machine: Machine, motion: Trajectory) -> tuple[Cavitation, 
     """
     profile = motion_profile(machine, motion.position, motion.velocity)
     time = motion.offset_ns / SECOND_NS
-    return summarize_cavitation(machine, time, profile.force, profile.speed, DEAD_BAND)
+    return summarize_cavitation(machine, time, profile.force, profile.speed, MAX_HELD_SPEED)
 
 
 def find_cavitating_steps(machine: Machine, path: DiscretePath) -> np.ndarray:
@@ -50,5 +51,5 @@ def find_cavitating_steps(machine: Machine, path: DiscretePath) -> np.ndarray:
     empty = np.zeros(start.shape, dtype=bool)
     for share in (0.0, 0.5, 1.0):
         profile = motion_profile(machine, start + share * (end - start), velocity)
-        empty |= find_cavitating(machine, profile.force, profile.speed, DEAD_BAND)
+        empty |= find_cavitating(machine, profile.force, profile.speed, MAX_HELD_SPEED)
     return empty

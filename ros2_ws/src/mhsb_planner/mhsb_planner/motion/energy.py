@@ -20,6 +20,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import (
     boosted_supply,
     compute_inertia_margin,
@@ -38,7 +39,7 @@ from mhsb_model.modes import BOOSTED_MODES
 from mhsb_model.trajectory import MAX_POINT_SPACING_NS, SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.motion.charging import charging_energy
-from mhsb_planner.motion.motion_profile import DEAD_BAND, MotionProfile, Profiles, motion_profile
+from mhsb_planner.motion.motion_profile import MotionProfile, Profiles, motion_profile
 from mhsb_planner.motion.s3_limits import repeats_previous_row
 
 
@@ -354,7 +355,7 @@ def _compute_powers(
         stroke = inlet_area(cap[j], rod[j], v) * abs(v)
         paper, supply, leaks, shaft = normal, normal, oil.leakage_flow, 0.0
         if BOOSTED_MODES[modes[j]]:
-            direction = v if abs(v) > DEAD_BAND else f
+            direction = v if abs(v) > MAX_HELD_SPEED else f
             paper = max(paper, load_pressure(cap[j], rod[j], tank, f, direction) / efficiency)
             supply = select_supply_pressure(oil, modes[j], own[j], rail)
             leaks = compute_valve_leakage(oil, supply)

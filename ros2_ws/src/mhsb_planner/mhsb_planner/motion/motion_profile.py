@@ -17,9 +17,6 @@ from mhsb_model.statics import INERTIA_WORK, chain_gravity_torques, chain_of, in
 from mhsb_model.trajectory import JointMotion
 from mhsb_model.types import FloatArray, ModeArray, as_frozen
 
-DEAD_BAND = 2e-4
-"""Piston speed up to which a cylinder counts as held by its valve [m/s]."""
-
 
 @dataclass(frozen=True, eq=False)
 class MotionProfile:

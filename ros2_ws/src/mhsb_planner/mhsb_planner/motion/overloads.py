@@ -12,11 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import required_pressure, required_pressures
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
-from mhsb_planner.motion.motion_profile import DEAD_BAND, MotionProfile
+from mhsb_planner.motion.motion_profile import MotionProfile
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ def find_overloads(
     if not _has_overload(machine.arrays, profile.speed, profile.force):
         return ()
     pressure = required_pressures(machine.arrays, profile.force, np.zeros(profile.force.shape))
-    resting = (pressure > highest) & (np.abs(profile.speed) <= DEAD_BAND)
+    resting = (pressure > highest) & (np.abs(profile.speed) <= MAX_HELD_SPEED)
     span = np.append(np.diff(time), 0.0)
     return tuple(
         Overload(
@@ -97,7 +98,7 @@ def _has_overload(m: MachineArrays, speed: FloatArray, force: FloatArray) -> boo
     """
     for k in range(len(speed)):
         for j in range(speed.shape[1]):
-            rests = abs(speed[k, j]) <= DEAD_BAND
+            rests = abs(speed[k, j]) <= MAX_HELD_SPEED
             if rests and required_pressure(m, j, force[k, j], 0.0) > m.max_boost_pressure:
                 return True
     return False

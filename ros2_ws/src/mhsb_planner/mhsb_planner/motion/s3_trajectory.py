@@ -310,7 +310,6 @@ def warm_up(machine: Machine) -> None:
         energy_series=nothing,
         cost=0.0,
         start_modes=normal[0],
-        lower_bound=0.0,
         statistics=SearchStatistics(0, 0, 0.0),
     )
     start, modes, rules = (

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.holding import choose_stop_modes
+from mhsb_model.holding import MAX_HELD_SPEED, choose_stop_modes
 from mhsb_model.hydraulics import (
     compute_inertia_margin,
     compute_pressure_with_margin,
@@ -32,7 +32,7 @@ from mhsb_model.mode_schedule import LONG_AGO_NS, ModeSchedule
 from mhsb_model.modes import BOOSTED_MODES, Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
-from mhsb_planner.motion.motion_profile import DEAD_BAND, MotionProfile, motion_profile
+from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
 from mhsb_planner.motion.s3_limits import repeats_previous_row
 
 NEED_FACTOR = 1.005
@@ -381,10 +381,10 @@ def _determine_needs(
     )
     for k in range(len(speed)):
         v, f = speed[k, j], force[k, j]
-        moved = NEED_FACTOR * v if abs(v) > DEAD_BAND else 0.0
+        moved = NEED_FACTOR * v if abs(v) > MAX_HELD_SPEED else 0.0
         need[k] = cylinder_needs_boost(oil, valve, cap, rod, NEED_FACTOR * f, moved)
         # Half the dead band: between the points a cylinder may be a little faster than at them.
-        lifts[k] = abs(v) > 0.5 * DEAD_BAND and opposes_motion(f, v)
+        lifts[k] = abs(v) > 0.5 * MAX_HELD_SPEED and opposes_motion(f, v)
         flow[k] = inlet_area(cap, rod, v) * abs(v)
     return need, lifts, flow
 
@@ -418,7 +418,7 @@ def _lacks_pressure_to_accelerate(
     lacks = np.zeros(len(speed), dtype=np.bool_)
     for k in range(len(speed)):
         v, load = speed[k, j], force[k, j] + inertia[k, j]
-        if abs(v) > 0.9 * DEAD_BAND and opposes_motion(load, v):
+        if abs(v) > 0.9 * MAX_HELD_SPEED and opposes_motion(load, v):
             needed = compute_pressure_with_margin(
                 oil, valve, cap, rod, NEED_FACTOR * load, NEED_FACTOR * v
             )

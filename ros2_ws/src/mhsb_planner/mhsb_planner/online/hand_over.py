@@ -13,14 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mhsb_model.braking import MIN_POINT_SPACING_NS
-from mhsb_model.command import Command
+from mhsb_model.command import MAX_HAND_OVER_JUMP, Command
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import MAX_POINT_SPACING_NS, MotionState, Trajectory
 from mhsb_model.types import IntArray
-
-LARGEST_JUMP = 1e-6
-"""Largest difference between the old command and the new one, from rounding [rad, rad/s or m, m/s].
-"""
 
 
 @dataclass(frozen=True)
@@ -85,7 +81,7 @@ def join_commands(in_force: Command, times: HandOverTimes, new: Command) -> Comm
 
     Raises:
         ValueError: Position or velocity of `new` differ from the old ones by more than
-            `LARGEST_JUMP`.
+            `MAX_HAND_OVER_JUMP`.
     """
     old = in_force.trajectory
     _check_continuity(old.sample(times.change_ns), new.trajectory)
@@ -105,7 +101,8 @@ def join_commands(in_force: Command, times: HandOverTimes, new: Command) -> Comm
 def _check_continuity(left: MotionState, new: Trajectory) -> None:
     """Raise ValueError if a trajectory does not start in the state at which the old one is left.
 
-    Position and velocity of each joint may differ by `LARGEST_JUMP`; acceleration is not compared.
+    Position and velocity of each joint may differ by `MAX_HAND_OVER_JUMP`. Acceleration is not
+    compared.
 
     Args:
         left: State of the old trajectory at the change.
@@ -115,7 +112,7 @@ def _check_continuity(left: MotionState, new: Trajectory) -> None:
         float(np.abs(new.position[0] - left.position).max()),
         float(np.abs(new.velocity[0] - left.velocity).max()),
     )
-    if not jump <= LARGEST_JUMP:
+    if not jump <= MAX_HAND_OVER_JUMP:
         raise ValueError(f"the new command starts {jump:.3g} rad or rad/s from where it leaves")
 
 

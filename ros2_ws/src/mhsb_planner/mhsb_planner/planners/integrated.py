@@ -70,7 +70,7 @@ class IntegratedPlanner:
     ) -> Iterator[PathProposal]:
         """Yield the planner's own paths and, in between, paths of the baselines for comparison.
 
-        `planners.schedule` decides the order. All paths carry the lower bound of the own search.
+        `planners.schedule` decides the order.
 
         Args:
             graph: Step graph of the posture table; provides machine and table.
@@ -116,8 +116,8 @@ class IntegratedPlanner:
         """
         machine, options = graph.machine, task.options
         own = (path if path is None else PathProposal(path) for path in search.paths())
-        leak_free = _paths_without_leakage(machine, task, progress, search.lower_bound)
-        compare = partial(_for_comparison, machine, task, search.lower_bound)
+        leak_free = _paths_without_leakage(machine, task, progress)
+        compare = partial(_for_comparison, machine, task)
         baselines = [
             Proposer(each.name, compare(_baseline_paths(each, graph, task, progress)))
             for each in self.baselines
@@ -131,7 +131,7 @@ class IntegratedPlanner:
             baselines = [Proposer(f"{self.name} without area", paths), *later, *baselines]
             later = []
         if options.goal_region is not None:
-            paths = self._paths_to_goal_alone(graph, task, progress, search.lower_bound)
+            paths = self._paths_to_goal_alone(graph, task, progress)
             later.append(Proposer(f"{self.name} to the goal alone", paths))
         return ProposerSet(
             Proposer(self.name, own),
@@ -142,7 +142,7 @@ class IntegratedPlanner:
         )
 
     def _paths_to_goal_alone(
-        self, graph: StepGraph, task: PathRequest, progress: PlanProgress, lower_bound: float
+        self, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
         """Yield this planner's paths for the same request without its goal region.
 
@@ -152,16 +152,14 @@ class IntegratedPlanner:
             graph: Step graph of the posture table.
             task: The request.
             progress: Progress of the plan.
-            lower_bound: Lower bound on the energy that the paths are to carry [J].
 
         Yields:
             Path proposals.
         """
         alone = replace(task, options=replace(task.options, goal_region=None))
         for proposal in self.paths(graph, alone, progress):
-            path = replace(proposal.path, lower_bound=lower_bound)
             proposer = f"{proposal.proposer} to the goal alone"
-            yield proposal._replace(path=path, for_comparison=True, proposer=proposer)
+            yield proposal._replace(for_comparison=True, proposer=proposer)
 
     def warm_up(self, graph: StepGraph) -> None:
         """Compile the kernels of this planner and of its baselines.
@@ -209,9 +207,7 @@ def _create_search(
         machine,
         query,
         goal_region=options.goal_region,
-        bound_from=task.start.position,
         area=area,
-        slew_demand=task.slew_demand,
         counts_leakage=leaks,
         progress=progress,
         limits=effort,
@@ -219,7 +215,7 @@ def _create_search(
 
 
 def _paths_without_leakage(
-    machine: Machine, task: PathRequest, progress: PlanProgress, lower_bound: float
+    machine: Machine, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
     """Yield the paths of an own search that ignores leakage when it compares paths.
 
@@ -230,7 +226,6 @@ def _paths_without_leakage(
         machine: The arm in its plane.
         task: The request.
         progress: Progress of the plan.
-        lower_bound: Lower bound on the energy that the paths are to carry [J].
 
     Yields:
         Path proposals, with their cost including leakage.
@@ -238,7 +233,7 @@ def _paths_without_leakage(
     search = _create_search(machine, task, progress, task.area, leaks=False)
     for path in search.paths():
         if path is not None:
-            yield PathProposal(replace(path, lower_bound=lower_bound))
+            yield PathProposal(path)
 
 
 def _path_with_time_price(
@@ -304,23 +299,22 @@ def _baseline_paths(
 
 
 def _for_comparison(
-    machine: Machine, task: PathRequest, lower_bound: float, proposals: Iterator[PathProposal]
+    machine: Machine, task: PathRequest, proposals: Iterator[PathProposal]
 ) -> Iterator[PathProposal]:
-    """Mark proposals as made for comparison, and give them the lower bound of the own search.
+    """Mark proposals as made for comparison.
 
     The weight of the manipulability loss times the loss along the path is added to each cost.
 
     Args:
         machine: The arm in its plane.
         task: The request.
-        lower_bound: Lower bound on the energy that the paths are to carry [J].
         proposals: Proposals whose costs do not contain the area.
 
     Yields:
         Path proposals, all with `for_comparison` set.
     """
     for proposal in proposals:
-        path = replace(proposal.path, lower_bound=lower_bound)
+        path = proposal.path
         if task.area.weight > 0.0:
             shortfall = area_along_path(machine, path).compute_area_loss(task.area.reference)
             path = replace(path, cost=path.cost + task.area.weight * shortfall)

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
+from mhsb_model.machine import Machine
 from mhsb_model.trajectory import MotionState, Trajectory
 from mhsb_model.types import FloatArray, Position
-from mhsb_planner.integrated.goal_postures import sample_goal_postures
-from mhsb_planner.integrated.lower_bound import lower_bound_to_goals
+from mhsb_planner.integrated.lower_bound import MAX_CELLS, bound_energy_to_goal
 from mhsb_planner.motion.s3_blend_in import Coasting
 from mhsb_planner.motion.s3_state_to_rest import Steering
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
@@ -17,7 +17,6 @@ from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planners.options import PlanOptions
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath
-from mhsb_planner.search.lower_bound import ENERGY_ALONE, add_other_motion
 from mhsb_planner.search.manipulability_loss import AreaTerm
 from mhsb_planner.search.s2_graph import StepGraph
 
@@ -70,25 +69,29 @@ class PathRequest:
         x, z = self.goal
         return x, z
 
-    def energy_lower_bound(self, graph: StepGraph) -> float:
+    def energy_lower_bound(self, machine: Machine, most_cells: int = MAX_CELLS) -> float:
         """Return a lower bound on the energy of every plan from the start to the goal.
 
         The bound holds for all postures in the arm's plane whose tip is at the goal or in its
         region. It includes the slew demand.
 
         Args:
-            graph: Step graph; provides machine and hydraulic coefficients.
+            machine: The arm in its plane.
+            most_cells: Largest number of additional cells of the branch and bound if the arm is
+                not 3R.
 
         Returns:
             The bound [J].
         """
-        machine, options = graph.machine, self.options
-        goals = sample_goal_postures(
-            machine, *self.planar_goal, options.goal_psi, region=options.goal_region
+        return bound_energy_to_goal(
+            machine,
+            self.start.position,
+            self.planar_goal,
+            self.options.goal_psi,
+            self.options.goal_region,
+            self.slew_demand,
+            most_cells,
         )
-        start = machine.cylinder_lengths(self.start.position)
-        circuit = add_other_motion(graph.circuit, *self.slew_demand)
-        return lower_bound_to_goals(machine, circuit, start, goals, ENERGY_ALONE)
 
     def continued_from(self, path: DiscretePath) -> PathRequest:
         """Return the request for a path that continues where another path ends.
@@ -152,8 +155,7 @@ class PathPlanner(Protocol):
     ) -> Iterator[PathProposal]:
         """Yield paths from the departure to the goal: the first early, then cheaper ones.
 
-        The consumer may stop at any time. Each path carries a lower bound that holds for every plan
-        of this planner.
+        The consumer may stop at any time.
 
         Args:
             graph: The machine, its posture table, and the steps between the table's postures.

@@ -38,33 +38,31 @@ def paths_at_falling_speeds(
         progress: Progress of the plan; `is_held_back` decides whether the next speed is tried.
 
     Yields:
-        Path proposals, all with a lower bound on the energy that holds at V_max [J].
+        Path proposals.
 
     Raises:
         MhsbError: The planner has failed at V_max, and there is no path at a lower one.
     """
-    lower_bound: float | None = None
+    has_path = False
     refused: NoPathError | None = None
     try:
         for proposal in planner.paths(graph, task, progress):
-            lower_bound = proposal.path.lower_bound
+            has_path = True
             yield proposal._replace(proposer=proposal.proposer or planner.name)
     except NoPathError as error:
         refused = error
     for factor in SPEED_FACTORS:
-        is_needed = progress.is_held_back if lower_bound is not None else refused is not None
+        is_needed = progress.is_held_back if has_path else refused is not None
         if not is_needed or progress.search_deadline.has_passed:
             break
         name = f"at {factor:g} V_max"
         with progress.log.record_failure(f"{planner.name} {name}"):
             slower = graph.create_for(limit_speeds(graph.machine, factor))
             for proposal in planner.paths(slower, task, progress):
-                if lower_bound is None:
-                    lower_bound = task.energy_lower_bound(graph)
-                path = replace(proposal.path, lower_bound=lower_bound)
+                has_path = True
                 proposer = f"{proposal.proposer or planner.name} {name}"
-                yield proposal._replace(path=path, proposer=proposer)
-    if lower_bound is None and refused is not None:
+                yield proposal._replace(proposer=proposer)
+    if not has_path and refused is not None:
         raise refused
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 from mhsb_model.errors import MhsbError
 from mhsb_planner.errors import DeadlineError
@@ -65,8 +64,7 @@ def yield_graph_paths(
         progress: Progress of the plan, with the time limit; after it no further position is tried.
 
     Yields:
-        One or two paths, with a lower bound on the energy [J] that includes the slew demand. The
-        bound of a path without steps is 0.
+        One or two paths.
 
     Raises:
         MhsbError: There is no path to any position; the error is the one for the first position.
@@ -80,15 +78,12 @@ def yield_graph_paths(
     refused: MhsbError | None = None
     for x, z in tip_positions(task.planar_goal, region).tolist():
         try:
-            path = _search_path_to((x, z), graph, task, progress)
+            found.append(_search_path_to((x, z), graph, task, progress))
         except MhsbError as error:
             refused = refused or error
             if isinstance(error, DeadlineError):
                 break
             continue
-        bound = path.lower_bound + graph.machine.arrays.supply_pressure * task.slew_demand.oil
-        bound = bound if region is None else task.energy_lower_bound(graph)
-        found.append(replace(path, lower_bound=bound))
         if len(found) == 1:
             yield found[0]
     if refused is not None and not found:

@@ -24,8 +24,16 @@ class PathSource(Protocol):
     def machine(self) -> Machine:
         """The whole arm."""
 
-    def bound(self, task: PathRequest) -> float:
-        """Return a lower bound on the energy of every plan for a request [J]."""
+    def bound(self, task: PathRequest, most_cells: int) -> float:
+        """Return a lower bound on the energy of every plan for a request.
+
+        Args:
+            task: The request of the whole arm.
+            most_cells: Largest number of additional cells of the branch and bound.
+
+        Returns:
+            Energy [J].
+        """
 
     def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
         """Yield paths from the departure to the goal, as `PathPlanner.paths` does."""
@@ -48,9 +56,9 @@ class PlanePaths:
         """Machine of the graph."""
         return self.graph.machine
 
-    def bound(self, task: PathRequest) -> float:
+    def bound(self, task: PathRequest, most_cells: int) -> float:
         """Return a lower bound on the energy of every plan for a request [J]."""
-        return task.energy_lower_bound(self.graph)
+        return task.energy_lower_bound(self.machine, most_cells)
 
     def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
         """Yield the planner's paths, at V_max first (`slower_paths`)."""
@@ -73,7 +81,7 @@ def paths_through_via_points(
         progress: Progress of the plan, with the time limit of the searches.
 
     Yields:
-        Path proposals, with the source's lower bound on the energy for the whole request [J].
+        Path proposals.
 
     Raises:
         MhsbError: The source's errors, if a leg has no path.
@@ -81,7 +89,6 @@ def paths_through_via_points(
     if not task.options.via:
         yield from source.paths(task, progress)
         return
-    bound = source.bound(task)
     for thorough in (False, True):
         legs: list[DiscretePath] = []
         onward = replace(task, options=task.options.for_via_point)
@@ -90,7 +97,7 @@ def paths_through_via_points(
             onward = onward.continued_from(legs[-1])
         last = replace(onward, goal=task.goal, options=task.options.for_last_leg)
         for candidate in source.paths(last, progress):
-            whole = replace(join_paths([*legs, candidate.path]), lower_bound=bound)
+            whole = join_paths([*legs, candidate.path])
             yield candidate._replace(path=whole)
             before = np.cumsum([leg.steps for leg in legs])
             before = np.unique(before[(before > 0) & (before < whole.steps)])
@@ -121,8 +128,7 @@ def plan_leg(
 def join_paths(legs: Sequence[DiscretePath]) -> DiscretePath:
     """Join paths to one path.
 
-    Costs and search statistics are summed up. Lower bound and start modes are those at the first
-    path.
+    Costs and search statistics are summed up. The start modes are those of the first path.
 
     Args:
         legs: The paths; each begins in the posture and in the modes in which the one before ends.
@@ -160,7 +166,6 @@ def join_paths(legs: Sequence[DiscretePath]) -> DiscretePath:
         energy_series=concatenate_steps("energy_series"),
         cost=sum(leg.cost for leg in legs),
         start_modes=first.start_modes,
-        lower_bound=first.lower_bound,
         statistics=SearchStatistics(
             sum(leg.statistics.expanded for leg in legs),
             sum(leg.statistics.generated for leg in legs),

@@ -10,7 +10,6 @@ no deeper into an obstacle than it is at the start. The trajectory is checked fo
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -228,11 +227,9 @@ def _paths_over_first_moves(
     """
     refused: MhsbError | None = None
     for first in _first_moves(machine, table, task):
-        bound = 0.0
         try:
             for candidate in paths_through_via_points(source, task.continued_from(first), progress):
-                bound = candidate.path.lower_bound
-                whole = join_paths([replace(first, lower_bound=bound), candidate.path])
+                whole = join_paths([first, candidate.path])
                 candidate = candidate._replace(proposer=f"{candidate.proposer} {FIRST_MOVE}")
                 yield candidate._replace(path=whole)
                 if not progress.has_motion:
@@ -273,7 +270,7 @@ def _first_moves(
         task: The request.
 
     Yields:
-        Paths of one or more steps from the departure, with a lower bound of 0.
+        Paths of one or more steps from the departure.
     """
     start = task.departure
     if not _is_movable(machine, start):
@@ -457,7 +454,7 @@ def _plan_first_move(
         posture: End of the move, shape (n,) [rad or m].
 
     Returns:
-        The path, slew included, with a lower bound of 0. None if no mode combination is admissible.
+        The path, slew included. None if no mode combination is admissible.
     """
     plane, weights, slews = machine.planar_arm, task.options.weights, int(machine.slews)
     begin, end = task.departure[slews:], posture[slews:]
@@ -484,7 +481,6 @@ def _plan_first_move(
         energy_series=costs.energy_series[[best]],
         cost=float(cost[best]),
         start_modes=modes,
-        lower_bound=0.0,
         statistics=SearchStatistics(0, 0, 0.0),
     )
     if not machine.slews:

@@ -119,7 +119,7 @@ class PlanningLoop:
         self._seconds = {"search": 0.0, "fit": 0.0, "energy": 0.0}
         self._since = log.began
 
-    def start_with_rest(self, rest: Trajectory, lower_bound: float) -> None:
+    def start_with_rest(self, rest: Trajectory) -> None:
         """Make the remainder of the plan in force the first incumbent, if it keeps all limits.
 
         Otherwise there is no incumbent yet, and no error is raised. In both cases the time since
@@ -127,7 +127,6 @@ class PlanningLoop:
 
         Args:
             rest: Remainder of the plan in force, with stamp 0.
-            lower_bound: Lower bound on the energy of every plan [J].
         """
         task, log = self._task, self.progress.log
         rules = fit_rules(task.options)
@@ -135,9 +134,7 @@ class PlanningLoop:
             motion = fit_rest(self._machine, rest, task.modes, rules, self.progress.deadline)
             tip, end = self._machine.tip_position(rest.position[-1]), rest.position[-1]
             path = DiscretePath.create_without_steps(tip, end, task.modes.modes, 0.0)
-            self._best = self._assemble_plan(
-                replace(path, lower_bound=lower_bound), motion, NO_DEADLINE
-            )
+            self._best = self._assemble_plan(path, motion, NO_DEADLINE)
             self.progress.has_motion = True
             cost = self._best.cost(task.options)
             log.add("plan in force", ProposalOutcome.TAKEN, motion_cost=cost)

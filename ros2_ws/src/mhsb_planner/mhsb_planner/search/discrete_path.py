@@ -45,7 +45,6 @@ class DiscretePath:
         cost: Total cost w₁ Σ E + w₂ Σ T + w₃ switches [-]. The switches into the first step count.
             The term w₄ M of `manipulability_loss` is added if the polytope's area has a weight.
         start_modes: Modes in force before the first step, shape (n,).
-        lower_bound: Lower bound on the energy of any plan to an admissible goal posture [J].
         statistics: Effort of the search.
     """
 
@@ -57,7 +56,6 @@ class DiscretePath:
     energy_series: FloatArray
     cost: float
     start_modes: ModeArray
-    lower_bound: float
     statistics: SearchStatistics
 
     def __post_init__(self) -> None:
@@ -80,8 +78,8 @@ class DiscretePath:
             seconds: Duration of the search, for the statistics [s].
 
         Returns:
-            A path with one posture, no steps, cost 0 and lower bound 0. The statistics count 0
-            states and 0 steps.
+            A path with one posture, no steps and cost 0. The statistics count 0 states and 0
+            steps.
         """
         nothing = np.empty(0)
         return cls(
@@ -93,7 +91,6 @@ class DiscretePath:
             energy_series=nothing,
             cost=0.0,
             start_modes=modes,
-            lower_bound=0.0,
             statistics=SearchStatistics(0, 0, seconds),
         )
 

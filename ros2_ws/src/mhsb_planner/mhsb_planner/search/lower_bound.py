@@ -23,7 +23,6 @@ from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.search.s2_step import (
     HydraulicCoefficients,
-    Postures,
     compute_hydraulic_coefficients,
     describe_postures,
 )
@@ -141,19 +140,3 @@ def energy_lower_bound(machine: Machine, start: FloatArray, goals: FloatArray) -
     )
     circuit = compute_hydraulic_coefficients(arrays, machine.patterns)
     return float(bound_costs_between(circuit, one.length[0], many.length, ENERGY_ALONE).min())
-
-
-def energy_bound_between(circuit: HydraulicCoefficients, start: Postures, goals: Postures) -> float:
-    """Compute a lower bound on the energy from a start to the cheapest of several postures.
-
-    Cylinder lengths are taken from the arguments, so no kinematics is computed.
-
-    Args:
-        circuit: Hydraulic coefficients of the machine.
-        start: Description of the start; only its first posture counts.
-        goals: Descriptions of the goal postures.
-
-    Returns:
-        Least of the lower bounds E_lb over the goal postures [J].
-    """
-    return float(bound_costs_between(circuit, start.length[0], goals.length, ENERGY_ALONE).min())

@@ -10,7 +10,6 @@ import numpy as np
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
-from mhsb_planner.search.lower_bound import energy_bound_between
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_start_goal_edges import (
     JoiningSteps,
@@ -150,8 +149,8 @@ class Query:
             seconds: Duration of the search, for the statistics [s].
 
         Returns:
-            The path: tip positions, postures, modes, durations, energies, cost, the lower bound on
-            the energy of any plan between start and goal, and the statistics of the search.
+            The path: tip positions, postures, modes, durations, energies, cost, and the statistics
+            of the search.
         """
         graph, table = self.graph, self.graph.table
         state, step = found.trace_path()
@@ -176,8 +175,5 @@ class Query:
             energy_series=cost[:, ENERGY_SERIES_COLUMN],
             cost=found.cost,
             start_modes=self.start_modes,
-            lower_bound=energy_bound_between(
-                graph.circuit, self.start.postures, self.goal.postures
-            ),
             statistics=SearchStatistics(found.expanded, found.generated, seconds),
         )

@@ -166,7 +166,6 @@ def warm_up(machine: Machine) -> None:
         energy_series=nothing,
         cost=0.0,
         start_modes=modes[0],
-        lower_bound=0.0,
         statistics=SearchStatistics(0, 0, 0.0),
     )
     for turning in (find_clear_turning, find_quickest_turning):

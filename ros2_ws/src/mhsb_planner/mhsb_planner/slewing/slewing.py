@@ -157,18 +157,19 @@ class SlewingPaths:
     graph: StepGraph
     """Step graph of the arm's plane."""
 
-    def bound(self, task: PathRequest) -> float:
+    def bound(self, task: PathRequest, most_cells: int) -> float:
         """Return a lower bound on the energy of every plan for a request.
 
         The bound includes the oil that the slew takes.
 
         Args:
             task: Path request of the whole arm.
+            most_cells: Largest number of additional cells of the branch and bound.
 
         Returns:
             Energy [J].
         """
-        return self._convert_to_plane(task)[0].energy_lower_bound(self.graph)
+        return self._convert_to_plane(task)[0].energy_lower_bound(self.graph.machine, most_cells)
 
     def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
         """Yield paths of the whole arm from the start posture to the goal.
@@ -181,7 +182,7 @@ class SlewingPaths:
             progress: Progress of the plan, with the time limit of the search.
 
         Yields:
-            Path proposals, with their cost and a lower bound on the energy [J].
+            Path proposals.
 
         Raises:
             MhsbError: The tip at the goal is too near to a zone, or no path exists or is found in
@@ -236,7 +237,7 @@ class SlewingPaths:
         Raises:
             MhsbError: No method has given a clear path; `_create_error` chooses the error.
         """
-        began, bound = float(task.departure[0]), in_plane.energy_lower_bound(self.graph)
+        began = float(task.departure[0])
         paths = PlanePaths(self.planner, self.graph).paths(in_plane, progress)
         direct = Proposer(self.planner.name, paths)
         baselines, turn = self.planner.baselines, (began, slew)
@@ -250,13 +251,13 @@ class SlewingPaths:
         ]
         found, schedule = False, schedule_in_turn(direct, others[:2], others[2:], progress)
         for candidate in take_turns(schedule, progress):
-            path = replace(candidate.path, lower_bound=bound)
-            turning = find_clear_turning(self.machine, path, began, slew)
+            turning = find_clear_turning(self.machine, candidate.path, began, slew)
             if turning is not None:
-                found, whole = True, combine_with_slew(self.machine, task, path, turning)
+                found, whole = True, combine_with_slew(self.machine, task, candidate.path, turning)
                 if (
                     candidate is direct.last
-                    and whole.cost <= FREE_COST_FACTOR * self._turn_evenly(task, path, slew).cost
+                    and whole.cost
+                    <= FREE_COST_FACTOR * self._turn_evenly(task, candidate.path, slew).cost
                 ):
                     for other in others:
                         other.has_ended = True

@@ -116,7 +116,7 @@ def combine_with_slew(
         ΔE = P_S (A s + n q_leak ΔT)
 
     with the supply pressure P_S [Pa] and the leakage flow q_leak of each of n valves [m³/s]. The
-    cost grows by the weighted sums of ΔE and ΔT. The path's lower bound is kept.
+    cost grows by the weighted sums of ΔE and ΔT.
 
     Args:
         machine: Whole arm, which slews.

@@ -6,17 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mhsb_model.holding import holding_modes
+from mhsb_model.holding import MAX_HELD_SPEED, holding_modes
 from mhsb_model.hydraulics import required_pressure
 from mhsb_model.modes import Mode
 from mhsb_planner.integrated.cylinder_path import (
     BOOST_RESERVE,
-    REST_SPEED,
     new_path_cost_buffers,
     price_path,
     to_discrete_path,
 )
-from mhsb_planner.motion.motion_profile import DEAD_BAND
 from mhsb_planner.posture.s1_polytope import polytope_area
 from mhsb_planner.search.discrete_path import SearchStatistics
 from mhsb_planner.search.lower_bound import energy_lower_bound
@@ -30,7 +28,7 @@ def path_along(machine, t, via, start):
     memory = new_path_cost_buffers(t)
     cost = price_path(t, memory, via, start, np.inf)
     modes = np.zeros(machine.joint_count, dtype=np.uint8)
-    return to_discrete_path(t, memory, via, cost, start, modes, 0.0, NOTHING)
+    return to_discrete_path(t, memory, via, cost, start, modes, NOTHING)
 
 
 def possible_routes(machine, terms, posture_within, count, stroke):
@@ -62,7 +60,9 @@ def test_the_modes_along_a_route_are_the_best_of_all_sequences(arm, terms_of, po
     t = terms_of(arm)
     for start, via in possible_routes(arm, t, posture_within, 12, stroke=3e-3):
         path = path_along(arm, t, via, start)
-        steps = [step_costs(arm, *ends, REST_SPEED) for ends in itertools.pairwise(path.posture)]
+        steps = [
+            step_costs(arm, *ends, MAX_HELD_SPEED) for ends in itertools.pairwise(path.posture)
+        ]
         hold = holding_modes(arm, arm.piston_forces(path.posture[-1]))
         usable = [np.flatnonzero(step.admissible) for step in steps]
         best = np.inf
@@ -81,7 +81,7 @@ def test_the_path_of_a_route_consists_of_steps_with_their_costs(arm, terms_of, p
         path = path_along(arm, t, via, start)
         for k, ends in enumerate(itertools.pairwise(path.posture)):
             p = int(np.flatnonzero((arm.patterns == path.modes[k]).all(axis=1))[0])
-            step = step_costs(arm, *ends, REST_SPEED)
+            step = step_costs(arm, *ends, MAX_HELD_SPEED)
             assert step.admissible[p]
             assert path.energy[k] == pytest.approx(step.energy[p], rel=1e-9)
             assert path.energy_series[k] == pytest.approx(step.energy_series[p], rel=1e-9)
@@ -93,7 +93,6 @@ def test_the_path_of_a_route_consists_of_steps_with_their_costs(arm, terms_of, p
 
 def test_loads_that_are_held_cost_boost_as_in_the_motion(arm, terms_of, posture_within):
     """Two cylinders rest: on loads above P_S they are boosted, and pay p_L/η for what leaks."""
-    assert REST_SPEED == DEAD_BAND
     t, m, boosted = terms_of(arm), arm.arrays, 0
     for start, via in possible_routes(arm, t, posture_within, 60, stroke=4e-3):
         via[1:, 1:] = via[0, 1:]
@@ -157,7 +156,7 @@ def test_with_a_weight_the_area_lost_in_the_middle_of_each_piece_counts_in_its_m
         path = path_along(arm, t, via, start)
         best = np.inf
         pairs = list(itertools.pairwise(path.posture))
-        steps = [step_costs(careful, *ends, REST_SPEED) for ends in pairs]
+        steps = [step_costs(careful, *ends, MAX_HELD_SPEED) for ends in pairs]
         hold = holding_modes(arm, arm.piston_forces(path.posture[-1]))
         lost = [lost_areas(arm, term, *ends) for ends in pairs]
         for sequence in itertools.product(*(np.flatnonzero(step.admissible) for step in steps)):

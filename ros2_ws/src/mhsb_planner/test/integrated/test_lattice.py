@@ -8,19 +8,19 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from mhsb_model.holding import holding_modes
+from mhsb_model.holding import MAX_HELD_SPEED, holding_modes
 from mhsb_model.types import frozen
 from mhsb_model.workspace import compute_workspace_excess
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.integrated import lattice as lattice_module
-from mhsb_planner.integrated.cylinder_path import REST_SPEED, new_path_cost_buffers
+from mhsb_planner.integrated.cylinder_path import new_path_cost_buffers
 from mhsb_planner.integrated.goal_postures import GoalPostures
 from mhsb_planner.integrated.lattice import (
     LatticeSearch,
     lattice_even_in_angles,
     lattice_even_in_lengths,
 )
-from mhsb_planner.integrated.lower_bound import lower_bound_to_goals
+from mhsb_planner.integrated.lower_bound import bound_cost_to_goals
 from mhsb_planner.search.s2_step import Postures, describe_postures, step_costs
 
 SPACING, REACH = 22e-3, 0.4  # m
@@ -78,7 +78,7 @@ def by_dijkstra(machine, lattice, goal):
     def add(k, target, beyond, states, last_switches):
         if beyond > max(1e-9, excess[k]):
             return
-        step = step_costs(machine, posture[k], target, REST_SPEED)
+        step = step_costs(machine, posture[k], target, MAX_HELD_SPEED)
         cost = 0.5 * step.energy + step.duration + SWITCH * last_switches
         ways = np.column_stack([leaving + k * count + own, states, cost])
         edges.append(ways[step.admissible])
@@ -148,7 +148,7 @@ def test_the_search_finds_what_dijkstra_finds_and_nothing_undercuts_the_bound(
         tip = machine.tip_position(goal)
         psi, still = np.array([[goal.sum()]]), np.zeros(1)
         exactly = GoalPostures((tip[0], tip[1]), tip[None, :], goals, np.ones(1), psi, still, None)
-        bound = lower_bound_to_goals(machine, t.circuit, via[0], exactly, frozen([0.5, 1.0]))
+        bound = bound_cost_to_goals(machine, t.circuit, via[0], exactly, frozen([0.5, 1.0]))
         assert bound <= expected * (1 + 1e-9)
         found += 1
     assert found >= 2

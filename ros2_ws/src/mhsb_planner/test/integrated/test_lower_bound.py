@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from mhsb_model.types import frozen
 from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.integrated.goal_postures import sample_goal_postures
-from mhsb_planner.integrated.lower_bound import enclose_cell, lower_bound_to_goals
+from mhsb_planner.integrated.lower_bound import bound_cost_to_goals, enclose_cell
 from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.s2_step import compute_hydraulic_coefficients
 
@@ -18,7 +18,7 @@ SECONDS = frozen([0.0, 1.0])
 
 def bound(machine, start, goals, weight=ENERGY):
     circuit = compute_hydraulic_coefficients(machine.arrays, machine.patterns)
-    return lower_bound_to_goals(machine, circuit, machine.cylinder_lengths(start), goals, weight)
+    return bound_cost_to_goals(machine, circuit, machine.cylinder_lengths(start), goals, weight)
 
 
 @pytest.mark.parametrize("seed", range(15))

@@ -58,7 +58,6 @@ def straight(machine, start, end, duration):
         energy_series=np.zeros(1),
         cost=0.0,
         start_modes=np.zeros(3, dtype=np.uint8),
-        lower_bound=0.0,
         statistics=SearchStatistics(0, 0, 0.0),
     )
 

@@ -68,7 +68,6 @@ def longer(path, steps):
         energy_series=path.energy_series[walked],
         cost=path.cost,
         start_modes=path.start_modes,
-        lower_bound=path.lower_bound,
         statistics=path.statistics,
     )
 

@@ -32,7 +32,6 @@ def path_of(duration):
         energy_series=np.ones(1),
         cost=1.0,
         start_modes=np.zeros(3, dtype=np.uint8),
-        lower_bound=0.0,
         statistics=SearchStatistics(0, 0, 0.0),
     )
 

@@ -17,7 +17,6 @@ def path():
         energy_series=np.array([9.0, 18.0]),
         cost=40.0,
         start_modes=np.zeros(3),
-        lower_bound=5.0,
         statistics=SearchStatistics(3, 9, 0.001),
     )
 

@@ -45,7 +45,6 @@ def over_a_post(excavator):
         energy_series=np.full(steps, 100.0),
         cost=0.0,
         start_modes=modes[0],
-        lower_bound=0.0,
         statistics=SearchStatistics(0, 0, 0.0),
     )
     return machine, path

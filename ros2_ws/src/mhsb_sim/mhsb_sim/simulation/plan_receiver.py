@@ -14,14 +14,12 @@ from typing import Protocol
 import numpy as np
 
 from mhsb_model.arm_reports import HandOverOutcome, HandOverReason, HandOverReport
+from mhsb_model.command import MAX_HAND_OVER_JUMP
 from mhsb_model.feasibility.curve_check import describe_curve_problem
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import modules_in_use, pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
-
-LARGEST_JUMP = 1e-6
-"""Largest jump of the reference at a hand-over: position [rad or m], velocity [rad/s or m/s]."""
 
 PAIR_TIMEOUT = 0.5
 """Wall-clock time for which half a plan waits for its other half [s]."""
@@ -319,7 +317,7 @@ class PlanReceiver:
         assert trajectory is not None
         assert schedule is not None
         jump = compute_jump(self._target.planned, trajectory.sample(self._target.plan_time_ns))
-        if max(jump) <= LARGEST_JUMP:
+        if max(jump) <= MAX_HAND_OVER_JUMP:
             self._target.set_plan(trajectory, schedule)
             self._last_stamp_ns = pair.stamp_ns
             reason, text = (
@@ -346,8 +344,8 @@ class PlanReceiver:
         stamp = trajectory.stamp_ns
         then = self._target.reference_at(stamp)
         at_stamp = (0.0, 0.0) if then is None else compute_jump(then, trajectory.sample(stamp))
-        allowed = f"at most {LARGEST_JUMP:g} is allowed"
-        if max(at_stamp) > LARGEST_JUMP:
+        allowed = f"at most {MAX_HAND_OVER_JUMP:g} is allowed"
+        if max(at_stamp) > MAX_HAND_OVER_JUMP:
             return HandOverReason.JUMP, (
                 "it does not continue the reference: at its stamp it is "
                 f"{_format_jump(at_stamp)} away from it, {allowed}; plan from `reference`"
@@ -436,7 +434,7 @@ def find_trajectory_problem(machine: Machine, trajectory: Trajectory) -> str | N
             f"its trajectory has {trajectory.joint_count} joints, "
             f"the machine has {machine.joint_count}"
         )
-    if np.any(np.abs(trajectory.velocity[-1]) > LARGEST_JUMP):
+    if np.any(np.abs(trajectory.velocity[-1]) > MAX_HAND_OVER_JUMP):
         return "its trajectory does not end at rest"
     return describe_curve_problem(machine, trajectory)
 

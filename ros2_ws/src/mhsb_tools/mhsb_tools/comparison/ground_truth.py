@@ -16,6 +16,7 @@ import numpy as np
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.integrated.integrated_search import SearchLimits, improve_path, search
+from mhsb_planner.integrated.lower_bound import bound_energy_to_goal
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.s2_search import PathQuery, Weights
 from mhsb_planner.search.s2_step import EnergyReading
@@ -78,7 +79,8 @@ def ground_truth(
     best = min((search(machine, query, effort=e) for e in (None, EXHAUSTIVE_LIMITS)), key=_cost)
     if energy_reading != "paper" or np.any(start_modes) or len(machine.obstacles.path_rows) > 0:
         return best
-    if weights.energy * best.lower_bound >= (1.0 - NEAR_THE_BOUND) * best.cost:
+    lower_bound = bound_energy_to_goal(machine, start, goal)
+    if weights.energy * lower_bound >= (1.0 - NEAR_THE_BOUND) * best.cost:
         return best
     for holding in (True, False):
         known = MAY_BE_IMPROVED * best.cost

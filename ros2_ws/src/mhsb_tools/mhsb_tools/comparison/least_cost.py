@@ -21,6 +21,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES, RAIL_MODES, Mode
 from mhsb_model.types import FloatArray, IntArray
@@ -47,10 +48,8 @@ PSI_SPACING = math.radians(0.5)
 RANGE_SAMPLES = 2000
 """Number of samples over each joint's range, from which the lattice's angles are interpolated."""
 
-MAX_HELD_STROKE, REST_SPEED = 1e-6, 2e-4
-"""Stroke up to which a cylinder counts as held [m], and speed below which it counts as at rest
-[m/s].
-"""
+MAX_HELD_STROKE = 1e-6
+"""Stroke up to which a cylinder counts as held [m]."""
 
 SPEED_FACTOR = 1.0 + 1e-9
 """Factor on V_max for an upper bound of all speeds that rounding cannot exceed."""
@@ -86,7 +85,7 @@ def least_cost(
         The cost, and the cylinder lengths along the path, start and goal included, shape (points,
         n) [m]. Infinity and None if nothing cheaper than `incumbent_cost` is found.
     """
-    pricing = _Pricing(machine, weights, REST_SPEED if boosts_held_loads else 0.0)
+    pricing = _Pricing(machine, weights, MAX_HELD_SPEED if boosts_held_loads else 0.0)
     circuit = compute_hydraulic_coefficients(machine.arrays, machine.patterns)
     weight = np.array([weights.energy, weights.time, weights.switches])
     among = sample_goal_postures(machine, *goal, spacing=PSI_SPACING)

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.circuit.elements import friction_force
+from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import (
     compute_valve_leakage,
     get_shared_hydraulics,
@@ -32,7 +33,7 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
 from mhsb_planner.motion.energy import motion_energy
-from mhsb_planner.motion.motion_profile import DEAD_BAND, motion_profile
+from mhsb_planner.motion.motion_profile import motion_profile
 
 LOAD_SENSING_MARGINS = (1e6, 2e6)
 """Pressure margins Δp of load sensing [Pa], the low and the high end of what is usual."""
@@ -121,7 +122,7 @@ def loads_of(machine: Machine, trajectory: Trajectory) -> MotionLoads:
     points = trajectory.offset_ns
     at = np.union1d(points, (points[1:] + points[:-1]) // 2)
     profile = motion_profile(machine, *trajectory.sample_offsets(at))
-    speed = np.where(np.abs(profile.speed) > DEAD_BAND, profile.speed, 0.0)
+    speed = np.where(np.abs(profile.speed) > MAX_HELD_SPEED, profile.speed, 0.0)
     oil = machine.config.circuit
     friction = _friction(oil.coulomb_friction, oil.viscous_friction, oil.friction_speed, speed)
     force = profile.force + profile.inertia + machine.friction_factors * friction

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import load_pressure
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, ModeArray, Position
 from mhsb_planner.motion.energy import Energy
-from mhsb_planner.motion.motion_profile import DEAD_BAND, motion_profile
+from mhsb_planner.motion.motion_profile import motion_profile
 from mhsb_planner.motion.planned_pressures import planned_supply
 from mhsb_planner.plan import Plan
 
@@ -122,7 +123,7 @@ def load_pressures(machine: Machine, force: FloatArray, speed: FloatArray) -> Fl
         Load pressures [Pa], shape (k, n).
     """
     m, tank = machine.arrays, machine.arrays.tank_pressure
-    direction = np.where(np.abs(speed) > DEAD_BAND, speed, force)
+    direction = np.where(np.abs(speed) > MAX_HELD_SPEED, speed, force)
     return np.array([
         [
             load_pressure(m.cap_area[j], m.rod_area[j], tank, force[k, j], direction[k, j])

@@ -16,6 +16,7 @@ import numpy as np
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_planner.cases.paper_cases import PaperCase
+from mhsb_planner.integrated.lower_bound import bound_energy_to_goal
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_tools.reproduction import measures
 from mhsb_tools.reproduction.conditions import BoundCheck, at_least, at_most
@@ -687,7 +688,9 @@ def numbers(runs: Runs, name: str) -> dict[str, float]:
         "energy_series_discrete_j": float(path.energy_series.sum()),
         "duration_discrete_s": measures.duration(path),
         "length_m": path.length,
-        "lower_bound_j": path.lower_bound,
+        "lower_bound_j": bound_energy_to_goal(
+            runs[name].machine, path.posture[0], tuple(path.tip[-1].tolist())
+        ),
         "length_over_shortest": _ratio(runs, path),
         "normal_share": measures.normal_share(path),
         "switches": float(path.switches),

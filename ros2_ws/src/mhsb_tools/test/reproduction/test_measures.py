@@ -21,7 +21,6 @@ def path():
         energy_series=np.array([9.0, 18.0, 27.0]),
         cost=0.0,
         start_modes=np.zeros(3),
-        lower_bound=0.0,
         statistics=SearchStatistics(0, 0, 0.0),
     )
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import (
     compute_pressure_with_margin,
     get_max_supply_pressure,
@@ -26,7 +27,6 @@ from mhsb_model.hydraulics import (
 )
 from mhsb_model.kernels.kernel import kernel
 from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit
-from mhsb_planner.motion.motion_profile import DEAD_BAND
 
 CLEAR_PRESSURE = 0.999
 """Largest share of the available pressure up to which an interval counts as clear [-].
@@ -44,8 +44,8 @@ def measure_holding_pressure(m: MachineArrays, state: LimitInputs) -> float:
     heaviest = 0.0
     for j in range(len(state.speed)):
         v, f = state.speed[j], state.force[j]
-        lifts = abs(v) <= DEAD_BAND or opposes_motion(f, v)
-        if lifts and abs(v) > 0.25 * DEAD_BAND:
+        lifts = abs(v) <= MAX_HELD_SPEED or opposes_motion(f, v)
+        if lifts and abs(v) > 0.25 * MAX_HELD_SPEED:
             needed = compute_pressure_with_margin(oil, valve[j], cap[j], rod[j], f, 0.0)
             highest = get_max_supply_pressure(oil, m.modules_per_mode[state.modes[j]])
             heaviest = max(heaviest, needed / highest)

@@ -13,6 +13,7 @@ Source: paper, Section 2.1, with inertia added.
 from __future__ import annotations
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import (
     compute_inertia_margin,
     compute_pressure_with_margin,
@@ -22,7 +23,6 @@ from mhsb_model.hydraulics import (
 )
 from mhsb_model.kernels.kernel import kernel
 from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit, TimeScaling
-from mhsb_planner.motion.motion_profile import DEAD_BAND
 
 
 @kernel(inline="always")
@@ -35,7 +35,7 @@ def measure_thrust(m: MachineArrays, state: LimitInputs) -> float:
     hardest = 0.0
     for j in range(len(state.speed)):
         v, load = state.speed[j], state.force[j] + state.inertia[j]
-        if abs(v) > DEAD_BAND and opposes_motion(load, v):
+        if abs(v) > MAX_HELD_SPEED and opposes_motion(load, v):
             needed = compute_pressure_with_margin(oil, valve[j], cap[j], rod[j], load, v)
             needed -= compute_inertia_margin(oil)
             highest = get_max_supply_pressure(oil, m.modules_per_mode[state.modes[j]])

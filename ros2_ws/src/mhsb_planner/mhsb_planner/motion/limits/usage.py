@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import (
     SharedHydraulics,
     boosted_supply,
@@ -32,7 +33,6 @@ from mhsb_model.hydraulics import (
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.modes import BOOSTED_MODES
 from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit, TimeScaling
-from mhsb_planner.motion.motion_profile import DEAD_BAND
 
 
 @kernel
@@ -97,7 +97,7 @@ def measure_usage(m: MachineArrays, state: LimitInputs) -> float:
         flow += inlet_area(cap[j], rod[j], v) * abs(v)
         if BOOSTED_MODES[modes[j]]:
             own[j] = boosted_supply(oil, valve[j], cap[j], rod[j], f, v)
-        if abs(v) > DEAD_BAND:
+        if abs(v) > MAX_HELD_SPEED:
             limit = speed_limit(oil, valve[j], cap[j], rod[j], f, v, modules)
             fastest = max(fastest, abs(v) / limit) if limit > 0.0 else math.inf
     shared = compute_piston_flow_budget(oil, own, modes)
