@@ -23,9 +23,9 @@ switched too early there.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 
@@ -287,54 +287,85 @@ def fit_braking(
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the kernels of trajectory, mode schedule and energy.
-
-    The first plan is then not slow.
-
-    It fits a short path from rest, from a coasting start and from a steering start.
+    """Compile the kernels of trajectory, mode schedule and energy for starts at rest.
 
     Args:
         machine: Machine that moves.
     """
-    arrays = machine.arrays
+    path = _example_path(machine)
+    start = MotionState.at_rest(path.posture[0])
+    _fit_each(machine, path, start, [(None, None, FitRules())])
+    with suppress(FitError):
+        fit_trajectory(machine, path, start, StartModes.create_settled(path.start_modes))
+    s3_clearance.warm_up(machine)
+    s3_limits.warm_up(machine)
+
+
+def warm_up_moving_starts(machine: Machine) -> None:
+    """Compile the kernels of motions from coasting and from steering starts.
+
+    Args:
+        machine: Machine that moves.
+    """
+    path = _example_path(machine)
+    middle = path.posture[0]
+    moving = MotionState(middle, 0.1 * middle, middle)
+    coast = compute_coasting(machine, moving)
+    ways = [
+        (coast.trajectory, coast, FitRules.create_following()),
+        (None, Steering(moving, coast.trajectory), FitRules()),
+    ]
+    _fit_each(machine, path, MotionState.at_rest(middle), ways)
+
+
+def _example_path(machine: Machine) -> DiscretePath:
+    """Create a short path of one step in mode N, from the middle of the joint ranges.
+
+    Args:
+        machine: Machine that moves.
+
+    Returns:
+        The path; its duration is 1 s, its energies are 0.
+    """
+    arrays, normal = machine.arrays, np.zeros((1, machine.joint_count), dtype=np.uint8)
     middle = 0.5 * (arrays.joint_min + arrays.joint_max)
     posture = np.array([middle, 0.99 * middle + 0.01 * arrays.joint_max])
-    normal = np.zeros((1, machine.joint_count), dtype=np.uint8)
-    nothing = np.zeros(1)
-    path = DiscretePath(
+    return DiscretePath(
         tip=machine.tip_in_base(posture),
         posture=posture,
         modes=normal,
         duration=np.ones(1),
-        energy=nothing,
-        energy_series=nothing,
+        energy=np.zeros(1),
+        energy_series=np.zeros(1),
         cost=0.0,
         start_modes=normal[0],
         statistics=SearchStatistics(0, 0, 0.0),
     )
-    start, modes, rules = (
-        MotionState.at_rest(middle),
-        StartModes.create_settled(normal[0]),
-        FitRules(),
-    )
-    moving = MotionState(middle, 0.1 * middle, middle)
-    coast = compute_coasting(machine, moving)
-    following = FitRules.create_following()
-    for candidate in chain(
-        iterate_candidates(machine, path, start, None, None, modes, rules),
-        iterate_candidates(machine, path, start, coast.trajectory, coast, modes, following),
-        iterate_candidates(
-            machine, path, start, None, Steering(moving, coast.trajectory), modes, rules
-        ),
-    ):
-        motion = _fit_candidate(machine, machine.arrays, path, modes, candidate, rules, NO_DEADLINE)
-        if isinstance(motion, FittedMotion):
-            for known in (motion.profiles, None):
-                motion_energy(machine, motion.trajectory, motion.schedule, known)
-    with suppress(FitError):
-        fit_trajectory(machine, path, MotionState.at_rest(path.posture[0]), modes)
-    s3_clearance.warm_up(machine)
-    s3_limits.warm_up(machine)
+
+
+def _fit_each(
+    machine: Machine,
+    path: DiscretePath,
+    start: MotionState,
+    ways: Sequence[tuple[Trajectory | None, Coasting | Steering | None, FitRules]],
+) -> None:
+    """Fit all candidates of some ways to begin a motion, and compute the energy of each.
+
+    Args:
+        machine: Machine that moves.
+        path: Path of the motion.
+        start: State at the path's first posture.
+        ways: Braking motion, coasting or steering start, and rules of each way.
+    """
+    modes = StartModes.create_settled(path.start_modes)
+    for brake, steering, rules in ways:
+        for candidate in iterate_candidates(machine, path, start, brake, steering, modes, rules):
+            motion = _fit_candidate(
+                machine, machine.arrays, path, modes, candidate, FitRules(), NO_DEADLINE
+            )
+            if isinstance(motion, FittedMotion):
+                for known in (motion.profiles, None):
+                    motion_energy(machine, motion.trajectory, motion.schedule, known)
 
 
 def _check_continuity(path: DiscretePath, start: MotionState, brake: Trajectory | None) -> None:

@@ -23,7 +23,7 @@ from mhsb_model.modes import pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import FloatArray, Position
 from mhsb_planner.cases.paper_cases import PaperCase
-from mhsb_planner.kernel_parts import compile_planner
+from mhsb_planner.kernel_parts import PARTS_FOR_REST, compile_planner
 from mhsb_planner.motion.cavitation import find_cavitating_steps
 from mhsb_planner.motion.motion_table import format_switches
 from mhsb_planner.plan_log import LogEntry, PlanLog
@@ -124,7 +124,7 @@ def plan(
         make_parent_folder(csv, "the table")
     check_coordinates(base, asked)
     changed = zones.add_to(arm.change(base))
-    compile_planner()
+    compile_planner(parts=PARTS_FOR_REST)
     suite = Planner(changed, load_or_build_table(base, arm.table))
     began = time.perf_counter()
     if posture is None:
