@@ -486,15 +486,8 @@ def _fit_candidate(
             trajectory, first = join_trajectories(lead_in, trajectory), len(lead_in.offset_ns) - 1
         deadline.check(FIT_TASK)
         position = trajectory.position[first:]
-        beyond = compute_outward_excess(limits, as_frozen(position))
-        if beyond > JOINT_TOLERANCE:
-            return f"a joint limit is passed by {beyond:.3g} rad"
-        if candidate.furthest_travel is not None:
-            overrun = _compute_overrun(
-                machine, candidate.start, position, candidate.furthest_travel
-            )
-            if overrun > rules.max_overrun:
-                return f"a piston runs on by {1000 * overrun:.3g} mm more than braking takes"
+        if passed := _describe_passed_limit(machine, limits, candidate, position, rules):
+            return passed
         time = trajectory.offset_ns / SECOND_NS
         preferred = _get_preferred_modes(path, curve.node_time, time, first)
         scheduled = ScheduledMotion.create(machine, trajectory, modes, preferred, rules.switching)
@@ -504,13 +497,9 @@ def _fit_candidate(
         tip = machine.convert_to_base(profile.tip, trajectory.position[:, 0])
         if missed := describe_first_missed(tip, rules.via_points):
             return missed
-        after = profile[first:]
-        fastest = 1.0 + rules.max_excess
-        if candidate.coasts:  # stretching cannot slow a start that is too fast
-            fastest = max(fastest, USAGE_RESERVE * (1.0 + _speed_excess(machine, profile[:1])))
-        quasi_static = (1.0 + _speed_excess(machine, after)) / fastest
         ends = EndValues.from_profile(machine, profile, scheduled.intervals)
-        used = max(ends.compute_stretch(first), quasi_static, slowing)
+        speed = _compute_speed_use(machine, candidate, profile, first, rules)
+        used = max(ends.compute_stretch(first), speed, slowing)
         deadline.check(FIT_TASK)
         needed = USAGE_RESERVE * used
         stuck, before = used == before, used
@@ -533,6 +522,62 @@ def _fit_candidate(
         if stretch > (candidate.max_stretch or rules.max_stretch) * candidate.stretch:
             return f"V_max, valves and pumps would take a duration {stretch:.3g} times the path's"
     return "stretching it did not bring it within what valves and pumps can do"
+
+
+def _describe_passed_limit(
+    machine: Machine,
+    limits: MachineArrays,
+    candidate: CurveCandidate,
+    position: FloatArray,
+    rules: FitRules,
+) -> str:
+    """Describe a joint limit or a limit of piston travel that a curve passes.
+
+    Args:
+        machine: Machine that moves.
+        limits: Arrays of the machine with the joint limits.
+        candidate: The curve's candidate, which may limit the travel.
+        position: Joint positions at the sampled points, shape (m, n) [rad or m].
+        rules: Settings of the fit.
+
+    Returns:
+        Clause that says by how much it is passed; empty if the curve keeps both.
+    """
+    beyond = compute_outward_excess(limits, as_frozen(position))
+    if beyond > JOINT_TOLERANCE:
+        return f"a joint limit is passed by {beyond:.3g} rad"
+    if candidate.furthest_travel is not None:
+        overrun = _compute_overrun(machine, candidate.start, position, candidate.furthest_travel)
+        if overrun > rules.max_overrun:
+            return f"a piston runs on by {1000 * overrun:.3g} mm more than braking takes"
+    return ""
+
+
+def _compute_speed_use(
+    machine: Machine,
+    candidate: CurveCandidate,
+    profile: MotionProfile,
+    first: int,
+    rules: FitRules,
+) -> float:
+    """Compute the share of the allowed piston speed that a motion uses.
+
+    A coasting start may be faster than the rules allow, because stretching cannot slow it.
+
+    Args:
+        machine: Machine that moves.
+        candidate: The motion's candidate.
+        profile: Profile of the motion.
+        first: Index of the first point after the lead-in.
+        rules: Settings of the fit.
+
+    Returns:
+        Largest speed after the lead-in over the allowed one [-]; above 1 it is too fast.
+    """
+    fastest = 1.0 + rules.max_excess
+    if candidate.coasts:
+        fastest = max(fastest, USAGE_RESERVE * (1.0 + _speed_excess(machine, profile[:1])))
+    return (1.0 + _speed_excess(machine, profile[first:])) / fastest
 
 
 def _get_preferred_modes(

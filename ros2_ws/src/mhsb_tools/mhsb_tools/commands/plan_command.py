@@ -6,6 +6,7 @@ import json
 import math
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -107,10 +108,7 @@ def plan(
             `start` or `case`, a value with its range, or more than one of `goal_tolerance`,
             `goal_segment` and `goal_box`.
     """
-    if plot is not None and plot.suffix.lower() != ".png":
-        raise command_line.UsageError(f"--plot: '{plot}' must end in .png")
-    if csv is not None and csv.suffix.lower() != ".csv":
-        raise command_line.UsageError(f"--csv: '{csv}' must end in .csv")
+    _check_suffixes(plot, csv)
     base = load_machine(arm.machine)
     posture, start = move.find_start(base)
     asked = build_request(
@@ -149,15 +147,24 @@ def plan(
     if json_:
         content = as_json(suite.machine, made, seconds) | area | operating_points_as_json(found)
         content |= {"case": move.case, "replaced": list_replaced_values(asked)}
-        if explain:
-            content["log"] = log_as_json(made.log)
-        print(json.dumps(content))
-    else:
-        lines = [*case_line(asked), str(made), *point_lines(found), "", *motion_lines(made)]
-        if explain:
-            lines += ["", *path_lines(suite.machine, made), "", *fit_lines(made, seconds)]
-            lines += [area_line(area), "", PlanLog(list(made.log)).format_table()]
+        print(json.dumps(content | ({"log": log_as_json(made.log)} if explain else {})))
+        return
+    print("\n".join([*case_line(asked), str(made), *point_lines(found), "", *motion_lines(made)]))
+    if explain:
+        lines = ["", *path_lines(suite.machine, made), "", *fit_lines(made, seconds)]
+        lines += [area_line(area), "", PlanLog(list(made.log)).format_table()]
         print("\n".join(lines))
+
+
+def _check_suffixes(plot: Path | None, csv: Path | None) -> None:
+    """Check the suffixes of the files that are to be written.
+
+    Raises:
+        UsageError: The picture does not end in .png, or the table not in .csv.
+    """
+    for flag, file, suffix in (("--plot", plot, ".png"), ("--csv", csv, ".csv")):
+        if file is not None and file.suffix.lower() != suffix:
+            raise command_line.UsageError(f"{flag}: '{file}' must end in {suffix}")
 
 
 def _make_plan(
