@@ -89,11 +89,15 @@ def compile_fixed_joint_search() -> None:
     fixed_j3.warm_up(step_graph())
 
 
+def compile_polytope_areas() -> None:
+    """Compile the areas of the velocity polytope along a motion."""
+    manipulability_loss.warm_up(machine())
+
+
 def compile_remaining_kernels() -> None:
-    """Compile the kernels that only some requests need, such as for obstacles and the area."""
+    """Compile the kernels that only some requests need, such as for obstacles."""
     goal_clearance.warm_up(machine())
     among_zones.warm_up(machine())
-    manipulability_loss.warm_up(machine())
     integrated_search.warm_up(machine())
 
 
@@ -102,7 +106,7 @@ PARTS_FOR_REST = tuple(
     for part in (
         compile_motion, compile_path_pricing, compile_posture_table, compile_lattice_search,
         compile_step_costs, compile_refinement, compile_graph_search, compile_path_conversion,
-        compile_fixed_joint_search,
+        compile_fixed_joint_search, compile_polytope_areas,
     )
 )  # fmt: skip
 """Import paths ("module:function") of the parts that a plan from rest without zones in space
