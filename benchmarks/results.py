@@ -191,7 +191,8 @@ def summary_lines(figures: Figures) -> list[str]:
     rows: dict[str, Sequence[object]] = {
         f"energy of {moves}, simulated": (
             f"`integrated` {planned['integrated']} kJ",
-            f"`table` (the paper's postures) {planned['table']} kJ, `fixed` (joint 3 kept) {planned['fixed']} kJ",
+            f"`table` (the paper's postures) {planned['table']} kJ, "
+            f"`fixed` (joint 3 kept) {planned['fixed']} kJ",
         ),
         "energy to the oil, the same moves": (
             f"booster {oil['MHSB']} kJ",
