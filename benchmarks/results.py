@@ -67,7 +67,8 @@ def demo_moves(machine: Machine) -> list[ComparedMove]:
         The moves. Each begins in the posture in which the integrated planner's motion before ends.
     """
     planner = Planner(machine, load_or_build_table(machine))
-    posture, moves = np.array(machine.config.simulation.start_posture), []
+    posture = np.array(machine.config.simulation.start_posture)
+    moves: list[ComparedMove] = []
     for goal in read_goals(find_config_file(GOALS_FILE)):
         moves.append(ComparedMove(f"demo {len(moves) + 1}", Move(posture, goal.position), False))
         plan = planner.plan(goal.position, MotionState.at_rest(posture))
