@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 from benchmarks.results import demo_moves, energy_figures, energy_lines, table
 
@@ -10,7 +12,7 @@ def test_the_demo_s_moves_follow_one_another():
     machine = load_machine()
     moves = [each.move for each in demo_moves(machine)]
     assert len(moves) == 11
-    for before, after in zip(moves, moves[1:], strict=False):
+    for before, after in pairwise(moves):
         tip = machine.tip_position(after.start)
         np.testing.assert_allclose(tip, before.goal, atol=1e-6)
 
