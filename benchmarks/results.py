@@ -29,6 +29,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from benchmarks import online_benchmark, planning_benchmark
+from benchmarks.integrated_benchmark import INTEGRATED
 from tqdm import tqdm
 
 from mhsb_control import load_machine
@@ -67,10 +68,11 @@ def demo_moves(machine: Machine) -> list[ComparedMove]:
         The moves. Each begins in the posture in which the integrated planner's motion before ends.
     """
     planner = Planner(machine, load_or_build_table(machine))
-    posture, moves = np.array(machine.config.simulation.start_posture), []
+    posture = np.array(machine.config.simulation.start_posture)
+    moves: list[ComparedMove] = []
     for goal in read_goals(find_config_file(GOALS_FILE)):
         moves.append(ComparedMove(f"demo {len(moves) + 1}", Move(posture, goal.position), False))
-        plan = planner.plan(goal.position, MotionState.at_rest(posture))
+        plan = planner.plan(goal.position, MotionState.at_rest(posture), options=INTEGRATED)
         posture = plan.motion.trajectory.position[-1]
     return moves
 
