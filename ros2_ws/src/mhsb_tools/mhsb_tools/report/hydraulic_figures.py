@@ -165,7 +165,7 @@ def draw_pressure_limits(run: EvaluatedRecording, axes: Axes, actuator: int) -> 
             axes.axhline(PER_MPA * pressure, color=BROWN, linestyle=style, label=label)
         else:
             beyond.append(f"{label} at {PER_MPA * pressure:g} MPa")
-    axes.set_title(", ".join(beyond), fontsize=8, color=GREY)
+    axes.set_title(", ".join(beyond), loc="left", fontsize=8, color=GREY)
     axes.set_ylim(0.0, PER_MPA * highest)
 
 
