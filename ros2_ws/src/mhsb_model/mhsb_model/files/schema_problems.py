@@ -107,11 +107,7 @@ def _describe_problem(item: Any, model: type[BaseModel]) -> str:
     section, field = _locate_field(model, item["loc"])
     unit, value = _find_unit(field), _format_value(item.get("input")) if item["loc"] else ""
     if kind in LIMIT_ERRORS:
-        key, words, what_to_do = LIMIT_ERRORS[kind]
-        limit = context[key]
-        low, high = (limit, math.inf) if key in ("gt", "ge") else (-math.inf, limit)
-        hint = suggest_unit_of_number(item["input"], unit.strip(), low, high)
-        return f"must be {words} {limit:g}{unit}{value}{hint or f'; {what_to_do}'}"
+        return _describe_broken_limit(item, unit, value)
     if kind == "missing":
         meaning = (field.description if field else "") or ""
         return f"is missing; add it{f': {meaning}' if meaning else ''}"
@@ -142,6 +138,24 @@ def _describe_problem(item: Any, model: type[BaseModel]) -> str:
     if of_type:
         return f"must be {of_type}{f', in{unit}' if unit else ''}{value}; give one"
     return f"{str(item['msg']).lower()}{value}"
+
+
+def _describe_broken_limit(item: Any, unit: str, value: str) -> str:
+    """Describe a number beyond a limit, and ask for another unit if that brings it within.
+
+    Args:
+        item: One entry of pydantic's `ValidationError.errors()`.
+        unit: Unit of the field with a leading space; empty if it has none.
+        value: The number as ` (is …)`.
+
+    Returns:
+        Sentence without subject, with the remedy or the question.
+    """
+    key, words, what_to_do = LIMIT_ERRORS[item["type"]]
+    limit = item["ctx"][key]
+    low, high = (limit, math.inf) if key in ("gt", "ge") else (-math.inf, limit)
+    hint = suggest_unit_of_number(item["input"], unit.strip(), low, high)
+    return f"must be {words} {limit:g}{unit}{value}{hint or f'; {what_to_do}'}"
 
 
 def _describe_unknown_key(key: str, keys: Sequence[str]) -> str:

@@ -107,10 +107,10 @@ def plan(
             `start` or `case`, a value with its range, or more than one of `goal_tolerance`,
             `goal_segment` and `goal_box`.
     """
-    if plot is not None and plot.suffix.lower() != ".png":
-        raise command_line.UsageError(f"--plot: '{plot}' must end in .png")
-    if csv is not None and csv.suffix.lower() != ".csv":
-        raise command_line.UsageError(f"--csv: '{csv}' must end in .csv")
+    outputs = (("plot", plot, ".png", "the picture"), ("csv", csv, ".csv", "the table"))
+    for option, file, suffix, _ in outputs:
+        if file is not None and file.suffix.lower() != suffix:
+            raise command_line.UsageError(f"--{option}: '{file}' must end in {suffix}")
     base = load_machine(arm.machine)
     posture, start = move.find_start(base)
     asked = build_request(
@@ -118,10 +118,9 @@ def plan(
     )
     ranges = arm.collect_ranges()
     options = build_options(asked, move, goal, planning)
-    if plot is not None:
-        make_parent_folder(plot, "the picture")
-    if csv is not None:
-        make_parent_folder(csv, "the table")
+    for _, file, _, what in outputs:
+        if file is not None:
+            make_parent_folder(file, what)
     check_coordinates(base, asked)
     changed = zones.add_to(arm.change(base))
     compile_planner()
