@@ -158,7 +158,7 @@ def _describe_passed_limit(item: Any, unit: str, value: str) -> str:
     key, words, what_to_do = LIMIT_ERRORS[item["type"]]
     limit = item["ctx"][key]
     low, high = (limit, math.inf) if key in ("gt", "ge") else (-math.inf, limit)
-    hint = suggest_unit_of_number(item["input"], unit.strip(), low, high)
+    hint = suggest_unit_of_number(float(item["input"]), unit.strip(), low, high)
     return f"must be {words} {limit:g}{unit}{value}{hint or f'; {what_to_do}'}"
 
 

@@ -6,7 +6,6 @@ import json
 import math
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -108,7 +107,10 @@ def plan(
             `start` or `case`, a value with its range, or more than one of `goal_tolerance`,
             `goal_segment` and `goal_box`.
     """
-    _check_suffixes(plot, csv)
+    outputs = (("plot", plot, ".png", "the picture"), ("csv", csv, ".csv", "the table"))
+    for option, file, suffix, _ in outputs:
+        if file is not None and file.suffix.lower() != suffix:
+            raise command_line.UsageError(f"--{option}: '{file}' must end in {suffix}")
     base = load_machine(arm.machine)
     posture, start = move.find_start(base)
     asked = build_request(
@@ -116,10 +118,9 @@ def plan(
     )
     ranges = arm.collect_ranges()
     options = build_options(asked, move, goal, planning)
-    if plot is not None:
-        make_parent_folder(plot, "the picture")
-    if csv is not None:
-        make_parent_folder(csv, "the table")
+    for _, file, _, what in outputs:
+        if file is not None:
+            make_parent_folder(file, what)
     check_coordinates(base, asked)
     changed = zones.add_to(arm.change(base))
     compile_planner(parts=PARTS_FOR_REST)
@@ -154,17 +155,6 @@ def plan(
         lines = ["", *path_lines(suite.machine, made), "", *fit_lines(made, seconds)]
         lines += [area_line(area), "", PlanLog(list(made.log)).format_table()]
         print("\n".join(lines))
-
-
-def _check_suffixes(plot: Path | None, csv: Path | None) -> None:
-    """Check the suffixes of the files that are to be written.
-
-    Raises:
-        UsageError: The picture does not end in .png, or the table not in .csv.
-    """
-    for flag, file, suffix in (("--plot", plot, ".png"), ("--csv", csv, ".csv")):
-        if file is not None and file.suffix.lower() != suffix:
-            raise command_line.UsageError(f"{flag}: '{file}' must end in {suffix}")
 
 
 def _make_plan(
