@@ -1,7 +1,7 @@
 """Response of an actuator to its valve command, learnt from its motion: inverse curve and delay.
 
-The inverse curve g of one direction gives the command u that moves the piston at the speed v ≥ 0. It
-is piecewise linear over a few speeds v_k, with the commands θ_k there. The dead band is θ_0.
+The inverse curve g of one direction gives the command u that moves the piston at the speed v ≥ 0.
+It is piecewise linear over a few speeds v_k, with the commands θ_k there. The dead band is θ_0.
 
     u = g(v) = Σ_k φ_k(v) θ_k,    φ_k triangular
 
@@ -136,12 +136,21 @@ class InverseCurve:
             weight: Share of an independent measurement that the pair is worth, above 0 … 1.
         """
         s = self._settings
-        share = np.array([np.interp(speed, self.speeds, row) for row in np.eye(len(self.speeds))])
+        share = self._shares(speed)
         spread = self.covariance @ share
         gain = spread / (share @ spread + s.command_deviation**2 / weight)
         self.commands += gain * (command - share @ self.commands)
         self.covariance -= np.outer(gain, spread)
         self._keep_increasing()
+
+    def _shares(self, speed: float) -> FloatArray:
+        """Return the weights φ_k of the knots at a speed, float64[k]; the last one's beyond it."""
+        k = min(int(np.searchsorted(self.speeds, speed, "right")), len(self.speeds) - 1)
+        left, right = self.speeds[k - 1 : k + 1]
+        shares = np.zeros(len(self.speeds))
+        shares[k] = min((speed - left) / (right - left), 1.0)
+        shares[k - 1] = 1.0 - shares[k]
+        return shares
 
     def raise_dead_band(self, command: float, weight: float) -> None:
         """Update the curve by a command that has not moved the piston, if it contradicts that.

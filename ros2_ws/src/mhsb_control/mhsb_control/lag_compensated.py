@@ -22,19 +22,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from mhsb_control.actuator_response import DelayEstimate, InverseCurve, ResponseSettings
+from mhsb_control.cascade import joins_rail
 from mhsb_control.controller import REFERENCE_POINTS, ServoSignals
 from mhsb_control.reference import PREVIEW_POINT
 from mhsb_model.arm_reports import Estimate
 from mhsb_model.hydraulics import extension_speed, inlet_area, retraction_speed
 from mhsb_model.linkages.linkage import evaluate_linkage_at_angles
 from mhsb_model.machine import Machine
-from mhsb_model.modes import RAIL_MODES, Mode
+from mhsb_model.modes import Mode
 from mhsb_model.schema import Gain, NonNegative, Section
 from mhsb_model.trajectory import quintic_hermite
 from mhsb_model.types import FloatArray
@@ -46,9 +48,7 @@ LookAhead = Callable[[float], tuple[float, float]]
 class LagCompensatedGains(Section):
     """Gains of the `lag_compensated` controller."""
 
-    rate: float = Field(
-        default=100.0, ge=5.0, le=1000.0, description="of control and sensors [Hz]"
-    )
+    rate: float = Field(default=100.0, ge=5.0, le=1000.0, description="of control and sensors [Hz]")
     expected_delay: float = Field(
         default=0.2,
         ge=0.0,
@@ -123,6 +123,7 @@ class LagCompensatedAxis:
         self,
         full_speeds: tuple[float, float],
         max_speed: float,
+        period: float,
         gains: LagCompensatedGains,
         settings: LagCompensationSettings = LagCompensationSettings(),
     ) -> None:
@@ -131,11 +132,12 @@ class LagCompensatedAxis:
         Args:
             full_speeds: Speeds at the full command as assumed, extending and retracting [m/s].
             max_speed: Speed limit of the piston [m/s].
+            period: Control period [s].
             gains: Gains of the controller.
             settings: Tuned numbers.
         """
         self._gains, self._settings, self._max_speed = gains, settings, max_speed
-        self._period = 1.0 / gains.rate
+        self._period = period
         self.curves = tuple(InverseCurve(v, max_speed, settings.response) for v in full_speeds)
         self.delay = DelayEstimate(gains.expected_delay, max_speed, settings.response)
         self.speed, self.learns, self._integral = 0.0, True, 0.0
@@ -182,7 +184,8 @@ class LagCompensatedAxis:
             self._integral += g.integral_gain * gain**2 * error * self._period
         demanded = planned + min(max(correction, -most), most)
         curve = self.curves[int(demanded < 0.0)]
-        allowed = max(s.first_speed_ratio * self._max_speed, s.known_speed_factor * curve.known_speed)
+        known = s.known_speed_factor * curve.known_speed
+        allowed = max(s.first_speed_ratio * self._max_speed, known)
         self.speed = min(max(demanded, -allowed), allowed)
         slowest = s.min_speed_ratio * self._max_speed
         command = curve.command_at(max(abs(self.speed), slowest))
@@ -228,3 +231,117 @@ class LagCompensatedAxis:
         ):
             command = float(np.abs(steady[-self._window :]).mean())
             curve.learn(forwards, command, 1.0 / self._window)
+
+
+class LagCompensatedController:
+    """Controller that sends commands ahead by the delay of the machine, without pressure sensors.
+
+    Attributes:
+        axes: Control law of each actuator.
+        settings: Tuned numbers of every new controller of this class.
+    """
+
+    gains_section: type[Section] = LagCompensatedGains
+    usual_error = 20e-3
+    reads_pressures = False
+    preview = 0.3
+    settings: ClassVar[LagCompensationSettings] = LagCompensationSettings()
+
+    def __init__(self, machine: Machine, signals: ServoSignals, gains: LagCompensatedGains) -> None:
+        """Build the control law of each actuator, with curves by the machine file's valves.
+
+        The assumed speeds at the full command are those without load at the main pump's pressure.
+
+        Args:
+            machine: The machine as its file describes it.
+            signals: Arrays that the controller reads and writes in each step.
+            gains: Gains of its section of the machine file.
+        """
+        arrays, step = machine.arrays, machine.config.simulation.step
+        self._signals, self._arrays, self._gains = signals, arrays, gains
+        self._names = machine.actuator_names
+        self._steps = max(round(1.0 / (gains.rate * step)), 1)
+        self._until_next = 0
+        self._spacing = self.preview / PREVIEW_POINT
+        supply, tank = arrays.supply_pressure, arrays.tank_pressure
+        self.axes = []
+        for j in range(machine.joint_count):
+            valve = arrays.valve_coefficient[j], arrays.cap_area[j], arrays.rod_area[j]
+            full_speeds = (
+                extension_speed(*valve, supply, tank, 0.0),
+                retraction_speed(*valve, supply, tank, 0.0),
+            )
+            fastest = float(arrays.max_piston_speed[j])
+            self.axes.append(
+                LagCompensatedAxis(full_speeds, fastest, self._steps * step, gains, self.settings)
+            )
+
+    def update(self) -> None:
+        """Write all commands, once in each period of the controller's own rate."""
+        if self._until_next == 0:
+            self._until_next = self._steps
+            self._command_valves()
+            self._command_pumps()
+        self._until_next -= 1
+
+    @property
+    def estimates(self) -> list[Estimate]:
+        """Dead band (mean of both directions) and delay of each actuator."""
+        found = []
+        for name, axis in zip(self._names, self.axes, strict=True):
+            lap = float(np.mean([curve.commands[0] for curve in axis.curves]))
+            spread = float(np.mean([curve.covariance[0, 0] for curve in axis.curves])) ** 0.5
+            lap_known = all(curve.known_speed > 0.0 for curve in axis.curves)
+            delay, response = axis.delay, self.settings.response
+            deviation = response.delay_spacing if delay.is_known else response.max_delay
+            found += [
+                Estimate("overlap", name, lap, spread, lap_known),
+                Estimate("delay", name, delay.delay, deviation, delay.is_known),
+            ]
+        return found
+
+    def _command_valves(self) -> None:
+        """Run the law of each actuator; its estimates rest while the actuator is boosted."""
+        signals = self._signals
+        for j, axis in enumerate(self.axes):
+            axis.learns = signals.modes[j] == Mode.N
+            signals.circuit.actuators["valve_command"][j] = axis.update(
+                float(signals.sensors["length"][j]), partial(self._look_ahead, j)
+            )
+
+    def _look_ahead(self, j: int, time: float) -> tuple[float, float]:
+        """Return length [m] and speed [m/s] of a piston's reference at a time from now.
+
+        Args:
+            j: Index of the actuator.
+            time: Time from now, at most that of the last reference point [s].
+        """
+        k = min(int(time / self._spacing), REFERENCE_POINTS - 2)
+        start, end = self._signals.reference[k : k + 2, :, j]
+        q, speed, _ = quintic_hermite(
+            time - k * self._spacing, self._spacing, tuple(start), tuple(end)
+        )
+        length, arm, _ = evaluate_linkage_at_angles(self._arrays.linkage[j], np.array([q]))[0]
+        return float(length), float(arm * speed)
+
+    def _command_pumps(self) -> None:
+        """Command join valves, diverters and the flows of the servo pumps.
+
+        The pumps that serve an actuator share its flow A_dir |v| (1 + surplus) plus leakage.
+        """
+        signals, arrays = self._signals, self._arrays
+        circuit, serves = signals.circuit, signals.serves
+        for j in range(len(self.axes)):
+            joined = joins_rail(j, signals.modes, circuit.module_home, serves)
+            circuit.actuators["join_command"][j] = 1.0 if joined else 0.0
+        for k, user in enumerate(serves):
+            if user < 0:
+                circuit.modules["flow_command"][k] = circuit.modules["to_rail_command"][k] = 0.0
+                continue
+            speed = self.axes[user].speed
+            area = inlet_area(arrays.cap_area[user], arrays.rod_area[user], speed)
+            flow = area * abs(speed) * (1.0 + self._gains.pump_surplus) + arrays.leakage_flow
+            shared = flow / np.count_nonzero(serves == user)
+            most = circuit.constants["servo_pump_flow"][0]
+            circuit.modules["flow_command"][k] = min(shared, most)
+            circuit.modules["to_rail_command"][k] = float(circuit.module_home[k] != user)
