@@ -44,6 +44,12 @@ class ResponseSettings:
     """Standard deviation σ_d of the dead band, a share of the full command, 0.01 … 0.5.
 
     Origin: excavators have 0.1 to 0.48."""
+    dead_band_step: float = 0.05
+    """Share of the full command by which the dead band is taken to be larger than a command that
+    has not moved the piston, 0.005 … 0.2.
+
+    Origin: chosen; half of the full dead band is crossed in some seconds, and the piston starts at
+    a tenth of its full speed at the most."""
     gain_deviation: float = 0.4
     """Standard deviation σ_g of the gain, a share of the assumed one, 0.05 … 1.
 
@@ -76,7 +82,7 @@ class ResponseSettings:
     """Time in which the residuals of the candidates are forgotten [s], 5 … 1000.
 
     Origin: chosen; several reversals fall into it."""
-    min_motion: float = 0.1
+    min_motion: float = 0.05
     """Motion ∫ y² dt from which the delay is estimated, as a share of what one second at the speed
     limit gives, 0.001 … 10.
 
@@ -160,7 +166,7 @@ class InverseCurve:
             weight: Share of an independent measurement that it is worth, above 0 … 1.
         """
         if command > self.commands[0]:
-            self.learn(0.0, command, weight)
+            self.learn(0.0, command + self._settings.dead_band_step, weight)
 
     def forget(self, time: float) -> None:
         """Relax the covariance towards the initial one during a time [s]."""

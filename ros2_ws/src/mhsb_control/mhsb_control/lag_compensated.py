@@ -36,7 +36,6 @@ from mhsb_model.arm_reports import Estimate
 from mhsb_model.hydraulics import extension_speed, inlet_area, retraction_speed
 from mhsb_model.linkages.linkage import evaluate_linkage_at_angles
 from mhsb_model.machine import Machine
-from mhsb_model.modes import Mode
 from mhsb_model.schema import Gain, NonNegative, Section
 from mhsb_model.trajectory import quintic_hermite
 from mhsb_model.types import FloatArray
@@ -211,7 +210,8 @@ class LagCompensatedAxis:
         ways, candidates = self._predict_ways(), self.delay.candidates
         ends = np.interp(-candidates, -self._ages, ways)
         starts = np.interp(-candidates - time, -self._ages, ways)
-        self.delay.learn((ends - starts) / time, speed, self._period)
+        if all(curve.known_speed > 0.0 for curve in self.curves):
+            self.delay.learn((ends - starts) / time, speed, self._period)
         newest = len(self._commands) - math.floor(self.delay.delay / self._period)
         oldest = newest - self._window - math.ceil(s.settling_time / self._period)
         steady = self._commands[max(oldest, 0) : newest]
@@ -301,10 +301,9 @@ class LagCompensatedController:
         return found
 
     def _command_valves(self) -> None:
-        """Run the law of each actuator; its estimates rest while the actuator is boosted."""
+        """Run the law of each actuator."""
         signals = self._signals
         for j, axis in enumerate(self.axes):
-            axis.learns = signals.modes[j] == Mode.N
             signals.circuit.actuators["valve_command"][j] = axis.update(
                 float(signals.sensors["length"][j]), partial(self._look_ahead, j)
             )

@@ -89,7 +89,9 @@ def test_the_command_writes_records_summary_and_the_table(
 ) -> None:
     lines = study_benchmark(machine, short, 1, 1, tmp_path)
     records = json.loads((tmp_path / "records.json").read_text(encoding="utf-8"))
-    assert [len(records[part]) for part in ("exact", "draws")] == [len(select_controllers(machine))] * 2
+    assert [len(records[part]) for part in ("exact", "draws")] == [
+        len(select_controllers(machine))
+    ] * 2
     summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert summary["version"] == short.file.version
     assert summary["draws"]["coordinated"]["runs"] == 1
