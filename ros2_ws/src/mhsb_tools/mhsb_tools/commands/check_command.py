@@ -92,7 +92,8 @@ def format_report(machine: Machine) -> list[str]:
 
     Returns:
         Lines without line breaks: name, table of joints, pumps and booster modules, values of
-        single actuators, controllers that suit the sensors, counts of workspace points, and counts of points that obstacles leave.
+        single actuators, controllers that suit the sensors, counts of workspace points, and counts
+        of points that obstacles leave.
         Angles are in degrees, pressures in MPa and flows in L/min.
     """
     found = facts(machine)
