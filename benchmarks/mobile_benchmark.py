@@ -27,6 +27,7 @@ from mhsb_model.linkages.linkage import moment_arm
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.types import FloatArray
 from mhsb_planner.result_files import write_json
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.study.variations import draw_machine, load_variations
@@ -68,18 +69,16 @@ class PidController(LagCompensatedController):
             self._signals.circuit.actuators["valve_command"][j] = bounded
 
 
-def build_pass(machine: Machine, start: Any, end: Any, speed: float, time_ns: int) -> Trajectory:
+def build_pass(machine: Machine, ends: list[FloatArray], speed: float, time_ns: int) -> Trajectory:
     """Build a minimum-jerk motion between two postures whose fastest piston reaches a speed."""
-    share = np.linspace(0.0, 1.0, 201)
-    postures = start + np.outer(share, end - start)
-    arms = [[moment_arm(row, q) for row, q in zip(machine.arrays.linkage, each, strict=True)]
-            for each in postures]  # fmt: skip
-    duration = PEAK_SPEED * float(np.abs(arms * (end - start)).max()) / speed
+    start, way = ends[0], ends[1] - ends[0]
+    share, linkage = np.linspace(0.0, 1.0, 201), machine.arrays.linkage
+    arms = [list(map(moment_arm, linkage, start + s * way)) for s in share]
+    duration = PEAK_SPEED * float(np.abs(arms * way).max()) / speed
     profile = share**3 * (10 - 15 * share + 6 * share**2)
     rate = 30 * share**2 * (1 - share) ** 2 / duration
     change = 60 * share * (1 - share) * (1 - 2 * share) / duration**2
     offsets = np.round(share * duration * SECOND_NS).astype(np.int64)
-    way = end - start
     motions = start + np.outer(profile, way), np.outer(rate, way), np.outer(change, way)
     return Trajectory(time_ns, offsets, *motions)
 
@@ -91,7 +90,7 @@ def measure(machine: Machine, plant: Machine, controller: str, speed: float) -> 
     errors, way, before = [], 0.0, ends[0]
     while arm.time_ns < (LEARNING + MEASURED) * SECOND_NS:
         arm.catch_up()
-        motion = build_pass(machine, *ends, speed, arm.plan_time_ns)
+        motion = build_pass(machine, ends, speed, arm.plan_time_ns)
         arm.set_plan(motion, ModeSchedule(arm.plan_time_ns, np.array([0]), arm.modes[None, :]))
         ends.reverse()
         while arm.plan_stamp_ns and arm.time_ns < (LEARNING + MEASURED) * SECOND_NS:
