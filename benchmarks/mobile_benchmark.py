@@ -1,7 +1,6 @@
 """Benchmark of controllers without pressure sensors, over drawn plants of a mobile machine.
 
-    python benchmarks/mobile_benchmark.py run out/mobile.json --draws 12
-    python benchmarks/mobile_benchmark.py report out/mobile.json
+    python benchmarks/mobile_benchmark.py run|report out/mobile.json
 
 The arm goes to and fro between two postures at a given speed of its fastest piston, on plants drawn
 from `config/variations_mobile.yaml`. `pid` is a PI loop with the reference's speed and the file's
@@ -41,12 +40,10 @@ WAY = np.array([-0.9, 0.9, 0.8])
 """Way from the start posture to the other end [rad]."""
 LEARNING, MEASURED = 60.0, 20.0
 """Time before errors count, and time for which they do [s]."""
-PEAK_SPEED = 1.875
-"""Peak over mean speed of the minimum-jerk profile."""
-STILL = 0.25
-"""Share of the planned way below which an arm stands still."""
+PEAK_SPEED, STILL = 1.875, 0.25
+"""Peak over mean speed of the profile; share of the planned way below which an arm stands still."""
 PROPORTIONAL, INTEGRAL = 1.5, 0.3
-"""Gains of the PI loop [1/s] and [1/s²]: half of what the published machine's joints bear."""
+"""Gains of the PI loop [1/s], [1/s²]: 60 degrees of phase margin at 0.35 s of delay."""
 
 
 class PidController(LagCompensatedController):
@@ -71,11 +68,10 @@ class PidController(LagCompensatedController):
 
 def build_motion(machine: Machine, start: FloatArray, speed: float, time_ns: int) -> Trajectory:
     """Build minimum-jerk passes to and fro by WAY whose fastest piston reaches a speed."""
-    share, linkage = np.linspace(0.0, 1.0, 201), machine.arrays.linkage
+    share, linkage = np.linspace(0.0, 1.0, 200, endpoint=False), machine.arrays.linkage
     arms = [list(map(moment_arm, linkage, start + s * WAY)) for s in share]
     duration = PEAK_SPEED * float(np.abs(arms * WAY).max()) / speed
     count = math.ceil((LEARNING + MEASURED) / duration) + 1
-    share = share[:-1]
     profile = share**3 * (10 - 15 * share + 6 * share**2)
     rate = 30 * share**2 * (1 - share) ** 2 / duration
     change = 60 * share * (1 - share) * (1 - 2 * share) / duration**2
@@ -103,10 +99,9 @@ def measure(machine: Machine, plant: Machine, controller: str, speed: float) -> 
             strokes.append(1e3 * (q - wanted) * list(map(moment_arm, machine.arrays.linkage, q)))
             way += float(np.abs(q - before).sum())
         before = q
-    planned = np.abs(np.diff(motion.position, axis=0)).sum() / (motion.offset_ns[-1] / SECOND_NS)
+    planned = np.abs(np.diff(motion.position, axis=0)).sum() / motion.offset_ns[-1] * SECOND_NS
     return {
         "rms": math.sqrt(np.mean(np.square(errors))),
-        "max": max(errors),
         "cylinder": float(np.sqrt(np.mean(np.square(strokes), axis=0)).max()),
         "slowed": arm.guard.interventions.slowed,
         "stands": bool(way < STILL * planned * MEASURED),
@@ -146,7 +141,7 @@ def report(file: Positional) -> None:
         stand = sum(each["stands"] for each in own)
         print(
             f"{1e3 * speed:3.0f} mm/s  {name:16s} tip RMS {median:5.1f} / {high:5.1f} mm, "
-            f"cylinder {cylinder:4.1f} mm, slowed {slowed:4.1f} s, {stand} of {len(own)} stand still"
+            f"cylinder {cylinder:4.1f} mm, slowed {slowed:4.1f} s, {stand} of {len(own)} stand"
         )
 
 
