@@ -198,7 +198,7 @@ class DelayEstimate:
             settings: Tuned numbers.
         """
         count = round(settings.max_delay / settings.delay_spacing) + 1
-        self.candidates: FloatArray = settings.delay_spacing * np.arange(count)
+        self.candidates: FloatArray = settings.delay_spacing * np.arange(count, dtype=np.float64)
         self.delay, self.is_known = expected, False
         self._forgetting_time = settings.delay_forgetting_time
         self._least = settings.min_motion * max_speed**2

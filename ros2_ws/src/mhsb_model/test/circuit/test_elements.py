@@ -166,6 +166,8 @@ def test_a_valve_with_overlap_opens_beyond_it_and_gives_its_rated_flow_at_full_s
     assert elements.metered_opening(-0.515, 0.03) == pytest.approx(-0.5)
     assert elements.metered_opening(1.0, 0.03) == 1.0
     assert elements.metered_opening(0.7, 0.0) == 0.7
+    assert elements.metered_opening(-0.515, 0.03, 2.0) == pytest.approx(-0.25)
+    assert elements.metered_opening(1.0, 0.03, 1.8) == 1.0
     assert math.isnan(elements.metered_opening(math.nan, 0.03))
 
 

@@ -327,3 +327,6 @@ SYMPTOM_KINDS: tuple[type[Symptom], ...] = (
     HeldPlan,
 )
 """Symptoms in the order of their evaluation; the first one above its limit stops the arm."""
+
+PRESSURE_SYMPTOM_KINDS = (FrozenPressure, DisagreeingLine, DisagreeingValve)
+"""Symptoms that need pressure sensors."""

@@ -21,9 +21,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from mhsb_control import measures_pressures
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
 from mhsb_sim.simulation.fault_detection import (
+    PRESSURE_SYMPTOM_KINDS,
     SYMPTOM_KINDS,
     FollowingError,
     SupervisionLimits,
@@ -109,7 +111,11 @@ class Supervision:
 
     def restart(self) -> None:
         """Begin anew in phase WATCHING: no faults, no history, all servo pumps in use."""
-        self._symptoms: list[Symptom] = [kind(self._simulator.machine) for kind in SYMPTOM_KINDS]
+        machine = self._simulator.machine
+        omitted = () if measures_pressures(machine) else PRESSURE_SYMPTOM_KINDS
+        self._symptoms: list[Symptom] = [
+            kind(machine) for kind in SYMPTOM_KINDS if kind not in omitted
+        ]
         self._following = FollowingError(self._simulator.machine)
         self._pumps = ServoPumpMonitor(self._simulator.machine)
         self._simulator.disable_modules(())

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from mhsb_control import REGISTERED_CONTROLLERS
+from mhsb_control import load_machine, select_controllers
 from mhsb_control.mode_guard import Interventions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
@@ -14,6 +14,7 @@ from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_sim.simulation.plan_receiver import PlanReceiver
 from mhsb_sim.simulation.simulator import Simulator
 
+SUITABLE_CONTROLLERS = sorted(select_controllers(load_machine()))
 Motion = Callable[..., tuple[Trajectory, ModeSchedule]]
 LOWERED = np.array([-0.1, -1.9, -0.7])
 RAISED = np.array([-0.01, -1.67, -0.51])  # in N, with the payload of the file
@@ -33,7 +34,7 @@ def run(simulator: Simulator, until_ns: int) -> tuple[float, list[np.ndarray], l
     return worst, modes, sorted(told)
 
 
-@pytest.mark.parametrize("controller", sorted(REGISTERED_CONTROLLERS))
+@pytest.mark.parametrize("controller", SUITABLE_CONTROLLERS)
 def test_it_does_nothing_to_the_machine_that_the_plan_is_made_for(
     machine: Machine, motion: Motion, controller: str
 ) -> None:

@@ -8,7 +8,7 @@ from itertools import combinations, pairwise
 import numpy as np
 import pytest
 
-from mhsb_control import REGISTERED_CONTROLLERS
+from mhsb_control import REGISTERED_CONTROLLERS, load_machine, select_controllers
 from mhsb_control.errors import UnknownControllerError
 from mhsb_model.errors import MhsbError
 from mhsb_model.holding import holding_modes
@@ -22,6 +22,7 @@ from mhsb_sim.errors import ModeError, SimulationDivergedError
 from mhsb_sim.simulation.faults import Fault
 from mhsb_sim.simulation.simulator import Simulator
 
+SUITABLE_CONTROLLERS = sorted(select_controllers(load_machine()))
 Motion = Callable[..., tuple[Trajectory, ModeSchedule]]
 
 LOWERED = np.array([-0.1, -1.9, -0.7])  # the main pump holds it
@@ -110,7 +111,7 @@ def test_the_servo_knows_the_valve_of_each_actuator(machine: Machine, motion: Mo
         assert each.value == pytest.approx(1.0, abs=0.05)
 
 
-@pytest.mark.parametrize("controller", sorted(REGISTERED_CONTROLLERS))
+@pytest.mark.parametrize("controller", SUITABLE_CONTROLLERS)
 def test_replans_in_motion_are_followed(machine: Machine, motion: Motion, controller: str) -> None:
     simulator = Simulator(machine, controller=controller, posture=LOWERED)
     errors = []

@@ -138,3 +138,10 @@ def test_what_a_pole_leaves_is_counted_at_many_angles_of_the_slew(slewing_machin
         f"  {left} of {reached} points that can be reached are left, {share:.0f} %, counted at 72 "
         "angles of the slew"
     )
+
+
+def test_it_names_the_controllers_that_suit_the_sensors(machine):
+    assert check.facts(machine)["controllers"] == ["coordinated", "independent"]
+    done = run("excavator_1to14")
+    assert done.returncode == 0, done.stderr
+    assert "controllers that suit its length sensors alone: lag_compensated\n" in done.stdout

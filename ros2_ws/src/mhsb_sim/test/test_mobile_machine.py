@@ -1,0 +1,116 @@
+"""A machine with proportional valves and without pressure sensors: its plant, and how it moves."""
+
+import numpy as np
+import pytest
+
+from mhsb_control import load_machine
+from mhsb_control.errors import PressureSensorsError
+from mhsb_model.circuit.elements import metered_opening
+from mhsb_model.files.config_files import find_config_file
+from mhsb_model.machine import Machine
+from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_sim.simulation.simulator import Simulator
+
+WAY = np.array([-0.4, 0.5, 0.4])
+DURATION, PASSES = 6.0, 10
+
+
+@pytest.fixture(scope="module")
+def machine() -> Machine:
+    return load_machine(find_config_file("excavator_1to14.yaml"))
+
+
+def hold_commands(simulator: Simulator, command: float, duration: float) -> np.ndarray:
+    """Piston speeds after a constant command for a time, the servo being switched off."""
+    simulator._control = lambda: None
+    simulator._servo_circuit.actuators["valve_command"] = command
+    simulator.advance(duration)
+    return simulator.actuator_states.piston_speed
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_each_direction_has_its_dead_band_and_a_bent_curve(machine, direction):
+    real = machine.config.imperfections
+    dead = real.valve_overlap if direction > 0 else real.valve_overlap_retracting
+    still = hold_commands(Simulator(machine, "lag_compensated"), direction * (dead - 0.01), 1.5)
+    assert np.abs(still).max() < 1e-4
+    half, whole = (
+        hold_commands(Simulator(machine, "lag_compensated"), direction * (dead + more), 1.2)
+        for more in (0.1, 0.2)
+    )
+    assert np.all(direction * half > 1e-3)
+    # twice the opening beyond the dead band gives 2^1.3 times the speed, less what friction takes
+    assert np.all(whole / half > 1.05 * 2.0**1.3 * 0.85)
+    assert np.all(whole / half < 2.0**1.3 * 1.3)
+    opening = metered_opening(direction * (dead + 0.2), dead, 1.3)
+    assert opening == pytest.approx(direction * (0.2 / (1.0 - dead)) ** 1.3)
+
+
+def test_a_command_acts_after_the_delay_and_the_lag(machine):
+    simulator = Simulator(machine, "lag_compensated")
+    simulator._control = lambda: None
+    simulator._servo_circuit.actuators["valve_command"] = 1.0
+    simulator.advance(0.15)
+    assert not simulator.spools.any()
+    simulator.advance(0.1)
+    # two equal lags of 50 ms after 0.1 s: 1 − 3 e^−2
+    assert simulator.spools == pytest.approx(1.0 - 3.0 * np.exp(-2.0), abs=0.02)
+
+
+def test_slow_sensors_keep_their_readings_and_pressures_are_not_measured(machine):
+    slow = machine.with_values({"imperfections.sensors.rate": 20.0})
+    simulator = Simulator(slow, "lag_compensated")
+    simulator._control = lambda: None
+    simulator._servo_circuit.actuators["valve_command"] = 0.6
+    simulator.advance(0.5)
+    before, changes = simulator.sensed, []
+    for step in range(200):
+        simulator.step()
+        now = simulator.sensed
+        assert np.array_equal(now.pressure, before.pressure)
+        if not np.array_equal(now.length, before.length):
+            changes.append(step)
+        before = now
+    assert np.all(np.diff(changes) == 50)
+    assert len(changes) == 4
+    assert not np.allclose(before.pressure[:, 0], simulator.actuator_states.cap_pressure, rtol=0.01)
+
+
+def test_controllers_that_read_pressures_are_refused(machine):
+    with pytest.raises(PressureSensorsError, match="reads pressures, which excavator_1to14 does"):
+        Simulator(machine, "coordinated")
+
+
+def test_it_learns_to_follow_and_arrives(machine):
+    simulator = Simulator(machine, "lag_compensated")
+    share = np.linspace(0.0, 1.0, 121)[:-1]
+    profile = share**3 * (10 - 15 * share + 6 * share**2)
+    rate = 30 * share**2 * (1 - share) ** 2 / DURATION
+    change = 60 * share * (1 - share) * (1 - 2 * share) / DURATION**2
+    to, signs = np.arange(PASSES)[:, None] % 2, 1 - 2 * (np.arange(PASSES)[:, None] % 2)
+    rows = [(to + signs * profile).ravel(), (signs * rate).ravel(), (signs * change).ravel()]
+    end = float(PASSES % 2)
+    rows = [np.append(row, last) for row, last in zip(rows, (end, 0.0, 0.0), strict=True)]
+    offsets = np.round(np.arange(len(rows[0])) * DURATION / 120 * SECOND_NS).astype(np.int64)
+    start = simulator.reference.position
+    motion = (start + np.outer(rows[0], WAY), np.outer(rows[1], WAY), np.outer(rows[2], WAY))
+    schedule = ModeSchedule(0, np.array([0]), simulator.modes[None, :])
+    simulator.set_plan(Trajectory(0, offsets, *motion), schedule)
+    errors = []
+    while simulator.plan_time_ns < offsets[-1]:
+        simulator.advance(0.01)
+        q, wanted = simulator.joint_state.position, simulator.reference.position
+        apart = machine.tip_in_base(q) - machine.tip_in_base(wanted)
+        errors.append(float(np.linalg.norm(apart)))
+    last = errors[-round(2 * DURATION / 0.01) :]
+    assert np.sqrt(np.mean(np.square(last))) < 6e-3  # measured: 2 mm
+    assert np.sqrt(np.mean(np.square(last))) < 0.3 * max(errors)
+    simulator.advance(3.0)
+    q = simulator.joint_state.position
+    tip = machine.tip_in_base(q) - machine.tip_in_base(start + end * WAY)
+    assert np.linalg.norm(tip) < 0.025  # rest_error is 1.2 mm of each cylinder
+    found = {(each.quantity, each.actuator): each for each in simulator.estimates}
+    for name in machine.actuator_names[:2]:
+        assert found["overlap", name].value == pytest.approx(0.25, abs=0.08)
+        assert found["delay", name].known
