@@ -18,7 +18,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_planner.cases.paper_cases import PaperCase, paper_cases
-from mhsb_planner.cluster import Cluster
+from mhsb_planner.executor import Jobs, over_ranges
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.posture import s1_global_search
 from mhsb_planner.posture.grid import grid_nodes
@@ -31,7 +31,6 @@ from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE
 from mhsb_planner.search.s2_search import PathQuery, SearchMethod, Weights, search
 from mhsb_planner.search.s2_start_goal_edges import find_postures_by_rule
-from mhsb_planner.workers import Jobs, over_ranges
 
 ENERGY_WEIGHTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 TIME_WEIGHTS = (0.0, 5.0, 10.0, 15.0, 20.0)
@@ -298,7 +297,7 @@ def evaluate(
         if pressure not in tables:
             tables[pressure] = _table(machine.changed(supply_pressure=pressure), jobs, tell)
     evaluator = _Evaluator(machine, tables, asked)
-    if not isinstance(jobs, Cluster):
+    if jobs is None or isinstance(jobs, int):
         evaluator.own_graph(jobs)
     found: dict[str, Run] = {}
     with closing(over_ranges(evaluator.evaluate_groups, len(evaluator.groups), 1, jobs)) as parts:
