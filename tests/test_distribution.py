@@ -31,7 +31,7 @@ from mhsb_tools import draw_move_page, move_of_plan
 print(find_config_file("demo_goals.yaml"))
 print(sorted({"rclpy", "numba", "matplotlib", "viser"} & set(sys.modules)))
 """
-NEED_ROS = ["demo", "goal", "record", "report", "view", "param", "echo"]
+NEED_ROS = ["demo", "goal", "record", "report", "view", "param", "call", "echo"]
 
 
 def normalized(name: str) -> str:

@@ -1,4 +1,4 @@
-"""`mhsb param` and `mhsb echo`, which stand in for `ros2 param` and `ros2 topic echo`."""
+"""`mhsb param`, `call` and `echo`, which stand in for `ros2 param`, `service` and `topic`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 
 from mhsb_msgs_py import qos
 
@@ -34,6 +35,9 @@ def node(ros_context):
     latched.publish(DiagnosticArray(status=[status]))
     states = node.create_publisher(JointState, "states", qos.DEFAULT)
     node.create_timer(0.1, lambda: states.publish(JointState(name=["j"], position=[0.25])))
+    for name, success in (("start", True), ("stop", False)):
+        answer = Trigger.Response(success=success, message=f"{name} asked")
+        node.create_service(Trigger, f"~/{name}", lambda _, __, answer=answer: answer)
     executor = SingleThreadedExecutor(context=ros_context)
     executor.add_node(node)
 
@@ -97,6 +101,20 @@ def test_a_refusal_is_one_sentence(mhsb, node, words, sentence):
     assert code == 1
     assert sentence in output
     assert len(output.splitlines()) == 1
+
+
+def test_a_service_is_called_and_its_answer_printed(mhsb, node):
+    assert mhsb("call", "some_node/start") == (0, "start asked\n")
+    code, output = mhsb("call", "some_node/stop", "--json")
+    assert code == 1
+    assert json.loads(output.splitlines()[0]) == {"success": False, "message": "stop asked"}
+    assert "some_node/stop has refused: stop asked" in output
+
+
+def test_a_service_that_nobody_offers_is_named_with_those_there_are(mhsb, node):
+    code, output = mhsb("call", "some_node/sing", "--timeout", "4")
+    assert code == 1
+    assert "no service some_node/sing within 4 s; there are /some_node/start" in output
 
 
 def test_a_latched_message_is_printed_as_yaml(mhsb, node):

@@ -37,11 +37,15 @@ LEGEND_COLUMNS = 4
 BLACK, ORANGE, SKY, GREEN = "#1a1a1a", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GREY, PALE = "#7f7f7f", "#d9d9d9"
+TEAL, BROWN = "#44AA99", "#8C510A"
 
 MODE_COLOR = {Mode.N: PALE, Mode.DB: SKY, Mode.SB: ORANGE}
 """Colour of bands and bars for each mode."""
 PATH_COLOR = {Mode.N: BLACK, Mode.DB: BLUE, Mode.SB: VERMILION}
-"""Colour of lines and dots for each mode."""
+"""Colour of lines and dots for each mode. Where modes are drawn, nothing else has these colours."""
+
+JOINT_COLORS = (BLACK, GREEN, PURPLE, BROWN, GREY)
+"""Colours of the joints or actuators; none of them stands for a boosted mode."""
 
 RC_PARAMETERS: dict[Any, Any] = {
     "font.size": 9.5,

@@ -62,6 +62,8 @@ def test_goals_in_mm_are_asked_about_and_goals_far_away_are_not(name):
 def test_values_of_a_machine_and_options_of_a_command_are_asked_about():
     with pytest.raises(MachineFileError, match=r"100000 Pa \(is 40\); in bar or MPa\?"):
         load_machine().changed(supply_pressure=40)
+    with pytest.raises(MachineFileError, match=r"\(is '40'\); in bar or MPa\?"):
+        load_machine().with_values({"hydraulics.main_pump.pressure": "40"})
     ranges = {"pressure": NumberRange(1e5, 5e7, "Pa")}
     kinds = {name: type("Kind", (), {"__metadata__": (each,)}) for name, each in ranges.items()}
     with pytest.raises(UsageError, match=re.escape("(is 300.0); in bar? 300 bar are 3e+07 Pa")):

@@ -6,7 +6,7 @@ machines. The parts that take longest come first; the last ones use kernels of t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
@@ -53,10 +53,15 @@ def compile_lattice_search() -> None:
 
 
 def compile_motion() -> None:
-    """Compile S3, S4 and the energy of a motion."""
+    """Compile S3, S4 and the energy of a motion from rest."""
     s3_trajectory.warm_up(machine())
     rest = np.zeros((1, machine().joint_count))
     energy_of_states(machine(), np.ones(1), rest, rest, rest.astype(np.uint8))
+
+
+def compile_moving_starts() -> None:
+    """Compile S3 for starts in motion."""
+    s3_trajectory.warm_up_moving_starts(machine())
 
 
 def compile_refinement() -> None:
@@ -84,29 +89,44 @@ def compile_fixed_joint_search() -> None:
     fixed_j3.warm_up(step_graph())
 
 
+def compile_polytope_areas() -> None:
+    """Compile the areas of the velocity polytope along a motion."""
+    manipulability_loss.warm_up(machine())
+
+
 def compile_remaining_kernels() -> None:
-    """Compile the kernels that only some requests need, such as for obstacles and the area."""
+    """Compile the kernels that only some requests need, such as for obstacles."""
     goal_clearance.warm_up(machine())
     among_zones.warm_up(machine())
-    manipulability_loss.warm_up(machine())
     integrated_search.warm_up(machine())
 
 
-KERNEL_PARTS = tuple(
+PARTS_FOR_REST = tuple(
     f"{__name__}:{part.__name__}"
     for part in (
-        compile_path_pricing, compile_posture_table, compile_lattice_search, compile_motion,
+        compile_motion, compile_path_pricing, compile_posture_table, compile_lattice_search,
         compile_step_costs, compile_refinement, compile_graph_search, compile_path_conversion,
-        compile_fixed_joint_search, compile_remaining_kernels,
+        compile_fixed_joint_search, compile_polytope_areas,
     )
 )  # fmt: skip
-"""Import paths ("module:function") of all parts, in the order in which they are to be started."""
+"""Import paths ("module:function") of the parts that a plan from rest without zones in space
+needs, in the order in which they are to be started.
+"""
+
+KERNEL_PARTS = (
+    *PARTS_FOR_REST,
+    *(f"{__name__}:{part.__name__}" for part in (compile_moving_starts, compile_remaining_kernels)),
+)
+"""Import paths of all parts, in the order in which they are to be started."""
 
 
-def compile_planner(say: Callable[[str], None] | None = None) -> None:
-    """Compile all kernels of the planner that are not in the cache yet.
+def compile_planner(
+    say: Callable[[str], None] | None = None, parts: Sequence[str] = KERNEL_PARTS
+) -> None:
+    """Compile the kernels of the planner that are not in the cache yet.
 
     Args:
         say: Called with lines of progress; None: a progress bar.
+        parts: Import paths of the parts to compile.
     """
-    compile_ahead(KERNEL_PARTS, say)
+    compile_ahead(parts, say)

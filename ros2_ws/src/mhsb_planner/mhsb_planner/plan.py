@@ -85,7 +85,7 @@ class Plan:
         used = [mode for mode in Mode if (motion.schedule.modes == mode).any()]
         bound = (
             f"          {100 * self.gap:.0f} % above the lower bound of {self.lower_bound:.1f} J, "
-            "which no motion of this planner can undercut"
+            "which no motion can undercut"
         )
         excess = f"speed:    pistons exceed V_max by up to {100 * motion.speed_excess:.0f} %"
         return "\n".join([

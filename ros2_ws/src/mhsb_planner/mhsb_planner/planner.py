@@ -404,6 +404,7 @@ def warm_up(planner: Planner, kinds: Iterable[str] | None = None) -> None:
     among_zones.warm_up(planner.machine)
     manipulability_loss.warm_up(planner.machine)
     s3_trajectory.warm_up(planner.machine)
+    s3_trajectory.warm_up_moving_starts(planner.machine)
     start = np.array(planner.machine.config.simulation.start_posture)
     describe_overload(planner.machine, planner.graph.table, start)
     planner.machine, planner.graph = machine, graph

@@ -66,6 +66,7 @@ SUBCOMMAND_TABLE = {
     "reproduce": _command("mhsb_tools.commands.reproduce_command", "the paper's cases and figures"),
     "goal": _command("mhsb_planner.ros.goal_command", "send a goal and print the verdict"),
     "param": _command("mhsb_tools.commands.param_command", "list, read and set parameters"),
+    "call": _command("mhsb_tools.commands.call_command", "call a service, such as ~/stop"),
     "echo": _node("mhsb_tools.commands.echo_command", "print the messages of a topic"),
 }
 """All subcommands by name, in the order of the list that `mhsb --help` prints."""

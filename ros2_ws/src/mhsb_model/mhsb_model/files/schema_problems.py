@@ -27,6 +27,16 @@ LIMIT_ERRORS = {
 
 Each value is the key of the limit in the error's context, words for the limit, and the remedy."""
 
+LENGTH_ERRORS = {
+    "too_short": ("min_length", "at least"),
+    "too_long": ("max_length", "at most"),
+    "string_too_short": ("min_length", "at least"),
+    "string_too_long": ("max_length", "at most"),
+}
+"""Errors of a wrong length by pydantic's error type: key of the limit in the error's context, and
+words for the limit.
+"""
+
 TYPE_NAMES = {
     "float": "a number",
     "int": "a whole number",
@@ -107,11 +117,9 @@ def _describe_problem(item: Any, model: type[BaseModel]) -> str:
     section, field = _locate_field(model, item["loc"])
     unit, value = _find_unit(field), _format_value(item.get("input")) if item["loc"] else ""
     if kind in LIMIT_ERRORS:
-        key, words, what_to_do = LIMIT_ERRORS[kind]
-        limit = context[key]
-        low, high = (limit, math.inf) if key in ("gt", "ge") else (-math.inf, limit)
-        hint = suggest_unit_of_number(item["input"], unit.strip(), low, high)
-        return f"must be {words} {limit:g}{unit}{value}{hint or f'; {what_to_do}'}"
+        return _describe_passed_limit(item, unit, value)
+    if kind in LENGTH_ERRORS:
+        return _describe_wrong_length(item, value)
     if kind == "missing":
         meaning = (field.description if field else "") or ""
         return f"is missing; add it{f': {meaning}' if meaning else ''}"
@@ -125,23 +133,50 @@ def _describe_problem(item: Any, model: type[BaseModel]) -> str:
         return "is missing its kind; add one"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         return f"must be a section with the keys {', '.join(_list_keys(section))}{value}"
-    if kind in ("too_short", "too_long"):
-        least, most = context.get("min_length"), context.get("max_length")
-        limit = f"at least {least}" if kind == "too_short" else f"at most {most}"
-        return f"has {context['actual_length']} values, must have {limit}"
     if kind == "string_pattern_mismatch":
         allowed = (field.description if field else "") or f"text like {context['pattern']}"
         return f"must be {allowed}{value}; change it"
-    if kind in ("string_too_long", "string_too_short"):
-        least, most = context.get("min_length"), context.get("max_length")
-        limit = f"at most {most}" if kind == "string_too_long" else f"at least {least}"
-        return f"has {len(item['input'])} characters, must have {limit}{value}"
     if kind == "value_error":
         return f"{context['error']}"
     of_type = TYPE_NAMES.get(kind.partition("_")[0])
     if of_type:
         return f"must be {of_type}{f', in{unit}' if unit else ''}{value}; give one"
     return f"{str(item['msg']).lower()}{value}"
+
+
+def _describe_passed_limit(item: Any, unit: str, value: str) -> str:
+    """Describe a number beyond its limit, and ask whether it was meant in another unit.
+
+    Args:
+        item: One entry of pydantic's `ValidationError.errors()`, of a type in LIMIT_ERRORS.
+        unit: Unit of the number, with a space before it; empty if it has none.
+        value: The number in words.
+
+    Returns:
+        Sentence without subject.
+    """
+    key, words, what_to_do = LIMIT_ERRORS[item["type"]]
+    limit = item["ctx"][key]
+    low, high = (limit, math.inf) if key in ("gt", "ge") else (-math.inf, limit)
+    hint = suggest_unit_of_number(float(item["input"]), unit.strip(), low, high)
+    return f"must be {words} {limit:g}{unit}{value}{hint or f'; {what_to_do}'}"
+
+
+def _describe_wrong_length(item: Any, value: str) -> str:
+    """Describe a list with too many or too few values, or a text with too many characters.
+
+    Args:
+        item: One entry of pydantic's `ValidationError.errors()`, of a type in LENGTH_ERRORS.
+        value: The text in words.
+
+    Returns:
+        Sentence without subject.
+    """
+    key, words = LENGTH_ERRORS[item["type"]]
+    limit = f"{words} {item['ctx'][key]}"
+    if item["type"].startswith("string"):
+        return f"has {len(item['input'])} characters, must have {limit}{value}"
+    return f"has {item['ctx']['actual_length']} values, must have {limit}"
 
 
 def _describe_unknown_key(key: str, keys: Sequence[str]) -> str:

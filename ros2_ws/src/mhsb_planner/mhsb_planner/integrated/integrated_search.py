@@ -287,12 +287,13 @@ def warm_up_pricing(machine: Machine) -> None:
 
 
 def warm_up_paths(machine: Machine) -> None:
-    """Compile the kernels that convert a cylinder path to a discrete path.
+    """Compile the lower bound over all goals, and the conversion to a discrete path.
 
     Args:
         machine: Arm in its plane for which the kernels are called; its obstacles are ignored.
     """
     task = _example_problem(machine)
+    _ = task.lower_bound
     modes, statistics = np.zeros(machine.joint_count, dtype=np.uint8), SearchStatistics(0, 0, 0.0)
     to_discrete_path(
         task.cost_model, task.buffers, _straight_line(task), 0.0, task.start, modes, statistics

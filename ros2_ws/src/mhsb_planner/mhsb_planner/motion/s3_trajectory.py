@@ -23,9 +23,9 @@ switched too early there.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 
@@ -287,54 +287,85 @@ def fit_braking(
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the kernels of trajectory, mode schedule and energy.
-
-    The first plan is then not slow.
-
-    It fits a short path from rest, from a coasting start and from a steering start.
+    """Compile the kernels of trajectory, mode schedule and energy for starts at rest.
 
     Args:
         machine: Machine that moves.
     """
-    arrays = machine.arrays
+    path = _example_path(machine)
+    start = MotionState.at_rest(path.posture[0])
+    _fit_each(machine, path, start, [(None, None, FitRules())])
+    with suppress(FitError):
+        fit_trajectory(machine, path, start, StartModes.create_settled(path.start_modes))
+    s3_clearance.warm_up(machine)
+    s3_limits.warm_up(machine)
+
+
+def warm_up_moving_starts(machine: Machine) -> None:
+    """Compile the kernels of motions from coasting and from steering starts.
+
+    Args:
+        machine: Machine that moves.
+    """
+    path = _example_path(machine)
+    middle = path.posture[0]
+    moving = MotionState(middle, 0.1 * middle, middle)
+    coast = compute_coasting(machine, moving)
+    ways = [
+        (coast.trajectory, coast, FitRules.create_following()),
+        (None, Steering(moving, coast.trajectory), FitRules()),
+    ]
+    _fit_each(machine, path, MotionState.at_rest(middle), ways)
+
+
+def _example_path(machine: Machine) -> DiscretePath:
+    """Create a short path of one step in mode N, from the middle of the joint ranges.
+
+    Args:
+        machine: Machine that moves.
+
+    Returns:
+        The path; its duration is 1 s, its energies are 0.
+    """
+    arrays, normal = machine.arrays, np.zeros((1, machine.joint_count), dtype=np.uint8)
     middle = 0.5 * (arrays.joint_min + arrays.joint_max)
     posture = np.array([middle, 0.99 * middle + 0.01 * arrays.joint_max])
-    normal = np.zeros((1, machine.joint_count), dtype=np.uint8)
-    nothing = np.zeros(1)
-    path = DiscretePath(
+    return DiscretePath(
         tip=machine.tip_in_base(posture),
         posture=posture,
         modes=normal,
         duration=np.ones(1),
-        energy=nothing,
-        energy_series=nothing,
+        energy=np.zeros(1),
+        energy_series=np.zeros(1),
         cost=0.0,
         start_modes=normal[0],
         statistics=SearchStatistics(0, 0, 0.0),
     )
-    start, modes, rules = (
-        MotionState.at_rest(middle),
-        StartModes.create_settled(normal[0]),
-        FitRules(),
-    )
-    moving = MotionState(middle, 0.1 * middle, middle)
-    coast = compute_coasting(machine, moving)
-    following = FitRules.create_following()
-    for candidate in chain(
-        iterate_candidates(machine, path, start, None, None, modes, rules),
-        iterate_candidates(machine, path, start, coast.trajectory, coast, modes, following),
-        iterate_candidates(
-            machine, path, start, None, Steering(moving, coast.trajectory), modes, rules
-        ),
-    ):
-        motion = _fit_candidate(machine, machine.arrays, path, modes, candidate, rules, NO_DEADLINE)
-        if isinstance(motion, FittedMotion):
-            for known in (motion.profiles, None):
-                motion_energy(machine, motion.trajectory, motion.schedule, known)
-    with suppress(FitError):
-        fit_trajectory(machine, path, MotionState.at_rest(path.posture[0]), modes)
-    s3_clearance.warm_up(machine)
-    s3_limits.warm_up(machine)
+
+
+def _fit_each(
+    machine: Machine,
+    path: DiscretePath,
+    start: MotionState,
+    ways: Sequence[tuple[Trajectory | None, Coasting | Steering | None, FitRules]],
+) -> None:
+    """Fit all candidates of some ways to begin a motion, and compute the energy of each.
+
+    Args:
+        machine: Machine that moves.
+        path: Path of the motion.
+        start: State at the path's first posture.
+        ways: Braking motion, coasting or steering start, and rules of each way.
+    """
+    modes = StartModes.create_settled(path.start_modes)
+    for brake, steering, rules in ways:
+        for candidate in iterate_candidates(machine, path, start, brake, steering, modes, rules):
+            motion = _fit_candidate(
+                machine, machine.arrays, path, modes, candidate, FitRules(), NO_DEADLINE
+            )
+            if isinstance(motion, FittedMotion):
+                for known in (motion.profiles, None):
+                    motion_energy(machine, motion.trajectory, motion.schedule, known)
 
 
 def _check_continuity(path: DiscretePath, start: MotionState, brake: Trajectory | None) -> None:
@@ -455,15 +486,8 @@ def _fit_candidate(
             trajectory, first = join_trajectories(lead_in, trajectory), len(lead_in.offset_ns) - 1
         deadline.check(FIT_TASK)
         position = trajectory.position[first:]
-        beyond = compute_outward_excess(limits, as_frozen(position))
-        if beyond > JOINT_TOLERANCE:
-            return f"a joint limit is passed by {beyond:.3g} rad"
-        if candidate.furthest_travel is not None:
-            overrun = _compute_overrun(
-                machine, candidate.start, position, candidate.furthest_travel
-            )
-            if overrun > rules.max_overrun:
-                return f"a piston runs on by {1000 * overrun:.3g} mm more than braking takes"
+        if passed := _describe_passed_limit(machine, limits, candidate, position, rules):
+            return passed
         time = trajectory.offset_ns / SECOND_NS
         preferred = _get_preferred_modes(path, curve.node_time, time, first)
         scheduled = ScheduledMotion.create(machine, trajectory, modes, preferred, rules.switching)
@@ -473,13 +497,9 @@ def _fit_candidate(
         tip = machine.convert_to_base(profile.tip, trajectory.position[:, 0])
         if missed := describe_first_missed(tip, rules.via_points):
             return missed
-        after = profile[first:]
-        fastest = 1.0 + rules.max_excess
-        if candidate.coasts:  # stretching cannot slow a start that is too fast
-            fastest = max(fastest, USAGE_RESERVE * (1.0 + _speed_excess(machine, profile[:1])))
-        quasi_static = (1.0 + _speed_excess(machine, after)) / fastest
         ends = EndValues.from_profile(machine, profile, scheduled.intervals)
-        used = max(ends.compute_stretch(first), quasi_static, slowing)
+        speed = _compute_speed_use(machine, candidate, profile, first, rules)
+        used = max(ends.compute_stretch(first), speed, slowing)
         deadline.check(FIT_TASK)
         needed = USAGE_RESERVE * used
         stuck, before = used == before, used
@@ -502,6 +522,62 @@ def _fit_candidate(
         if stretch > (candidate.max_stretch or rules.max_stretch) * candidate.stretch:
             return f"V_max, valves and pumps would take a duration {stretch:.3g} times the path's"
     return "stretching it did not bring it within what valves and pumps can do"
+
+
+def _describe_passed_limit(
+    machine: Machine,
+    limits: MachineArrays,
+    candidate: CurveCandidate,
+    position: FloatArray,
+    rules: FitRules,
+) -> str:
+    """Describe a joint limit or a limit of piston travel that a curve passes.
+
+    Args:
+        machine: Machine that moves.
+        limits: Arrays of the machine with the joint limits.
+        candidate: The curve's candidate, which may limit the travel.
+        position: Joint positions at the sampled points, shape (m, n) [rad or m].
+        rules: Settings of the fit.
+
+    Returns:
+        Clause that says by how much it is passed; empty if the curve keeps both.
+    """
+    beyond = compute_outward_excess(limits, as_frozen(position))
+    if beyond > JOINT_TOLERANCE:
+        return f"a joint limit is passed by {beyond:.3g} rad"
+    if candidate.furthest_travel is not None:
+        overrun = _compute_overrun(machine, candidate.start, position, candidate.furthest_travel)
+        if overrun > rules.max_overrun:
+            return f"a piston runs on by {1000 * overrun:.3g} mm more than braking takes"
+    return ""
+
+
+def _compute_speed_use(
+    machine: Machine,
+    candidate: CurveCandidate,
+    profile: MotionProfile,
+    first: int,
+    rules: FitRules,
+) -> float:
+    """Compute the share of the allowed piston speed that a motion uses.
+
+    A coasting start may be faster than the rules allow, because stretching cannot slow it.
+
+    Args:
+        machine: Machine that moves.
+        candidate: The motion's candidate.
+        profile: Profile of the motion.
+        first: Index of the first point after the lead-in.
+        rules: Settings of the fit.
+
+    Returns:
+        Largest speed after the lead-in over the allowed one [-]; above 1 it is too fast.
+    """
+    fastest = 1.0 + rules.max_excess
+    if candidate.coasts:
+        fastest = max(fastest, USAGE_RESERVE * (1.0 + _speed_excess(machine, profile[:1])))
+    return (1.0 + _speed_excess(machine, profile[first:])) / fastest
 
 
 def _get_preferred_modes(

@@ -42,7 +42,7 @@ def describe_overload(machine: Machine, table: PostureTable, start: FloatArray) 
             f"needs {needed[j] / 1e6:.3g} MPa, and the highest pressure is {highest / 1e6:.3g} MPa"
         )
     needed_at_nodes = np.full(table.posture.shape[:2], np.inf)
-    reached = np.isfinite(table.posture).all(axis=2)
+    reached = np.isfinite(table.posture[..., 0])
     postures = np.ascontiguousarray(table.posture[reached])
     needed_at_nodes[reached] = _find_needed_pressures(machine.planar_arm, postures).max(axis=1)
     least = needed_at_nodes.min(axis=1)[reached.any(axis=1)]

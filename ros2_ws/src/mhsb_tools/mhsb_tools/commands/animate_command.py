@@ -45,7 +45,7 @@ class PlannedMoveArguments:
         start: Tip position at the start of a plan [m].
         goal: Tip position at its goal [m].
         case: One of the paper's cases, such as 1-1.
-        planner: Planner of the plan, as in `mhsb_tools plan`. When left out, the case's own;
+        planner: Planner of the plan, as in `mhsb plan`. When left out, the case's own;
             without a case, the integrated one.
     """
 

@@ -23,7 +23,7 @@ from mhsb_model.modes import pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import FloatArray, Position
 from mhsb_planner.cases.paper_cases import PaperCase
-from mhsb_planner.kernel_parts import compile_planner
+from mhsb_planner.kernel_parts import PARTS_FOR_REST, compile_planner
 from mhsb_planner.motion.cavitation import find_cavitating_steps
 from mhsb_planner.motion.motion_table import format_switches
 from mhsb_planner.plan_log import LogEntry, PlanLog
@@ -107,10 +107,10 @@ def plan(
             `start` or `case`, a value with its range, or more than one of `goal_tolerance`,
             `goal_segment` and `goal_box`.
     """
-    if plot is not None and plot.suffix.lower() != ".png":
-        raise command_line.UsageError(f"--plot: '{plot}' must end in .png")
-    if csv is not None and csv.suffix.lower() != ".csv":
-        raise command_line.UsageError(f"--csv: '{csv}' must end in .csv")
+    outputs = (("plot", plot, ".png", "the picture"), ("csv", csv, ".csv", "the table"))
+    for option, file, suffix, _ in outputs:
+        if file is not None and file.suffix.lower() != suffix:
+            raise command_line.UsageError(f"--{option}: '{file}' must end in {suffix}")
     base = load_machine(arm.machine)
     posture, start = move.find_start(base)
     asked = build_request(
@@ -118,13 +118,12 @@ def plan(
     )
     ranges = arm.collect_ranges()
     options = build_options(asked, move, goal, planning)
-    if plot is not None:
-        make_parent_folder(plot, "the picture")
-    if csv is not None:
-        make_parent_folder(csv, "the table")
+    for _, file, _, what in outputs:
+        if file is not None:
+            make_parent_folder(file, what)
     check_coordinates(base, asked)
     changed = zones.add_to(arm.change(base))
-    compile_planner()
+    compile_planner(parts=PARTS_FOR_REST)
     suite = Planner(changed, load_or_build_table(base, arm.table))
     began = time.perf_counter()
     if posture is None:
@@ -149,14 +148,12 @@ def plan(
     if json_:
         content = as_json(suite.machine, made, seconds) | area | operating_points_as_json(found)
         content |= {"case": move.case, "replaced": list_replaced_values(asked)}
-        if explain:
-            content["log"] = log_as_json(made.log)
-        print(json.dumps(content))
-    else:
-        lines = [*case_line(asked), str(made), *point_lines(found), "", *motion_lines(made)]
-        if explain:
-            lines += ["", *path_lines(suite.machine, made), "", *fit_lines(made, seconds)]
-            lines += [area_line(area), "", PlanLog(list(made.log)).format_table()]
+        print(json.dumps(content | ({"log": log_as_json(made.log)} if explain else {})))
+        return
+    print("\n".join([*case_line(asked), str(made), *point_lines(found), "", *motion_lines(made)]))
+    if explain:
+        lines = ["", *path_lines(suite.machine, made), "", *fit_lines(made, seconds)]
+        lines += [area_line(area), "", PlanLog(list(made.log)).format_table()]
         print("\n".join(lines))
 
 

@@ -79,7 +79,7 @@ class MethodArguments:
     """Options for planner and servo.
 
     Attributes:
-        planner: Method that chooses postures and path, as in `mhsb_tools plan`: table, fixed or
+        planner: Method that chooses postures and path, as in `mhsb plan`: table, fixed or
             integrated; integrated, as in the node, when left out.
         trajectory: How trajectories are made: polynomial or followed; followed for the integrated
             planner, polynomial for the others when left out.

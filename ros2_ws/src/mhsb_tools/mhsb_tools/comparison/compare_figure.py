@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from mhsb_model.figure_style import BLACK, BLUE, GREY, VERMILION, open_figure
+from mhsb_model.figure_style import BLACK, GREEN, GREY, PURPLE, open_figure
 from mhsb_tools.comparison.planner_comparison import BASELINE_PLANNER, Comparison, ratios
 
 AGREEMENT_SHARE = 0.1
@@ -37,8 +37,8 @@ def draw_proportions(cases: Sequence[Comparison], others: Sequence[Comparison], 
         )
         axes.plot(ends, ends, color=BLACK, linewidth=0.8)
         for moves, color, label in (
-            (others, BLUE, "random moves"),
-            (cases, VERMILION, "Cases 1 to 4"),
+            (others, GREEN, "random moves"),
+            (cases, PURPLE, "Cases 1 to 4"),
         ):
             found = ratios(moves, "integrated")
             if len(found.series) == 0:

@@ -9,14 +9,12 @@ import numpy as np
 
 from mhsb_model.figure_style import (
     BLACK,
-    BLUE,
+    BROWN,
     GREEN,
     GREY,
-    ORANGE,
     PALE,
     PURPLE,
-    SKY,
-    VERMILION,
+    TEAL,
     YELLOW,
 )
 from mhsb_model.types import FloatArray
@@ -24,16 +22,20 @@ from mhsb_model.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+GIVEN_BY_LOADS = "given by sinking loads"
+"""Name of the work on the loads if it is negative: the loads then give the energy."""
+
 ITEM_COLORS = {
-    "main pump": SKY,
-    "servo pumps": ORANGE,
+    "main pump": TEAL,
+    "servo pumps": YELLOW,
     "work on the loads": GREEN,
-    "throttling": VERMILION,
+    GIVEN_BY_LOADS: GREEN,
+    "throttling": BROWN,
     "leakage": PURPLE,
     "oil to the tank": GREY,
     "servo pump losses": YELLOW,
     "friction": BLACK,
-    "compression": BLUE,
+    "compression": PALE,
 }
 """Colour of each part of the energy; the order is that in the diagram, from the top."""
 LEAST_SHARE = 0.004
@@ -67,6 +69,8 @@ def draw_energy_flow(energy: Mapping[str, float], axes: Axes) -> None:
     axes.set_axis_off()
     axes.set_xlim(0.0, 1.0)
     axes.set_ylim(1.0, 0.0)
+    if energy.get("work on the loads", 0.0) < 0.0:
+        energy = {**energy, GIVEN_BY_LOADS: energy["work on the loads"], "work on the loads": 0.0}
     total = sum(-value for value in energy.values() if value < 0.0)
     if total <= 0.0:
         axes.text(0.5, 0.5, "no energy", ha="center")

@@ -11,9 +11,10 @@ import numpy as np
 
 from mhsb_model.figure_style import (
     BLACK,
-    BLUE,
+    BROWN,
     GREEN,
     GREY,
+    JOINT_COLORS,
     MODE_COLOR,
     PATH_COLOR,
     PURPLE,
@@ -39,9 +40,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from mhsb_planner.plan import Plan
-
-JOINT_COLORS = (BLACK, GREEN, PURPLE, GREY)
-"""Colours of the joints; none of them stands for a mode."""
 
 LEFT_WIDTH, COLUMN_WIDTH, PAGE_HEIGHT = 5.0, 3.1, 10.4
 """Width of the left part, width of each actuator's column, and height of the page [in]."""
@@ -275,7 +273,7 @@ def _draw_regions(move: MoveRecord, panels: np.ndarray) -> None:
     """Draw each actuator's operating regions in speed and force, and the move in them.
 
     The region of a mode holds the piston speeds that it allows at each force (`mode_limits`). The
-    move is a line of speed and force in the colours of its modes.
+    move is a line of speed and force in the colours of its modes. A legend names them below.
 
     Args:
         move: The move.
@@ -305,6 +303,11 @@ def _draw_regions(move: MoveRecord, panels: np.ndarray) -> None:
         axes.set_xlabel("piston speed [mm/s]")
         axes.set_title(f"actuator {j + 1}: operating region")
     panels[0].set_ylabel("cylinder force [kN]")
+    for mode in Mode:
+        panels[0].fill_betweenx([], [], [], color=_pale(mode), label=f"possible in {mode.name}")
+    panels[0].plot([], [], color=BLACK, linewidth=2.0, label="the move")
+    figure = panels[0].get_figure(root=False)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
 
 
 def _pale(mode: Mode) -> tuple[float, ...]:
@@ -345,7 +348,7 @@ def _draw_pressures(move: MoveRecord, panels: np.ndarray) -> None:
                 axes.axvspan(move.time[begin], move.time[end], color=_pale(mode), linewidth=0)
         supply = PER_MPA * move.supply[:, j]
         draw_line(axes, move.time, supply, color=BLACK, label="supply line", linewidth=1.4)
-        colors = iter((BLUE, GREEN, PURPLE))
+        colors = iter((GREEN, PURPLE, BROWN))
         for (name, pressure), color in zip(move.chambers.items(), colors, strict=False):
             draw_line(axes, move.time, PER_MPA * pressure[:, j], color=color, label=name)
         normal = PER_MPA * move.machine.arrays.supply_pressure

@@ -8,13 +8,12 @@ import numpy as np
 
 from mhsb_model.figure_style import (
     BLACK,
-    BLUE,
+    BROWN,
     GREEN,
     GREY,
-    ORANGE,
     PALE,
     PURPLE,
-    SKY,
+    TEAL,
     VERMILION,
     YELLOW,
 )
@@ -35,10 +34,10 @@ from mhsb_tools.moves.operating_regions import OperatingRegions
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-PAPER_COLORS = {(0,): ORANGE, (1,): SKY, (0, 1): PURPLE}
-"""Colours of the sets of joints that need boost together, as in the paper's Figure 5."""
+SET_COLORS = {(0,): YELLOW, (1,): GREEN, (0, 1): PURPLE}
+"""Colours of the sets of joints that need boost together in the paper's Figure 5."""
 
-OTHER_COLORS = (GREEN, YELLOW, BLUE, VERMILION)
+OTHER_COLORS = (TEAL, BROWN)
 """Colours of sets of joints that the paper's figure does not have."""
 UNBOOSTABLE_LABEL = "beyond the highest boost"
 """Label of nodes at which even the highest boost pressure is too low."""
@@ -127,7 +126,7 @@ def _kinds(regions: OperatingRegions) -> list[tuple[str, str, np.ndarray]]:
         else:
             names = " and ".join(f"joint {j + 1}" for j in joints)
             needs = "needs" if len(joints) == 1 else "need"
-            color = PAPER_COLORS.get(joints) or next(others, GREY)
+            color = SET_COLORS.get(joints) or next(others, GREY)
             kinds.append((f"{names} {needs} boost", color, chosen))
     return kinds
 

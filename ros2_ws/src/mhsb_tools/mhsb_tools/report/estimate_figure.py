@@ -11,10 +11,10 @@ import numpy as np
 from mhsb_model.arm_reports import Estimate
 from mhsb_model.figure_style import (
     BLACK,
-    BLUE,
+    BROWN,
     GREEN,
     PURPLE,
-    VERMILION,
+    TEAL,
     legend_above,
     open_figure,
 )
@@ -40,7 +40,7 @@ PANEL_LABELS = {
 }
 """Label of each drawn quantity, and factor from its SI unit to the unit of the label."""
 
-JOINT_COLORS = (BLUE, VERMILION, GREEN, PURPLE)
+JOINT_COLORS = (GREEN, PURPLE, BROWN, TEAL)
 BAND_OPACITY, WIDE_BAND_OPACITY = 0.22, 0.07
 """Opacity of an interval, and of one that the motion has not determined yet."""
 

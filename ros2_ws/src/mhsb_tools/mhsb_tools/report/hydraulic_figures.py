@@ -9,14 +9,13 @@ import numpy as np
 
 from mhsb_model.figure_style import (
     BLACK,
-    BLUE,
+    BROWN,
     GREEN,
     GREY,
     MODE_COLOR,
-    ORANGE,
     PURPLE,
-    SKY,
-    VERMILION,
+    TEAL,
+    YELLOW,
     draw_line,
     legend_above,
     open_figure,
@@ -36,6 +35,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 PER_MPA = 1e-6
+PRESSURE_HEADROOM = 1.15
+"""Upper end of the pressure axis over the highest pressure [-]."""
 Planned = tuple[FloatArray, str, str, str]
 """Planned energy to draw: values [J], label, colour and line style."""
 
@@ -94,7 +95,7 @@ def _draw_modules(run: EvaluatedRecording, axes: Axes) -> None:
         color=BLACK,
         label="booster modules in use",
     )
-    axes.axhline(fitted.count, color=VERMILION, linestyle="--", label="modules fitted")
+    axes.axhline(fitted.count, color=GREY, linestyle="--", label="modules fitted")
     axes.set_ylim(-0.2, fitted.count + 0.4)
     axes.set_yticks(range(fitted.count + 1))
     axes.set_ylabel("modules")
@@ -103,8 +104,9 @@ def _draw_modules(run: EvaluatedRecording, axes: Axes) -> None:
 def draw_pressures(run: EvaluatedRecording, path: Path) -> None:
     """Draw each actuator's chamber and supply pressures [MPa] over time, and write the figure.
 
-    There is a panel for each actuator. Dashed lines mark P_S and the settings of the relief valves
-    of line and chambers. Coloured bands mark times in a boosted mode.
+    There is a panel for each actuator. A dashed line marks P_S. The settings of the relief valves
+    of line and chambers are lines, too, or beyond the axis and named above it. Coloured bands mark
+    times in a boosted mode.
 
     Args:
         run: The evaluated recording.
@@ -114,7 +116,7 @@ def draw_pressures(run: EvaluatedRecording, path: Path) -> None:
     table = run.recording.actuators
     time = to_seconds(run, table.time_ns)
     lines = (
-        ("cap_pressure", "cap-side chamber", BLUE),
+        ("cap_pressure", "cap-side chamber", PURPLE),
         ("rod_pressure", "rod-side chamber", GREEN),
         ("supply_pressure", "supply line", BLACK),
     )
@@ -131,35 +133,40 @@ def draw_pressures(run: EvaluatedRecording, path: Path) -> None:
                     linewidth=1.0,
                     label=label,
                 )
-            _draw_limits(run, each, j)
+            draw_pressure_limits(run, each, j)
             mark_take_overs(run, each)
             each.set_ylabel(f"actuator {j + 1} [MPa]")
         time_axis(run, axes[-1])
         legend_above(figure, *axes)
 
 
-def _draw_limits(run: EvaluatedRecording, axes: Axes, actuator: int) -> None:
-    """Draw lines at P_S and at both relief pressures, and scale the pressure axis [MPa].
+def draw_pressure_limits(run: EvaluatedRecording, axes: Axes, actuator: int) -> None:
+    """Draw lines at P_S and at relief pressures that are nearly reached; scale the axis [MPa].
 
-    These are the relief pressures of the supply lines and of the actuator's chambers. The axis goes
-    from 0 to 1.05 times the highest chamber relief pressure of all actuators.
+    The axis goes from 0 to PRESSURE_HEADROOM times the highest pressure of all actuators, or P_S.
+    The relief pressures of the supply lines and of the actuator's chambers are drawn if they are
+    within; otherwise the title names them.
 
     Args:
         run: The evaluated recording.
         axes: Axes of one actuator.
         actuator: Index of the actuator from 0.
     """
-    from matplotlib.ticker import MultipleLocator
-
-    circuit, reliefs = run.machine.config.circuit, run.machine.chamber_reliefs
-    for pressure, label, color, style in (
-        (run.machine.arrays.supply_pressure, "main pump, $P_S$", GREY, "--"),
-        (circuit.line_relief_pressure, "line relief", VERMILION, "--"),
-        (reliefs[actuator], "chamber relief", PURPLE, "-."),
+    normal, quantity = run.machine.arrays.supply_pressure, run.recording.actuators.quantity
+    seen = [quantity[name] for name in ("cap_pressure", "rod_pressure", "supply_pressure")]
+    highest = PRESSURE_HEADROOM * max(normal, np.max(seen, initial=0.0))
+    axes.axhline(PER_MPA * normal, color=GREY, linestyle="--", label="main pump, $P_S$")
+    beyond = []
+    for pressure, label, style in (
+        (run.machine.config.circuit.line_relief_pressure, "line relief", "--"),
+        (float(run.machine.chamber_reliefs[actuator]), "chamber relief", "-."),
     ):
-        axes.axhline(PER_MPA * pressure, color=color, linestyle=style, linewidth=1.0, label=label)
-    axes.yaxis.set_major_locator(MultipleLocator(5.0))
-    axes.set_ylim(0.0, 1.05 * PER_MPA * float(reliefs.max()))
+        if pressure <= highest:
+            axes.axhline(PER_MPA * pressure, color=BROWN, linestyle=style, label=label)
+        else:
+            beyond.append(f"{label} at {PER_MPA * pressure:g} MPa")
+    axes.set_title(", ".join(beyond), loc="left", fontsize=8, color=GREY)
+    axes.set_ylim(0.0, PER_MPA * highest)
 
 
 def draw_energy(run: EvaluatedRecording, path: Path) -> None:
@@ -178,7 +185,7 @@ def draw_energy(run: EvaluatedRecording, path: Path) -> None:
     measured = energy.main_pump + energy.servo_pumps
     planned: list[Planned] = [
         (energy.planned, "planned, the paper's price of boost", BLACK, "-"),
-        (energy.planned_series, "planned, pumps in series", VERMILION, "--"),
+        (energy.planned_series, "planned, pumps in series", PURPLE, "--"),
     ]
     with open_figure(path, 6.0) as figure:
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
@@ -186,7 +193,7 @@ def draw_energy(run: EvaluatedRecording, path: Path) -> None:
             time,
             energy.main_pump,
             energy.servo_pumps,
-            colors=(SKY, ORANGE),
+            colors=(TEAL, YELLOW),
             alpha=0.7,
             linewidth=0,
             labels=("measured, main pump", "measured, servo pumps"),
@@ -219,9 +226,9 @@ def _draw_power(axes: Axes, time: FloatArray, measured: FloatArray, planned: lis
     """
     span = np.diff(time)
     main_pump, all_pumps = np.diff(measured) / span
-    axes.stairs(main_pump, time, fill=True, color=SKY, alpha=0.7, linewidth=0)
+    axes.stairs(main_pump, time, fill=True, color=TEAL, alpha=0.7, linewidth=0)
     axes.stairs(
-        all_pumps, time, baseline=main_pump, fill=True, color=ORANGE, alpha=0.7, linewidth=0
+        all_pumps, time, baseline=main_pump, fill=True, color=YELLOW, alpha=0.7, linewidth=0
     )
     for total, _, color, style in planned:
         axes.stairs(np.diff(total) / span, time, baseline=None, color=color, linestyle=style)

@@ -8,10 +8,9 @@ import numpy as np
 
 from mhsb_model.figure_style import (
     BLACK,
-    BLUE,
     GREEN,
-    SKY,
-    VERMILION,
+    PALE,
+    PURPLE,
     draw_line,
     legend_above,
     open_figure,
@@ -49,7 +48,7 @@ def draw_joints(run: EvaluatedRecording, path: Path) -> None:
                 angles,
                 to_seconds(run, states.time_ns),
                 shown * states.position[:, j],
-                color=SKY,
+                color=PALE,
                 linewidth=3.5,
                 label="measured",
             )
@@ -66,7 +65,7 @@ def draw_joints(run: EvaluatedRecording, path: Path) -> None:
                 errors,
                 to_seconds(run, states.time_ns[both]),
                 error[:, j],
-                color=VERMILION,
+                color=PURPLE,
                 linewidth=0.9,
                 label="measured − reference",
             )
@@ -94,12 +93,10 @@ def draw_tip_error(run: EvaluatedRecording, path: Path) -> None:
     goal_time_ns, distance = compute_goal_distance(run)
     with open_figure(path, 5.2) as figure:
         upper, lower = figure.subplots(2, 1, sharex=True)
-        draw_line(upper, to_seconds(run, time_ns), error, color=BLUE, label="tip from reference")
+        draw_line(upper, to_seconds(run, time_ns), error, color=GREEN, label="tip from reference")
         if np.any(run.tip.moving):
             rms = np.sqrt(np.mean(error[run.tip.moving] ** 2))
-            upper.axhline(
-                rms, color=VERMILION, linestyle="--", label=f"root mean square {rms:.2f} mm"
-            )
+            upper.axhline(rms, color=PURPLE, linestyle="--", label=f"root mean square {rms:.2f} mm")
         upper.set_ylabel("tracking error [mm]")
         upper.set_ylim(bottom=0.0)
         draw_line(

@@ -11,14 +11,10 @@ import numpy as np
 
 from mhsb_model import hydraulics
 from mhsb_model.figure_style import (
-    BLACK,
-    BLUE,
-    GREEN,
     GREY,
+    JOINT_COLORS,
     MODE_COLOR,
-    ORANGE,
     PATH_COLOR,
-    PURPLE,
     SKY,
     VERMILION,
     legend_above,
@@ -34,7 +30,6 @@ from mhsb_tools.reproduction.runs import Runs
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-JOINT_COLORS = (BLACK, BLUE, GREEN, PURPLE, ORANGE)
 FIGURE_WIDTH, ROW_HEIGHT = 10.0, 3.6  # in
 PER_MM = 1e3
 PER_KN = 1e-3

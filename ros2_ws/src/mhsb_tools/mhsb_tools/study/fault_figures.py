@@ -7,17 +7,12 @@ from pathlib import Path
 
 from mhsb_model.figure_style import (
     BLACK,
-    BLUE,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    VERMILION,
+    JOINT_COLORS,
     legend_above,
     open_figure,
 )
 from mhsb_tools.study.fault_study import FaultResult
 
-JOINT_COLORS = BLUE, VERMILION, GREEN, PURPLE, ORANGE
 SHOWN_TIME = 2.0
 """Time after the fault that is drawn [s]."""
 

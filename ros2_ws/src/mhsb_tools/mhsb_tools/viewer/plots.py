@@ -8,15 +8,21 @@ from typing import Any
 import numpy as np
 from viser import GuiApi, uplot
 
-from mhsb_model.figure_style import BLUE, GREEN, ORANGE, PURPLE, VERMILION
+from mhsb_model.figure_style import (
+    BROWN,
+    GREEN,
+    PURPLE,
+    TEAL,
+    YELLOW,
+)
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_tools.viewer import energy_flow
 from mhsb_tools.viewer.moment import NO_NUMBERS, SnapshotColumns
 
-JOINT_COLORS = (BLUE, ORANGE, GREEN, PURPLE)
-ENERGY_COLORS = (BLUE, VERMILION, ORANGE, GREEN)
+JOINT_COLORS = (TEAL, PURPLE, GREEN, BROWN)
+ENERGY_COLORS = (TEAL, BROWN, YELLOW, GREEN)
 LINE_WIDTH = 1.5
 PLOT_ASPECT = 1.9
 HEADROOM_FACTOR = 1.2

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from mhsb_model.figure_style import DOTS_PER_INCH
+from mhsb_model.figure_style import DOTS_PER_INCH, JOINT_COLORS, MODE_COLOR, PATH_COLOR
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_model.modes import Mode
@@ -20,7 +20,7 @@ from mhsb_tools import plot_plan
 from mhsb_tools.moves import energy_flow, move_page
 from mhsb_tools.moves.move import MoveRecord
 from mhsb_tools.moves.move_page import mode_limits, mode_spans
-from mhsb_tools.moves.workspace_drawing import draw_obstacles
+from mhsb_tools.moves.workspace_drawing import SET_COLORS, draw_obstacles
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +55,18 @@ def test_a_plan_is_drawn_without_further_inputs(machine, table, tmp_path):
     plan = Planner(machine, table).plan((0.55, 0.60), start)
     plot_plan(plan, str(tmp_path / "plan.png"))
     assert (tmp_path / "plan.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_regions_have_a_legend_and_nothing_else_has_the_colours_of_boosted_modes(move):
+    figure = Figure()
+    panels = figure.subplots(1, 3)
+    move_page._draw_regions(move, panels)
+    (legend,) = figure.legends
+    words = [text.get_text() for text in legend.get_texts()]
+    assert words == ["possible in N", "possible in DB", "possible in SB", "the move"]
+    boosted = {colors[mode] for colors in (MODE_COLOR, PATH_COLOR) for mode in (Mode.DB, Mode.SB)}
+    others = {*JOINT_COLORS, *energy_flow.ITEM_COLORS.values(), *SET_COLORS.values()}
+    assert not boosted & others
 
 
 def test_spans_cover_all_instants_once():
@@ -99,6 +111,8 @@ def test_bands_are_as_high_as_their_share_and_small_ones_are_left_out():
     np.testing.assert_allclose(shares, np.array([80.0, 20.0, 75.0, 24.9]) / 80.0)
     words = [text.get_text() for text in axes.texts]
     assert words[0] == "main pump\n80 J, 80 %"
+    assert words[1] == "given by sinking loads\n20 J, 20 %"
+    assert not any("work on the loads" in each for each in words)
     assert not any("friction" in each for each in words)
 
 

@@ -17,6 +17,7 @@ from mhsb_tools.moves.operating_point import (
     best_operating_point,
 )
 
+TABLE = PlanOptions(planner="table")
 PRESSURES, SPEEDS = Range(2e6, 10e6), Range(6e-3, 30e-3)
 
 
@@ -88,7 +89,7 @@ def test_pressure_and_speed_together_are_no_worse_than_either_alone(machine, pla
 def test_samples_are_told_once_the_machine_s_own_point_and_the_ends_among_them(machine, planner):
     told = []
     found = best_operating_point(
-        planner, *move(machine), None, Range(3e6, 5.3e6), on_sample=told.append
+        planner, *move(machine), TABLE, Range(3e6, 5.3e6), on_sample=told.append
     )
     assert sorted(told, key=lambda each: each.supply_pressure) == list(found.curve)
     looked_at = {each.supply_pressure for each in found.curve}
@@ -99,7 +100,7 @@ def test_samples_are_told_once_the_machine_s_own_point_and_the_ends_among_them(m
 def test_points_without_plan_say_why_and_the_others_are_chosen_from(machine, table):
     heavy = machine.changed(payload=38.5)
     goal, start = move(machine)
-    found = best_operating_point(Planner(heavy, table), goal, start, None, Range(1e6, 10e6))
+    found = best_operating_point(Planner(heavy, table), goal, start, TABLE, Range(1e6, 10e6))
     without = [each for each in found.curve if each.failure]
     assert without
     assert found.best not in without
@@ -111,7 +112,7 @@ def test_a_move_that_has_no_plan_anywhere_is_refused_with_the_ranges(machine, ta
     heavy = machine.changed(payload=80.0)
     goal, start = move(machine)
     with pytest.raises(NoOperatingPointError, match=r"supply pressure in 2e\+06 … 3e\+06 Pa"):
-        best_operating_point(Planner(heavy, table), goal, start, None, Range(2e6, 3e6))
+        best_operating_point(Planner(heavy, table), goal, start, TABLE, Range(2e6, 3e6))
 
 
 @pytest.mark.parametrize(

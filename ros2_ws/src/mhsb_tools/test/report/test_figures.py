@@ -18,6 +18,7 @@ from mhsb_tools.recording.bag_reader import read_recording
 from mhsb_tools.recording.recording import TimedValue
 from mhsb_tools.report import figures
 from mhsb_tools.report.estimate_figure import draw_estimate_panels, group_estimates
+from mhsb_tools.report.hydraulic_figures import draw_pressure_limits
 from mhsb_tools.report.recorded_run import evaluate_recording
 from mhsb_tools.report.run_axes import mode_spans
 
@@ -41,6 +42,27 @@ def test_each_figure_has_its_size_and_is_not_blank(drawn, name):
     assert len(colors) > 50
     inside = picture[100:-100, 150:-150]
     assert np.mean(np.any(inside < 0.99, axis=2)) > 0.01
+
+
+def test_the_pressure_axis_ends_at_the_pressures_and_reliefs_beyond_it_are_named(run):
+    axes = Figure().subplots()
+    draw_pressure_limits(run, axes, 0)
+    quantity = run.recording.actuators.quantity
+    highest = max(
+        run.machine.arrays.supply_pressure,
+        *(quantity[f"{name}_pressure"].max() for name in ("cap", "rod", "supply")),
+    )
+    top = 1e6 * axes.get_ylim()[1]
+    assert highest < top <= 1.2 * highest
+    reliefs = {
+        "line": run.machine.config.circuit.line_relief_pressure,
+        "chamber": float(run.machine.chamber_reliefs[0]),
+    }
+    labels = [line.get_label() for line in axes.lines]
+    for name, pressure in reliefs.items():
+        words = f"{name} relief at {1e-6 * pressure:g} MPa"
+        assert (f"{name} relief" in labels) == (pressure <= top)
+        assert (words in axes.get_title(loc="left")) == (pressure > top)
 
 
 def test_nothing_half_written_is_left(drawn):
