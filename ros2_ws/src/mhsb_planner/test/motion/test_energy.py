@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.support.motions import inverse_dynamics
 
 from mhsb_model.hydraulics import load_pressure, required_pressure
 from mhsb_model.mode_schedule import ModeSchedule
@@ -222,7 +223,7 @@ def test_a_boosted_load_that_is_accelerated_takes_pressure_for_its_inertia(machi
     )
     energy = motion_energy(machine, motion, ModeSchedule(0, [0], [[1, 0, 0]]))
     arm = machine.moment_arms(start)
-    inertia = machine.inverse_dynamics(start, slow, push) - machine.gravity_torque(start)
+    inertia = inverse_dynamics(machine, start, slow, push) - machine.gravity_torque(start)
     speed = arm[0] * slow[0]
     area = m.cap_area[0] if speed > 0 else m.rod_area[0]
     direct = machine.piston_forces(start)[0]
