@@ -212,41 +212,30 @@ def settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]
     return found
 
 
-def published_settings(
-    cases: Mapping[str, PaperCase] | None = None, scale: float = DEFAULT_HEURISTIC_SCALE
-) -> dict[str, Setting]:
+def published_settings(scale: float = DEFAULT_HEURISTIC_SCALE) -> dict[str, Setting]:
     """Return the settings of `settings` with the published search, by run name.
 
     Args:
-        cases: Cases by name in place of the paper's; None takes the paper's.
         scale: Scale of the heuristic [1/m].
     """
     return {
         published_run(name, scale): replace(each, search="published", heuristic_scale=scale)
-        for name, each in settings(cases).items()
+        for name, each in settings().items()
     }
 
 
-def integrated_settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]:
-    """Return the settings of the integrated planner for all cases of the table planner.
-
-    Args:
-        cases: Cases by name in place of the paper's; None takes the paper's.
-
-    Returns:
-        Settings by run name.
-    """
-    cases = paper_cases() if cases is None else cases
+def integrated_settings() -> dict[str, Setting]:
+    """Return the integrated planner's settings for all cases of the table planner, by run name."""
     return {
         integrated_run(name): Setting(replace(case, planner="integrated"))
-        for name, case in cases.items()
+        for name, case in paper_cases().items()
         if case.planner == "table"
     }
 
 
-def area_settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]:
+def area_settings() -> dict[str, Setting]:
     """Return the settings of Case 4 for the integrated planner with each weight w₄, by run name."""
-    case = replace((paper_cases() if cases is None else cases)["4-1"], planner="integrated")
+    case = replace(paper_cases()["4-1"], planner="integrated")
     return {area_run(w4): Setting(case, area_weight=w4) for w4 in AREA_WEIGHTS}
 
 
