@@ -8,7 +8,9 @@ from mhsb_control.registry import (
     get_controller_class,
     load_machine,
     make_controller,
+    measures_pressures,
     read_gains,
+    select_controllers,
 )
 
 __all__ = [
@@ -16,5 +18,7 @@ __all__ = [
     "get_controller_class",
     "load_machine",
     "make_controller",
+    "measures_pressures",
     "read_gains",
+    "select_controllers",
 ]

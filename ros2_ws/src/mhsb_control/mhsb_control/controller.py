@@ -64,7 +64,10 @@ class ServoSignals:
 
     @classmethod
     def at_rest(cls, circuit: Components, modes: ModeArray) -> Self:
-        """Build signals with zero readings, idle modules and a reference at zero.
+        """Build signals with assumed pressures, idle modules and a reference at zero.
+
+        The pressures are those of idle cylinders without load, with all lines at the main pump's
+        pressure. They stay where no sensor measures them. Lengths are 0.
 
         Args:
             circuit: Circuit as the controller knows it; it is shared, not copied.
@@ -74,10 +77,16 @@ class ServoSignals:
             Signals with new arrays.
         """
         actuators, modules = len(circuit.actuators), len(circuit.modules)
+        supply, tank = (circuit.constants[f"{each}_pressure"][0] for each in ("supply", "tank"))
+        cap, rod = (circuit.cylinders[f"{each}_area"] for each in ("cap", "rod"))
+        sensors = create_records(ActuatorReadings, actuators)
+        sensors["line_pressure"] = supply
+        sensors["cap_pressure"] = rod * (supply + tank) / (cap + rod)
+        sensors["rod_pressure"] = cap * (supply + tank) / (cap + rod)
         return cls(
             reference=np.zeros((REFERENCE_POINTS, 3, actuators)),
-            sensors=create_records(ActuatorReadings, actuators),
-            rail_pressure=np.zeros(1),
+            sensors=sensors,
+            rail_pressure=np.full(1, supply),
             modes=modes.copy(),
             modes_ahead=modes.copy(),
             serves=np.full(modules, -1, dtype=np.int64),
@@ -86,7 +95,10 @@ class ServoSignals:
 
 
 class Controller(Protocol):
-    """A servo: takes a position reference and commands valve openings and servo pump flows."""
+    """A servo: takes a position reference and commands valve openings and servo pump flows.
+
+    A controller that reads no pressures says so by an attribute `reads_pressures = False`.
+    """
 
     gains_section: type[Section]
     """Section of the machine file that declares its gains, each with range, unit and default.

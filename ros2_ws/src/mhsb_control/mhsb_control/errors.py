@@ -25,3 +25,27 @@ class UnknownControllerError(ArgumentError):
         self.name = name
         self.valid = tuple(valid)
         super().__init__(f"there is no controller {name!r}; valid are {', '.join(self.valid)}")
+
+
+class PressureSensorsError(ArgumentError):
+    """Error: a controller reads pressures on a machine that measures none.
+
+    Attributes:
+        name: The controller.
+        suitable: Names of the registered controllers that read no pressures.
+    """
+
+    def __init__(self, name: str, machine: str, suitable: Iterable[str]) -> None:
+        """Build the error with its sentence.
+
+        Args:
+            name: The controller.
+            machine: Name of the machine.
+            suitable: Names of the registered controllers that read no pressures.
+        """
+        self.name = name
+        self.suitable = tuple(suitable)
+        super().__init__(
+            f"the controller {name!r} reads pressures, which {machine} does not measure "
+            f"(imperfections.sensors.pressure: none); use {' or '.join(self.suitable)}"
+        )

@@ -10,8 +10,9 @@ from pydantic import ConfigDict, ValidationError, create_model
 
 from mhsb_control.controller import Controller, ServoSignals
 from mhsb_control.coordinated import CoordinatedController
-from mhsb_control.errors import UnknownControllerError
+from mhsb_control.errors import PressureSensorsError, UnknownControllerError
 from mhsb_control.independent import IndependentController
+from mhsb_control.lag_compensated import LagCompensatedController
 from mhsb_model import machine as machines
 from mhsb_model.errors import MachineFileError
 from mhsb_model.files.schema_problems import describe_validation_errors
@@ -21,6 +22,7 @@ from mhsb_model.schema import MachineConfig, Servo
 REGISTERED_CONTROLLERS: dict[str, type[Controller]] = {
     "coordinated": CoordinatedController,
     "independent": IndependentController,
+    "lag_compensated": LagCompensatedController,
 }
 """Controller class for each name that a user can select."""
 
@@ -85,6 +87,32 @@ def get_controller_class(name: str) -> type[Controller]:
         raise UnknownControllerError(name, REGISTERED_CONTROLLERS) from None
 
 
+def select_controllers(machine: Machine) -> tuple[str, ...]:
+    """Return the names of the controllers that suit the sensors of a machine.
+
+    They read pressures if the machine has pressure sensors, and do without if it has none. A
+    controller that reads none runs on every machine, but is made for those without sensors.
+
+    Args:
+        machine: The machine as its file describes it.
+
+    Returns:
+        Keys of `REGISTERED_CONTROLLERS`, in their order.
+    """
+    fitted = measures_pressures(machine)
+    return tuple(name for name in REGISTERED_CONTROLLERS if reads_pressures(name) == fitted)
+
+
+def measures_pressures(machine: Machine) -> bool:
+    """Return whether a machine has pressure sensors."""
+    return machine.config.imperfections.sensors.pressure != "none"
+
+
+def reads_pressures(name: str) -> bool:
+    """Return whether a registered controller reads pressures; it does if it does not deny it."""
+    return bool(getattr(get_controller_class(name), "reads_pressures", True))
+
+
 def load_machine(path: str | Path | None = None) -> Machine:
     """Load a machine from a YAML file and check the gains of all registered controllers as well.
 
@@ -138,5 +166,8 @@ def make_controller(name: str, machine: Machine, signals: ServoSignals) -> Contr
     Raises:
         UnknownControllerError: No controller has this name.
         MachineFileError: The gains in the machine's file are wrong.
+        PressureSensorsError: The controller reads pressures that the machine does not measure.
     """
+    if reads_pressures(name) and not measures_pressures(machine):
+        raise PressureSensorsError(name, machine.name, select_controllers(machine))
     return get_controller_class(name)(machine, signals, read_gains(machine, name))

@@ -574,11 +574,21 @@ class SupplySag(Section):
 
 
 class Sensors(Section):
-    """Classes of the sensors fitted; `file` has the noise given in `servo` and no other error."""
+    """Classes of the sensors fitted; `file` has the noise given in `servo` and no other error.
+
+    With `pressure: none` no controller runs that reads pressures.
+    """
 
     length: Literal["file", "encoder_16_bit", "encoder_13_bit"] = "file"
-    pressure: Literal["file", "laboratory", "industrial"] = "file"
+    pressure: Literal["file", "laboratory", "industrial", "none"] = "file"
     pump_speed: Literal["exact", "resolver"] = "exact"
+    rate: float | None = Field(
+        default=None,
+        ge=1,
+        le=1e5,
+        exclude_if=lambda given: given is None,
+        description="of all readings [Hz]; that of the control when left out",
+    )
 
 
 class Imperfections(Section):
@@ -586,6 +596,20 @@ class Imperfections(Section):
 
     valve_overlap: float = Field(
         default=0.0, ge=0, le=0.5, description="of a spool, share of its stroke [-]"
+    )
+    valve_overlap_retracting: float | None = Field(
+        default=None,
+        ge=0,
+        le=0.5,
+        exclude_if=lambda given: given is None,
+        description="of a spool that retracts the piston [-]; valve_overlap when left out",
+    )
+    valve_exponent: float = Field(
+        default=1.0,
+        ge=0.5,
+        le=3,
+        exclude_if=lambda given: given == 1.0,
+        description="of the opening over the stroke beyond the overlap [-]",
     )
     valve_hysteresis: float = Field(
         default=0.0, ge=0, le=0.5, description="of a spool, width as a share of its stroke [-]"
@@ -597,7 +621,7 @@ class Imperfections(Section):
         description="fastest motion of a spool, strokes a second [1/s]",
     )
     computing_delay: float = Field(
-        default=0.0, ge=0, le=0.1, description="from sensors to commands, whole steps [s]"
+        default=0.0, ge=0, le=0.5, description="from sensors to commands, whole steps [s]"
     )
     oil_temperature: float = Field(
         default=40.0, ge=-30, le=120, description="the file's oil is at 40 [°C]"

@@ -181,6 +181,10 @@ def compute_constants(machine: Machine, substep: float) -> Records[CircuitConsta
         "bristle_stiffness": stiction.stiffness if stiction else 0.0,
         "bristle_damping": stiction.damping if stiction else 0.0,
         "valve_overlap": real.valve_overlap,
+        "valve_overlap_retracting": real.valve_overlap
+        if real.valve_overlap_retracting is None
+        else real.valve_overlap_retracting,
+        "valve_exponent": real.valve_exponent,
         "valve_hysteresis": real.valve_hysteresis,
         "spool_rate": real.spool_rate or math.inf,
         "accumulator_volume": accumulator.volume if accumulator else 0.0,

@@ -238,14 +238,15 @@ def follow_with_backlash(follower: float, leader: float, width: float) -> float:
 
 
 @kernel(inline="always")
-def metered_opening(spool: float, overlap: float) -> float:
+def metered_opening(spool: float, overlap: float, exponent: float = 1.0) -> float:
     """Return the opening of a servo valve's edges at a spool position.
 
-        sign(x) max(0, |x| − o)/(1 − o)
+        sign(x) (max(0, |x| − o)/(1 − o))^n
 
     Args:
         spool: Spool position x, −1 … 1 of the stroke; positive extends.
         overlap: Overlap o of the edges, as a share of the stroke; nothing opens within ±o.
+        exponent: Exponent n; 1 of a linear valve, larger with metering notches.
 
     Returns:
         Signed opening, ±1 at full stroke, for which the valve's flow is rated.
@@ -255,7 +256,10 @@ def metered_opening(spool: float, overlap: float) -> float:
     """
     if abs(spool) < overlap:
         return 0.0
-    return (spool - math.copysign(overlap, spool)) / (1.0 - overlap)
+    opening = (spool - math.copysign(overlap, spool)) / (1.0 - overlap)
+    if exponent != 1.0:
+        opening = math.copysign(abs(opening) ** exponent, opening)
+    return opening
 
 
 @kernel(inline="always")

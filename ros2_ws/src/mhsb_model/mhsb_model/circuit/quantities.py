@@ -102,7 +102,11 @@ class CircuitConstants(Record):
     bristle_damping: float
     """Damping of the bristles [N s/m]."""
     valve_overlap: float
-    """Overlap of a servo valve, a share of its spool's stroke."""
+    """Overlap of a servo valve, a share of its spool's stroke; of its extending side."""
+    valve_overlap_retracting: float
+    """Overlap of the retracting side, a share of the spool's stroke."""
+    valve_exponent: float
+    """Exponent of the opening over the stroke beyond the overlap."""
     valve_hysteresis: float
     """Hysteresis of a servo valve, a share of its spool's stroke."""
     spool_rate: float

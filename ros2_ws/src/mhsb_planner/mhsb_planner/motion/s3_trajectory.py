@@ -311,7 +311,7 @@ def warm_up_moving_starts(machine: Machine) -> None:
     middle = path.posture[0]
     moving = MotionState(middle, 0.1 * middle, middle)
     coast = compute_coasting(machine, moving)
-    ways = [
+    ways: list[tuple[Trajectory | None, Coasting | Steering, FitRules]] = [
         (coast.trajectory, coast, FitRules.create_following()),
         (None, Steering(moving, coast.trajectory), FitRules()),
     ]

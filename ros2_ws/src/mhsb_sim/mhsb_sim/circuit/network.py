@@ -454,7 +454,8 @@ def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
     actuator.join = advance_first_order_lag(actuator.join, actuator.join_command, c.switching_decay)
 
     # The servo valve: line to one chamber, the other chamber to tank.
-    opening = metered_opening(actuator.spool, c.valve_overlap)
+    overlap = c.valve_overlap if actuator.spool >= 0.0 else c.valve_overlap_retracting
+    opening = metered_opening(actuator.spool, overlap, c.valve_exponent)
     fed, emptied = (a, b) if opening >= 0.0 else (b, a)
     actuator.isolated = advance_first_order_lag(
         actuator.isolated, actuator.isolating_command, c.switching_decay

@@ -27,7 +27,7 @@ class SensedPlant(NamedTuple):
     """True state of the plant that the sensors measure."""
 
     pistons: FloatArray  # [4, n] piston motion, see `move_pistons`
-    pressure: FloatArray  # [3 n + 3] Pa, pressures of the nodes
+    pressure: FloatArray  # [≥ 3 n + 1] Pa, pressures of the nodes up to the rail
     modules: Records[ModuleState]  # [m]
 
 

@@ -113,6 +113,7 @@ LENGTH_CLASSES = {
 """Classes of length sensors by the names of the machine file."""
 PRESSURE_CLASSES = {
     "file": SensorClass(),
+    "none": SensorClass(noise=0.0),  # readings stay as `ServoSignals.at_rest` assumes them
     # 20 MPa, 16 bits, 0.025 %: calibrated against a deadweight tester
     "laboratory": SensorClass(noise=2e3, resolution=20e6 / 2**16, offset=5e3),
     # 25 MPa, 12 bits, zero differs by 0.1 % among sensors and drifts with temperature in minutes

@@ -21,6 +21,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from mhsb_control import measures_pressures
 from mhsb_control.controller import ServoSignals
 from mhsb_control.servo_loop import ServoLoop
 from mhsb_model.arm_reports import Estimate
@@ -61,6 +62,9 @@ LARGEST_VALUE = 1e12
 """Values beyond this count as not finite."""
 END_STOP_DEFLECTION = 1e-3
 """Distance by which an end stop yields under the arm's weight [rad or m]."""
+
+PRESSURE_COLUMNS = ("cap", "rod", "line")
+"""Pressures of an actuator in the order of their sensors."""
 
 TRAJECTORY_CAPACITY = 4
 """Number of trajectories, the present one included, whose times are recorded."""
@@ -117,6 +121,8 @@ class Simulator:
         self._seed = seed
         self._start = frozen(np.array(start, dtype=np.float64))
         self._step_ns = round(settings.step * SECOND_NS)
+        rate = self.plant.config.imperfections.sensors.rate
+        self._sensor_steps = max(round(1.0 / (rate * settings.step)), 1) if rate else 1
         self._substeps = self.plant.config.simulation.circuit_substeps
         self._last_substeps = self._substeps // 2
         self._first_substeps = self._substeps - self._last_substeps
@@ -205,10 +211,14 @@ class Simulator:
         """
         circuit, servo_circuit = self._circuit, self._servo_circuit
         self._signals = ServoSignals.at_rest(servo_circuit, modes)
+        measured = circuit.pressure
+        if not measures_pressures(self.plant):
+            assumed = [self._signals.sensors[f"{each}_pressure"] for each in PRESSURE_COLUMNS]
+            measured = np.append(np.stack(assumed, 1), self._signals.rail_pressure)
         self._measure = bind_kernel(
             read_sensors,
             self._noise,
-            SensedPlant(self._pistons, circuit.pressure, circuit.modules),
+            SensedPlant(self._pistons, measured, circuit.modules),
             SensorReadings(
                 self._signals.sensors, self._signals.rail_pressure, servo_circuit.modules
             ),
@@ -357,7 +367,7 @@ class Simulator:
         sensors = signals.sensors
         return Sensed(
             length=sensors["length"].copy(),
-            pressure=np.stack([sensors[f"{each}_pressure"] for each in ("cap", "rod", "line")], 1),
+            pressure=np.stack([sensors[f"{each}_pressure"] for each in PRESSURE_COLUMNS], 1),
             silent=self._channels["silent"].copy(),
             valve_command=servo_circuit.actuators["valve_command"].copy(),
             pump_flow=servo_circuit.modules["flow"].copy(),
@@ -555,14 +565,17 @@ class Simulator:
     def _control_valves(self) -> None:
         """Read the sensors and run the servo.
 
-        Noise is drawn for NOISE_ROWS steps at once. While the valves are closed (`valves_closed`),
-        only the sensors are read: the guard does not react, and the servo keeps its commands.
+        Noise is drawn for NOISE_ROWS steps at once. Slower sensors keep their readings for several
+        steps; drifts and silent times then count readings. While the valves are closed
+        (`valves_closed`), only the sensors are read: the guard does not react, and the servo keeps
+        its commands.
         """
         row = self._steps % NOISE_ROWS
         if row == 0:
             self._random.standard_normal(out=self._noise)
             self._noise *= self._noise_scale
-        self._measure(row)
+        if self._steps % self._sensor_steps == 0:
+            self._measure(row)
         self._control()
 
     def _open_valves(self) -> None:

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from mhsb_control import load_machine
+from mhsb_control import load_machine, measures_pressures, select_controllers
 from mhsb_model import command_line, hydraulics
 from mhsb_model.command_line import JsonFlag
 from mhsb_model.linkages import linkage
@@ -64,6 +64,8 @@ def facts(machine: Machine) -> dict[str, Any]:
         - slews: whether joint 1 slews
         - joints: dictionary of `_joint_facts` for each joint
         - hydraulics: dictionary of `_hydraulic_facts`
+        - controllers: names of the controllers that suit the sensors
+        - pressure_sensors: whether pressures are measured
         - workspace: dictionary of `_count_workspace_points`
         - keep_out: dictionary of `_count_points_left`; missing if the machine has no obstacles
     """
@@ -73,6 +75,8 @@ def facts(machine: Machine) -> dict[str, Any]:
         "slews": machine.slews,
         "joints": [_joint_facts(machine, j) for j in range(machine.joint_count)],
         "hydraulics": _hydraulic_facts(machine),
+        "controllers": list(select_controllers(machine)),
+        "pressure_sensors": measures_pressures(machine),
         "workspace": _count_workspace_points(machine.planar_arm),
     }
     if machine.obstacles.names:
@@ -88,13 +92,15 @@ def format_report(machine: Machine) -> list[str]:
 
     Returns:
         Lines without line breaks: name, table of joints, pumps and booster modules, values of
-        single actuators, counts of workspace points, and counts of points that obstacles leave.
-        Angles are in degrees, pressures in MPa and flows in L/min.
+        single actuators, controllers that suit the sensors, counts of workspace points, and counts
+        of points that obstacles leave. Angles are in degrees, pressures in MPa and flows in L/min.
     """
     found = facts(machine)
     lines = [f"{machine.name}: {machine.joint_count} joints, hash {machine.table_hash[:12]}"]
     lines += _joint_lines(found["joints"]) + _hydraulic_lines(found["hydraulics"])
     lines += _own_lines(found["joints"])
+    sensors = "pressure sensors" if found["pressure_sensors"] else "length sensors alone"
+    lines.append(f"controllers that suit its {sensors}: {', '.join(found['controllers'])}")
     lines += _workspace_lines(found["workspace"], 2 if found["slews"] else 1)
     if "keep_out" in found:
         lines += _keep_out_lines(found["keep_out"])

@@ -83,7 +83,8 @@ class MethodArguments:
             integrated; integrated, as in the node, when left out.
         trajectory: How trajectories are made: polynomial or followed; followed for the integrated
             planner, polynomial for the others when left out.
-        controller: Servo controller, coordinated or independent.
+        controller: Servo controller: coordinated or independent, or lag_compensated for machines
+            without pressure sensors.
         seed: Seed of the sensor noise.
     """
 

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from mhsb_control import REGISTERED_CONTROLLERS
+from mhsb_control import REGISTERED_CONTROLLERS, select_controllers
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
 from mhsb_model.goal import format_position
@@ -167,7 +167,7 @@ class DrawStudy:
         seed: int,
         plant: Machine | None = None,
         goals: int = GOAL_COUNT,
-        controllers: Sequence[str] = tuple(REGISTERED_CONTROLLERS),
+        controllers: Sequence[str] | None = None,
     ) -> None:
         """Prepare the planner; builds the posture table if it is not cached.
 
@@ -177,14 +177,14 @@ class DrawStudy:
             seed: Seed of all draws.
             plant: Machine that is varied; None varies `machine`.
             goals: Number of goals in each draw.
-            controllers: Names of the controllers that run.
+            controllers: Names of the controllers that run; None for those that suit the machine.
         """
         self._machine = machine
         self._plant = plant or machine
         self._variations = variations
         self._seed = seed
         self._goals = goals
-        self._controllers = controllers
+        self._controllers = controllers or select_controllers(machine)
         self._replanner = Replanner(machine, load_or_build_table(machine))
         start = np.array(machine.config.simulation.start_posture)
         self._rest = Command.hold(0, start, holding_modes(machine, machine.piston_forces(start)))

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from mhsb_control import REGISTERED_CONTROLLERS
+from mhsb_control import REGISTERED_CONTROLLERS, select_controllers
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine
 from mhsb_model.schema import Duration, Section, Weight
@@ -118,7 +118,7 @@ class BenchmarkStudy:
         sequence = self._sequence(number)
         return [
             self._study.run_controller(name, number, {}, self._machine, sequence)
-            for name in REGISTERED_CONTROLLERS
+            for name in select_controllers(self._machine)
         ]
 
     def run_draw(self, draw: int) -> list[DrawRecord]:
@@ -141,7 +141,7 @@ class BenchmarkStudy:
         )
         return [
             self._study.run_controller(name, draw, drawn, plant, sequence)
-            for name in REGISTERED_CONTROLLERS
+            for name in select_controllers(self._machine)
         ]
 
     def _sequence(self, number: int) -> PlannedSequence:
@@ -224,7 +224,8 @@ def summarize(records: Sequence[DrawRecord], lost: float) -> dict[str, Any]:
         record has a value.
     """
     found: dict[str, Any] = {}
-    for name in REGISTERED_CONTROLLERS:
+    ran = {record.controller for record in records}
+    for name in (name for name in REGISTERED_CONTROLLERS if name in ran):
         own = [record for record in records if record.controller == name]
         errors = [r.tip_error_max_mm for r in own if r.tip_error_max_mm is not None]
         found[name] = {

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from mhsb_control import REGISTERED_CONTROLLERS
+from mhsb_control import select_controllers
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
 from mhsb_model.goal import format_position
@@ -265,7 +265,7 @@ def study_scenario(machine: Machine, scenario: Scenario) -> ScenarioResult:
     """
     script = plan_scenario(machine, scenario)
     records, traces, elements = [], {}, {}
-    for controller in REGISTERED_CONTROLLERS:
+    for controller in select_controllers(machine):
         run = run_controller(script, controller)
         records.append(evaluate_run(script, controller, run))
         traces[controller] = _trace(script.machine, run)

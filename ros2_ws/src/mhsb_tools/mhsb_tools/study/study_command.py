@@ -17,7 +17,7 @@ from typing import Annotated
 import tyro
 from tqdm import tqdm
 
-from mhsb_control import REGISTERED_CONTROLLERS, get_controller_class, load_machine
+from mhsb_control import get_controller_class, load_machine, select_controllers
 from mhsb_model import command_line
 from mhsb_model.command_line import JsonFlag, NumberRange, OptionalFile
 from mhsb_model.files.output_folders import make_output_folder
@@ -240,7 +240,7 @@ def study_draws(machine: Machine, asked: DrawArguments, jobs: Jobs, output: Path
         UnknownControllerError: A controller does not exist.
         UsageError: A number is too small.
     """
-    controllers = tuple(asked.controllers or REGISTERED_CONTROLLERS)
+    controllers = tuple(asked.controllers or select_controllers(machine))
     for name in controllers:
         get_controller_class(name)
     count = DEFAULT_DRAWS if asked.draws is None else asked.draws

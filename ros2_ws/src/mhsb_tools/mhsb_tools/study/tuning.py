@@ -42,8 +42,9 @@ from mhsb_tools.study.variations import Variations
 Gains = dict[str, float]
 
 GAIN_RANGES: dict[str, dict[str, tuple[float, float]]] = {
-    name: getattr(controller.gains_section, "search_ranges", {})
+    name: getattr(controller.gains_section, "search_ranges")  # noqa: B009
     for name, controller in REGISTERED_CONTROLLERS.items()
+    if hasattr(controller.gains_section, "search_ranges")
 }
 """Search range of each gain by controller, in the units of the machine file."""
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from mhsb_control import REGISTERED_CONTROLLERS
+from mhsb_control import select_controllers
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine
 from mhsb_planner.kernel_parts import compile_planner
@@ -72,7 +72,7 @@ def test_the_same_bits_come_from_one_process_and_from_two(
         for jobs in (1, 2)
     )
     assert alone == shared
-    assert len(alone) == 3 * len(REGISTERED_CONTROLLERS)
+    assert len(alone) == 3 * len(select_controllers(machine))
     for (exact, *_), record in alone.items():
         assert record["failure"] == ""
         assert (record["varied"] == {}) is exact
@@ -89,7 +89,9 @@ def test_the_command_writes_records_summary_and_the_table(
 ) -> None:
     lines = study_benchmark(machine, short, 1, 1, tmp_path)
     records = json.loads((tmp_path / "records.json").read_text(encoding="utf-8"))
-    assert [len(records[part]) for part in ("exact", "draws")] == [len(REGISTERED_CONTROLLERS)] * 2
+    assert [len(records[part]) for part in ("exact", "draws")] == [
+        len(select_controllers(machine))
+    ] * 2
     summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert summary["version"] == short.file.version
     assert summary["draws"]["coordinated"]["runs"] == 1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from mhsb_control import REGISTERED_CONTROLLERS
+from mhsb_control import select_controllers
 from mhsb_model.command import Command
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import MACHINE_FILE, Machine, load_machine
@@ -50,7 +50,7 @@ def script(
 def test_every_controller_is_tuned_within_ranges_that_hold_its_present_gains(
     machine: Machine,
 ) -> None:
-    assert set(GAIN_RANGES) == set(REGISTERED_CONTROLLERS)
+    assert set(GAIN_RANGES) == set(select_controllers(machine))
     for controller, ranges in GAIN_RANGES.items():
         for name, value in present_gains(machine, controller).items():
             lowest, highest = ranges[name]

@@ -1,0 +1,229 @@
+"""Response of an actuator to its valve command, learnt from its motion: inverse curve and delay.
+
+The inverse curve g of one direction gives the command u that moves the piston at the speed v ≥ 0.
+It is piecewise linear over a few speeds v_k, with the commands θ_k there. The dead band is θ_0.
+
+    u = g(v) = Σ_k φ_k(v) θ_k,    φ_k triangular
+
+A Kalman filter estimates θ from pairs of speed and command. Its initial covariance P₀ says how the
+real curve may differ from the assumed one p(v) = s v: by a dead band, a gain, and a bend.
+
+    P₀ = σ_d² 1 1ᵀ + σ_g² p pᵀ + σ_b² I
+
+One pair therefore moves the whole curve. The covariance relaxes back to P₀ with the time constant
+of forgetting, so that it neither vanishes nor grows.
+
+The delay h is the time between a command and the motion that it causes. It contains dead time and
+lag. For each candidate h, the mean speed x_h that the commands should have caused in a window is
+compared with the measured mean speed y. The best candidate has the smallest residual
+
+    J_h = Σ y² − (Σ x_h y)² / Σ x_h²
+
+which does not depend on the gain of the curve.
+
+Source: L. Ljung, System Identification (recursive least squares; delay by a grid of candidates).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mhsb_model.types import FloatArray
+
+SPEED_KNOTS = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.5])
+"""Speeds at which a curve has its knots, as shares of the actuator's speed limit."""
+
+
+@dataclass(frozen=True)
+class ResponseSettings:
+    """Tuned numbers of the estimates of an actuator's response."""
+
+    dead_band_deviation: float = 0.2
+    """Standard deviation σ_d of the dead band, a share of the full command, 0.01 … 0.5.
+
+    Origin: excavators have 0.1 to 0.48."""
+    dead_band_step: float = 0.05
+    """Share of the full command by which the dead band is taken to be larger than a command that
+    has not moved the piston, 0.005 … 0.2.
+
+    Origin: chosen; half of the full dead band is crossed in some seconds, and the piston starts at
+    a tenth of its full speed at the most."""
+    gain_deviation: float = 0.4
+    """Standard deviation σ_g of the gain, a share of the assumed one, 0.05 … 1.
+
+    Origin: ± 20 % of the rated flow, ± 25 % by the load, and the bend of the curve."""
+    bend_deviation: float = 0.05
+    """Standard deviation σ_b of single knots, a share of the full command, 0.005 … 0.2.
+
+    Origin: chosen; metering notches with flows up to the power 1.8 of the opening."""
+    command_deviation: float = 0.02
+    """Standard deviation of a command at a measured speed, a share of the full one, 0.002 … 0.1.
+
+    Origin: chosen; the load changes the speed by some percent within a move."""
+    forgetting_time: float = 60.0
+    """Time in which the covariance relaxes to the initial one [s], 5 … 1000.
+
+    Origin: chosen; oil warms up in minutes."""
+    min_slope_ratio: float = 0.1
+    """Smallest slope of a curve, as a share of the assumed one, 0.01 … 0.5.
+
+    Origin: chosen; keeps the curve invertible."""
+    max_delay: float = 0.6
+    """Largest candidate of the delay [s], 0.1 … 1.
+
+    Origin: autonomous excavators have up to 0.5 s."""
+    delay_spacing: float = 0.02
+    """Distance between two candidates of the delay [s], 0.005 … 0.1.
+
+    Origin: chosen; a parabola through three candidates refines it."""
+    delay_forgetting_time: float = 30.0
+    """Time in which the residuals of the candidates are forgotten [s], 5 … 1000.
+
+    Origin: chosen; several reversals fall into it."""
+    min_motion: float = 0.05
+    """Motion ∫ y² dt from which the delay is estimated, as a share of what one second at the speed
+    limit gives, 0.001 … 10.
+
+    Origin: chosen; about one reversal at a third of the speed limit."""
+
+
+class InverseCurve:
+    """Inverse valve curve of one direction, with its covariance.
+
+    Attributes:
+        speeds: Speeds of the knots, float64[k], [m/s].
+        commands: Commands at the knots, float64[k]; strictly increasing.
+        covariance: Covariance of `commands`, float64[k, k].
+    """
+
+    def __init__(self, full_speed: float, max_speed: float, settings: ResponseSettings) -> None:
+        """Build the curve without a dead band that is linear up to the full command.
+
+        Args:
+            full_speed: Speed at the full command, as assumed [m/s].
+            max_speed: Speed limit of the actuator, which scales the knots [m/s].
+            settings: Tuned numbers.
+        """
+        self._settings = settings
+        self.speeds: FloatArray = SPEED_KNOTS * max_speed
+        self.commands: FloatArray = self.speeds / full_speed
+        self._min_steps = settings.min_slope_ratio * np.diff(self.commands)
+        self._prior = (
+            settings.dead_band_deviation**2
+            + settings.gain_deviation**2 * np.outer(self.commands, self.commands)
+            + settings.bend_deviation**2 * np.eye(len(self.speeds))
+        )
+        self.covariance: FloatArray = self._prior.copy()
+
+    def command_at(self, speed: float) -> float:
+        """Return the command for a speed ≥ 0 [m/s]; 0 … 1, or more if the speed is out of reach."""
+        beyond = max(speed - self.speeds[-1], 0.0)
+        slope = (self.commands[-1] - self.commands[-2]) / (self.speeds[-1] - self.speeds[-2])
+        return float(np.interp(speed, self.speeds, self.commands) + slope * beyond)
+
+    def speeds_at(self, commands: FloatArray) -> FloatArray:
+        """Return the speeds [m/s] that commands ≥ 0 cause; 0 within the dead band."""
+        return np.interp(commands, self.commands, self.speeds)
+
+    @property
+    def known_speed(self) -> float:
+        """Speed of the fastest knot whose deviation is below half of its initial one [m/s]."""
+        known = np.diag(self.covariance) < 0.25 * np.diag(self._prior)
+        return float(self.speeds[known].max(initial=0.0))
+
+    def learn(self, speed: float, command: float, weight: float) -> None:
+        """Update the curve by a measured speed and the command that caused it.
+
+        Args:
+            speed: Measured speed ≥ 0 [m/s].
+            command: Command, 0 … 1.
+            weight: Share of an independent measurement that the pair is worth, above 0 … 1.
+        """
+        s = self._settings
+        share = self._shares(speed)
+        spread = self.covariance @ share
+        gain = spread / (share @ spread + s.command_deviation**2 / weight)
+        self.commands += gain * (command - share @ self.commands)
+        self.covariance -= np.outer(gain, spread)
+        self._keep_increasing()
+
+    def _shares(self, speed: float) -> FloatArray:
+        """Return the weights φ_k of the knots at a speed, float64[k]; the last one's beyond it."""
+        k = min(int(np.searchsorted(self.speeds, speed, "right")), len(self.speeds) - 1)
+        left, right = self.speeds[k - 1 : k + 1]
+        shares = np.zeros(len(self.speeds))
+        shares[k] = min((speed - left) / (right - left), 1.0)
+        shares[k - 1] = 1.0 - shares[k]
+        return shares
+
+    def raise_dead_band(self, command: float, weight: float) -> None:
+        """Update the curve by a command that has not moved the piston, if it contradicts that.
+
+        Args:
+            command: Command, 0 … 1.
+            weight: Share of an independent measurement that it is worth, above 0 … 1.
+        """
+        if command > self.commands[0]:
+            self.learn(0.0, command + self._settings.dead_band_step, weight)
+
+    def forget(self, time: float) -> None:
+        """Relax the covariance towards the initial one during a time [s]."""
+        share = min(time / self._settings.forgetting_time, 1.0)
+        self.covariance += share * (self._prior - self.covariance)
+
+    def _keep_increasing(self) -> None:
+        """Raise commands that are below 0, or too close to that of the knot before."""
+        offset = np.concatenate([[0.0], np.cumsum(self._min_steps)])
+        above = np.maximum.accumulate(self.commands - offset)
+        self.commands = np.maximum(above, 0.0) + offset
+
+
+class DelayEstimate:
+    """Delay between commands and motion, the best of a grid of candidates.
+
+    Attributes:
+        candidates: Candidates of the delay, float64[c], [s].
+        delay: Estimated delay [s]; the expected one until the motion is enough.
+        is_known: Whether the motion so far was enough to estimate it.
+    """
+
+    def __init__(self, expected: float, max_speed: float, settings: ResponseSettings) -> None:
+        """Build the estimate before any motion.
+
+        Args:
+            expected: Delay that is assumed until the motion is enough [s].
+            max_speed: Speed limit of the actuator [m/s].
+            settings: Tuned numbers.
+        """
+        count = round(settings.max_delay / settings.delay_spacing) + 1
+        self.candidates: FloatArray = settings.delay_spacing * np.arange(count)
+        self.delay, self.is_known = expected, False
+        self._forgetting_time = settings.delay_forgetting_time
+        self._least = settings.min_motion * max_speed**2
+        self._moved = 0.0
+        self._products, self._squares = np.zeros(count), np.zeros(count)
+
+    def learn(self, expected: FloatArray, moved: float, time: float) -> None:
+        """Update the estimate by the mean speed of the piston in a window.
+
+        Args:
+            expected: Mean speed by the curve for each candidate, float64[c], [m/s].
+            moved: Measured mean speed [m/s].
+            time: Time since the last call [s].
+        """
+        keep = max(1.0 - time / self._forgetting_time, 0.0)
+        self._moved = keep * self._moved + time * moved**2
+        self._products = keep * self._products + time * expected * moved
+        self._squares = keep * self._squares + time * expected**2
+        if self._moved < self._least or not np.all(self._squares > 0.0):
+            return
+        residual = self._moved - np.maximum(self._products, 0.0) ** 2 / self._squares
+        k = int(np.clip(np.argmin(residual), 1, len(residual) - 2))
+        before, at, after = residual[k - 1 : k + 2]
+        bend = before - 2.0 * at + after
+        shift = 0.5 * (before - after) / bend if bend > 0.0 else 0.0
+        spacing = self.candidates[1]
+        self.delay = float(self.candidates[k] + spacing * np.clip(shift, -1.0, 1.0))
+        self.is_known = True

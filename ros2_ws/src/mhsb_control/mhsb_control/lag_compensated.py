@@ -1,0 +1,346 @@
+"""Lag-compensated control: for machines with proportional valves and without pressure sensors.
+
+Such machines have dead bands, delays and lags of a few tenths of a second, and slow sensors. The
+plan is known ahead, so that commands are sent before the lag:
+
+    u(t) = g(v),   v = v_ref(t + h) + k_p e + w,   ẇ = k_i e
+    e    = L_ref(t + h) − L(t) − ∫ f(u(s)) ds   over s from t − h to t
+
+g is the inverse curve of the valve and f = g⁻¹ the speed that a command causes; h is delay plus
+lag. Both are learnt for each actuator (`actuator_response`). The integral predicts the way that the
+commands under way still cause, so that no correction is made twice (Smith predictor).
+
+Speeds beyond the fastest known knot of a curve are limited until the curve is known. Servo pumps
+deliver the flow that the pistons take at the demanded speeds, by A_dir |v|; no pressure is read.
+
+Source: O. J. M. Smith, Closer control of loops with dead time (1957); Z. Artstein, Linear systems
+with delayed controls (1982); M. Jelali, A. Kroll, Hydraulic Servo-systems (dead band compensation).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from mhsb_control.actuator_response import DelayEstimate, InverseCurve, ResponseSettings
+from mhsb_control.cascade import joins_rail
+from mhsb_control.controller import REFERENCE_POINTS, ServoSignals
+from mhsb_control.reference import PREVIEW_POINT
+from mhsb_model.arm_reports import Estimate
+from mhsb_model.hydraulics import extension_speed, inlet_area, retraction_speed
+from mhsb_model.linkages.linkage import evaluate_linkage_at_angles
+from mhsb_model.machine import Machine
+from mhsb_model.schema import Gain, NonNegative, Section
+from mhsb_model.trajectory import quintic_hermite
+from mhsb_model.types import FloatArray
+
+LookAhead = Callable[[float], tuple[float, float]]
+"""Function that returns length [m] and speed [m/s] of a piston's reference a time [s] ahead."""
+
+
+class LagCompensatedGains(Section):
+    """Gains of the `lag_compensated` controller."""
+
+    rate: float = Field(default=100.0, ge=5.0, le=1000.0, description="of control and sensors [Hz]")
+    expected_delay: float = Field(
+        default=0.2,
+        ge=0.0,
+        le=0.6,
+        description="of valve and computer with their lag, until it is learnt [s]",
+    )
+    position_gain: Gain = Field(
+        default=0.5, description="piston speed per position error, in 1/(delay + period) [-]"
+    )
+    integral_gain: NonNegative = Field(
+        le=10.0, default=0.05, description="of the position loop, in squares of its gain [-]"
+    )
+    rest_error: NonNegative = Field(
+        le=1.0, default=0.02, description="not corrected at rest, in seconds at V_max [s]"
+    )
+    pump_surplus: NonNegative = Field(
+        le=1.0, default=0.1, description="flow of servo pumps beyond the pistons' [-]"
+    )
+
+
+@dataclass(frozen=True)
+class LagCompensationSettings:
+    """Tuned numbers of the lag-compensated controller."""
+
+    window: float = 0.2
+    """Time over which speeds are measured [s], 0.05 … 1.
+
+    Origin: chosen; two samples at 10 Hz."""
+    settling_time: float = 0.2
+    """Time for which a command must have been steady before the window [s], 0 … 1.
+
+    Origin: lags up to 0.2 s."""
+    max_command_spread: float = 0.06
+    """Largest difference between commands of a steady window, 0.01 … 0.5.
+
+    Origin: chosen; the curve is nearly straight over it."""
+    max_speed_change: float = 0.1
+    """Largest change of the speed between two windows of steady motion, a share of it, 0.02 … 1.
+
+    Origin: chosen; a ramp of half a second changes it by 0.4."""
+    min_speed_ratio: float = 0.01
+    """Speed that counts as standstill, as a share of the speed limit, 0.001 … 0.1.
+
+    Origin: chosen; below it, the command passes linearly through the dead band."""
+    max_correction_ratio: float = 0.3
+    """Largest speed by which the position is corrected, as a share of the speed limit, 0.05 … 1.
+
+    Origin: chosen."""
+    first_speed_ratio: float = 0.3
+    """Speed that may be demanded before anything is known, as a share of the speed limit, 0.05 … 1.
+
+    Origin: chosen; slow enough to see what the arm does."""
+    known_speed_factor: float = 2.0
+    """Demanded speed that is allowed, as a multiple of the fastest known knot's, 1 … 10.
+
+    Origin: the spacing of the knots."""
+    response: ResponseSettings = field(default_factory=ResponseSettings)
+    """Settings of the estimates of curves and delay."""
+
+
+class LagCompensatedAxis:
+    """Control law of one actuator, with its estimates.
+
+    Attributes:
+        curves: Inverse curves for extension and retraction.
+        delay: Estimated delay between command and motion.
+        speed: Demanded piston speed v of the last period [m/s].
+        learns: Whether the estimates are updated.
+    """
+
+    def __init__(
+        self,
+        full_speeds: tuple[float, float],
+        max_speed: float,
+        period: float,
+        gains: LagCompensatedGains,
+        settings: LagCompensationSettings = LagCompensationSettings(),
+    ) -> None:
+        """Build the law with an empty history.
+
+        Args:
+            full_speeds: Speeds at the full command as assumed, extending and retracting [m/s].
+            max_speed: Speed limit of the piston [m/s].
+            period: Control period [s].
+            gains: Gains of the controller.
+            settings: Tuned numbers.
+        """
+        self._gains, self._settings, self._max_speed = gains, settings, max_speed
+        self._period = period
+        self.curves = tuple(InverseCurve(v, max_speed, settings.response) for v in full_speeds)
+        self.delay = DelayEstimate(gains.expected_delay, max_speed, settings.response)
+        self.speed, self.learns, self._integral = 0.0, True, 0.0
+        self._window = max(round(settings.window / self._period), 1)
+        periods = math.ceil((settings.response.max_delay + settings.settling_time) / self._period)
+        self._commands = np.zeros(periods + self._window + 2)
+        self._lengths = np.full(2 * self._window + 1, np.nan)
+        self._ages = self._period * np.arange(len(self._commands), -1, -1)
+
+    def update(self, length: float, look_ahead: LookAhead) -> float:
+        """Run one control period.
+
+        Args:
+            length: Measured length of the cylinder [m].
+            look_ahead: Reference of the piston.
+
+        Returns:
+            Valve command, −1 … 1.
+        """
+        self._lengths[:-1] = self._lengths[1:]
+        self._lengths[-1] = length
+        if self.learns and not math.isnan(self._lengths[0]):
+            self._learn()
+        command = self._command(length, look_ahead)
+        self._commands[:-1] = self._commands[1:]
+        self._commands[-1] = command
+        return command
+
+    def _command(self, length: float, look_ahead: LookAhead) -> float:
+        """Compute the valve command from the predicted error; see the module's equations."""
+        s, g = self._settings, self._gains
+        delay = self.delay.delay
+        ways = self._predict_ways()
+        reference, planned = look_ahead(delay)
+        error = reference - length - (ways[-1] - np.interp(-delay, -self._ages, ways))
+        rests = planned == 0.0
+        if rests and abs(error) < g.rest_error * self._max_speed:
+            self.speed = 0.0
+            return 0.0
+        gain = g.position_gain / (delay + self._period)
+        most = s.max_correction_ratio * self._max_speed
+        correction = gain * error + self._integral
+        if abs(correction) < most and not rests:
+            self._integral += g.integral_gain * gain**2 * error * self._period
+        demanded = planned + min(max(correction, -most), most)
+        curve = self.curves[int(demanded < 0.0)]
+        known = s.known_speed_factor * curve.known_speed
+        allowed = max(s.first_speed_ratio * self._max_speed, known)
+        self.speed = min(max(demanded, -allowed), allowed)
+        slowest = s.min_speed_ratio * self._max_speed
+        command = curve.command_at(max(abs(self.speed), slowest))
+        command *= min(abs(self.speed) / slowest, 1.0)
+        return math.copysign(min(command, 1.0), self.speed)
+
+    def _predict_ways(self) -> FloatArray:
+        """Return the ways that the piston goes by the commands up to each age, float64[k], [m].
+
+        The ages are `_ages`: the last entry is the way by all commands of the history.
+        """
+        extending, retracting = self.curves
+        commands = self._commands
+        speeds = extending.speeds_at(np.maximum(commands, 0.0))
+        speeds = speeds - retracting.speeds_at(np.maximum(-commands, 0.0))
+        return np.concatenate([[0.0], np.cumsum(speeds) * self._period])
+
+    def _learn(self) -> None:
+        """Update curves and delay by the speeds measured in the last two windows."""
+        s = self._settings
+        time = self._window * self._period
+        before, speed = np.diff(self._lengths[:: self._window]) / time
+        ways, candidates = self._predict_ways(), self.delay.candidates
+        ends = np.interp(-candidates, -self._ages, ways)
+        starts = np.interp(-candidates - time, -self._ages, ways)
+        if all(curve.known_speed > 0.0 for curve in self.curves):
+            self.delay.learn((ends - starts) / time, speed, self._period)
+        newest = len(self._commands) - math.floor(self.delay.delay / self._period)
+        oldest = newest - self._window - math.ceil(s.settling_time / self._period)
+        steady = self._commands[max(oldest, 0) : newest]
+        low, high = float(steady.min()), float(steady.max())
+        for curve in self.curves:
+            curve.forget(0.5 * self._period)
+        if low * high <= 0.0:
+            return
+        curve = self.curves[int(high < 0.0)]
+        forwards = math.copysign(speed, speed * high)
+        if abs(speed) < s.min_speed_ratio * self._max_speed:
+            curve.raise_dead_band(min(abs(low), abs(high)), 1.0 / self._window)
+        elif (
+            forwards > 0.0
+            and high - low < s.max_command_spread
+            and abs(speed - before) < s.max_speed_change * forwards
+        ):
+            command = float(np.abs(steady[-self._window :]).mean())
+            curve.learn(forwards, command, 1.0 / self._window)
+
+
+class LagCompensatedController:
+    """Controller that sends commands ahead by the delay of the machine, without pressure sensors.
+
+    Attributes:
+        axes: Control law of each actuator.
+        settings: Tuned numbers of every new controller of this class.
+    """
+
+    gains_section: type[Section] = LagCompensatedGains
+    usual_error = 20e-3
+    reads_pressures = False
+    preview = 0.3
+    settings: ClassVar[LagCompensationSettings] = LagCompensationSettings()
+
+    def __init__(self, machine: Machine, signals: ServoSignals, gains: LagCompensatedGains) -> None:
+        """Build the control law of each actuator, with curves by the machine file's valves.
+
+        The assumed speeds at the full command are those without load at the main pump's pressure.
+
+        Args:
+            machine: The machine as its file describes it.
+            signals: Arrays that the controller reads and writes in each step.
+            gains: Gains of its section of the machine file.
+        """
+        arrays, step = machine.arrays, machine.config.simulation.step
+        self._signals, self._arrays, self._gains = signals, arrays, gains
+        self._names = machine.actuator_names
+        self._steps = max(round(1.0 / (gains.rate * step)), 1)
+        self._until_next = 0
+        self._spacing = self.preview / PREVIEW_POINT
+        supply, tank = arrays.supply_pressure, arrays.tank_pressure
+        self.axes = []
+        for j in range(machine.joint_count):
+            valve = arrays.valve_coefficient[j], arrays.cap_area[j], arrays.rod_area[j]
+            full_speeds = (
+                extension_speed(*valve, supply, tank, 0.0),
+                retraction_speed(*valve, supply, tank, 0.0),
+            )
+            fastest = float(arrays.max_piston_speed[j])
+            self.axes.append(
+                LagCompensatedAxis(full_speeds, fastest, self._steps * step, gains, self.settings)
+            )
+
+    def update(self) -> None:
+        """Write all commands, once in each period of the controller's own rate."""
+        if self._until_next == 0:
+            self._until_next = self._steps
+            self._command_valves()
+            self._command_pumps()
+        self._until_next -= 1
+
+    @property
+    def estimates(self) -> list[Estimate]:
+        """Dead band (mean of both directions) and delay of each actuator."""
+        found = []
+        for name, axis in zip(self._names, self.axes, strict=True):
+            lap = float(np.mean([curve.commands[0] for curve in axis.curves]))
+            spread = float(np.mean([curve.covariance[0, 0] for curve in axis.curves])) ** 0.5
+            lap_known = all(curve.known_speed > 0.0 for curve in axis.curves)
+            delay, response = axis.delay, self.settings.response
+            deviation = response.delay_spacing if delay.is_known else response.max_delay
+            found += [
+                Estimate("overlap", name, lap, spread, lap_known),
+                Estimate("delay", name, delay.delay, deviation, delay.is_known),
+            ]
+        return found
+
+    def _command_valves(self) -> None:
+        """Run the law of each actuator."""
+        signals = self._signals
+        for j, axis in enumerate(self.axes):
+            signals.circuit.actuators["valve_command"][j] = axis.update(
+                float(signals.sensors["length"][j]), partial(self._look_ahead, j)
+            )
+
+    def _look_ahead(self, j: int, time: float) -> tuple[float, float]:
+        """Return length [m] and speed [m/s] of a piston's reference at a time from now.
+
+        Args:
+            j: Index of the actuator.
+            time: Time from now, at most that of the last reference point [s].
+        """
+        k = min(int(time / self._spacing), REFERENCE_POINTS - 2)
+        start, end = self._signals.reference[k : k + 2, :, j]
+        q, speed, _ = quintic_hermite(
+            time - k * self._spacing, self._spacing, tuple(start), tuple(end)
+        )
+        length, arm, _ = evaluate_linkage_at_angles(self._arrays.linkage[j], np.array([q]))[0]
+        return float(length), float(arm * speed)
+
+    def _command_pumps(self) -> None:
+        """Command join valves, diverters and the flows of the servo pumps.
+
+        The pumps that serve an actuator share its flow A_dir |v| (1 + surplus) plus leakage.
+        """
+        signals, arrays = self._signals, self._arrays
+        circuit, serves = signals.circuit, signals.serves
+        for j in range(len(self.axes)):
+            joined = joins_rail(j, signals.modes, circuit.module_home, serves)
+            circuit.actuators["join_command"][j] = 1.0 if joined else 0.0
+        for k, user in enumerate(serves):
+            if user < 0:
+                circuit.modules["flow_command"][k] = circuit.modules["to_rail_command"][k] = 0.0
+                continue
+            speed = self.axes[user].speed
+            area = inlet_area(arrays.cap_area[user], arrays.rod_area[user], speed)
+            flow = area * abs(speed) * (1.0 + self._gains.pump_surplus) + arrays.leakage_flow
+            shared = flow / np.count_nonzero(serves == user)
+            most = circuit.constants["servo_pump_flow"][0]
+            circuit.modules["flow_command"][k] = min(shared, most)
+            circuit.modules["to_rail_command"][k] = float(circuit.module_home[k] != user)
