@@ -24,6 +24,7 @@ import numpy as np
 import pytest
 import yaml
 from hypothesis import settings
+from tests.support.motions import inverse_dynamics
 
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.hydraulics import needs_boost
@@ -434,7 +435,7 @@ def _needed_modes(machine: Machine, trajectory: Trajectory) -> ModeArray:
     for k, (q, qd, qdd) in enumerate(
         zip(trajectory.position, trajectory.velocity, trajectory.acceleration, strict=True)
     ):
-        torque = machine.inverse_dynamics(q, qd, qdd)
+        torque = inverse_dynamics(machine, q, qd, qdd)
         arms = machine.moment_arms(q)
         for j in range(n):
             speed = arms[j] * qd[j]

@@ -13,6 +13,7 @@ keys of every command. Arrays are kept as hashes of their bytes, so equal record
 differ it prints the change of their cost, by which a change of numerics is judged.
 """
 
+# imports of the repository need its root on the path
 from __future__ import annotations
 
 import hashlib
@@ -32,11 +33,14 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from benchmarks.lock_step import LockStepWorld
+
 from mhsb_model.errors import MhsbError
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.cases.lock_step import LockStepWorld
 from mhsb_planner.cases.moves import random_position
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.online.settings import Settings

@@ -26,8 +26,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
+from benchmarks.message_watcher import MessageWatcher
 from benchmarks.planning_benchmark import dijkstra_figures
+from benchmarks.processor_load import restrict_to_one_processor, run_busy_loops
+from benchmarks.replanning_figures import compute_replanning_figures
+from benchmarks.seeded_goals import SeededGoal, draw_reachable_goals
 from benchmarks.streaming_benchmark import lines as followable_lines
+from benchmarks.tracking_figures import compute_tracking_figures
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from tqdm import tqdm
 
@@ -40,17 +45,12 @@ from mhsb_planner.planner import Planner, warm_up
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
 from mhsb_tools.live.child_process import ChildProcess
-from mhsb_tools.live.load import restrict_to_one_processor, run_busy_loops
 from mhsb_tools.live.nodes import (
     check_no_other_nodes,
     compile_nodes,
     run_both_nodes,
     wait_for_planner_answer,
 )
-from mhsb_tools.live.seeded_goals import SeededGoal, draw_reachable_goals
-from mhsb_tools.live.watcher import MessageWatcher
-from mhsb_tools.report.online_figures import compute_replanning_figures
-from mhsb_tools.report.stream_figures import compute_tracking_figures
 
 LAST_TIMEOUT = 60.0
 """Time in which the last goal must be reached [s]."""

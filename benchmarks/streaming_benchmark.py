@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
+from benchmarks.lock_step import LockStepWorld
 from tqdm import tqdm
 
 from mhsb_model.inverse_kinematics.closed_form_3r import (
@@ -30,7 +31,6 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import Trajectory
 from mhsb_model.types import FloatArray, ModeArray
-from mhsb_planner.cases.lock_step import LockStepWorld
 from mhsb_planner.cases.moves import Move
 from mhsb_planner.motion.energy import motion_energy
 from mhsb_planner.motion.limits.holding_pressure import HOLDING_PRESSURE_LIMIT

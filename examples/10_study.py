@@ -12,8 +12,8 @@ from pathlib import Path
 
 from mhsb_model import MhsbError, MotionState, load_machine
 from mhsb_planner import Planner, load_or_build_table
+from mhsb_planner.executor import SharedStateExecutor
 from mhsb_planner.result_files import write_rows
-from mhsb_planner.workers import Prepared
 
 PAYLOADS = (0.0, 10.0, 20.0)  # [kg]
 PRESSURES = (3e6, 4e6, 5e6, 6e6)  # of the main pump [Pa]
@@ -39,7 +39,7 @@ def plan_move(state, payload, pressure):
 
 if __name__ == "__main__":  # the processes import this file
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/examples")
-    with Prepared(2, make_planner) as workers:
+    with SharedStateExecutor(2, make_planner) as workers:
         tasks = [workers.submit(plan_move, *values) for values in product(PAYLOADS, PRESSURES)]
         rows = [task.result() for task in tasks]
     for payload, pressure, energy, duration in rows:

@@ -14,12 +14,13 @@ import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.serialization import serialize_message
+from tests.support import spoiling
 
 from mhsb_model.goal import Goal
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
 from mhsb_model.verdict import GoalVerdict, Outcome, Verdict
-from mhsb_msgs_py import goal_pose, mode_schedule, plan_status, spoiling, topics, trajectory
+from mhsb_msgs_py import goal_pose, mode_schedule, plan_status, topics, trajectory
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 

@@ -11,6 +11,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from benchmarks.message_watcher import MessageWatcher
+from benchmarks.seeded_goals import draw_reachable_goals
 from tests.soak import goal_promises, motion_promises
 from tests.soak.events import PLANNER, SIM, ActionKind, ActionRecord, Events, ProcessLife
 
@@ -26,8 +28,6 @@ from mhsb_planner.planner import Planner, PlanOptions, warm_up
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.live.nodes import run_both_nodes, wait_for_planner_answer
-from mhsb_tools.live.seeded_goals import draw_reachable_goals
-from mhsb_tools.live.watcher import MessageWatcher
 from mhsb_tools.report.goal_fates import GoalResult, judge_recorded_goals
 from mhsb_tools.study.headless import HeadlessRun, TimedGoal
 

@@ -30,10 +30,11 @@ from rclpy._rclpy_pybind11 import RCLError
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
+from tests.support import spoiling
 
 from mhsb_model.goal import Goal
 from mhsb_model.verdict import Outcome, Verdict
-from mhsb_msgs_py import goal_pose, qos, spoiling, topics
+from mhsb_msgs_py import goal_pose, qos, topics
 from mhsb_msgs_py.guarded_executor import GuardedExecutor
 from mhsb_msgs_py.node_process import serve_node, spin_until
 

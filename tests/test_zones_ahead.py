@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from tests.support.zones_ahead import random_zone
 
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
@@ -12,7 +13,6 @@ from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py import topics, trajectory
 from mhsb_planner.cases.moves import random_position
-from mhsb_planner.cases.zones_ahead import random_zone
 
 FILES = ("mhsb_arm3", "mhsb_arm4", "telescope_arm", "excavator", "forestry_crane")
 ZONES = int(os.environ.get("MHSB_ZONES_AHEAD", "8"))

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from benchmarks.message_watcher import MessageWatcher
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
@@ -36,7 +37,6 @@ from mhsb_tools.live.nodes import (
     ros_arguments,
     wait_for_planner_answer,
 )
-from mhsb_tools.live.watcher import MessageWatcher
 
 NODES = {PLANNER: (PLANNER_EXECUTABLE, names.PLANNER_NODE), SIM: (SIM_EXECUTABLE, names.SIM_NODE)}
 """Executable and ROS name of each node."""

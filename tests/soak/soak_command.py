@@ -16,6 +16,8 @@ from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import tyro
+from benchmarks.message_watcher import MessageWatcher
+from benchmarks.seeded_goals import SeededGoal, draw_reachable_goals
 from rclpy.executors import ExternalShutdownException
 from tests.soak.actor import Actor, make_invalid_goal
 from tests.soak.events import PLANNER, SIM, ActionKind, Events
@@ -34,8 +36,6 @@ from mhsb_planner.planner import Planner, warm_up
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
 from mhsb_tools.live.nodes import check_no_other_nodes, compile_nodes
-from mhsb_tools.live.seeded_goals import SeededGoal, draw_reachable_goals
-from mhsb_tools.live.watcher import MessageWatcher
 
 GOALS = 100
 """Number of different goals, which are sent repeatedly."""

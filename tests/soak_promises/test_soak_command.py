@@ -4,12 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from benchmarks.seeded_goals import SeededGoal
 from tests.soak.soak_command import Soak
 
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import MACHINE_FILE, load_machine
 from mhsb_planner.cases.moves import random_position
-from mhsb_tools.live.seeded_goals import SeededGoal
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,11 @@ import time
 from pathlib import Path
 
 import pytest
+from benchmarks.message_watcher import MessageWatcher
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from mhsb_msgs_py.node_process import serve_node
-from mhsb_tools.live.watcher import MessageWatcher
 from mhsb_tools.viewer.server import CAMERA_POSITION, FIELD_OF_VIEW, LOOK_AT
 
 PICTURES = os.environ.get("MHSB_VIEWER_PICTURES")

@@ -576,23 +576,6 @@ class Machine:
         statics.gravity_torque(self.arrays, q, torque)
         return torque
 
-    def inverse_dynamics(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
-        """Compute the joint torques of a motion, gravity included.
-
-        Args:
-            q: Joint positions, shape (n,) [rad or m].
-            qd: Joint velocities, shape (n,) [rad/s or m/s].
-            qdd: Joint accelerations, shape (n,) [rad/s² or m/s²].
-
-        Returns:
-            Torques τ = M q̈ + C q̇ + g, shape (n,) [N m], or [N] for a sliding joint.
-        """
-        weight, torque = np.empty(self.joint_count), np.empty(self.joint_count)
-        work = np.empty((statics.MOTION_WORK, self.joint_count))
-        state = (np.array(values, dtype=np.float64) for values in (q, qd, qdd))
-        statics.compute_motion_torques(statics.chain_of(self.arrays), *state, work, weight, torque)
-        return torque
-
     def piston_forces(self, q: FloatArray) -> FloatArray:
         """Return the piston forces that hold the arm and its payload against gravity.
 

@@ -206,22 +206,6 @@ class Trajectory:
         qdd = np.where(ended[:, None], 0.0, qdd)
         return q, qd, qdd
 
-    def sample_intervals(
-        self, rows: IntArray, shares: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Evaluate the curve at the same shares of several intervals.
-
-        Args:
-            rows: Indices of the intervals, shape (rows,). Interval i lasts from point i to point i
-                + 1.
-            shares: Instants within each interval as shares of its duration, 0 … 1, shape (shares,).
-
-        Returns:
-            Positions, velocities and accelerations, each of shape (rows · shares, n). All shares of
-            the first interval come first, then all of the second, and so on.
-        """
-        return self._sample_shares(np.repeat(rows, len(shares)), np.tile(shares, len(rows)))
-
     def sample_midpoints(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Evaluate the curve half-way in time between neighbouring points.
 
@@ -356,8 +340,7 @@ def _sample_midpoint_states(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Evaluate a trajectory half-way in time between neighbouring points.
 
-    It is `quintic_hermite` at s = h/2, simplified. Tests compare it with
-    `Trajectory.sample_intervals`.
+    It is `quintic_hermite` at s = h/2, simplified. Tests compare both.
 
     Args:
         time: Times of the points, shape (points,) [s].

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.interpolate import BPoly
+from tests.support.motions import sample_intervals
 
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 
@@ -31,7 +32,7 @@ def test_samples_equal_scipys_quintic_through_the_same_points():
 def test_states_inside_intervals_are_those_of_the_same_curve():
     trajectory = example()
     rows, shares = np.array([0, 3]), np.array([0.0, 0.25, 1.0])
-    q, qd, _ = trajectory.sample_intervals(rows, shares)
+    q, qd, _ = sample_intervals(trajectory, rows, shares)
     begin, end = trajectory.offset_ns[rows], trajectory.offset_ns[rows + 1]
     times = (begin[:, None] + shares * (end - begin)[:, None]).ravel()
     expected, expected_rate, _ = trajectory.sample_many(START + np.rint(times).astype(np.int64))
@@ -42,7 +43,7 @@ def test_states_inside_intervals_are_those_of_the_same_curve():
 def test_states_half_way_between_points_are_those_of_the_same_curve():
     trajectory = example()
     intervals = np.arange(len(trajectory.offset_ns) - 1)
-    expected = trajectory.sample_intervals(intervals, np.array([0.5]))
+    expected = sample_intervals(trajectory, intervals, np.array([0.5]))
     found = trajectory.sample_midpoints()
     for one, other, digits in zip(found, expected, (1e-13, 1e-11, 1e-9), strict=True):
         assert one == pytest.approx(other, abs=digits)

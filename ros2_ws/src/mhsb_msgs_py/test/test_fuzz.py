@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
+from tests.support import spoiling
 
 from mhsb_model.arm_reports import HandOverOutcome, HandOverReport, SimulatorReport
 from mhsb_model.goal import Goal
@@ -31,7 +32,6 @@ from mhsb_msgs_py import (
     point_arrays,
     reference,
     sim_status,
-    spoiling,
     stamps,
     trajectory,
 )

@@ -8,10 +8,11 @@ import random
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from tests.support import spoiling
 
 from mhsb_model.goal import Goal
 from mhsb_model.trajectory import Trajectory
-from mhsb_msgs_py import goal_pose, names, spoiling, trajectory
+from mhsb_msgs_py import goal_pose, names, trajectory
 
 
 def path_message():

@@ -16,13 +16,13 @@ from tqdm import tqdm
 from mhsb_model import command_line
 from mhsb_model.command_line import Count, JobCount, NumberRange
 from mhsb_model.machine import Machine, load_machine
+from mhsb_planner.cluster import Scheduler, parse_jobs
 from mhsb_planner.posture import s1_global_search, s1_slsqp
 from mhsb_planner.posture.grid import grid_nodes
 from mhsb_planner.posture.posture_table_cache import cached_table_path
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_judge import TableComparison, compare_with_slsqp
 from mhsb_planner.posture.s1_posture_table import PostureTable
-from mhsb_planner.work_arguments import Scheduler, parse_jobs
 
 SOLVER_FUNCTIONS = {"global": s1_global_search.search_globally, "slsqp": s1_slsqp.search_by_slsqp}
 """Solvers by the names that the command accepts."""

@@ -1,8 +1,8 @@
-"""Work on a Dask cluster; the package `distributed` is an optional extra.
+"""Work on a Dask cluster, and the command-line arguments that choose it or processes.
 
-If a worker ends before its tasks are done, the scheduler gives them to other workers, also to some
-that join later. The recipe of a state that tasks share goes to each worker once, as a node of the
-scheduler's task graph. The state itself is made once in each thread of a worker.
+The package `distributed` is an optional extra. If a worker ends before its tasks are done, the
+scheduler gives them to other workers, also to some that join later. The recipe of a state that
+tasks share goes to each worker once, as a node of the scheduler's task graph.
 """
 
 from __future__ import annotations
@@ -11,19 +11,24 @@ import asyncio
 import hashlib
 import importlib.util
 import logging
+import weakref
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any
 
+import tyro
+
+from mhsb_model.command_line import JobCount, UsageError
 from mhsb_planner.errors import ClusterAddressError, ClusterError, WorkersLostError
-from mhsb_planner.tasks import SharedStateRecipe, link_cancellation, perform, transfer_outcome
+from mhsb_planner.executor import Jobs, Result, SharedState, perform
 
-Result = TypeVar("Result")
+Scheduler = Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")]
+"""Type of the argument `--scheduler`."""
 
 CONNECTED_WITHIN = 5.0
 """Longest time in which a scheduler must answer [s]."""
@@ -84,159 +89,96 @@ class Cluster:
                 _log.warning("the cluster has no worker yet; `dask worker %s` starts one", address)
         return cls(address)
 
-    def executor(self, preparation: SharedStateRecipe | None) -> Executor:
-        """Connect to the cluster and return an executor on its workers.
-
-        Args:
-            preparation: Recipe of the state that tasks share; None: they share none.
-
-        Returns:
-            The executor; shutting it down closes the connection.
-
-        Raises:
-            ClusterError: The scheduler does not answer.
-        """
-        return _ClusterExecutor(self.address, preparation)
+    def create_executor(self, shared: SharedState | None) -> Executor:
+        """Connect and return an executor on the workers, see `OtherComputers`."""
+        return _ClusterExecutor(self.address, shared)
 
 
 class _ClusterExecutor(Executor):
     """Executor on a cluster's workers, with a shared state and the suite's own errors."""
 
-    def __init__(self, address: str, preparation: SharedStateRecipe | None) -> None:
-        """Connect to the scheduler and send it the recipe of the shared state.
-
-        Args:
-            address: Address of the scheduler.
-            preparation: Recipe of the state that tasks share; None: they share none.
-
-        Raises:
-            ClusterError: The scheduler does not answer.
-        """
+    def __init__(self, address: str, shared: SharedState | None) -> None:
+        """Connect to the scheduler and send it the recipe of the shared state."""
         self._address = address
         self._client = _connect(address)
         self._pool = self._client.get_executor(pure=False)
-        self._preparation = (
-            None
-            if preparation is None
-            else self._client.submit(
-                _identity_function, preparation, key=f"given-{preparation.name}"
-            )
+        # a task, not scattered data: if the worker that has it ends, another computes it again
+        self._shared = shared and self._client.submit(
+            lambda recipe: recipe, shared, key=f"given-{shared.name}"
         )
 
     def submit(self, work: Callable[..., Result], /, *args: Any, **named: Any) -> Future[Result]:
-        """Submit the task work(state, *args, **named) to the cluster.
-
-        If the tasks share no state, it is work(*args, **named).
-
-        Args:
-            work: Function that can be pickled.
-            args: Positional arguments of `work` after the state.
-            named: Named arguments of `work`.
-
-        Returns:
-            A future of `concurrent.futures`; cancelling it cancels the task.
-        """
+        """Submit the task work(state, *args, **named), or work(*args, **named) without state."""
         task: Future[Result] = Future()
         part = self._pool.submit(
             _perform_on_worker,
             self._address,
             versions_fingerprint(),
-            self._preparation,
+            self._shared,
             work,
             args,
             named,
         )
-        link_cancellation(task, part)
-        part.add_done_callback(
-            lambda ended: transfer_outcome(ended, task, self._translate_error(ended, task))
-        )
+        # No strong reference: a cluster keeps a result as long as a future refers to it, and
+        # computes it again if its worker ends.
+        task.add_done_callback(partial(_cancel, weakref.ref(part)))
+        part.add_done_callback(partial(self._complete, task))
         return task
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Stop accepting work and close the connection.
-
-        Args:
-            wait: Whether to wait until all tasks are done.
-            cancel_futures: Whether to give up all tasks; `wait` is then ignored.
-        """
+        """Wait for all tasks, or give them up, and close the connection."""
         self._pool.shutdown(wait and not cancel_futures)
         self._client.close()
 
-    def _translate_error(self, part: Future[Result], task: Future[Result]) -> Exception | None:
-        """Return the error of the suite that replaces an error of Dask.
-
-        Args:
-            part: Dask's future of the task.
-            task: Future that the user has.
-
-        Returns:
-            ClusterError if the connection was lost, WorkersLostError if several workers ended while
-            they did the task. Otherwise None: nothing is replaced, such as an error of the task
-            itself.
-        """
+    def _complete(self, task: Future[Result], part: Future[Result]) -> None:
+        """Set the outcome of Dask's future, or the suite's own error, unless task is cancelled."""
         from distributed import KilledWorker
 
+        if not task.set_running_or_notify_cancel():
+            return
         if part.cancelled():
-            if task.cancelled():
-                return None
-            return ClusterError(self._address, "the connection to it was lost before all was done")
-        error = part.exception()
-        if isinstance(error, KilledWorker):
-            return WorkersLostError(
-                f"{error.allowed_failures + 1} workers of the cluster, which tried the same task,"
-            )
-        return None
+            trouble = "the connection to it was lost before all was done"
+            task.set_exception(ClusterError(self._address, trouble))
+        elif (error := part.exception()) is None:
+            task.set_result(part.result())
+        elif isinstance(error, KilledWorker):
+            who = f"{error.allowed_failures + 1} workers of the cluster, which tried the same task,"
+            task.set_exception(WorkersLostError(who))
+        else:
+            task.set_exception(error)
+
+
+def _cancel(part: weakref.ref[Future[Result]], task: Future[Result]) -> None:
+    """Cancel Dask's future, if it exists, if the user's was cancelled."""
+    if task.cancelled() and (living := part()) is not None:
+        living.cancel()
 
 
 def _connect(address: str) -> Any:
-    """Connect to a scheduler.
+    """Return a client of `distributed` that is connected to a scheduler.
 
-    Log messages of Dask's client are switched off in the whole process, because the errors raised
-    here say the same.
-
-    Args:
-        address: Address of the scheduler.
-
-    Returns:
-        A client of `distributed`.
+    Log messages of Dask's clients are switched off: the errors raised here say the same.
 
     Raises:
-        ClusterError: The package is missing, or no scheduler answers at the address.
+        ClusterAddressError: The text is not an address.
+        ClusterError: The package is missing, or no scheduler answers within CONNECTED_WITHIN.
     """
     try:
         from distributed import Client
+        from distributed.core import rpc
     except ImportError:
         raise ClusterError(
             address, "the package distributed is not installed; pip install 'distributed>=2024.1'"
         ) from None
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # its errors say the same
-    if _request_identity(address)["type"] != "Scheduler":
-        raise ClusterError(address, "this is not a scheduler; `dask scheduler` says its address")
-    return Client(address, timeout=CONNECTED_WITHIN, set_as_default=False)
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
 
-
-def _request_identity(address: str) -> dict[str, Any]:
-    """Return the identity of the server that listens at an address.
-
-    Args:
-        address: Address such as tcp://10.0.0.2:8786.
-
-    Returns:
-        Dask's description of the server; "type" is "Scheduler" for a scheduler.
-
-    Raises:
-        ClusterAddressError: The text is not an address.
-        ClusterError: There is no answer within CONNECTED_WITHIN.
-    """
-    from distributed.core import rpc
-
-    async def asked() -> dict[str, Any]:
-        """Return the server's answer to `identity`."""
-        async with rpc(address, timeout=CONNECTED_WITHIN) as there:
-            return await asyncio.wait_for(there.identity(), CONNECTED_WITHIN)
+    async def request_identity() -> dict[str, Any]:
+        """Return the server's description of itself; `Client` would wait for it for ever."""
+        async with rpc(address, timeout=CONNECTED_WITHIN) as server:
+            return await asyncio.wait_for(server.identity(), CONNECTED_WITHIN)
 
     try:
-        return asyncio.run(asked())
+        identity = asyncio.run(request_identity())
     except ValueError as error:
         trouble = f"not an address like tcp://10.0.0.2:8786: {error}"
         raise ClusterAddressError(address, trouble) from error
@@ -245,6 +187,9 @@ def _request_identity(address: str) -> dict[str, Any]:
             address,
             f"no scheduler answers within {CONNECTED_WITHIN:g} s; `dask scheduler` starts one",
         ) from error
+    if identity["type"] != "Scheduler":
+        raise ClusterError(address, "this is not a scheduler; `dask scheduler` says its address")
+    return Client(address, timeout=CONNECTED_WITHIN, set_as_default=False)
 
 
 @cache
@@ -266,36 +211,55 @@ def versions_fingerprint() -> str:
     return found.hexdigest()
 
 
-def _identity_function(preparation: SharedStateRecipe) -> SharedStateRecipe:
-    """Return the argument; as a task, this keeps the recipe in the cluster."""
-    return preparation
-
-
 def _perform_on_worker(
-    address: str,
-    wanted: str,
-    preparation: SharedStateRecipe | None,
-    work: Callable[..., Result],
-    args: tuple[Any, ...],
-    named: dict[str, Any],
+    address: str, wanted: str, shared: SharedState | None, work: Callable[..., Result], *given: Any
 ) -> Result:
-    """Run a task on a worker, after a check that versions are equal.
-
-    Args:
-        address: Address of the scheduler, for the error.
-        wanted: Fingerprint of the versions that are required.
-        preparation: Recipe of the state that tasks share, which becomes the first argument of
-            `work`; None: they share none.
-        work: Function to call.
-        args: Positional arguments of `work` after the state.
-        named: Named arguments of `work`.
-
-    Returns:
-        Result of the function.
-
-    Raises:
-        ClusterError: The worker has other versions.
-    """
+    """Call `perform` on a worker; raise ClusterError if its fingerprint is not the wanted one."""
     if wanted != versions_fingerprint():
         raise ClusterError(address, VERSION_MISMATCH_REASON)
-    return perform(preparation, work, *args, **named)
+    return perform(shared, work, *given)
+
+
+def parse_jobs(jobs: int | None, scheduler: str | None) -> Jobs:
+    """Interpret the arguments `--jobs` and `--scheduler`.
+
+    Args:
+        jobs: Number of processes or threads; None: one for each processor.
+        scheduler: Address of a Dask cluster; None: this machine.
+
+    Returns:
+        The cluster if a scheduler is given, after a connection test; otherwise `jobs`.
+
+    Raises:
+        UsageError: Both are given.
+        ClusterError: The cluster cannot be used.
+    """
+    if scheduler is None:
+        return jobs
+    if jobs is not None:
+        raise UsageError("--jobs: a cluster has its workers; leave it out with --scheduler")
+    return Cluster.connect(scheduler)
+
+
+@dataclass(frozen=True)
+class WorkArguments:
+    """Options for who does the large work of a command: processes or a cluster.
+
+    Attributes:
+        jobs: Processes; as many as there are processors when left out.
+        scheduler: Address of a Dask cluster that does the work instead (docs/cluster.md).
+    """
+
+    jobs: JobCount = None
+    scheduler: Scheduler = None
+
+    def connect(self) -> Jobs:
+        """Return the number of processes or the cluster, see `parse_jobs`.
+
+        Raises:
+            UsageError: `jobs` is below 1, or both are given.
+            ClusterError: The cluster cannot be used.
+        """
+        if self.jobs is not None and self.jobs < 1:
+            raise UsageError(f"--jobs: {self.jobs} is below 1")
+        return parse_jobs(self.jobs, self.scheduler)

@@ -79,21 +79,13 @@ class NoPathError(MhsbError):
         obstacle_names: Names of the obstacles that steps had to keep clear of.
     """
 
-    def __init__(
-        self,
-        start: Position,
-        goal: Position,
-        among: tuple[str, ...] = (),
-        inside: str = "",
-    ) -> None:
+    def __init__(self, start: Position, goal: Position, among: tuple[str, ...] = ()) -> None:
         """Store the data and compose the message.
 
         Args:
             start: Tip position at the start [m].
             goal: Tip position at the goal [m].
             among: Names of the obstacles that steps had to keep clear of.
-            inside: Clause on the obstacle that the arm is in at the start. It is appended to the
-                message after a semicolon; empty if there is none.
         """
         self.start = start
         self.goal = goal
@@ -101,7 +93,7 @@ class NoPathError(MhsbError):
         clear = f" clear of {', '.join(among)}" if among else ""
         super().__init__(
             f"no sequence of admissible steps leads from {place_text(start)} to {place_text(goal)}"
-            f"{clear}{f'; {inside}' if inside else ''}"
+            f"{clear}"
         )
 
 

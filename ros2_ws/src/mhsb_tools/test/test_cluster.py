@@ -14,10 +14,10 @@ from mhsb_model import command_line
 from mhsb_planner.build_table import build_table
 from mhsb_planner.cluster import CONNECTED_WITHIN, Cluster
 from mhsb_planner.errors import RequestError, WorkersLostError
+from mhsb_planner.executor import SharedStateExecutor, create_executor
 from mhsb_planner.posture.grid import grid_nodes
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_posture_table import PostureTable
-from mhsb_planner.workers import Prepared, processes
 from mhsb_tools.reproduction.runs import Runs, evaluate, settings
 
 
@@ -59,7 +59,7 @@ def test_a_killed_worker_loses_nothing_and_the_next_one_is_prepared_too(cluster)
         time.sleep(0.1)
         return state["shared"] + number, os.getpid()
 
-    with Prepared(cluster, dict, {"shared": 100}) as pool:
+    with SharedStateExecutor(cluster, dict, {"shared": 100}) as pool:
         tasks = [pool.submit(work, number) for number in range(80)]
         _, killed = tasks[0].result()
         os.kill(killed, signal.SIGKILL)
@@ -74,7 +74,7 @@ def test_a_result_that_has_come_is_not_made_again_for_a_worker_that_is_killed(
     def kept(dask_scheduler):
         return len(dask_scheduler.tasks)
 
-    with processes(cluster) as pool, Client(local) as client:
+    with create_executor(cluster) as pool, Client(local) as client:
         tasks = [pool.submit(divmod, number, 3) for number in range(20)]
         assert [task.result() for task in tasks] == [divmod(n, 3) for n in range(20)]
         eventually(lambda: client.run_on_scheduler(kept) == 0)
@@ -86,14 +86,14 @@ def test_each_thread_has_a_state_of_its_own_that_is_made_once(cluster):
         state.append(threading.get_ident())
         return os.getpid(), id(state), len(set(state))
 
-    with Prepared(cluster, list) as pool:
+    with SharedStateExecutor(cluster, list) as pool:
         results = [task.result() for task in [pool.submit(work) for _ in range(40)]]
     assert all(threads == 1 for _, _, threads in results)
     assert 1 < len({(process, state) for process, state, _ in results}) <= 8
 
 
 def test_errors_keep_their_sentence_and_their_data(machine, cluster):
-    with processes(cluster) as pool:
+    with create_executor(cluster) as pool:
         task = pool.submit(grid_nodes, machine, 99.0)
         with pytest.raises(RequestError, match="spacing must be above 0") as caught:
             task.result()
@@ -101,7 +101,10 @@ def test_errors_keep_their_sentence_and_their_data(machine, cluster):
 
 
 def test_a_task_that_ends_every_worker_is_told_in_one_sentence(cluster):
-    with processes(cluster) as pool, pytest.raises(WorkersLostError, match="ended by themselves"):
+    with (
+        create_executor(cluster) as pool,
+        pytest.raises(WorkersLostError, match="ended by themselves"),
+    ):
         pool.submit(os._exit, 1).result()
 
 

@@ -154,8 +154,6 @@ class ActuatorState(Record):
     """Bristle deflection of the LuGre friction model [m]."""
     supply_flow: float
     """Flow from the line to the chambers [m³/s]."""
-    return_flow: float
-    """Flow from the chambers to the tank [m³/s]."""
     isolated: float
     """Closed share of the valve that isolates both chambers, 0 … 1."""
     isolating_command: float

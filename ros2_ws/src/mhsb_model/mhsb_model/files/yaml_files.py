@@ -64,22 +64,21 @@ class YamlTextError(MhsbError):
         super().__init__(f"the text {reason}")
 
 
-def read_value(text: str, max_depth: int = 1) -> Any:
+def read_value(text: str) -> Any:
     """Read a short YAML text from a user, such as `[1, 2]`, as a plain value.
 
-    The nesting depth is checked before the text is loaded. The length of the text is not limited
-    here; the caller does that. Numbers of more than LONGEST_NUMBER characters are refused.
+    Lists and mappings contain plain values alone; this is checked before the text is loaded. The
+    length of the text is not limited here; the caller does that. Numbers of more than
+    LONGEST_NUMBER characters are refused.
 
     Args:
         text: The YAML text.
-        max_depth: Largest nesting depth of lists and mappings; 1 is a list of plain values.
 
     Returns:
         The value as None, bool, number, text, date, list or dict.
 
     Raises:
-        YamlTextError: The text is not YAML, has a number that is too long, or is nested deeper than
-            `max_depth`.
+        YamlTextError: The text is not YAML, has a number that is too long, or is nested.
     """
     try:
         depth = 0
@@ -87,8 +86,8 @@ def read_value(text: str, max_depth: int = 1) -> Any:
         for event in yaml.parse(text, Loader=BoundedLoader):
             depth += isinstance(event, yaml.CollectionStartEvent)
             depth -= isinstance(event, yaml.CollectionEndEvent)
-            if depth > max_depth:
-                raise YamlTextError(f"is nested more than {max_depth} deep; make it flatter")
+            if depth > 1:
+                raise YamlTextError("is nested more than 1 deep; make it flatter")
         return BoundedLoader(text).get_single_data()
     except RecursionError:  # an anchor in itself
         raise YamlTextError("is nested in itself; write it out") from None

@@ -107,15 +107,6 @@ def moment_arm(linkage: FloatArray, q: float) -> float:
 
 
 @kernel
-def moment_arm_slope(linkage: FloatArray, q: float) -> float:
-    """Return dr/dq [m/rad] at a joint position q [rad or m]; 0 for a telescope or a slew.
-
-    The piston acceleration is r q̈ + dr/dq q̇².
-    """
-    return evaluate_linkage(linkage, q)[2]
-
-
-@kernel
 def evaluate_linkage_at_angles(linkage: FloatArray, angles: FloatArray) -> FloatArray:
     """Compute cylinder length, moment arm and its slope at several joint angles.
 

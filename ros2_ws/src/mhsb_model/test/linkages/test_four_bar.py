@@ -87,7 +87,7 @@ def test_moment_arm_and_its_slope_are_derivatives_of_the_length(bars, q):
     arm = [linkage.moment_arm(row, q + d) for d in (-h, 0.0, h)]
     assert arm[1] == pytest.approx((length[1] - length[0]) / (2 * h), rel=1e-6, abs=1e-7)
     slope = (arm[2] - arm[0]) / (2 * h)
-    assert linkage.moment_arm_slope(row, q) == pytest.approx(slope, rel=1e-5, abs=1e-6)
+    assert linkage.evaluate_linkage(row, q)[2] == pytest.approx(slope, rel=1e-5, abs=1e-6)
 
 
 @given(four_bars, angles)

@@ -40,7 +40,7 @@ def test_moment_arm_and_its_slope_are_derivatives_of_the_length(child_angle, q):
     arm = linkage.moment_arm(row, q)
     assert arm == pytest.approx((length[2] - length[0]) / (2 * h), abs=1e-10)
     slope = (linkage.moment_arm(row, q + h) - linkage.moment_arm(row, q - h)) / (2 * h)
-    assert linkage.moment_arm_slope(row, q) == pytest.approx(slope, abs=1e-9)
+    assert linkage.evaluate_linkage(row, q)[2] == pytest.approx(slope, abs=1e-9)
 
 
 def test_extension_turns_the_joint_positively_only_where_the_child_pin_is_ahead():

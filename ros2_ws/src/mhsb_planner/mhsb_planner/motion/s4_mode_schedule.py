@@ -107,14 +107,8 @@ class StartModes:
         return cls(schedule.modes_at(time_ns), age)
 
 
-def mode_schedule(
-    machine: Machine,
-    trajectory: Trajectory,
-    start: StartModes,
-    preferred: ModeArray | None = None,
-    rules: SwitchingRules | None = None,
-) -> ModeSchedule:
-    """Compute the mode schedule of a trajectory.
+def mode_schedule(machine: Machine, trajectory: Trajectory, start: StartModes) -> ModeSchedule:
+    """Compute the mode schedule of a trajectory by the default rules for switching.
 
     If there are too few booster modules for all flows, SB gives way to DB. Check the result with
     `s3_limits.find_first_violation`. If the motion is too short for its switches, the least dwell
@@ -124,10 +118,6 @@ def mode_schedule(
         machine: Machine with its hydraulics and modules.
         trajectory: Joint trajectory.
         start: Modes in force at the beginning and their ages.
-        preferred: Modes that the search for the discrete path (S2) chose around each point, shape
-            (points, n). SB in them is kept during boost if there are modules enough, even if one
-            servo pump's flow would do. None prefers mode N.
-        rules: Rules for switching; None means the defaults.
 
     Returns:
         Schedule with the trajectory's stamp. Its last row, at the trajectory's end, holds the modes
@@ -137,9 +127,7 @@ def mode_schedule(
         machine, trajectory.position, trajectory.velocity, trajectory.acceleration
     )
     hold = choose_stop_modes(machine, profile.force[-1], start.modes)
-    modes = interval_modes(
-        machine, trajectory.offset_ns / SECOND_NS, profile, start, hold, preferred, rules
-    )
+    modes = interval_modes(machine, trajectory.offset_ns / SECOND_NS, profile, start, hold)
     return schedule_of_intervals(trajectory.stamp_ns, trajectory.offset_ns, modes, hold)
 
 

@@ -32,6 +32,7 @@ from mhsb_planner.errors import (
     InfeasibleGoalError,
     PlanningCancelledError,
 )
+from mhsb_planner.executor import Jobs, over_ranges
 from mhsb_planner.posture.grid import grid_nodes
 from mhsb_planner.posture.s1_chain_search import largest_polytopes_of_chain
 from mhsb_planner.posture.s1_polytope import (
@@ -48,7 +49,6 @@ from mhsb_planner.posture.s1_psi_intervals_3r import (
     find_feasible_intervals,
     solve_posture_at_psi,
 )
-from mhsb_planner.workers import Jobs, over_ranges
 
 SAMPLES_PER_TURN = 720
 """Density of the samples [1/turn]. The area has ridges where the active flow limits change; with

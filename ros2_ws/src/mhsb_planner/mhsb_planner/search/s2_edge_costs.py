@@ -24,6 +24,7 @@ from mhsb_model.statics import gravity_torque
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_model.workspace import move_stays_in_workspace
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
+from mhsb_planner.executor import Result, over_ranges
 from mhsb_planner.search.s2_layout import Layout
 from mhsb_planner.search.s2_step import (
     STEP_INADMISSIBLE,
@@ -35,7 +36,6 @@ from mhsb_planner.search.s2_step import (
     describe_postures,
     price_steps_to_node,
 )
-from mhsb_planner.workers import Result, over_ranges
 
 POSTURES_PER_TASK = 128
 """Number of postures that one thread works on before it takes the next task."""

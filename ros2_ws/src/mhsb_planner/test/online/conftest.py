@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from benchmarks.lock_step import LockStepWorld
 
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Verdict
-from mhsb_planner.cases.lock_step import LockStepWorld
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.planner import PlanOptions

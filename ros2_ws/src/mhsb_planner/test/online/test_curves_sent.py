@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from benchmarks.lock_step import LockStepWorld
+from tests.support.zones_ahead import random_zone
 
 from mhsb_model.feasibility.curve_check import describe_curve_problem
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_model.obstacles.zones import Zones
-from mhsb_planner.cases.lock_step import LockStepWorld
 from mhsb_planner.cases.moves import random_position
-from mhsb_planner.cases.zones_ahead import random_zone
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.planner import PlanOptions

@@ -4,11 +4,11 @@ import itertools
 
 import numpy as np
 import pytest
+from benchmarks.lock_step import LockStepWorld
 from benchmarks.streaming_benchmark import lines
 
 from mhsb_model.goal import Goal
 from mhsb_model.verdict import Outcome, Verdict
-from mhsb_planner.cases.lock_step import LockStepWorld
 from mhsb_planner.online.goal_stream import MAX_LOOKAHEAD_DISTANCE, GoalStream
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.online.settings import Settings

@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.lock_step import LockStepWorld
+from tests.support.zones_ahead import PROMISES_NOTHING, random_trial
 
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome
-from mhsb_planner.cases.lock_step import LockStepWorld
-from mhsb_planner.cases.zones_ahead import PROMISES_NOTHING, random_trial
 from mhsb_planner.online import zone_ahead
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.online.settings import Settings

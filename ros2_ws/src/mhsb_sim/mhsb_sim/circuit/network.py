@@ -466,7 +466,6 @@ def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
     actuator.supply_flow = flow
     flow, slope = compute_orifice_flow(k_edge, pressure[emptied] - pressure[tank], laminar)
     count = add_element(net, count, SERVO_VALVE, emptied, tank, flow, slope)
-    actuator.return_flow = flow
 
     drop = pressure[line] - pressure[tank]
     flow, slope = compute_orifice_flow(actuator.leakage * c.leakage_coefficient, drop, laminar)

@@ -76,23 +76,20 @@ def draw_arm(
     return _draw(machine, postures, width, height)
 
 
-def save_arm_picture(
-    machine: Machine, postures: Sequence[FloatArray], file: Path, width: int = 960
-) -> bool:
+def save_arm_picture(machine: Machine, postures: Sequence[FloatArray], file: Path) -> bool:
     """Write the picture of `draw_arm` as a PNG file with 256 colours.
 
     Args:
         machine: The machine.
         postures: Joint positions of each posture, float64[n], [rad or m]; the last is drawn solid.
         file: File to be written; missing folders are made.
-        width: Width in pixels; the height is three quarters of it.
 
     Returns:
         True if the file was written; False if no picture can be drawn.
     """
     from PIL import Image
 
-    pixels = draw_arm(machine, postures, width, width * 3 // 4)
+    pixels = draw_arm(machine, postures, 960, 720)
     if pixels is None:
         return False
     file.parent.mkdir(parents=True, exist_ok=True)

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.support import spoiling
 
 from mhsb_model.arm_reports import HandOverOutcome
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory, standstill
-from mhsb_msgs_py import mode_schedule, names, spoiling, trajectory
+from mhsb_msgs_py import mode_schedule, names, trajectory
 from mhsb_msgs_py.errors import MessageError
 from mhsb_sim.simulation.plan_receiver import PlanReceiver
 

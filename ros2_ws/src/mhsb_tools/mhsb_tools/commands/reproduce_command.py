@@ -15,9 +15,9 @@ from mhsb_control import load_machine
 from mhsb_model import command_line
 from mhsb_model.command_line import JobCount, JsonFlag, OptionalFile
 from mhsb_model.files.output_folders import make_output_folder
+from mhsb_planner.cluster import Scheduler, parse_jobs
 from mhsb_planner.errors import RequestError
 from mhsb_planner.result_files import write_json, write_rows
-from mhsb_planner.work_arguments import Scheduler, parse_jobs
 from mhsb_tools.reproduction import operating_points
 from mhsb_tools.reproduction.area_figure import draw_area_tradeoff
 from mhsb_tools.reproduction.expectations import ExpectationResult, numbers, records

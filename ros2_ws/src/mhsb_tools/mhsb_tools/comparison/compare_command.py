@@ -19,12 +19,12 @@ from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.cases.moves import case_moves, random_moves
+from mhsb_planner.cluster import WorkArguments
 from mhsb_planner.errors import RequestError
 from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions, warm_up
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
 from mhsb_planner.search.s2_search import Weights
-from mhsb_planner.work_arguments import WorkArguments
 from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_tools.comparison.compare_figure import draw_proportions
 from mhsb_tools.comparison.planner_comparison import (

@@ -22,6 +22,7 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import MotionState, Trajectory
 from mhsb_model.types import FloatArray
 from mhsb_planner.cases.moves import Move
+from mhsb_planner.executor import Jobs, SharedStateExecutor, results_of
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planner import DEFAULT_PLANNER, PLANNER_KINDS, Plan, Planner, PlanOptions
 from mhsb_planner.planners.path_planner import PathRequest
@@ -29,7 +30,6 @@ from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.search.manipulability_loss import WITHOUT_AREA
 from mhsb_planner.search.s2_search import Weights
 from mhsb_planner.slewing.turned_path import combine_with_slew, compute_even_turning
-from mhsb_planner.workers import Jobs, Prepared, results_of
 from mhsb_sim.circuit.audit import energy_by_source
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.comparison.ground_truth import ground_truth
@@ -304,7 +304,7 @@ def compare_all(
     Yields:
         Comparisons in the order of the requests.
     """
-    with Prepared(jobs, PlannerComparer, machine, weights) as pool:
+    with SharedStateExecutor(jobs, PlannerComparer, machine, weights) as pool:
         tasks = [pool.submit(PlannerComparer.compare, request) for request in requests]
         yield from results_of(tasks, in_order=True)
 

@@ -135,17 +135,16 @@ def _draw_takers(taken: Mapping[str, float], total: float, scale: float, axes: A
     _write_all(taken, tops + heights / 2, total, SINK_POSITION + BAR_WIDTH, 1, axes)
 
 
-def label_places(middles: FloatArray, pitch: float = LEAST_PITCH) -> FloatArray:
+def label_places(middles: FloatArray) -> FloatArray:
     """Return heights of labels near the middles of their bars so that the labels do not overlap.
 
     Args:
         middles: Middle of each bar, increasing, as a share of the height from the top, shape (k,).
-        pitch: Least distance of two labels, as a share of the height; at most 1/k is used.
 
     Returns:
-        Heights within 0 … 1 in the order of the bars, at least the pitch apart, shape (k,).
+        Heights within 0 … 1 in the order of the bars, LEAST_PITCH or 1/k apart, shape (k,).
     """
-    pitch = min(pitch, 1.0 / max(len(middles), 1))
+    pitch = min(LEAST_PITCH, 1.0 / max(len(middles), 1))
     own = pitch * np.arange(len(middles))
     lowest = 1.0 - pitch / 2 - own[-1] if len(middles) else 0.0
     # After subtracting k times the pitch, heights need only be non-decreasing: a running maximum.

@@ -137,15 +137,10 @@ class FieldReader:
         at: Offset of the next field in the content.
     """
 
-    def __init__(self, content: bytes | memoryview, at: int = 0) -> None:
-        """Begin to read.
-
-        Args:
-            content: Content of the record.
-            at: Offset of the first field.
-        """
+    def __init__(self, content: bytes | memoryview) -> None:
+        """Begin to read the content of a record."""
         self._content = content
-        self.at = at
+        self.at = 0
 
     def take(self, length: int) -> bytes:
         """Return the next bytes and move past them.

@@ -25,7 +25,6 @@ from mhsb_tools.reproduction.runs import (
     PISTON_SPEEDS,
     SWITCH_WEIGHTS,
     TIME_WEIGHTS,
-    Progress,
     Runs,
     evaluate,
     pressure_run,
@@ -735,7 +734,6 @@ def expectations(
     machine: Machine,
     jobs: int | None = None,
     cases: Mapping[str, PaperCase] | None = None,
-    progress: Progress | None = None,
 ) -> list[ExpectationResult]:
     """Run all cases and sweeps for a machine and judge them.
 
@@ -743,12 +741,11 @@ def expectations(
         machine: The arm.
         jobs: Number of threads; None takes one for each processor.
         cases: Cases by name in place of the paper's; None takes the paper's.
-        progress: Called with the number of work units done since the last call, or None.
 
     Returns:
         The judgements of all expectations.
     """
-    return records(evaluate(machine, settings(cases), jobs, progress))
+    return records(evaluate(machine, settings(cases), jobs))
 
 
 MISSED_PENALTY = 0.5

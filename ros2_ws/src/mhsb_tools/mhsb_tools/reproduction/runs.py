@@ -18,7 +18,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_planner.cases.paper_cases import PaperCase, paper_cases
-from mhsb_planner.cluster import Cluster
+from mhsb_planner.executor import Jobs, over_ranges
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.posture import s1_global_search
 from mhsb_planner.posture.grid import grid_nodes
@@ -31,7 +31,6 @@ from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE
 from mhsb_planner.search.s2_search import PathQuery, SearchMethod, Weights, search
 from mhsb_planner.search.s2_start_goal_edges import find_postures_by_rule
-from mhsb_planner.workers import Jobs, over_ranges
 
 ENERGY_WEIGHTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 TIME_WEIGHTS = (0.0, 5.0, 10.0, 15.0, 20.0)
@@ -213,41 +212,30 @@ def settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]
     return found
 
 
-def published_settings(
-    cases: Mapping[str, PaperCase] | None = None, scale: float = DEFAULT_HEURISTIC_SCALE
-) -> dict[str, Setting]:
+def published_settings(scale: float = DEFAULT_HEURISTIC_SCALE) -> dict[str, Setting]:
     """Return the settings of `settings` with the published search, by run name.
 
     Args:
-        cases: Cases by name in place of the paper's; None takes the paper's.
         scale: Scale of the heuristic [1/m].
     """
     return {
         published_run(name, scale): replace(each, search="published", heuristic_scale=scale)
-        for name, each in settings(cases).items()
+        for name, each in settings().items()
     }
 
 
-def integrated_settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]:
-    """Return the settings of the integrated planner for all cases of the table planner.
-
-    Args:
-        cases: Cases by name in place of the paper's; None takes the paper's.
-
-    Returns:
-        Settings by run name.
-    """
-    cases = paper_cases() if cases is None else cases
+def integrated_settings() -> dict[str, Setting]:
+    """Return the integrated planner's settings for all cases of the table planner, by run name."""
     return {
         integrated_run(name): Setting(replace(case, planner="integrated"))
-        for name, case in cases.items()
+        for name, case in paper_cases().items()
         if case.planner == "table"
     }
 
 
-def area_settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]:
+def area_settings() -> dict[str, Setting]:
     """Return the settings of Case 4 for the integrated planner with each weight w₄, by run name."""
-    case = replace((paper_cases() if cases is None else cases)["4-1"], planner="integrated")
+    case = replace(paper_cases()["4-1"], planner="integrated")
     return {area_run(w4): Setting(case, area_weight=w4) for w4 in AREA_WEIGHTS}
 
 
@@ -298,7 +286,7 @@ def evaluate(
         if pressure not in tables:
             tables[pressure] = _table(machine.changed(supply_pressure=pressure), jobs, tell)
     evaluator = _Evaluator(machine, tables, asked)
-    if not isinstance(jobs, Cluster):
+    if jobs is None or isinstance(jobs, int):
         evaluator.own_graph(jobs)
     found: dict[str, Run] = {}
     with closing(over_ranges(evaluator.evaluate_groups, len(evaluator.groups), 1, jobs)) as parts:

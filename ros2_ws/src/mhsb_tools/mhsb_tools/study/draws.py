@@ -20,11 +20,11 @@ from mhsb_model.holding import holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.cases.moves import random_position
+from mhsb_planner.executor import Jobs, SharedStateExecutor, results_of
 from mhsb_planner.online.commit_horizon import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import DEFAULT_PLANNER, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
-from mhsb_planner.workers import Jobs, Prepared, results_of
 from mhsb_sim.circuit.audit import energy_by_source
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.study.draw_measures import (
@@ -381,7 +381,7 @@ def run_draws(
     Yields:
         The records of all controllers in one draw; draws come as they are ready, in any order.
     """
-    with Prepared(jobs, make_study) as pool:
+    with SharedStateExecutor(jobs, make_study) as pool:
         yield from results_of(pool.submit(DrawStudy.run_draw, draw) for draw in range(count))
 
 

@@ -17,11 +17,11 @@ from mhsb_model.holding import holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
+from mhsb_planner.executor import Jobs, create_executor, results_of
 from mhsb_planner.online.commit_horizon import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import DEFAULT_PLANNER, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
-from mhsb_planner.workers import Jobs, processes, results_of
 from mhsb_sim.simulation.fault_detection import SupervisionLimits
 from mhsb_sim.simulation.faults import parse_faults
 from mhsb_sim.simulation.simulator import Simulator
@@ -213,7 +213,7 @@ def run_faults(
     for fault in faults:
         parse_faults(fault, machine)
     motion = lift(machine)
-    with processes(jobs) as pool:
+    with create_executor(jobs) as pool:
         tasks = [pool.submit(run_fault, machine, motion, each, controller) for each in faults]
         yield from results_of(tasks, in_order=True)
 

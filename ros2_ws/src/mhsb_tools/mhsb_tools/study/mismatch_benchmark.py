@@ -18,9 +18,9 @@ from mhsb_control import REGISTERED_CONTROLLERS, select_controllers
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine
 from mhsb_model.schema import Duration, Section, Weight
+from mhsb_planner.executor import Jobs, SharedStateExecutor, results_of
 from mhsb_planner.planner import DEFAULT_PLANNER, PlanOptions
 from mhsb_planner.search.s2_search import Weights
-from mhsb_planner.workers import Jobs, Prepared, results_of
 from mhsb_tools.study.draws import DrawRecord, DrawStudy, PlannedSequence
 from mhsb_tools.study.headless import TimedGoal
 from mhsb_tools.study.scenarios import read_study_file
@@ -189,7 +189,7 @@ def run_benchmark(
     sequences = len(protocol.file.sequences)
     runs = [(True, number) for number in range(sequences)]
     runs += [(False, draw) for draw in range(draws)]
-    with Prepared(jobs, BenchmarkStudy, machine, protocol) as pool:
+    with SharedStateExecutor(jobs, BenchmarkStudy, machine, protocol) as pool:
         yield from results_of(pool.submit(_run, *run) for run in runs)
 
 

@@ -20,12 +20,12 @@ from mhsb_model.holding import holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
+from mhsb_planner.executor import Jobs, create_executor, results_of
 from mhsb_planner.motion.energy import Energy, motion_energy
 from mhsb_planner.online.commit_horizon import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
-from mhsb_planner.workers import Jobs, processes, results_of
 from mhsb_sim.circuit.audit import energy_by_source
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.study.energy_comparison import EnergyPart, energy_elements
@@ -286,7 +286,7 @@ def run_study(
     Yields:
         Results as they are ready, in any order.
     """
-    with processes(jobs) as pool:
+    with create_executor(jobs) as pool:
         yield from results_of(pool.submit(study_scenario, machine, each) for each in scenarios)
 
 

@@ -22,11 +22,11 @@ from mhsb_model import command_line
 from mhsb_model.command_line import JsonFlag, NumberRange, OptionalFile
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine
+from mhsb_planner.cluster import WorkArguments
+from mhsb_planner.executor import Jobs
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
-from mhsb_planner.work_arguments import WorkArguments
-from mhsb_planner.workers import Jobs
 from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.simulation.plant_files import load_plant
 from mhsb_tools.study.controller_comparison import COMPARED_CONTROLLERS, as_text, compare

@@ -14,7 +14,7 @@ from mhsb_control import load_machine
 from mhsb_model import command_line
 from mhsb_model.command_line import Count, JsonFlag, OptionalFile, Seed
 from mhsb_model.machine import Machine, find_machine_file
-from mhsb_planner.work_arguments import WorkArguments
+from mhsb_planner.cluster import WorkArguments
 from mhsb_tools.study.scenarios import load_scenarios
 from mhsb_tools.study.servo_study import plan_scenario
 from mhsb_tools.study.tuning import (

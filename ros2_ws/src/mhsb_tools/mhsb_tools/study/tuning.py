@@ -26,7 +26,7 @@ from mhsb_control.stability import SLOWEST_DECAY, compute_slowest_decay
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
-from mhsb_planner.workers import Jobs, Prepared, results_of
+from mhsb_planner.executor import Jobs, SharedStateExecutor, results_of
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.errors import TuningError
 from mhsb_tools.study.draws import DrawStudy, PlannedSequence
@@ -352,7 +352,7 @@ def _parallel_evaluator(
         found = np.reshape(list(results_of(tasks, in_order=True)), (len(batch), count))
         return [training.cost(costs) for costs in found]
 
-    with Prepared(jobs, tuple, (*training.scripts, *training.draws)) as pool:
+    with SharedStateExecutor(jobs, tuple, (*training.scripts, *training.draws)) as pool:
         yield costs_of
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from benchmarks.departures import find_branch_time, find_branch_times
 
 from mhsb_model.trajectory import Trajectory, quintic_hermite
 from mhsb_tools.recording.recording import TimedValue
-from mhsb_tools.report.departures import find_branch_time, find_branch_times
 
 STEP_NS = 20_000_000
 REST = np.zeros(3)

@@ -9,7 +9,7 @@ import pytest
 from mhsb_control.errors import UnknownControllerError
 from mhsb_model.command_line import UsageError
 from mhsb_model.machine import Machine
-from mhsb_planner.work_arguments import WorkArguments
+from mhsb_planner.cluster import WorkArguments
 from mhsb_tools.commands.simulate_command import build_plant
 from mhsb_tools.study import study_command
 from mhsb_tools.study.draws import DrawRecord

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.support.motions import sample_intervals
 
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
@@ -48,5 +49,5 @@ def test_no_quintic_leaves_the_bound_on_its_joints(machine, seed):
     bound = joint_range.bound_joint_excess(
         m, motion.offset_ns / SECOND_NS, motion.position, motion.velocity, motion.acceleration
     )
-    inside, _, _ = motion.sample_intervals(np.array([0]), np.linspace(0, 1, 200))
+    inside, _, _ = sample_intervals(motion, np.array([0]), np.linspace(0, 1, 200))
     assert joint_range.joint_excess(m, inside).max() <= bound[0] + 1e-12

@@ -1,4 +1,4 @@
-"""Work shared out."""
+"""Executors on processes, threads of this process and index ranges."""
 
 import multiprocessing
 import os
@@ -10,8 +10,8 @@ from contextlib import closing
 import pytest
 
 from mhsb_planner.errors import RequestError, WorkersLostError
+from mhsb_planner.executor import SharedStateExecutor, create_executor, over_ranges, results_of
 from mhsb_planner.posture.grid import grid_nodes
-from mhsb_planner.workers import Prepared, over_ranges, processes, results_of
 
 
 @pytest.mark.parametrize("jobs", [None, 1, 3])
@@ -56,25 +56,25 @@ def test_one_process_is_this_one_and_is_prepared_like_any():
         prepared.append(given)
         return f"made of what was {given}"
 
-    with Prepared(1, prepare, "given") as pool:
+    with SharedStateExecutor(1, prepare, "given") as pool:
         tasks = [pool.submit(lambda state: (state, os.getpid())) for _ in range(3)]
         assert list(results_of(tasks)) == 3 * [("made of what was given", os.getpid())]
     assert prepared == ["given"]
 
 
 def test_tasks_in_other_processes_find_there_what_was_prepared():
-    with Prepared(2, dict, {"a": 1}) as pool:
+    with SharedStateExecutor(2, dict, {"a": 1}) as pool:
         assert pool.submit(dict.get, "a").result() == 1
         assert pool.submit(dict.get, "b", 7).result() == 7
 
 
 def test_an_error_in_the_preparation_reaches_the_caller():
-    with Prepared(2, int, "one") as pool, pytest.raises(ValueError, match="'one'"):
+    with SharedStateExecutor(2, int, "one") as pool, pytest.raises(ValueError, match="'one'"):
         pool.submit(int.bit_length).result()
 
 
 def test_a_process_that_is_killed_loses_nothing(caplog):
-    with processes(2) as pool:
+    with create_executor(2) as pool:
         done = [pool.submit(divmod, number, 3) for number in range(3)]
         assert [task.result() for task in done] == [divmod(n, 3) for n in range(3)]
         slow = [f"sleep 0.2; echo {number}" for number in range(8)]
@@ -86,12 +86,12 @@ def test_a_process_that_is_killed_loses_nothing(caplog):
 
 
 def test_a_task_that_always_ends_its_process_is_told_in_one_sentence():
-    with processes(2) as pool, pytest.raises(WorkersLostError, match="ended by themselves"):
+    with create_executor(2) as pool, pytest.raises(WorkersLostError, match="ended by themselves"):
         pool.submit(os._exit, 1).result()
 
 
 def test_tasks_that_are_cancelled_do_not_keep_an_executor_waiting():
-    with processes(2) as pool:
+    with create_executor(2) as pool:
         tasks = [pool.submit(time.sleep, 0.2) for _ in range(200)]
         with closing(results_of(tasks)) as results:
             next(results)
@@ -99,13 +99,13 @@ def test_tasks_that_are_cancelled_do_not_keep_an_executor_waiting():
 
 
 def test_results_come_in_order_where_that_is_asked_for_from_any_number_of_processes():
-    with processes(2) as pool:
+    with create_executor(2) as pool:
         tasks = [pool.submit(divmod, number, 3) for number in range(7)]
         assert list(results_of(tasks, in_order=True)) == [divmod(n, 3) for n in range(7)]
 
 
 def test_an_error_in_another_process_keeps_its_sentence_and_its_data(machine):
-    with processes(2) as pool:
+    with create_executor(2) as pool:
         task = pool.submit(grid_nodes, machine, 99.0)
         with pytest.raises(RequestError, match="spacing must be above 0") as caught:
             task.result()

@@ -1,4 +1,4 @@
-"""Random damage to messages of any type, as a faulty sender may send them; for tests.
+"""Random damage to messages of any type, as a faulty sender may send them.
 
 A damaged message still is one of its type, so that it can be published. Bytes from `damage_bytes`
 need not be even that.

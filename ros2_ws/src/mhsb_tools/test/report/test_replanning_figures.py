@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pytest
-
-from mhsb_tools.report.online_figures import compute_replanning_figures
+from benchmarks.replanning_figures import compute_replanning_figures
 
 
 @pytest.fixture(scope="module")

@@ -1,9 +1,9 @@
 """Figures of goals that stream, against a tip whose distance is known."""
 
 import numpy as np
+from benchmarks.tracking_figures import _compute_goal_distances
 
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_tools.report.stream_figures import _compute_goal_distances
 
 
 def test_a_tip_that_lags_by_a_constant_time_is_behind_by_speed_times_lag():

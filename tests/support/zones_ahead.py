@@ -10,6 +10,7 @@ import re
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from benchmarks.lock_step import LockStepWorld
 
 from mhsb_model.command import Command
 from mhsb_model.machine import Machine
@@ -17,7 +18,6 @@ from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
 from mhsb_model.verdict import Verdict
-from mhsb_planner.cases.lock_step import LockStepWorld
 from mhsb_planner.cases.moves import random_position
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.online.settings import Settings

@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 
-from mhsb_tools.live.load import restrict_to_one_processor, run_busy_loops
+from benchmarks.processor_load import restrict_to_one_processor, run_busy_loops
 
 
 def test_what_is_started_on_one_processor_stays_there_and_the_rest_comes_back():

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from benchmarks.departures import find_branch_times
+
 from mhsb_tools.recording.recording import Recording
-from mhsb_tools.report.departures import find_branch_times
 from mhsb_tools.report.goal_fates import GoalResult, JudgedGoal, judge_recorded_goals
 from mhsb_tools.report.summary import (
     Summary,

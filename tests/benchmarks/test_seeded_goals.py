@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks.seeded_goals import draw_reachable_goals
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.planner import Planner
 from mhsb_planner.posture.s1_global_search import build_posture_table
-from mhsb_tools.live.seeded_goals import draw_reachable_goals
 
 
 @pytest.fixture(scope="module")
