@@ -112,9 +112,12 @@ def count_reached(plant: Machine, commands: Sequence[Command], run: Replay) -> i
     return reached
 
 
-def measure(machine: Machine, change: str, commands: Sequence[Command], seed: int) -> dict:
+def measure(
+    machine: Machine, change: str, commands: Sequence[Command], seed: int, declared: bool
+) -> dict:
     """Simulate a sequence; the RMS is that of the tip's error while the reference moves."""
     plant = build_plant(machine, change)
+    machine = plant if declared else machine
     duration = commands[-1].trajectory.end_ns / SECOND_NS + PAUSE
     try:
         run = replay(Simulator(machine, seed=seed, plant=plant), commands, duration)
@@ -140,8 +143,12 @@ def run(
     sequences: int = 6,
     seed: int = 0,
     plans: Path = Path("out/plant_plans"),
+    declared: bool = False,
 ) -> None:
-    """Simulate sequences `seed` … `seed + sequences − 1`; plans are kept in a folder."""
+    """Simulate sequences `seed` … `seed + sequences − 1`; plans are kept in a folder.
+
+    The servo knows the change if it is declared, as its machine file would have it.
+    """
     found = json.loads(output.read_text()) if output.exists() else {}
     plans.mkdir(parents=True, exist_ok=True)
 
@@ -161,7 +168,7 @@ def run(
             for change in changes:
                 results = found.setdefault(name, {}).setdefault(change, {})
                 if str(own) not in results:
-                    results[str(own)] = measure(machine, change, commands, own)
+                    results[str(own)] = measure(machine, change, commands, own, declared)
                     write_json(output, found)
 
 
