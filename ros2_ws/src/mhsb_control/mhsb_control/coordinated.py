@@ -164,7 +164,8 @@ class CoordinatedController:
         cascade.axes["joined"] = signals.circuit.actuators["join"]
         cascade.axes["supply_target"] = signals.sensors["line_pressure"]
         pumps = build_pump_state(machine, signals, gains, settings.pumps)
-        valves = build_valve_estimates(machine.joint_count, settings.valves)
+        declared = machine.config.imperfections.valve_overlap
+        valves = build_valve_estimates(signals.valve_overlap, declared, settings.valves)
         self._estimators = (
             machine.actuator_names,
             cascade.load,
@@ -221,7 +222,14 @@ def run_coordinated_step(
             v, j, axis.speed, sensor.length, force, axis.stiffness, s.gains[0].step
         )
         compute_valve_command(
-            axis, sensor, cylinder, s.constants, s.actuators[j], v.records[j], v.settings[0]
+            axis,
+            sensor,
+            cylinder,
+            s.constants,
+            s.actuators[j],
+            v.records[j],
+            v.overlap[j],
+            v.settings[0],
         )
         select_supply_targets(axis, sensor, cylinder, s.constants, s.gains, s.modes[j])
     update_line_estimates(s, p.lines, p.gains[0].settings.lines)
@@ -268,6 +276,7 @@ def compute_valve_command(
     constants: Records[CircuitConstants],
     actuator: ActuatorState,
     valve: EstimatedValve,
+    overlap: float,
     settings: ValveSettings,
 ) -> None:
     """Compute the valve command that produces the demanded piston speed at the measured pressures.
@@ -298,6 +307,7 @@ def compute_valve_command(
         valve: Estimates and window of the valve. Writes `speed_gain` (G)
             [m/s] and `opening` (x) in place. `opening` is 0 if the load keeps the valve partly or
             fully shut, so that the estimator does not use it.
+        overlap: Overlap that is compensated, as a share of the spool's stroke.
         settings: Tuned numbers of the inverse.
     """
     c = constants[0]
@@ -318,8 +328,9 @@ def compute_valve_command(
     smallest, _ = compute_orifice_flow(k, settings.min_pressure_drop, c.laminar_pressure)
     gain = inlet_gain * max(inlet, smallest) + outlet_gain * max(outlet, smallest)
     valve.speed_gain = gain / axis.stiffness
-    opening = compute_opening(valve, axis.demand, settings)
-    gate = min(max((sensor.line_pressure - carried) / c.laminar_pressure, 0.0), 1.0)
+    opening = compute_opening(valve, overlap, axis.demand, settings)
+    valve.driving_pressure = sensor.line_pressure - carried
+    gate = min(max(valve.driving_pressure / c.laminar_pressure, 0.0), 1.0)
     actuator.valve_command = gate * min(max(opening, -1.0), 1.0)
     valve.opening = actuator.valve_command if gate == 1.0 else 0.0
     held = gate < 1.0 or abs(opening) >= 1.0 or abs(axis.demand) >= axis.deliverable_speed

@@ -161,6 +161,10 @@ class ModeGuard:
             if self._state.actuators["allowed_rate"][lacking] < 1.0:
                 left = self._state.actuators["reserve"][lacking] / 1e6
                 why = f"{self._names[lacking]} has {left:.2f} MPa in reserve"
+            if rate < self.settings.held_rate:
+                stalled = int(np.argmin(self._state.actuators["driving_pressure"]))
+                beyond = self._state.actuators["driving_pressure"][stalled] / 1e6
+                why = f"the line of {self._names[stalled]} has {beyond:.2f} MPa beyond its load"
             sentences.append(f"the plan runs at {rate:.2f} of its pace: {why}")
         if delay > 0.0:
             sentences.append(f"the arm is {delay / SECOND_NS:.2f} s later than planned")

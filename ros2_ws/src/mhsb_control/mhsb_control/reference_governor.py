@@ -10,7 +10,8 @@ p̂ is the filtered pressure of its line and ṗ̂ its rate, counted only while 
 that the main pump leaves in mode N is too small, the actuator is boosted until the reserve has been
 large for a while. What boost cannot supply, or not yet, is gained by slowing the plan. The speed
 scaling falls with the smallest reserve, with a valve that stays nearly open, and with the tip's
-distance from its reference, down to a hold.
+distance from its reference. A plan is held only if the line of a moving actuator has next to no
+pressure beyond p_L; otherwise the rate stays at a small value, with which the arm still moves.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from mhsb_control.controller import ActuatorReadings, ServoSignals
 from mhsb_control.reference import ReferencePreview
 from mhsb_control.speed_scaling import ScalingSettings, SpeedScaling, update_rate
 from mhsb_model.circuit.quantities import ActuatorState, CircuitConstants, CylinderConstants
-from mhsb_model.hydraulics import compute_pressure_without_margin
+from mhsb_model.hydraulics import compute_pressure_without_margin, load_pressure
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import add_extension, get_turn_angle
 from mhsb_model.linkages.linkage import evaluate_linkage
@@ -154,12 +155,28 @@ class GovernorSettings(Record):
     30 % smaller and larger, N = 5: RMS error −4.7 and +3.1 % (mhsb_arm3), −1.8 and +2.4 %
     (excavator; overshoot −1.37 and −0.82 MPa)."""
     hold_error_ratio: float = 1.7
-    """Distance of tip and reference at which the plan stands still [usual errors], 1 … 100.
+    """Distance of tip and reference at which the rate is least [usual errors], 1 … 100.
 
     Up to one usual error the plan runs at full speed. Origin: chosen.
 
     30 % smaller and larger, N = 5: RMS error −15.0 and +2.3 % (mhsb_arm3; overshoot +0.08 and
     +0.00 MPa), 0 and −0.7 % (excavator; overshoot +0.06 and −0.33 MPa)."""
+    min_rate: float = 0.05
+    """Rate of a plan that the arm can still follow, however far the tip is behind, 0 … 1.
+
+    Origin: chosen, above `held_rate`. A reference that stood still would stop the integral and
+    the estimates that are to move the arm.
+
+    30 % smaller and larger, N = 5: RMS error −3.9 and −3.0 % (mhsb_arm3), −3.7 and −0.7 %
+    (excavator; overshoot +0.15 and −0.14 MPa)."""
+    min_driving_pressure: float = 5e4
+    """Pressure of a line beyond the load pressure p_L with which the arm can still move [Pa].
+
+    A plan is held only if a line has less. Range 0 … 1e7. Origin: the laminar pressure of the
+    suite's valves.
+
+    30 % smaller and larger, N = 5: RMS error −3.8 and −0.2 % (mhsb_arm3), −1.3 and −0.9 %
+    (excavator)."""
     held_rate: float = 0.02
     """Rate of the speed scaling below which a plan counts as held, 0 … 1.
 
@@ -195,13 +212,15 @@ class GovernedActuator(Record):
     deviation: float
     """Deviation of the joint from its reference [rad or m]."""
     opening: float
-    """Filtered |valve command|."""
+    """Filtered opening of the valve beyond its overlap, 0 … 1."""
     reserve: float
     """Reserve of the line as it is supplied [Pa]."""
     allowed_rate: float
     """Rate of the speed scaling that this actuator allows, 0 … 1."""
     reserve_in_n: float
     """Reserve that it has, or would have, in mode N [Pa]."""
+    driving_pressure: float
+    """Line pressure beyond the load pressure of its motion [Pa]; inf if it does not move."""
     condition_time: float
     """Time for which the condition for a change of the request has lasted [s]."""
     requested_mode: int
@@ -244,6 +263,7 @@ class GovernorState(NamedTuple):
     reference: FloatArray  # [points, 3, n] q, q̇, q̈; point 0 is now
     speed_scaling: Records[SpeedScaling]  # [1] speed scaling of the reference
     full_speed_velocity: FloatArray  # [n] rad/s, velocity of the reference at full speed
+    valve_overlap: FloatArray  # [n] overlap of each valve that the controller compensates
     cylinders: Records[CylinderConstants]  # [n] cylinders of the circuit as the servo knows it
     constants: Records[CircuitConstants]  # [1] constants of that circuit
     commands: Records[ActuatorState]  # [n] actuators of that circuit, with their valve commands
@@ -284,6 +304,7 @@ def build_governor_state(
         reference=signals.reference,
         speed_scaling=reference.speed_scaling,
         full_speed_velocity=reference.full_speed_velocity,
+        valve_overlap=signals.valve_overlap,
         cylinders=signals.circuit.cylinders,
         constants=signals.circuit.constants,
         commands=signals.circuit.actuators,
@@ -300,8 +321,10 @@ def run_governor_step(g: GovernorState) -> bool:
 
     The requested rate is the smallest that the tip error, the reserves and the valve openings
     allow. By the tip error it is 1 up to one usual error, and falls linearly to 0 at
-    `hold_error_ratio` usual errors. `update_rate` moves the rate towards it. The kernel also counts
-    how often and how long the plan is slowed, and how long it is held.
+    `hold_error_ratio` usual errors. The requested rate is at least `min_rate`, unless the line of a
+    moving actuator has less than `min_driving_pressure` beyond its load pressure. `update_rate`
+    moves the rate towards the requested one. The kernel also counts how often and how long the plan
+    is slowed, and how long it is held.
 
     Args:
         g: State of the governor. Writes `actuators`, `totals` and `speed_scaling` in place.
@@ -312,18 +335,21 @@ def run_governor_step(g: GovernorState) -> bool:
     compute_reserves(g)
     scaling, o, changed = g.speed_scaling[0], g.totals[0], False
     settings = o.settings
-    limit = settings.hold_error_ratio
+    limit, floor = settings.hold_error_ratio, settings.min_rate
     rate = max((limit - o.error_behind / o.usual_error) / (limit - 1.0), 0.0)
     for j in range(len(g.actuators)):
         actuator = g.actuators[j]
         scheduled = BOOSTED_MODES[g.scheduled[j]]
         changed = update_boost_request(actuator, scheduled, o.step, settings) or changed
-        opening = abs(g.commands[j].valve_command)
+        overlap = g.valve_overlap[j]
+        opening = max(abs(g.commands[j].valve_command) - overlap, 0.0) / (1.0 - overlap)
         actuator.opening += o.step / settings.opening_filter_time * (opening - actuator.opening)
         actuator.allowed_rate = compute_allowed_rate(actuator, BOOSTED_MODES[g.modes[j]], settings)
         rate = min(rate, actuator.allowed_rate)
+        if actuator.driving_pressure < settings.min_driving_pressure:
+            floor = 0.0
     before = scaling.rate
-    update_rate(scaling, min(rate, 1.0), o.step, settings.scaling)
+    update_rate(scaling, min(max(rate, floor), 1.0), o.step, settings.scaling)
     if scaling.rate < 1.0:
         o.slowed += o.step
         o.slowings += 1.0 if before == 1.0 else 0.0
@@ -344,7 +370,8 @@ def compute_reserves(g: GovernorState) -> None:
     `reserve_in_n` is the lowest line pressure of the actuators in mode N, filtered and predicted by
     `prediction_time` while it falls, less the greater of both needs. In mode N `reserve` equals
     `reserve_in_n`. In DB and SB `reserve` is the actuator's own line pressure less its present
-    need, filtered with `boosted_smoothing`.
+    need, filtered with `boosted_smoothing`. `driving_pressure` is the pressure of that line less
+    p_L.
 
     Args:
         g: State of the governor. Writes `actuators` (reserves [Pa], deviations [rad or m]) and
@@ -375,11 +402,13 @@ def compute_reserves(g: GovernorState) -> None:
         actuator.deviation = away / arm
         speed, ahead = arm * g.full_speed_velocity[j], arm * g.reference[START_PREVIEW_POINT, 1, j]
         k, tank, needed, soon = cylinder.valve_coefficient, c.tank_pressure, 0.0, 0.0
+        carried = -math.inf
         if (
             cylinder.min_length < sensor.length < cylinder.max_length
         ):  # at an end stop, that carries the load
             if abs(speed) > MOVING_SPEED:
                 needed = compute_pressure_without_margin(k, cap, rod, tank, actuator.force, speed)
+                carried = load_pressure(cap, rod, tank, actuator.force, speed)
             if abs(ahead) > STARTING_SPEED:
                 soon = compute_pressure_without_margin(k, cap, rod, tank, actuator.force, ahead)
             if o.error > settings.lift_error_ratio * o.usual_error and away * actuator.force < 0.0:
@@ -392,8 +421,10 @@ def compute_reserves(g: GovernorState) -> None:
         if BOOSTED_MODES[g.modes[j]]:
             lasting = actuator.line - max(0.0, needed) - actuator.reserve
             actuator.reserve += o.step / settings.boosted_smoothing * lasting
+            actuator.driving_pressure = actuator.line - carried
         else:
             actuator.reserve = actuator.reserve_in_n
+            actuator.driving_pressure = o.supply - carried
     o.error, o.error_behind = compute_tip_errors(
         g.chain, g.reference[0, 0], g.full_speed_velocity, g.actuators
     )

@@ -12,8 +12,10 @@ filter updates a, b, c window by window; they follow slow random walks. The valv
     |x| = |u|/(a G) + o min(|u|/u_s, 1).
 
 A parameter without data keeps its standard deviation. A piston may be commanded to move while its
-reference rests. If it moves less than commanded, that indicates overlap, with a as estimated by
-then.
+reference rests, or not move although its reference does. If it moves less than commanded, that
+indicates overlap, with a as estimated by then. A shut valve tells only that its overlap is larger
+than its opening. The estimate therefore follows such an opening at once, and stays uncertain by as
+much as it has risen.
 
 Source: J.-J. Slotine, W. Li, Applied Nonlinear Control, Section 8.7 (least squares with integrated
 regressors); G. Tao, P. Kokotović, Adaptive Control of Plants with Unknown Dead-zones (the smooth
@@ -127,25 +129,46 @@ class ValveSettings(Record):
     30 % smaller and larger, N = 5: RMS error −3.8 and −12.1 % (mhsb_arm3), −0.9 and +3.0 %
     (excavator; overshoot −1.73 and −1.11 MPa)."""
     min_gain: float = 0.5
-    """Smallest a that the inverse uses [-], above 0 … 1.
+    """Smallest a (1 − o) that the inverse uses [-], above 0 … 1.
 
+    A piston that moved less than this share of its prediction is stopped by overlap.
     Origin: plausibility; half of the smallest valve gain in config/variations.yaml would be 0.4.
 
     30 % smaller and larger, N = 5: RMS error +8.1 and −2.9 % (mhsb_arm3), +0.3 and +0.4 %
     (excavator)."""
     max_gain: float = 1.6
-    """Largest a that the inverse uses [-], 1 … 10.
+    """Largest a (1 − o) that the inverse uses [-], 1 … 10.
 
-    Origin: plausibility; a valve with 1.2 times the file's gain and 3 % overlap has 1.24.
+    Origin: plausibility; config/variations.yaml has a valve gain of up to 1.2.
 
     30 % smaller and larger, N = 5: RMS error −13.4 and 0 % (mhsb_arm3), +31.8 and 0 %
     (excavator; overshoot −2.68 and +0.00 MPa, falls +1 and +0)."""
-    max_overlap: float = 0.06
+    max_overlap: float = 0.45
     """Largest overlap that the inverse uses, as a share of the spool's stroke, 0 … 0.5.
 
-    Origin: twice the largest overlap in data sheets of servo valves.
+    Origin: valves of excavators have a dead band of 38 to 48 % of the command.
 
-    30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +1.0 and +0.4 % (excavator)."""
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
+    declared_overlap_share: float = 0.2
+    """Initial standard deviation of a declared overlap, as a share of it, 0 … 1.
+
+    It adds to `overlap_deviation`. Origin: chosen.
+
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator, which declare none."""
+    surprise: float = 3.0
+    """Standard deviations of a window's stroke beyond which overlap is the cause, 1 … 100.
+
+    Origin: three standard deviations.
+
+    30 % smaller and larger, N = 5: RMS error −3.9 and −3.2 % (mhsb_arm3), −3.9 and −4.8 %
+    (excavator; overshoot +2.65 and +0.39 MPa)."""
+    min_driving_pressure: float = 4e5
+    """Line pressure beyond the load pressure at which a shut valve tells of overlap [Pa], 0 … 1e7.
+
+    With less, an open valve passes next to nothing, too. Origin: eight times the laminar pressure
+    of the suite's valves.
+
+    30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +22.9 and 0 % (excavator)."""
     overlap_speed: float = 3e-4
     """u_s: demand below which the overlap is crossed in part [m/s], above 0 … 0.01.
 
@@ -166,13 +189,15 @@ class EstimatedValve(Record):
     """Estimates of one valve that its inverse uses, and its present window."""
 
     gain: float
-    """Estimate a, limited to `min_gain` … `max_gain`."""
-    overlap: float
-    """Overlap o, limited to 0 … `max_overlap`."""
+    """Estimate a. The file's share a (1 − o) in it is limited to `min_gain` … `max_gain`."""
     opening: float
     """Opening x of the last step; 0 if the servo did not set it freely."""
     speed_gain: float
     """Speed G per opening in the last step [m/s]."""
+    driving_pressure: float
+    """Line pressure beyond the load pressure in the last step [Pa]."""
+    least_driving_pressure: float
+    """The least of the window [Pa]."""
     steps: int
     """Number of steps in the present window."""
     sign: float
@@ -197,42 +222,54 @@ class ValveEstimates(NamedTuple):
     records: Records[EstimatedValve]  # [n]
     estimate: FloatArray  # [n, 3] a, b, c
     covariance: FloatArray  # [n, 3, 3] covariance of a, b, c
+    overlap: FloatArray  # [n] overlap o that the inverse uses
     settings: Records[ValveSettings]  # [1]
 
 
-def build_valve_estimates(count: int, settings: ValveSettings = ValveSettings()) -> ValveEstimates:
-    """Return the initial estimates of valves: a = c = 1, b = 0, with their initial deviations.
+def build_valve_estimates(
+    overlap: FloatArray, declared: float = 0.0, settings: ValveSettings = ValveSettings()
+) -> ValveEstimates:
+    """Return the initial estimates of valves with the file's gain and the declared overlap o.
+
+        a = 1/(1 − o),   b = o/(1 − o),   c = 1
 
     Args:
-        count: Number n of valves.
+        overlap: Array of the result's field `overlap`, float64[n]. Written in place.
+        declared: Overlap o that the machine file declares, as a share of the spool's stroke.
         settings: Tuned numbers.
 
     Returns:
-        The estimates.
+        The estimates of n valves, with their initial deviations.
     """
+    count, gain = len(overlap), 1.0 / (1.0 - declared)
     records = create_records(EstimatedValve, count)
-    records["gain"] = 1.0
+    records["gain"] = gain
+    overlap[:] = min(declared, settings.max_overlap)
     deviations = (
-        settings.gain_deviation,
-        settings.overlap_deviation,
+        settings.gain_deviation * gain,
+        math.hypot(settings.overlap_deviation, settings.declared_overlap_share * gain * declared),
         settings.compressibility_deviation,
     )
     return ValveEstimates(
         records=records,
-        estimate=np.tile(np.array([1.0, 0.0, 1.0]), (count, 1)),
+        estimate=np.tile(np.array([gain, gain * declared, 1.0]), (count, 1)),
         covariance=np.tile(np.diag(np.square(deviations)), (count, 1, 1)),
+        overlap=overlap,
         settings=create_record(settings),
     )
 
 
 @kernel(inline="always")
-def compute_opening(valve: EstimatedValve, demand: float, settings: ValveSettings) -> float:
+def compute_opening(
+    valve: EstimatedValve, overlap: float, demand: float, settings: ValveSettings
+) -> float:
     """Return the valve opening that produces a demanded piston speed.
 
         x = u/(G a) + o clip(u/u_s, −1, 1)
 
     Args:
         valve: Estimates and window of the valve.
+        overlap: o, overlap as a share of the spool's stroke.
         demand: u, piston speed [m/s].
         settings: Tuned numbers, with `overlap_speed` u_s.
 
@@ -240,7 +277,7 @@ def compute_opening(valve: EstimatedValve, demand: float, settings: ValveSetting
         Opening x, a share of the spool's stroke, not limited to −1 … 1. Positive extends.
     """
     across = min(max(demand / settings.overlap_speed, -1.0), 1.0)
-    return demand / (valve.speed_gain * valve.gain) + valve.overlap * across
+    return demand / (valve.speed_gain * valve.gain) + overlap * across
 
 
 @kernel(borrows=True)
@@ -256,13 +293,17 @@ def accumulate_valve_window(
     """Add one step of a valve to its window, and update the estimate if the window is full.
 
     A window is discarded if the valve saturates, is shut or opens against the motion, or if the
-    reference reverses, starts or stops. If the reference moves, a full window updates a, b and c by
-    the balance of the module's text. It is skipped if the piston moved less than the share
-    `min_stroke_share` of the reference's stroke.
+    reference reverses, starts or stops. If the piston moved at least the share `min_stroke_share`
+    of the reference's stroke, a full window updates a, b and c by the balance of the module's text.
 
-    If the reference rests, the sign of the opening counts as direction. A full window is then used
-    only if the piston moved at least `min_stroke_lag` less than the estimates predict. Its balance
-    takes the term of a as known.
+    If the reference rests, the sign of the opening counts as direction. There, or if the piston
+    moved less, a full window is used only if the piston moved at least `min_stroke_lag` less than
+    the estimates predict. Its balance takes the term of a as known.
+
+    If the piston lags its prediction by more than `surprise` standard deviations, the most likely
+    cause is overlap: the variance of b is raised to the square of the opening that is missing. A
+    valve that is shut at an opening tells only that its overlap is larger, so that b keeps this
+    variance.
 
     Args:
         valves: Estimates, updated in place. After an update also `gain` and `overlap` within
@@ -285,11 +326,13 @@ def accumulate_valve_window(
     if valve.steps == 0:
         valve.sign, valve.moves, valve.length, valve.force = sign, moves, length, force
         valve.opening_integral = valve.gain_integral = valve.reference_stroke = 0.0
+        valve.least_driving_pressure = math.inf
         valve.steps = 1
         return
     valve.opening_integral += gain * abs(opening) * step
     valve.gain_integral += gain * step
     valve.reference_stroke += abs(speed) * step
+    valve.least_driving_pressure = min(valve.least_driving_pressure, valve.driving_pressure)
     valve.steps += 1
     if valve.steps <= settings.window_steps:
         return
@@ -297,29 +340,27 @@ def accumulate_valve_window(
     way = sign * (length - valve.length)
     squeezed = sign * (force - valve.force) / stiffness
     estimate, covariance = valves.estimate[j], valves.covariance[j]
-    if moves:
-        if way < settings.min_stroke_share * valve.reference_stroke:
-            return
-        update_valve_filter(
-            estimate,
-            covariance,
-            way,
-            valve.opening_integral,
-            -valve.gain_integral,
-            -squeezed,
-            settings,
-        )
-    else:
-        passed = estimate[0] * valve.opening_integral
-        unexplained = passed - estimate[1] * valve.gain_integral - estimate[2] * squeezed
-        if unexplained < max(way, 0.0) + settings.min_stroke_lag:
-            return
-        update_valve_filter(
-            estimate, covariance, way - passed, 0.0, -valve.gain_integral, -squeezed, settings
-        )
+    gain_integral, opened = valve.gain_integral, valve.opening_integral
+    passed = estimate[0] * opened
+    lag = passed - estimate[1] * gain_integral - estimate[2] * squeezed - way
+    follows = moves and way >= settings.min_stroke_share * valve.reference_stroke
+    drives = valve.least_driving_pressure >= settings.min_driving_pressure
+    if not follows and (lag < max(-way, 0.0) + settings.min_stroke_lag or (moves and not drives)):
+        return
+    p, y = (opened, way) if follows else (0.0, way - passed)
+    noise = settings.length_deviation + settings.stroke_deviation * abs(y)
+    spread = covariance[1, 1] * gain_integral**2 + covariance[0, 0] * p * p + noise * noise
+    surprising = drives and lag * lag > settings.surprise**2 * spread
+    surprising = surprising and way < settings.min_gain * (way + lag)
+    missing = (lag / gain_integral) ** 2 if surprising else 0.0
+    covariance[1, 1] = max(covariance[1, 1], missing)
+    update_valve_filter(estimate, covariance, y, p, -gain_integral, -squeezed, settings)
+    if not follows:
+        covariance[1, 1] = max(covariance[1, 1], missing)
     a, b = estimate[0], estimate[1]
-    valve.gain = min(max(a, settings.min_gain), settings.max_gain)
-    valve.overlap = min(max(b / valve.gain, 0.0), settings.max_overlap)
+    valves.overlap[j] = min(max(b / max(a, settings.min_gain), 0.0), settings.max_overlap)
+    open_share = 1.0 - valves.overlap[j]
+    valve.gain = min(max(a, settings.min_gain / open_share), settings.max_gain / open_share)
 
 
 @kernel(borrows=True)

@@ -21,7 +21,7 @@ def moved(
     gain: float, overlap: float, openings: np.ndarray, softness: float = 1.0
 ) -> ValveEstimates:
     """A valve after windows at these openings, while its cylinder's force rises by 2 N a step."""
-    valves, length, force = build_valve_estimates(1), 0.5, 0.0
+    valves, length, force = build_valve_estimates(np.zeros(1)), 0.5, 0.0
     valve = valves.records[0]
     for opening in openings:
         speed = gain * SPEED_GAIN * metered_opening(opening, overlap)
@@ -45,16 +45,57 @@ def test_gain_and_overlap_are_learnt_from_motions_both_ways(gain: float, overlap
     assert deviation[1] < 0.005
 
 
+@pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize("overlap", [0.1, 0.25, 0.45])
+def test_a_shut_valve_is_opened_until_its_piston_moves(overlap: float, moves: bool) -> None:
+    """A piston 5 mm behind is demanded 50 mm/s; its reference rests or moves at 3 mm/s."""
+    valves, length, reference = build_valve_estimates(np.zeros(1)), 0.5, 0.505
+    valve = valves.records[0]
+    valve["speed_gain"], valve["driving_pressure"] = SPEED_GAIN, 1e6
+    for _ in range(1000):
+        demand = 10.0 * (reference - length)
+        valve["opening"] = np.clip(
+            compute_opening(valve, valves.overlap[0], demand, RECORD), -0.99, 0.99
+        )
+        speed = 3e-3 if moves else 0.0
+        accumulate_valve_window(valves, 0, speed, length, 1000.0, STIFFNESS, STEP)
+        reference += speed * STEP
+        length += SPEED_GAIN * metered_opening(valve["opening"], overlap) * STEP
+    assert abs(reference - length) < 1e-3
+    assert valves.overlap[0] == pytest.approx(overlap, abs=0.03)
+
+
+def test_a_valve_below_its_load_pressure_tells_nothing_while_the_reference_moves() -> None:
+    valves = build_valve_estimates(np.zeros(1))
+    valve = valves.records[0]
+    valve["speed_gain"], valve["opening"] = SPEED_GAIN, 0.2
+    valve["driving_pressure"] = 0.9 * SETTINGS.min_driving_pressure
+    for _ in range(500):
+        accumulate_valve_window(valves, 0, 0.01, 0.5, 1000.0, STIFFNESS, STEP)
+    np.testing.assert_array_equal(valves.estimate[0], [1.0, 0.0, 1.0])
+
+
+def test_a_declared_overlap_is_crossed_from_the_first_step_on() -> None:
+    overlap, speed = 0.3, 0.01
+    valves = build_valve_estimates(np.zeros(1), overlap)
+    valve = valves.records[0]
+    valve["speed_gain"] = SPEED_GAIN
+    opening = compute_opening(valve, valves.overlap[0], speed, RECORD)
+    assert SPEED_GAIN * metered_opening(opening, overlap) == pytest.approx(speed)
+    deviation = np.sqrt(valves.covariance[0, 1, 1]) * (1.0 - overlap)
+    assert deviation == pytest.approx(SETTINGS.declared_overlap_share * overlap, rel=0.05)
+
+
 def test_at_one_opening_gain_and_overlap_are_not_told_apart() -> None:
     valves = moved(0.8, 0.03, np.full(80, 0.1))
     assert np.sqrt(valves.covariance[0, 0, 0]) > 0.05
     valve = valves.records[0]
     speed = 0.8 * SPEED_GAIN * metered_opening(0.1, 0.03)
-    assert compute_opening(valve, speed, RECORD) == pytest.approx(0.1, rel=0.02)
+    assert compute_opening(valve, valves.overlap[0], speed, RECORD) == pytest.approx(0.1, rel=0.02)
 
 
 def test_at_rest_nothing_is_learnt() -> None:
-    fresh, valves = build_valve_estimates(1), build_valve_estimates(1)
+    fresh, valves = build_valve_estimates(np.zeros(1)), build_valve_estimates(np.zeros(1))
     valves.records["speed_gain"] = SPEED_GAIN
     for _ in range(500):
         accumulate_valve_window(valves, 0, 0.0, 0.5, 1000.0, STIFFNESS, STEP)
@@ -63,11 +104,11 @@ def test_at_rest_nothing_is_learnt() -> None:
 
 def test_a_piston_that_does_not_move_as_told_tells_of_overlap() -> None:
     """Opened a little further each time, as the inverse does, until its piston would move."""
-    valves, overlap = build_valve_estimates(1), 0.025
+    valves, overlap = build_valve_estimates(np.zeros(1)), 0.025
     valve = valves.records[0]
     for _ in range(40):
         valve["speed_gain"] = SPEED_GAIN
-        opening = compute_opening(valve, 1e-3, RECORD)
+        opening = compute_opening(valve, valves.overlap[0], 1e-3, RECORD)
         speed = SPEED_GAIN * metered_opening(opening, overlap)
         length = 0.5
         for _ in range(SETTINGS.window_steps + 1):
@@ -75,15 +116,15 @@ def test_a_piston_that_does_not_move_as_told_tells_of_overlap() -> None:
             accumulate_valve_window(valves, 0, 0.0, length, 1000.0, STIFFNESS, STEP)
             length += speed * STEP
     assert speed > 5e-4
-    assert valve["overlap"] == pytest.approx(overlap, abs=8e-3)
+    assert valves.overlap[0] == pytest.approx(overlap, abs=8e-3)
 
 
 @pytest.mark.parametrize("demand", [-0.012, -SETTINGS.overlap_speed, 2e-3, 0.012])
 def test_the_inverse_opens_a_valve_with_overlap_as_far_as_is_demanded(demand: float) -> None:
-    valve, gain, overlap = build_valve_estimates(1).records[0], 0.9, 0.025
-    valve["gain"], valve["overlap"] = gain / (1.0 - overlap), overlap
+    valve, gain, overlap = build_valve_estimates(np.zeros(1)).records[0], 0.9, 0.025
+    valve["gain"] = gain / (1.0 - overlap)
     valve["speed_gain"] = SPEED_GAIN
-    opening = compute_opening(valve, demand, RECORD)
+    opening = compute_opening(valve, overlap, demand, RECORD)
     assert gain * SPEED_GAIN * metered_opening(opening, overlap) == pytest.approx(demand)
 
 

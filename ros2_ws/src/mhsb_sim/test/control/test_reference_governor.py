@@ -60,6 +60,44 @@ def test_a_piston_that_stalls_below_its_reference_with_all_pressure_there_is_get
         assert state.actuators["requested_mode"][0] == asked_for
 
 
+@pytest.mark.parametrize("beyond", [0.5, 2.0])
+def test_a_plan_is_held_only_if_a_line_cannot_move_its_load(
+    machine: Machine, beyond: float
+) -> None:
+    """Actuator 1 lags; its line has `beyond` times the needed pressure more than its load."""
+    simulator = Simulator(machine)
+    simulator.advance(0.3)
+    state, cylinder = simulator.guard._state, simulator.guard._state.cylinders[0]
+    velocity = np.zeros(machine.joint_count)
+    velocity[0] = 0.1 * np.sign(machine.moment_arms(simulator.reference.position)[0])
+    state.full_speed_velocity[:] = velocity
+    state.speed_scaling["rests"] = 0.0
+    carried = state.sensors["line_pressure"][0] - beyond * SETTINGS.min_driving_pressure
+    tank = machine.arrays.tank_pressure
+    state.sensors["cap_pressure"][0] = carried
+    state.sensors["rod_pressure"][0] = tank
+    state.sensors["length"][0] -= 0.01
+    assert cylinder["min_length"] < state.sensors["length"][0] < cylinder["max_length"]
+    for _ in range(1500):
+        reference_governor.run_governor_step(state)
+    held = beyond < 1.0
+    assert state.speed_scaling["rate"][0] == pytest.approx(0.0 if held else SETTINGS.min_rate)
+    name = f"{beyond * SETTINGS.min_driving_pressure / 1e6:.2f} MPa beyond its load"
+    assert (
+        f"the line of {machine.actuator_names[0]} has {name}" in simulator.guard.sentence
+    ) == held
+
+
+def test_overlap_does_not_count_as_opening(machine: Machine) -> None:
+    simulator = Simulator(machine)
+    state = simulator.guard._state
+    state.valve_overlap[:] = 0.4
+    state.commands["valve_command"] = -0.7
+    for _ in range(1500):
+        reference_governor.run_governor_step(state)
+    np.testing.assert_allclose(state.actuators["opening"], (0.7 - 0.4) / (1.0 - 0.4), rtol=1e-3)
+
+
 def test_the_tips_errors_are_those_of_the_postures(machine: Machine) -> None:
     random = np.random.default_rng(1)
     actuators = create_records(GovernedActuator, 3)

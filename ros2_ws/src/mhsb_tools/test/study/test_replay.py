@@ -43,7 +43,8 @@ def test_a_plan_that_is_held_for_good_ends_the_run_and_says_why(
     plan = motion(simulator.reference, STRETCHED)
     run = replay(simulator, [Command(*plan)], 20.0)
     assert "pace" in run.hold_reason
-    assert run.time[-1] < 15.0
+    assert "MPa beyond its load" in run.hold_reason
+    assert run.time[-1] < 30.0  # it goes on slowly until a line cannot move its load
 
 
 def test_what_was_followed_is_a_trajectory_with_its_modes(
