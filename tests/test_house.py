@@ -59,7 +59,7 @@ PREFIXED = {
     "names": "names of topics and services, read as names.REFERENCE",
     "qos": "profiles, read as qos.LATCHED",
     "topics": "topics, read as topics.REFERENCE",
-    "workers": "P is how typing's ParamSpec is written",
+    "executor": "P is how typing's ParamSpec is written",
     "s4_mode_schedule": "N, DB and SB are the paper's names of the modes",
 }
 """Modules whose constants may be one word, with the reason."""

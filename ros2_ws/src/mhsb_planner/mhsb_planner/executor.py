@@ -33,7 +33,7 @@ State = TypeVar("State")
 P = ParamSpec("P")
 Result = TypeVar("Result")
 
-ATTEMPTS = 6
+MAX_ATTEMPTS = 6
 """Number of processes that may end during one task before it fails: the task may end them."""
 
 STATES_PER_THREAD = 4
@@ -233,15 +233,15 @@ class _LocalExecutor(ThreadPoolExecutor):
         """Call `perform` in the process of the calling thread.
 
         Raises:
-            WorkersLostError: ATTEMPTS processes ended during the task.
+            WorkersLostError: MAX_ATTEMPTS processes ended during the task.
         """
-        for _ in range(ATTEMPTS):
+        for _ in range(MAX_ATTEMPTS):
             try:
                 return self._own.process.submit(_perform_here, work, *given).result()
             except BrokenProcessPool:
                 self._start_process()
                 _log.warning("a process has ended before its work was done; it is done again")
-        raise WorkersLostError(f"{ATTEMPTS} processes")
+        raise WorkersLostError(f"{MAX_ATTEMPTS} processes")
 
 
 def perform(
