@@ -300,7 +300,7 @@ def accumulate_valve_window(
     moved less, a full window is used only if the piston moved at least `min_stroke_lag` less than
     the estimates predict. Its balance takes the term of a as known.
 
-    If the piston lags its prediction by more than `surprise` standard deviations, the most likely
+    If the reference moves and the piston lags its prediction by more than `surprise` standard deviations, the most likely
     cause is overlap: the variance of b is raised to the square of the opening that is missing. A
     valve that is shut at an opening tells only that its overlap is larger, so that b keeps this
     variance.
@@ -350,7 +350,7 @@ def accumulate_valve_window(
     p, y = (opened, way) if follows else (0.0, way - passed)
     noise = settings.length_deviation + settings.stroke_deviation * abs(y)
     spread = covariance[1, 1] * gain_integral**2 + covariance[0, 0] * p * p + noise * noise
-    surprising = drives and lag * lag > settings.surprise**2 * spread
+    surprising = drives and moves and lag * lag > settings.surprise**2 * spread
     surprising = surprising and way < settings.min_gain * (way + lag)
     missing = (lag / gain_integral) ** 2 if surprising else 0.0
     covariance[1, 1] = max(covariance[1, 1], missing)
