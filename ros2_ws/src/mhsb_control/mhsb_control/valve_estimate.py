@@ -14,8 +14,8 @@ filter updates a, b, c window by window; they follow slow random walks. The valv
 A parameter without data keeps its standard deviation. A piston may be commanded to move while its
 reference rests, or not move although its reference does. If it moves less than commanded, that
 indicates overlap, with a as estimated by then. A shut valve tells only that its overlap is larger
-than its opening. The estimate therefore follows such an opening at once, and stays uncertain by as
-much as it has risen.
+than its opening. While the reference moves, the estimate follows such an opening at once, and stays
+uncertain by as much as it has risen.
 
 Source: J.-J. Slotine, W. Li, Applied Nonlinear Control, Section 8.7 (least squares with integrated
 regressors); G. Tao, P. Kokotović, Adaptive Control of Plants with Unknown Dead-zones (the smooth
@@ -300,10 +300,10 @@ def accumulate_valve_window(
     moved less, a full window is used only if the piston moved at least `min_stroke_lag` less than
     the estimates predict. Its balance takes the term of a as known.
 
-    If the reference moves and the piston lags its prediction by more than `surprise` standard deviations, the most likely
-    cause is overlap: the variance of b is raised to the square of the opening that is missing. A
-    valve that is shut at an opening tells only that its overlap is larger, so that b keeps this
-    variance.
+    If the reference moves and the piston lags its prediction by more than `surprise` standard
+    deviations, the most likely cause is overlap: the variance of b is raised to the square of the
+    opening that is missing. A valve that is shut at an opening tells only that its overlap is
+    larger, so that b keeps this variance.
 
     Args:
         valves: Estimates, updated in place. After an update also `gain` and `overlap` within
