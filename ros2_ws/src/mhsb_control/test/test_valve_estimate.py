@@ -45,10 +45,9 @@ def test_gain_and_overlap_are_learnt_from_motions_both_ways(gain: float, overlap
     assert deviation[1] < 0.005
 
 
-@pytest.mark.parametrize("moves", [False, True])
 @pytest.mark.parametrize("overlap", [0.1, 0.25, 0.45])
-def test_a_shut_valve_is_opened_until_its_piston_moves(overlap: float, moves: bool) -> None:
-    """A piston 5 mm behind is demanded 50 mm/s; its reference rests or moves at 3 mm/s."""
+def test_a_shut_valve_is_opened_until_its_piston_moves(overlap: float) -> None:
+    """A piston 5 mm behind is demanded 50 mm/s; its reference moves at 3 mm/s."""
     valves, length, reference = build_valve_estimates(np.zeros(1)), 0.5, 0.505
     valve = valves.records[0]
     valve["speed_gain"], valve["driving_pressure"] = SPEED_GAIN, 1e6
@@ -57,7 +56,7 @@ def test_a_shut_valve_is_opened_until_its_piston_moves(overlap: float, moves: bo
         valve["opening"] = np.clip(
             compute_opening(valve, valves.overlap[0], demand, RECORD), -0.99, 0.99
         )
-        speed = 3e-3 if moves else 0.0
+        speed = 3e-3
         accumulate_valve_window(valves, 0, speed, length, 1000.0, STIFFNESS, STEP)
         reference += speed * STEP
         length += SPEED_GAIN * metered_opening(valve["opening"], overlap) * STEP
