@@ -61,7 +61,9 @@ class LagCompensatedGains(Section):
         le=10.0, default=0.05, description="of the position loop, in squares of its gain [-]"
     )
     rest_error: NonNegative = Field(
-        le=1.0, default=0.02, description="not corrected at rest, in seconds at V_max [s]"
+        le=1.0,
+        default=0.01,
+        description="error left at rest, as a time at V_max; twice of it is corrected [s]",
     )
     pump_surplus: NonNegative = Field(
         le=1.0, default=0.1, description="flow of servo pumps beyond the pistons' [-]"
@@ -173,7 +175,8 @@ class LagCompensatedAxis:
         reference, planned = look_ahead(delay)
         error = reference - length - (ways[-1] - np.interp(-delay, -self._ages, ways))
         rests = planned == 0.0
-        if rests and abs(error) < g.rest_error * self._max_speed:
+        tolerance = g.rest_error * self._max_speed * (2.0 if self.speed == 0.0 else 1.0)
+        if rests and abs(error) < tolerance:
             self.speed = 0.0
             return 0.0
         gain = g.position_gain / (delay + self._period)
@@ -188,7 +191,8 @@ class LagCompensatedAxis:
         self.speed = min(max(demanded, -allowed), allowed)
         slowest = s.min_speed_ratio * self._max_speed
         command = curve.command_at(max(abs(self.speed), slowest))
-        command *= min(abs(self.speed) / slowest, 1.0)
+        if not rests:
+            command *= min(abs(self.speed) / slowest, 1.0)
         return math.copysign(min(command, 1.0), self.speed)
 
     def _predict_ways(self) -> FloatArray:
