@@ -62,7 +62,7 @@ class ResponseSettings:
     """Standard deviation of a command at a measured speed, a share of the full one, 0.002 … 0.1.
 
     Origin: chosen; the load changes the speed by some percent within a move."""
-    forgetting_time: float = 60.0
+    forgetting_time: float = 120.0
     """Time in which the covariance relaxes to the initial one [s], 5 … 1000.
 
     Origin: chosen; oil warms up in minutes."""

@@ -221,7 +221,7 @@ class LagCompensatedAxis:
         steady = self._commands[max(oldest, 0) : newest]
         low, high = float(steady.min()), float(steady.max())
         for curve in self.curves:
-            curve.forget(0.5 * self._period)
+            curve.forget(self._period)
         if low * high <= 0.0:
             return
         curve = self.curves[int(high < 0.0)]
