@@ -118,18 +118,28 @@ class InverseCurve:
         self.covariance: FloatArray = self._prior.copy()
 
     def command_at(self, speed: float) -> float:
-        """Return the command for a speed ≥ 0 [m/s]; 0 … 1, or more if the speed is out of reach."""
+        """Return the command for a speed ≥ 0 [m/s]: the dead band at 0.
+
+        Beyond the last knot the curve goes on straight. A command above 1 means that the speed is
+        out of reach.
+        """
         beyond = max(speed - self.speeds[-1], 0.0)
         slope = (self.commands[-1] - self.commands[-2]) / (self.speeds[-1] - self.speeds[-2])
         return float(np.interp(speed, self.speeds, self.commands) + slope * beyond)
 
     def speeds_at(self, commands: FloatArray) -> FloatArray:
-        """Return the speeds [m/s] that commands ≥ 0 cause; 0 within the dead band."""
+        """Return the speeds [m/s] that commands ≥ 0 cause.
+
+        They are 0 within the dead band, and at most that of the last knot.
+        """
         return np.interp(commands, self.commands, self.speeds)
 
     @property
     def known_speed(self) -> float:
-        """Speed of the fastest knot whose deviation is below half of its initial one [m/s]."""
+        """Speed of the fastest knot whose standard deviation is below half its initial value [m/s].
+
+        It is 0 if there is none.
+        """
         known = np.diag(self.covariance) < 0.25 * np.diag(self._prior)
         return float(self.speeds[known].max(initial=0.0))
 
@@ -139,7 +149,8 @@ class InverseCurve:
         Args:
             speed: Measured speed ≥ 0 [m/s].
             command: Command, 0 … 1.
-            weight: Share of an independent measurement that the pair is worth, above 0 … 1.
+            weight: Weight of the pair, above 0 … 1: 1 if it is independent of earlier pairs, less
+                if its window overlaps theirs.
         """
         s = self._settings
         share = self._shares(speed)
@@ -150,7 +161,10 @@ class InverseCurve:
         self._keep_increasing()
 
     def _shares(self, speed: float) -> FloatArray:
-        """Return the weights φ_k of the knots at a speed, float64[k]; the last one's beyond it."""
+        """Return the weights φ_k of the knots at a speed, float64[k].
+
+        Beyond the last knot, its weight is 1 and all others are 0.
+        """
         k = min(int(np.searchsorted(self.speeds, speed, "right")), len(self.speeds) - 1)
         left, right = self.speeds[k - 1 : k + 1]
         shares = np.zeros(len(self.speeds))
@@ -159,11 +173,11 @@ class InverseCurve:
         return shares
 
     def raise_dead_band(self, command: float, weight: float) -> None:
-        """Update the curve by a command that has not moved the piston, if it contradicts that.
+        """Raise the dead band if a command above it has not moved the piston.
 
         Args:
             command: Command, 0 … 1.
-            weight: Share of an independent measurement that it is worth, above 0 … 1.
+            weight: Weight of this observation, above 0 … 1, as in `learn`.
         """
         if command > self.commands[0]:
             self.learn(0.0, command + self._settings.dead_band_step, weight)
@@ -174,7 +188,7 @@ class InverseCurve:
         self.covariance += share * (self._prior - self.covariance)
 
     def _keep_increasing(self) -> None:
-        """Raise commands that are below 0, or too close to that of the knot before."""
+        """Raise the first command to 0 at least, and each other by a least step above the last."""
         offset = np.concatenate([[0.0], np.cumsum(self._min_steps)])
         above = np.maximum.accumulate(self.commands - offset)
         self.commands = np.maximum(above, 0.0) + offset
@@ -193,8 +207,9 @@ class DelayEstimate:
         """Build the estimate before any motion.
 
         Args:
-            expected: Delay that is assumed until the motion is enough [s].
-            max_speed: Speed limit of the actuator [m/s].
+            expected: Delay that is assumed until it can be estimated [s].
+            max_speed: Speed limit of the actuator, which scales the motion needed for an estimate
+                [m/s].
             settings: Tuned numbers.
         """
         count = round(settings.max_delay / settings.delay_spacing) + 1
@@ -209,7 +224,7 @@ class DelayEstimate:
         """Update the estimate by the mean speed of the piston in a window.
 
         Args:
-            expected: Mean speed by the curve for each candidate, float64[c], [m/s].
+            expected: Mean speed that the curve predicts with each candidate, float64[c], [m/s].
             moved: Measured mean speed [m/s].
             time: Time since the last call [s].
         """

@@ -128,7 +128,7 @@ class LagCompensatedAxis:
         gains: LagCompensatedGains,
         settings: LagCompensationSettings = LagCompensationSettings(),
     ) -> None:
-        """Build the law with an empty history.
+        """Build the law without past commands and lengths.
 
         Args:
             full_speeds: Speeds at the full command as assumed, extending and retracting [m/s].
@@ -153,7 +153,8 @@ class LagCompensatedAxis:
 
         Args:
             length: Measured length of the cylinder [m].
-            look_ahead: Reference of the piston.
+            look_ahead: Function that returns the reference length [m] and speed [m/s] at a time
+                from now [s].
 
         Returns:
             Valve command, −1 … 1.
@@ -168,7 +169,10 @@ class LagCompensatedAxis:
         return command
 
     def _command(self, length: float, look_ahead: LookAhead) -> float:
-        """Compute the valve command from the predicted error; see the module's equations."""
+        """Compute the valve command by the module's equations, limited to −1 … 1.
+
+        Updates `speed` and the integral.
+        """
         s, g = self._settings, self._gains
         delay = self.delay.delay
         ways = self._predict_ways()
@@ -196,9 +200,9 @@ class LagCompensatedAxis:
         return math.copysign(min(command, 1.0), self.speed)
 
     def _predict_ways(self) -> FloatArray:
-        """Return the ways that the piston goes by the commands up to each age, float64[k], [m].
+        """Return the stroke that past commands cause, float64[k], [m], positive in extension.
 
-        The ages are `_ages`: the last entry is the way by all commands of the history.
+        Entry k is the effect of the commands that are older than `_ages[k]`.
         """
         extending, retracting = self.curves
         commands = self._commands
@@ -207,7 +211,7 @@ class LagCompensatedAxis:
         return np.concatenate([[0.0], np.cumsum(speeds) * self._period])
 
     def _learn(self) -> None:
-        """Update curves and delay by the speeds measured in the last two windows."""
+        """Update curves and delay from the mean piston speeds of the last two windows."""
         s = self._settings
         time = self._window * self._period
         before, speed = np.diff(self._lengths[:: self._window]) / time
@@ -252,7 +256,7 @@ class LagCompensatedController:
     settings: ClassVar[LagCompensationSettings] = LagCompensationSettings()
 
     def __init__(self, machine: Machine, signals: ServoSignals, gains: LagCompensatedGains) -> None:
-        """Build the control law of each actuator, with curves by the machine file's valves.
+        """Build the control law of each actuator; its curve follows from the machine file's valve.
 
         The assumed speeds at the full command are those without load at the main pump's pressure.
 
@@ -281,7 +285,7 @@ class LagCompensatedController:
             )
 
     def update(self) -> None:
-        """Write all commands, once in each period of the controller's own rate."""
+        """Write all commands at the controller's own rate, and keep them in the steps between."""
         if self._until_next == 0:
             self._until_next = self._steps
             self._command_valves()
@@ -305,7 +309,7 @@ class LagCompensatedController:
         return found
 
     def _command_valves(self) -> None:
-        """Run the law of each actuator."""
+        """Run the law of each actuator and write its valve command to the signals."""
         signals = self._signals
         for j, axis in enumerate(self.axes):
             signals.circuit.actuators["valve_command"][j] = axis.update(
@@ -330,7 +334,8 @@ class LagCompensatedController:
     def _command_pumps(self) -> None:
         """Command join valves, diverters and the flows of the servo pumps.
 
-        The pumps that serve an actuator share its flow A_dir |v| (1 + surplus) plus leakage.
+        The pumps that serve an actuator deliver equal shares of its flow. This is
+        A_dir |v| (1 + surplus) plus the leakage of one valve.
         """
         signals, arrays = self._signals, self._arrays
         circuit, serves = signals.circuit, signals.serves

@@ -98,7 +98,11 @@ class _ClusterExecutor(Executor):
     """Executor on a cluster's workers, with a shared state and the suite's own errors."""
 
     def __init__(self, address: str, shared: SharedState | None) -> None:
-        """Connect to the scheduler and send it the recipe of the shared state."""
+        """Connect to the scheduler and send it the recipe of the shared state, if there is one.
+
+        Raises:
+            ClusterError: The scheduler does not answer.
+        """
         self._address = address
         self._client = _connect(address)
         self._pool = self._client.get_executor(pure=False)
@@ -126,12 +130,18 @@ class _ClusterExecutor(Executor):
         return task
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Wait for all tasks, or give them up, and close the connection."""
+        """Wait for all tasks, or cancel them, and close the connection.
+
+        They are waited for if `wait` is True and `cancel_futures` is False.
+        """
         self._pool.shutdown(wait and not cancel_futures)
         self._client.close()
 
     def _complete(self, task: Future[Result], part: Future[Result]) -> None:
-        """Set the outcome of Dask's future, or the suite's own error, unless task is cancelled."""
+        """Copy the result or error of `part`, Dask's future, to `task`, unless that is cancelled.
+
+        Errors of Dask become errors of the suite.
+        """
         from distributed import KilledWorker
 
         if not task.set_running_or_notify_cancel():

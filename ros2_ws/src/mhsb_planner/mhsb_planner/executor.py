@@ -46,9 +46,11 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class SharedState:
-    """State that tasks share: make(*given), made once in each thread that does tasks.
+    """State that tasks share: make(*given), made by each worker at its first task.
 
-    No two tasks use one state at a time. A thread keeps the last STATES_PER_THREAD states.
+    A worker is a thread: of this process, or the one that does tasks in another process.
+
+    No two tasks use one state at a time. A worker keeps the last STATES_PER_THREAD states.
 
     Attributes:
         make: Function that makes the state; it must be picklable for other processes.
@@ -68,7 +70,8 @@ class OtherComputers(Protocol):
         """Connect and return an executor, which disconnects when it is shut down.
 
         Args:
-            shared: State that becomes the first argument of each task; None: tasks share none.
+            shared: State that becomes the first argument of each task; None: tasks get only their
+                own arguments.
 
         Raises:
             ClusterError: The workers cannot be reached.
@@ -84,12 +87,13 @@ this process may use.
 def create_executor(jobs: Jobs = None, shared: SharedState | None = None) -> Executor:
     """Create an executor on processes or a cluster.
 
-    With one job, the tasks run in a thread of the calling process. A process that ends by itself is
-    replaced, and its unfinished task is done again.
+    With one job, the tasks run in a thread of the calling process. If a process crashes, another
+    one does its task again. A task fails with WorkersLostError after MAX_ATTEMPTS crashes.
 
     Args:
         jobs: Number of processes, or a cluster; None: one process for each processor.
-        shared: State that becomes the first argument of each task; None: tasks share none.
+        shared: State that becomes the first argument of each task; None: tasks get only their own
+            arguments.
 
     Returns:
         The executor, to be used as a context manager.
@@ -110,7 +114,7 @@ class SharedStateExecutor(AbstractContextManager["SharedStateExecutor[State]"], 
     """
 
     def __init__(self, jobs: Jobs, make: Callable[..., State], *given: Any) -> None:
-        """Create the executor; the state is made when the first task begins.
+        """Create the executor; each worker makes the state when its first task begins.
 
         Args:
             jobs: Number of processes, or a cluster; None: one process for each processor.
@@ -126,7 +130,9 @@ class SharedStateExecutor(AbstractContextManager["SharedStateExecutor[State]"], 
     def submit(
         self, work: Callable[Concatenate[State, P], Result], *args: P.args, **named: P.kwargs
     ) -> Future[Result]:
-        """Submit a task work(state, *args, **named); `work` must be picklable.
+        """Submit a task work(state, *args, **named).
+
+        Function, arguments and result must be picklable.
 
         Returns:
             Future of the result.
@@ -134,6 +140,7 @@ class SharedStateExecutor(AbstractContextManager["SharedStateExecutor[State]"], 
         return self._pool.submit(cast(Callable[..., Result], work), *args, **named)
 
     def __exit__(self, *failure: object) -> None:
+        """Wait for all tasks and release the workers."""
         self._pool.shutdown()
 
 
@@ -149,7 +156,7 @@ def results_of(tasks: Iterable[Future[Result]], *, in_order: bool = False) -> It
             are completed.
 
     Yields:
-        Results of the tasks. The error of a failed task is raised in its turn.
+        Results of the tasks. If a task failed, its error is raised in place of its result.
     """
     waiting = list(tasks)
     try:
@@ -163,7 +170,7 @@ def results_of(tasks: Iterable[Future[Result]], *, in_order: bool = False) -> It
 def over_ranges(
     work: Callable[[int, int], Result], total: int, size: int, jobs: Jobs = None
 ) -> Generator[Result, None, None]:
-    """Call a function for index ranges that cover 0 … total, and yield the results in order.
+    """Call a function for index ranges that cover 0 … total − 1; yield the results in order.
 
     The calls run in threads. On a cluster the function is sent to the workers once. Closing the
     generator cancels calls that have not begun.
@@ -200,11 +207,12 @@ class _LocalExecutor(ThreadPoolExecutor):
     """
 
     def __init__(self, workers: int, shared: SharedState | None) -> None:
-        """Store what threads and processes need; each starts with its first task.
+        """Store the arguments; a thread, and its process, start with their first task.
 
         Args:
             workers: Number of processes; 1: a thread of this process.
-            shared: State that tasks share, made once in each process; None: they share none.
+            shared: State that tasks share, made once in each process; None: tasks get only their
+                own arguments.
         """
         super().__init__(workers, initializer=self._start_process if workers > 1 else None)
         self._perform = partial(perform, shared) if workers == 1 else self._perform_in_process
@@ -222,7 +230,7 @@ class _LocalExecutor(ThreadPoolExecutor):
         self._processes.close()
 
     def _start_process(self) -> None:
-        """Start a process for the calling thread, in place of a former one."""
+        """Start a process for the calling thread; it replaces a process that has crashed."""
         spawn = multiprocessing.get_context("spawn")
         process = ProcessPoolExecutor(
             1, spawn, initializer=_set_process_state, initargs=(self._shared,)
@@ -230,7 +238,14 @@ class _LocalExecutor(ThreadPoolExecutor):
         self._own.process = self._processes.enter_context(process)
 
     def _perform_in_process(self, work: Callable[..., Result], *given: Any) -> Result:
-        """Call `perform` in the process of the calling thread.
+        """Call `perform` in the process of the calling thread, which is replaced if it crashes.
+
+        Args:
+            work: Function of the task.
+            *given: Positional and named arguments of the task, as `perform` takes them.
+
+        Returns:
+            Result of the task.
 
         Raises:
             WorkersLostError: MAX_ATTEMPTS processes ended during the task.
@@ -262,7 +277,7 @@ class _ThreadStates(threading.local):
     """States that the calling thread has made."""
 
     def __init__(self) -> None:
-        """Begin without states; called in each thread."""
+        """Begin without states; `threading.local` calls this once in each thread."""
         self.state_of = lru_cache(STATES_PER_THREAD)(lambda shared: shared.make(*shared.given))
 
 
@@ -278,7 +293,7 @@ def _set_process_state(shared: SharedState | None) -> None:
 
 
 def _perform_here(work: Callable[..., Result], *given: Any) -> Result:
-    """Call `perform` with the state that the tasks of this process share."""
+    """Call `perform` with the shared state of this process; `given` is args and named."""
     return perform(_process_state[0], work, *given)
 
 

@@ -78,7 +78,7 @@ class Plan:
         )
 
     def __str__(self) -> str:
-        """Return a summary: the motion's ends and duration, energy, modes over time, warnings."""
+        """Return a summary: start and goal, duration, energy, modes over time, warnings."""
         motion, names = self.motion, self.machine.actuator_names
         ends = self.machine.tip_in_base(motion.trajectory.position[[0, -1]])
         begin, end = (format_position(tip, ".3f") for tip in ends.tolist())
@@ -134,7 +134,7 @@ class Plan:
 
     @property
     def planning_time(self) -> float:
-        """Time that making the plan took [s]."""
+        """Sum of the stages' times in `seconds`, without `first_motion` [s]."""
         return sum(value for name, value in self.seconds.items() if name != "first_motion")
 
     @property

@@ -364,7 +364,7 @@ def bound_energy_to_goal(
         goal: Tip position (x, z) [m].
         psi: End-link angle at the goal, or its range (least, greatest) [rad]; None: any.
         region: Other admissible tip positions; None: only the goal.
-        others: Oil [m³] and least time [s] of what moves beside these joints.
+        others: Oil volume [m³] and least time [s] of joints outside the plane, such as the slew.
         most_cells: Largest number of additional cells if the arm is not 3R.
 
     Returns:

@@ -22,7 +22,7 @@ TRIGGER_TYPE = "std_srvs/srv/Trigger"
 
 
 class ServiceError(MhsbError):
-    """A service cannot be called, or it has refused."""
+    """A service does not exist, gives no answer, or has refused."""
 
 
 def call(
@@ -37,7 +37,7 @@ def call(
 
     Args:
         service: Name of the service, such as mhsb_planner/stop.
-        timeout: How long to wait for the service, and for its answer [s].
+        timeout: How long to wait for the service, and again for its answer [s].
         json: Print the answer as a JSON object with success and message.
     """
     try:
@@ -62,10 +62,10 @@ def _call_trigger(
         node: Node of this process.
         executor: Executor that serves the node.
         service: Name of the service.
-        timeout: Longest wait for the service, and for its answer [s].
+        timeout: Longest wait for the service, and again for its answer [s].
 
     Returns:
-        The answer.
+        The answer, also if the service refuses (`success` is False).
 
     Raises:
         ServiceError: There is no such service, or no answer in time.

@@ -45,7 +45,7 @@ def format_story(summary: Mapping[str, Any], tour: Mapping[str, Any], output: Pa
 
 
 def _goal_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return a line for each goal that got a verdict, and one with the numbers of goals."""
+    """Return a line for each goal with a verdict, and one that counts the goals."""
     goals = summary["goals"]
     lines = [
         f"goal {number:2d} {_place(goal):24s} {_describe_fate(goal, number < len(goals))}"
@@ -66,7 +66,7 @@ def _goal_lines(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _place(entry: Mapping[str, Any]) -> str:
-    """Return the position of a goal's entry as text."""
+    """Return the coordinates of a goal in the summary as text."""
     axes = ("x_m", "y_m", "z_m")
     if any(entry.get(axis, 0.0) is None for axis in axes):
         return "not a finite position"
@@ -94,7 +94,7 @@ def _describe_fate(goal: Mapping[str, Any], has_next: bool) -> str:
 
 
 def _accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return lines on planning time, hand-over, tracking error and loads that outrun the supply."""
+    """Return lines on planning time, jumps at hand-overs, tracking error and cavitation."""
     lines = []
     planning, lead = summary["replan_ms"]["p50"], summary["lead_ms"]["p50"]
     if planning is not None and lead is not None:
@@ -119,7 +119,10 @@ def _accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _energy_lines(summary: Mapping[str, Any], tour: Mapping[str, Any]) -> list[str]:
-    """Return lines on the energy of the run, and of the same goals by other methods."""
+    """Return lines on the energy of the run, and of the same goals by other methods.
+
+    The second part is left out if the default planner or the constant pressure has no energy.
+    """
     lines = []
     pumps = summary["energy_measured_j"]
     if pumps["mp"] is not None and pumps["sp"] is not None:

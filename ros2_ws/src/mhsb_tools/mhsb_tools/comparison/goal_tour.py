@@ -26,7 +26,9 @@ from mhsb_tools.comparison.supply_systems import without_leakage
 
 
 def compare_on_tour(machine: Machine, goals: Iterable[Position]) -> dict[str, Any]:
-    """Plan a tour from rest to rest by every planner, and compare the energies to the oil.
+    """Plan the goals from rest to rest with every planner, and compare the pumps' energies.
+
+    An energy is what the pumps give to the oil, leakage included.
 
     Args:
         machine: The arm; the tour begins at the start posture of its file.
@@ -36,8 +38,8 @@ def compare_on_tour(machine: Machine, goals: Iterable[Position]) -> dict[str, An
         `planned_j`: energy of all motions by planner [J], with main pump and servo pumps in series.
         `constant_pressure_j`: energy of the default planner's motions without boosters, at
         `constant_pressure_pa`, the lowest constant pressure that does them all. `failures`: why a
-        planner has no tour, as a sentence by planner. The constant pressure is None if the default
-        planner has none.
+        planner has no motion to a goal, as a sentence by planner; `planned_j` then lacks it. Both
+        values of the constant pressure are None if the default planner has failed.
     """
     planner, goals = Planner(machine, load_or_build_table(machine)), list(goals)
     found: dict[str, dict[str, Any]] = {}
@@ -75,7 +77,7 @@ def _plan_tour(planner: Planner, goals: list[Position], options: PlanOptions) ->
         options: Options of every plan.
 
     Returns:
-        Energies of the motions; goals at which the arm is already have none.
+        Energies of the motions. A goal at which the arm stands already gets no entry.
 
     Raises:
         MhsbError: There is no plan to a goal.
