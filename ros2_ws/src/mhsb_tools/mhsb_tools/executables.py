@@ -62,7 +62,7 @@ SUBCOMMAND_TABLE = {
     "view": _node("mhsb_tools.viewer.viewer_command", "the arm or a recording in a browser"),
     "study": _command("mhsb_tools.study.study_command", "controllers on many simulated runs"),
     "compare": _command("mhsb_tools.comparison.compare_command", "planners and supplies compared"),
-    "tune": _command("mhsb_tools.study.tune_command", "tune the gains of both controllers"),
+    "tune": _command("mhsb_tools.study.tune_command", "tune the gains of controllers"),
     "reproduce": _command("mhsb_tools.commands.reproduce_command", "the paper's cases and figures"),
     "goal": _command("mhsb_planner.ros.goal_command", "send a goal and print the verdict"),
     "param": _command("mhsb_tools.commands.param_command", "list, read and set parameters"),
