@@ -72,8 +72,11 @@ def _call_trigger(
     """
     client = node.create_client(Trigger, service, qos_profile=qos.SERVICE)
     if not spin_until(executor, client.service_is_ready, timeout):
+        asked = node.resolve_service_name(service)  # listed, because this client waits for it
         known = [
-            name for name, types in node.get_service_names_and_types() if TRIGGER_TYPE in types
+            name
+            for name, types in node.get_service_names_and_types()
+            if TRIGGER_TYPE in types and name != asked
         ]
         there = f"there are {', '.join(sorted(known))}" if known else "no node runs"
         raise ServiceError(f"no service {service} within {timeout:g} s; {there} in this ROS domain")
