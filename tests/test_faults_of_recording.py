@@ -15,7 +15,7 @@ from mhsb_tools.recording.bag_writer import BagWriter
 
 GOAL = (0.55, 0.30)
 RECORDER = ("-m", "mhsb_tools.recording.record_command")
-SMALL_DISK = 300  # KiB, filled within two seconds
+SMALL_DISK = 900  # KiB, filled within some seconds, but not before the recorder is ready
 
 
 @pytest.fixture
