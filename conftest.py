@@ -275,6 +275,7 @@ def child_of(ros_domain: int) -> Callable[..., Child]:
     """
 
     def start(*command: object, environment: dict[str, str] | None = None) -> Child:
+        """Start a command in a session of its own, with further environment variables."""
         process = subprocess.Popen(
             [str(word) for word in command],
             stdin=subprocess.DEVNULL,
@@ -418,6 +419,7 @@ def _quintic(
 
 
 def _schedule(machine: Machine, trajectory: Trajectory) -> ModeSchedule:
+    """Return modes that begin a little before they are needed, if there are modules for them."""
     modules = machine.config.hydraulics.modules
     needed = _needed_modes(machine, trajectory)
     modes = needed.copy()
@@ -430,6 +432,7 @@ def _schedule(machine: Machine, trajectory: Trajectory) -> ModeSchedule:
 
 
 def _needed_modes(machine: Machine, trajectory: Trajectory) -> ModeArray:
+    """Return the modes that load and speed ask for at each point, uint8[points, n]."""
     m, n = machine.arrays, machine.joint_count
     modes = np.zeros(trajectory.position.shape, np.uint8)
     for k, (q, qd, qdd) in enumerate(

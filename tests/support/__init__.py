@@ -1,1 +1,1 @@
-"""What tests of several packages share: damaged messages, zones ahead of a moving arm, dynamics."""
+"""Helpers of several packages' tests: damaged messages, zones ahead of an arm, dynamics."""

@@ -13,10 +13,10 @@ filter updates a, b, c window by window; they follow slow random walks. The valv
 
 A parameter without data keeps its standard deviation. A piston may be commanded to move while its
 reference rests, or not move although its reference does. If it moves less than commanded, that
-indicates overlap, with a as estimated by then. A shut valve tells only that its overlap is larger
-than its opening. While the reference moves, the estimate follows such an opening, and stays
-uncertain by as much as it has risen. Several windows in sequence must indicate it, because a slow
-valve or a late command delays the piston, too.
+indicates overlap; the present estimate of a is then kept. An opening that passes no flow only shows
+that the overlap is larger. While the reference moves, the estimate of the overlap rises to such an
+opening, and its standard deviation grows to the rise. Several windows in sequence must show it,
+because a slow valve or a late command delays the piston, too.
 
 Source: J.-J. Slotine, W. Li, Applied Nonlinear Control, Section 8.7 (least squares with integrated
 regressors); G. Tao, P. Kokotović, Adaptive Control of Plants with Unknown Dead-zones (the smooth
@@ -171,10 +171,10 @@ class ValveSettings(Record):
     of mhsb_arm3 end with a valve lag of 20 ms, 1 with 3; with an overlap of 25 %, 3 and 2, 3 with 3
     (excavator: overshoot 1.2, 3.8 and 3.1 MPa)."""
     min_driving_pressure: float = 4e5
-    """Line pressure beyond the load pressure at which a shut valve tells of overlap [Pa], 0 … 1e7.
+    """Least line pressure beyond p_L for evidence by a piston that stands still [Pa], 0 … 1e7.
 
-    With less, an open valve passes next to nothing, too. Origin: eight times the laminar pressure
-    of the suite's valves.
+    p_L is the load pressure. With less, an open valve passes next to nothing, too. Origin: eight
+    times the laminar pressure of the suite's valves.
 
     30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +22.9 and 0 % (excavator)."""
     overlap_speed: float = 3e-4
@@ -312,8 +312,8 @@ def accumulate_valve_window(
 
     If the reference moves and the piston lags its prediction by more than `surprise` standard
     deviations, in `min_surprises` windows in sequence, the most likely cause is overlap. The
-    variance of b is then raised to the square of the opening that is missing. A valve that is shut
-    at an opening tells only that its overlap is larger, so that b keeps this variance.
+    variance of b is then raised to the square of the opening that is missing. If the piston stood
+    still, b keeps this variance, because the overlap may be larger than the opening.
 
     Args:
         valves: Estimates, updated in place. After an update also `gain` and `overlap` within

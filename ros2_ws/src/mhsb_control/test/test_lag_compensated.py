@@ -111,7 +111,7 @@ def follow(axis: LagCompensatedAxis, speed: float) -> Law:
 
 
 def know(valve: Valve) -> LagCompensatedAxis:
-    """The same law with the true curve and delay."""
+    """Return a lag-compensated axis whose curves and delay are the true ones."""
     axis = build_axis(valve)
     axis.learns = False
     axis.delay.delay = valve.delay + valve.lag + 0.5 / valve.rate

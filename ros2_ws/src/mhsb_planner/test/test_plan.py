@@ -1,4 +1,4 @@
-"""What a plan prints, and the table that it writes."""
+"""Summary of a plan, and the table that it writes."""
 
 import csv
 import re

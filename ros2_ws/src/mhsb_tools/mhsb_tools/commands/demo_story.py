@@ -15,7 +15,7 @@ PLANNER_WORDS = {
     "table": "planner of the paper (posture table)",
     "fixed": "conventional planner (joint 3 kept)",
 }
-"""What each planner of the suite is."""
+"""Description of each planner of the suite."""
 
 
 def format_story(summary: Mapping[str, Any], tour: Mapping[str, Any], output: Path) -> list[str]:

@@ -42,9 +42,9 @@ from mhsb_tools.study.variations import Variations
 Gains = dict[str, float]
 
 GAIN_RANGES: dict[str, dict[str, tuple[float, float]]] = {
-    name: getattr(controller.gains_section, "search_ranges")  # noqa: B009
+    name: ranges
     for name, controller in REGISTERED_CONTROLLERS.items()
-    if hasattr(controller.gains_section, "search_ranges")
+    if (ranges := getattr(controller.gains_section, "search_ranges", None))
 }
 """Search range of each gain by controller, in the units of the machine file."""
 
