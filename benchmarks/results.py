@@ -171,7 +171,7 @@ def conditions() -> dict[str, str]:
     """Return date, commit, computer, load and command of the measurement."""
     git = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
     load = os.getloadavg()
-    busy = ", beside other work" if max(load) > 0.5 else ""
+    busy = ", beside other work" if max(load) > 1.0 else ""
     return {
         "date": datetime.now(UTC).strftime("%Y-%m-%d"),
         "commit": subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip(),

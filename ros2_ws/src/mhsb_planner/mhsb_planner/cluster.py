@@ -241,9 +241,11 @@ def parse_jobs(jobs: int | None, scheduler: str | None) -> Jobs:
         The cluster if a scheduler is given, after a connection test; otherwise `jobs`.
 
     Raises:
-        UsageError: Both are given.
+        UsageError: `jobs` is below 1, or both are given.
         ClusterError: The cluster cannot be used.
     """
+    if jobs is not None and jobs < 1:
+        raise UsageError(f"--jobs: {jobs} is below 1")
     if scheduler is None:
         return jobs
     if jobs is not None:
@@ -270,6 +272,4 @@ class WorkArguments:
             UsageError: `jobs` is below 1, or both are given.
             ClusterError: The cluster cannot be used.
         """
-        if self.jobs is not None and self.jobs < 1:
-            raise UsageError(f"--jobs: {self.jobs} is below 1")
         return parse_jobs(self.jobs, self.scheduler)

@@ -84,6 +84,11 @@ class Disc(_Region):
     radius: float
 
     @property
+    def size(self) -> float:
+        """Largest distance of a point of the region from the goal [m]."""
+        return self.radius
+
+    @property
     def offsets(self) -> FloatArray:
         """Points to try, as offsets from the goal, shape (k, 2) [m].
 
@@ -117,6 +122,11 @@ class Segment(_Region):
 
     x: float
     z: float
+
+    @property
+    def size(self) -> float:
+        """Largest distance of a point of the region from the goal [m]."""
+        return math.hypot(self.x, self.z)
 
     @property
     def offsets(self) -> FloatArray:
@@ -154,6 +164,11 @@ class BoxRegion(_Region):
 
     half_x: float
     half_z: float
+
+    @property
+    def size(self) -> float:
+        """Largest distance of a point of the region from the goal [m]."""
+        return math.hypot(self.half_x, self.half_z)
 
     @property
     def offsets(self) -> FloatArray:

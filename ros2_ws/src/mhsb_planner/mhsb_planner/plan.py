@@ -22,7 +22,7 @@ from mhsb_planner.motion.motion_table import (
     list_columns,
 )
 from mhsb_planner.motion.s3_trajectory import FittedMotion
-from mhsb_planner.plan_log import LogEntry
+from mhsb_planner.plan_log import PlanLog
 from mhsb_planner.planners.options import PlanOptions
 from mhsb_planner.result_files import write_rows
 from mhsb_planner.search.discrete_path import DiscretePath
@@ -48,7 +48,7 @@ class Plan:
         machine: Machine for which the plan was made.
         seconds: Times [s] by stage: `search`, `fit`, `energy`, and `comparison` for paths proposed
             for comparison. `first_motion` is the time from the request to the first motion.
-        area_shortfall: Manipulability loss M of the motion (`manipulability_loss`) [m]; 0 if it has
+        area_shortfall: Manipulability loss of the motion (`manipulability_loss`) [m]; 0 if it has
             no weight.
         lower_bound: Lower bound on the energy of every plan from the start to the goal or its
             region, with any planner and any posture there [J]. It is 0 for braking alone.
@@ -56,7 +56,7 @@ class Plan:
             inlet, with the actuator.
         start_problems: Clause on joints beyond their limits and on an obstacle that the arm touches
             at the start; empty if there is neither.
-        log: What was proposed, and what became of it (`plan_log`).
+        log: What was proposed, and what became of it (`plan_log`); `print(plan.log)` shows it.
     """
 
     path: DiscretePath
@@ -68,7 +68,7 @@ class Plan:
     lower_bound: float = 0.0
     cavitations: tuple[Cavitation, ...] = ()
     start_problems: str = ""
-    log: tuple[LogEntry, ...] = ()
+    log: PlanLog = field(default_factory=PlanLog)
 
     def __repr__(self) -> str:
         """Return one line with duration, energy and number of mode switches."""

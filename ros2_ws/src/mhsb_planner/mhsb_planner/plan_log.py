@@ -13,7 +13,7 @@ from mhsb_model.errors import MhsbError
 
 
 class ProposalOutcome(StrEnum):
-    """ProposalOutcome of a proposal."""
+    """What became of a proposal."""
 
     TAKEN = "taken"
     """Its motion became the incumbent."""
@@ -41,7 +41,7 @@ class LogEntry:
     Attributes:
         time: Time since the request [s].
         proposer: Name of the proposer, such as `table`.
-        outcome: ProposalOutcome of the proposal.
+        outcome: What became of the proposal.
         path_cost: Cost of the proposed path [-]; NaN if there is none.
         motion: Kind of motion that was asked for, such as `polynomial`; empty if none was.
         motion_cost: Cost of the motion [-]; NaN if there is none.
@@ -59,7 +59,7 @@ class LogEntry:
 
 @dataclass
 class PlanLog:
-    """Entries in the order of time, from the request on.
+    """Entries in the order of time, from the request on; `print(log)` shows them as a table.
 
     Attributes:
         entries: The entries; `add` appends one.
@@ -95,7 +95,7 @@ class PlanLog:
         except MhsbError as error:
             self.add(proposer, ProposalOutcome.NO_PATH, reason=str(error))
 
-    def format_table(self) -> str:
+    def __str__(self) -> str:
         """Return the entries as a text table, with a line for each."""
         lines = [f"{'ms':>8}  {'path':>9}  {'motion':>9}  {'outcome':9} proposer"]
         for entry in self.entries:

@@ -19,7 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mhsb_model.errors import MhsbError
+from mhsb_model.errors import MhsbError, suggest_unit_of_number
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
@@ -267,7 +267,7 @@ class Planner:
         return loop.choose_best([PathProposal(path, proposer="path")])
 
     def _check(self, goal: Position, start: MotionState, options: PlanOptions) -> None:
-        """Check goal, start, via points and area weight of a request.
+        """Check goal, goal region, start, via points and area weight of a request.
 
         Args:
             goal: Goal of the tip.
@@ -275,12 +275,18 @@ class Planner:
             options: Options of the plan.
 
         Raises:
-            RequestError: A number is missing or not finite, or the planner cannot weigh the area.
+            RequestError: A number is missing or not finite, the goal region is larger than the
+                workspace, or the planner cannot weigh the area.
         """
         n, slews = self.machine.joint_count, self.machine.slews
         if len(goal) != 2 + slews or not all(math.isfinite(value) for value in goal):
             rule = "three finite numbers, x y z" if slews else "two finite numbers, x z"
             raise RequestError("goal", tuple(goal), f"must be {rule} [m]")
+        region, diameter = options.goal_region, 2.0 * self.machine.config.workspace.max_radius
+        if region is not None and region.size > diameter:
+            rule = f"must be at most {diameter:.4g} m from the goal, the workspace's diameter"
+            hint = suggest_unit_of_number(region.size, "m", 0.0, diameter)
+            raise RequestError("goal region's farthest point", region.size, rule + hint)
         for point in options.via:
             if len(point) != 2 + slews:
                 rule = f"must be {'three numbers, x y z' if slews else 'two numbers, x z'} [m]"

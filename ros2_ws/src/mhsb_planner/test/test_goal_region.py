@@ -49,6 +49,11 @@ def test_the_distance_from_a_region_is_that_from_its_nearest_point(outside, regi
     assert region.distance(outside) <= nearest + 1e-12
 
 
+@pytest.mark.parametrize("region", REGIONS)
+def test_its_size_is_the_distance_of_its_farthest_point(region):
+    assert region.size == pytest.approx(np.hypot(*sampled(region).T).max(), abs=1e-12)
+
+
 def test_a_range_of_angles_is_taken_by_whole_turns():
     def met(psi, angle):
         return is_goal_met((0.5, 0.2), None, psi, np.array([0.5, 0.2]), angle, 1e-6, 1e-6)

@@ -188,7 +188,7 @@ class PlanningLoop:
             path=replace(path, statistics=statistics),
             cavitations=find_cavitations(self._machine, self._best.motion.trajectory),
             seconds=MappingProxyType(self._seconds),
-            log=tuple(self.progress.log.entries),
+            log=self.progress.log,
         )
 
     def _no_motion_error(self) -> Exception:

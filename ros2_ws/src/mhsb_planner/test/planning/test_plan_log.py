@@ -29,21 +29,21 @@ def start(planner) -> MotionState:
 def test_costs_of_motions_that_were_taken_fall_to_that_of_the_plan(planner, start, kind):
     options = PlanOptions(planner=kind, trajectory="followed")
     plan = planner.plan(GOAL, start, options=options)
-    taken = [each.motion_cost for each in plan.log if each.outcome == ProposalOutcome.TAKEN]
+    taken = [each.motion_cost for each in plan.log.entries if each.outcome == ProposalOutcome.TAKEN]
     assert taken == sorted(taken, reverse=True)
     assert taken[-1] == plan.cost(options)
-    assert plan.log[0].proposer == kind
-    times = [each.time for each in plan.log]
+    assert plan.log.entries[0].proposer == kind
+    times = [each.time for each in plan.log.entries]
     assert times == sorted(times)
     assert times[-1] <= plan.planning_time
-    for each in plan.log:
+    for each in plan.log.entries:
         assert math.isnan(each.motion_cost) == (each.outcome not in ("taken", "dearer"))
         assert bool(each.reason) == (each.outcome in ("refused", "no path", "too late"))
 
 
 def test_all_baselines_of_the_integrated_planner_are_in_the_log(planner, start):
     plan = planner.plan(GOAL, start, options=PlanOptions(planner="integrated"))
-    names = {each.proposer for each in plan.log}
+    names = {each.proposer for each in plan.log.entries}
     assert names >= {"integrated", "table", "fixed", "integrated with a price on time"}
 
 
@@ -76,6 +76,6 @@ def test_the_table_has_a_line_for_each_entry(planner, start):
     plan = planner.plan(
         GOAL, start, options=PlanOptions(planner="table"), deadline=Deadline.after(60.0), log=log
     )
-    lines = log.format_table().splitlines()
-    assert len(lines) == 1 + len(plan.log)
+    lines = str(log).splitlines()
+    assert len(lines) == 1 + len(plan.log.entries)
     assert "taken" in lines[1]

@@ -26,7 +26,7 @@ from mhsb_planner.cases.paper_cases import PaperCase
 from mhsb_planner.kernel_parts import PARTS_FOR_REST, compile_planner
 from mhsb_planner.motion.cavitation import find_cavitating_steps
 from mhsb_planner.motion.motion_table import format_switches
-from mhsb_planner.plan_log import LogEntry, PlanLog
+from mhsb_planner.plan_log import PlanLog
 from mhsb_planner.planner import Plan, Planner, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.search.manipulability_loss import (
@@ -134,7 +134,7 @@ def plan(
         made, found = _make_plan(suite, asked.goal, posture, options, ranges, silent=json_, log=log)
     except MhsbError:
         if explain:
-            print(log.format_table(), file=sys.stderr)
+            print(log, file=sys.stderr)
         raise
     if found is None and time.perf_counter() - began < REPEATED_PLAN_TIME:
         began = time.perf_counter()  # loading kernels took most of it, so plan again
@@ -153,7 +153,7 @@ def plan(
     print("\n".join([*case_line(asked), str(made), *point_lines(found), "", *motion_lines(made)]))
     if explain:
         lines = ["", *path_lines(suite.machine, made), "", *fit_lines(made, seconds)]
-        lines += [area_line(area), "", PlanLog(list(made.log)).format_table()]
+        lines += [area_line(area), "", str(made.log)]
         print("\n".join(lines))
 
 
@@ -256,11 +256,11 @@ def as_json(machine: Machine, plan: Plan, seconds: dict[str, float]) -> dict[str
     }
 
 
-def log_as_json(log: tuple[LogEntry, ...]) -> list[dict[str, Any]]:
+def log_as_json(log: PlanLog) -> list[dict[str, Any]]:
     """Return the log of a plan for JSON.
 
     Args:
-        log: The entries.
+        log: The log.
 
     Returns:
         A dictionary for each entry, with the fields of `LogEntry`; `time_s` [s], and None for costs
@@ -276,7 +276,7 @@ def log_as_json(log: tuple[LogEntry, ...]) -> list[dict[str, Any]]:
             "motion_cost": None if math.isnan(entry.motion_cost) else entry.motion_cost,
             "reason": entry.reason,
         }
-        for entry in log
+        for entry in log.entries
     ]
 
 
