@@ -98,7 +98,7 @@ class SearchWork:
     priced: int = 0
 
     def add(self, search: LatticeSearch) -> None:
-        """Add the work of a lattice search that has ended."""
+        """Add the expanded states and priced steps of a lattice search that has ended."""
         self.expanded += search.expanded_count
         self.priced += search.priced_count
 
@@ -106,18 +106,21 @@ class SearchWork:
 def yield_paths(task: SearchProblem, work: SearchWork) -> Iterator[CylinderPath | None]:
     """Yield ever cheaper cylinder paths, the first as early as possible.
 
-    Runs straight lines, then lattices, then a last refinement. A stage is skipped if the time is
-    up, or if the incumbent's gap to the lower bound is small. Small is WORTH_A_LATTICE for the
-    lattices and GOOD_ENOUGH for the refinement. Improvements below WORTH_A_MOTION are not yielded
-    until the end.
+    A cylinder path is a polyline of cylinder lengths. The stages are straight lines, lattices of
+    decreasing spacing, and a last local refinement. The lattices are skipped if the time is up, or
+    if the incumbent (cheapest path so far) costs at most 1 + WORTH_A_LATTICE times the lower bound.
+    For the refinement this share is GOOD_ENOUGH. The first straight line is yielded at once. A
+    later path is yielded at once if it is found on a lattice and saves at least the share
+    WORTH_A_MOTION of the cost of the path yielded before. The cheapest path is yielded at the end,
+    unless it has been yielded already.
 
     Args:
-        task: The search problem.
-        work: Updated in place with the work done so far.
+        task: Search problem: start, goal postures, cost model, effort limits and deadline.
+        work: Numbers of expanded states and priced steps; increased in place.
 
     Yields:
-        A path that is cheaper than all before, or None before work that may take long, so that the
-        caller can try something else.
+        A path that is cheaper than all paths before. None before work that may take long, so that
+        the caller can try something else.
 
     Raises:
         NoPathError: The search has ended without any path.
@@ -153,12 +156,14 @@ def may_be_improved(task: SearchProblem, best: CylinderPath | None, share: float
     """Return whether a noticeably cheaper path is possible and there is time to look for it.
 
     Args:
-        task: The search problem.
-        best: Incumbent; None if there is none, which always leaves room.
-        share: Relative gap to the lower bound above which a cheaper path counts as possible.
+        task: Search problem: start, goal postures, cost model, effort limits and deadline.
+        best: Incumbent (cheapest path so far). None if there is none; then a cheaper path always
+            counts as possible.
+        share: A cheaper path counts as possible if the incumbent costs more than 1 + share times
+            the lower bound.
 
     Returns:
-        False if the gap is smaller or the time is up.
+        True if a cheaper path counts as possible and the deadline of the search has not passed.
     """
     room = best is None or best.cost > (1.0 + share) * task.lower_bound
     return room and not task.progress.search_deadline.has_passed
@@ -168,17 +173,19 @@ def may_be_improved(task: SearchProblem, best: CylinderPath | None, share: float
 
 
 def yield_straight_paths(task: SearchProblem) -> Iterator[CylinderPath | None]:
-    """Yield ever cheaper straight lines to goal postures.
+    """Yield ever cheaper straight cylinder paths from the start to goal postures.
 
-    First it tries one in STRAIGHT_GOAL_STRIDE goal postures, in the order of their lower bounds.
-    Then it tries the skipped goal postures next to the best one.
+    First it tries every STRAIGHT_GOAL_STRIDE-th goal posture, the least lower bound on the cost
+    first. If there is a line, it then tries the skipped goal postures next to the end of the best
+    line.
 
     Args:
-        task: The search problem.
+        task: Search problem: start, goal postures, cost model, effort limits and deadline.
 
     Yields:
-        A line that is cheaper than all before. None if there is no line after the first FIRST_LINES
-        trials, and again after the first round, so that the caller can try something else.
+        A line that is cheaper than all lines before. None after the first FIRST_LINES trials if
+        they gave no line, and None once more if the rest of the first round gave none. The caller
+        can then try something else.
     """
     numbers = np.arange(len(task.goal_lower_bounds))
     sparse = numbers % STRAIGHT_GOAL_STRIDE == 0
@@ -201,7 +208,7 @@ def _sort_by_lower_bound(task: SearchProblem, numbers: IntArray) -> IntArray:
     """Sort goal postures by the lower bound on the cost of a path to them.
 
     Args:
-        task: The search problem.
+        task: Search problem: start, goal postures, cost model, effort limits and deadline.
         numbers: Indices of goal postures.
 
     Returns:
@@ -213,17 +220,19 @@ def _sort_by_lower_bound(task: SearchProblem, numbers: IntArray) -> IntArray:
 def _yield_cheaper_lines(
     task: SearchProblem, numbers: IntArray, best: CylinderPath | None
 ) -> Iterator[CylinderPath]:
-    """Yield straight lines to given goal postures, each cheaper than all before.
+    """Yield straight cylinder paths to given goal postures, each cheaper than all before.
 
-    It ends once a lower bound reaches the incumbent's cost, or the time is up.
+    Goal postures are tried in the given order. The trials end at the first goal posture whose lower
+    bound is not below the incumbent's cost, or when the time is up.
 
     Args:
-        task: The search problem.
-        numbers: Indices of goal postures in the order of their lower bounds.
-        best: Incumbent; None if there is none.
+        task: Search problem: start, goal postures, cost model, effort limits and deadline.
+        numbers: Indices of goal postures, the least lower bound on the cost first.
+        best: Incumbent (cheapest path so far); None if there is none.
 
     Yields:
-        The paths.
+        Paths that are cheaper than `best` and than all paths before; none if no line is admissible
+        and cheaper.
     """
     for k in numbers.tolist():
         limit = math.inf if best is None else best.cost
@@ -242,19 +251,22 @@ def _yield_cheaper_lines(
 def lattice_spacings(task: SearchProblem, best: CylinderPath | None) -> list[float]:
     """Return the spacings of the lattices, in a decreasing geometric sequence.
 
-    With an incumbent they depend on the largest stroke from the start to its waypoints or to a goal
-    posture that may be cheaper. The first is a third of this stroke, at most `max_first_spacing`
-    and not below the last. The last is the stroke over `finest_step_count`, between `min_spacing`
-    and `max_last_spacing`. Without an incumbent the spacings run from `max_first_spacing` to
-    `max_last_spacing`. The ratio of successive spacings is at most `spacing_ratio`. These limits
-    are fields of `SearchLimits`.
+    With an incumbent (cheapest path so far) the spacings depend on a stroke. It is the largest
+    change of a cylinder's length from the start to a waypoint of the incumbent, or to a goal
+    posture that may be cheaper. The fields of `SearchLimits` give the limits:
+
+        last = stroke / finest_step_count, at least min_spacing, at most max_last_spacing
+        first = stroke / 3, at least last, at most max_first_spacing
+
+    Without an incumbent the spacings run from `max_first_spacing` to `max_last_spacing`. The ratio
+    of successive spacings is at most `spacing_ratio`.
 
     Args:
-        task: The search problem.
+        task: Search problem: start, goal postures, cost model, effort limits and deadline.
         best: Incumbent; None if there is none.
 
     Returns:
-        Spacings [m].
+        Spacings [m], the first and the last included.
     """
     effort = task.limits
     if best is None:
@@ -275,26 +287,28 @@ def lattice_spacings(task: SearchProblem, best: CylinderPath | None) -> list[flo
 def yield_lattice_paths(
     task: SearchProblem, best: CylinderPath | None, work: SearchWork
 ) -> Iterator[CylinderPath | None]:
-    """Search lattices of decreasing spacing and yield ever cheaper paths.
+    """Search lattices of decreasing spacing and yield ever cheaper cylinder paths.
 
-    Before each lattice the incumbent is refined with strides of its spacing. Each lattice is
-    searched with the cost models of `_lattice_cost_models` one after the other. If the first finds
-    nothing and there is no incumbent, the next lattice follows.
+    Before each lattice the incumbent (cheapest path so far) is refined with strides of the
+    lattice's spacing. Each lattice is searched twice: first with a simpler cost model, then with
+    the real one. The second search is left out if the first finds nothing and there is no
+    incumbent.
 
-    A path over the lattice is refined, too. It is not if it costs no less than the incumbent and
-    all its waypoints lie within one spacing of the incumbent's line. The search ends if the
-    incumbent is close to the lower bound, or the time is up. With an incumbent it also ends once
-    the expansions are used up.
+    A path found on a lattice is refined. The refinement is left out if the path costs no less than
+    the incumbent and runs within one spacing of it.
+
+    The function ends if the incumbent is close to the lower bound (WORTH_A_LATTICE) or the time is
+    up. With an incumbent it also ends once `max_expansions` states have been expanded.
 
     Args:
-        task: The search problem.
+        task: Search problem: start, goal postures, cost model, effort limits and deadline.
         best: Incumbent; None if there is none.
-        work: Updated in place with the work done so far.
+        work: Numbers of expanded states and priced steps; increased in place.
 
     Yields:
-        The incumbent after each refinement, even if it did not change, and each cheaper path. None
-        comes once after QUICK_LATTICE_COUNT lattices, and before every lattice once half of the
-        time is gone. The caller can then try something else.
+        The incumbent after each refinement, even if it is unchanged, and each cheaper path from a
+        lattice. None comes once after QUICK_LATTICE_COUNT lattices, and before every lattice once
+        half of the time is gone. The caller can then try something else.
     """
     for number, spacing in enumerate(lattice_spacings(task, best)):
         if number == QUICK_LATTICE_COUNT or task.progress.is_half_over:
@@ -317,15 +331,16 @@ def yield_lattice_paths(
 
 
 def _lattice_cost_models(t: PathCostModel, best: CylinderPath | None) -> tuple[PathCostModel, ...]:
-    """Return the cost models by which a lattice is searched, one after the other.
+    """Return the two cost models by which a lattice is searched one after the other.
 
-    The first does not boost loads that are held. On a lattice a slow cylinder rests in between,
-    which in a motion would need no boost. Without an incumbent switches are free at first, so that
-    each point is expanded once.
+    In the first model a slow cylinder needs no boost while it holds a load. The reason is that a
+    cylinder rests in some steps of a lattice path although it moves steadily in the motion. If
+    there is no incumbent, mode switches cost nothing in the first model, so that each point is
+    expanded once.
 
     Args:
         t: Cost model of the search problem.
-        best: Incumbent; None if there is none.
+        best: Incumbent (cheapest path so far); None if there is none.
 
     Returns:
         Two cost models; the second is `t` itself.
@@ -343,22 +358,26 @@ def search_lattice(
     spacing: float,
     work: SearchWork,
 ) -> CylinderPath | None:
-    """Search one lattice for a path that may be cheaper than the incumbent.
+    """Search one lattice for a cylinder path that may be cheaper than the incumbent.
 
-    Without an incumbent, a weighted A* expands FIRST_STATES states. If these are not enough, a
-    second search accepts any path, without a limit on its states. The path found is priced with the
-    real cost model.
+    With an incumbent, A* looks for a path below WORTH_FINDING times the incumbent's cost. It may
+    expand what is left of `max_expansions`, and only goal postures with a lower bound below the
+    incumbent's cost count. For arms of more than three joints with a deadline it is weighted with
+    DEADLINE_HEURISTIC_WEIGHT.
+
+    Without an incumbent, A* weighted with FIRST_HEURISTIC_WEIGHT expands FIRST_STATES states. If
+    these do not suffice, a second search accepts any path and has no limit on its states.
 
     Args:
-        task: The search problem.
+        task: Search problem: start, goal postures, cost model, effort limits and deadline.
         priced_by: Cost model by which the lattice is searched.
-        best: Incumbent; None if there is none.
+        best: Incumbent (cheapest path so far); None if there is none.
         spacing: Spacing of the lattice [m].
-        work: Updated in place with the work done.
+        work: Numbers of expanded states and priced steps; increased in place.
 
     Returns:
-        The path. None if none was found, it is inadmissible at the real prices, or it costs
-        WORTH_REFINING times the incumbent or more.
+        The path, priced with the cost model of `task`. None if no path was found, it is
+        inadmissible by that model, or it costs WORTH_REFINING times the incumbent or more.
     """
     limit = math.inf if best is None else best.cost
     worth = np.flatnonzero(task.goal_lower_bounds < limit)
@@ -401,12 +420,12 @@ def _runs_beside(found: CylinderPath, best: CylinderPath, spacing: float) -> boo
 
     Args:
         found: The path.
-        best: Incumbent.
-        spacing: Greatest admissible distance of the path's waypoints from the incumbent's polyline,
-            in each cylinder's length [m].
+        best: Incumbent (cheapest path so far).
+        spacing: The path is close if each of its waypoints is nearer than this to the incumbent's
+            polyline. The distance is the largest difference over the cylinder lengths [m].
 
     Returns:
-        True if refining the path would probably lead to the incumbent.
+        True if both conditions hold. Refining the path would then probably lead to the incumbent.
     """
     if found.cost < best.cost:
         return False
@@ -422,16 +441,18 @@ def create_lattice_search(
 ) -> LatticeSearch:
     """Create the search over a lattice to a selection of the goal postures.
 
-    The spacing is increased if the lattice would have more than MAX_LATTICE_POINTS points.
+    The spacing is increased in steps of SPACING_GROWTH until the lattice has at most
+    MAX_LATTICE_POINTS points.
 
     Args:
-        task: The search problem.
+        task: Search problem: start, goal postures, cost model, effort limits and deadline.
         priced_by: Cost model by which the lattice is searched.
-        goal_indices: Indices of the goal postures.
+        goal_indices: Indices of the goal postures of `task` to search for. The search numbers them
+            anew from 0 in this order.
         spacing: Spacing of the lattice [m].
 
     Returns:
-        A search that has not begun.
+        A search that has expanded nothing. It uses the working memory of `task`.
     """
     goals = Postures(*(column[goal_indices] for column in task.goals.postures))
     points = _create_lattice(task, spacing)
@@ -444,15 +465,16 @@ def create_lattice_search(
 def _create_lattice(task: SearchProblem, spacing: float) -> Lattice:
     """Create the lattice of a search problem with a given spacing.
 
-    With obstacles it is even in the joint positions, otherwise in the cylinder lengths.
+    Without obstacles the spacing is equal in all cylinder lengths. With obstacles it is equal in
+    each joint's position, and smaller for inner joints.
 
     Args:
-        task: The search problem.
-        spacing: Spacing of the cylinder lengths [m]. With obstacles, no part of the arm moves by
-            more than MAX_TURN_PER_SPACING · spacing in one step of one joint.
+        task: Search problem: start, goal postures, cost model, effort limits and deadline.
+        spacing: Spacing of the cylinder lengths [m]. With obstacles: if one joint makes one step,
+            no part of the arm moves by more than MAX_TURN_PER_SPACING · spacing.
 
     Returns:
-        The lattice.
+        The lattice; the start is one of its points.
     """
     if len(task.cost_model.obstacles) > 0:
         return lattice_even_in_angles(task.machine, task.start, MAX_TURN_PER_SPACING * spacing)
@@ -466,8 +488,8 @@ def _end_tip(task: SearchProblem, route: CylinderPath) -> tuple[float, float]:
     """Return the tip position at the end of a cylinder path.
 
     Args:
-        task: The search problem.
-        route: The path.
+        task: Search problem: start, goal postures, cost model, effort limits and deadline.
+        route: The path, which names its goal posture.
 
     Returns:
         Position (x, z) [m].
@@ -481,19 +503,21 @@ def refine(
 ) -> CylinderPath:
     """Improve a cylinder path by local changes in proportion to a lattice spacing.
 
-    Removes waypoints, splits a straight line into three segments, and runs a compass search with
-    decreasing strides. A sweep tries to move each waypoint by the stride. With all strides but the
-    last, the sweeps price paths with coarse pieces. Their result is kept only if its cost with fine
-    pieces is lower, too.
+    The function first removes waypoints. It splits a path of one straight segment into three
+    segments. Then a compass search moves each waypoint by a stride, in sweeps with ever smaller
+    strides (`stride_shares` of `SearchLimits`, times the spacing). The last waypoint moves by a
+    change of the goal posture. Sweeps with all strides but the last price paths coarsely. Their
+    result is kept only if it is also cheaper by the problem's own cost model. No change is tried
+    after the deadline.
 
     Args:
-        task: The search problem.
+        task: Search problem: start, goal postures, cost model, effort limits and deadline.
         best: The path.
         spacing: Lattice spacing, the unit of the strides [m].
         fine_sweeps: Largest number of sweeps with the last stride.
 
     Returns:
-        The improved path; `best` itself if it is not cheaper.
+        The improved path; `best` itself if the result is not cheaper.
     """
     via, _ = remove_waypoints(
         task.cost_model,
@@ -522,22 +546,24 @@ def _sweep_with_stride(
     rounds: int,
     piece: float,
 ) -> CylinderPath:
-    """Run sweeps of a compass search with one stride over a path.
+    """Run sweeps of a compass search with one stride over a cylinder path.
 
-    The real cost is that by the problem's own cost model. The sweeps end early if the real cost
-    rises above that of the best path. They also end if a sweep lowers the cost by less than
-    GOOD_ENOUGH of it.
+    A sweep tries to move each waypoint by the stride and keeps what is cheaper. It prices the path
+    in pieces of the stroke `piece`. After each sweep the path is also priced by the problem's own
+    cost model; this is its real cost. The sweeps end early if the real cost exceeds that of the
+    best path so far. They also end if a sweep lowers its own price by less than the share
+    GOOD_ENOUGH.
 
     Args:
-        task: The search problem.
-        route: The path.
+        task: Search problem: start, goal postures, cost model, effort limits and deadline.
+        route: The path; it is not changed.
         spacing: Lattice spacing [m].
         stride: Stride as a share of the spacing [-].
         rounds: Largest number of sweeps.
-        piece: Largest stroke within the pieces by which the sweeps are priced [m].
+        piece: Largest stroke of a cylinder within the pieces by which the sweeps price paths [m].
 
     Returns:
-        The path with the least real cost, the given one included.
+        The path with the least real cost among the given one and the results of the sweeps.
     """
     t, w, until = task.cost_model, task.buffers, task.progress.search_deadline
     rough = t._replace(max_piece_stroke=piece)

@@ -109,19 +109,21 @@ def cost_model(
 ) -> PathCostModel:
     """Build the cost model for cylinder paths that start with given modes.
 
-    A cylinder slower than MAX_HELD_SPEED counts as held. It must be boosted if P_S cannot hold its
-    load. If the area has a weight, BOOST_RESERVE is added to the boost margin.
+    The model contains all mode combinations of the machine. A cylinder slower than MAX_HELD_SPEED
+    counts as at rest. It must be boosted if the main pump's pressure cannot hold its load. If the
+    manipulability loss has a weight, BOOST_RESERVE is added to the boost margin.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         start_modes: Modes in force at the start, uint8, shape (n,).
         weight: Weights of energy [1/J], time [1/s] and mode switches, shape (3,).
-        column: Column of a step's cost that holds the energy in the chosen reading,
-            ENERGY_PAPER_COLUMN or ENERGY_SERIES_COLUMN.
-        area: Weight and reference of the manipulability loss; by default the area is ignored.
+        column: Energy that the cost contains: ENERGY_PAPER_COLUMN or ENERGY_SERIES_COLUMN (energy
+            readings `paper` and `series`).
+        area: Weight and reference area of the manipulability loss (lost area of the velocity
+            polytope). By default the loss has no weight.
 
     Returns:
-        The cost model, with all mode combinations of the machine.
+        The cost model.
     """
     patterns = machine.patterns
     before = np.vstack([patterns, start_modes[None, :]])
@@ -150,7 +152,7 @@ def without_leakage_cost(t: PathCostModel) -> PathCostModel:
     It suits a motion whose duration is fixed by something else, so that leakage flows anyway.
 
     Args:
-        t: Cost model of the cylinder path.
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
     """
     return t._replace(circuit=t.circuit._replace(leakage_flow=0.0, idle_leakage=0.0))
 
@@ -179,13 +181,13 @@ class PathCostBuffers(NamedTuple):
 
 @kernel
 def new_path_cost_buffers(t: PathCostModel) -> PathCostBuffers:
-    """Allocate the working memory for a cost model.
+    """Allocate the working memory in which cylinder paths are priced by a cost model.
 
     Args:
-        t: Cost model of the cylinder path.
+        t: Cost model; its numbers of mode combinations and joints give the shapes.
 
     Returns:
-        Buffers with undefined contents, except `owner` and a `shortfall` of 0.
+        Buffers with undefined contents, except `owner` (row i holds i) and `shortfall` (all 0).
     """
     count, n = t.patterns.shape
     points = Postures(np.empty((3, n)), np.empty((3, n)), np.empty((3, n)))
@@ -207,15 +209,15 @@ def place_posture(
 ) -> None:
     """Write the posture that has given cylinder lengths into points[i].
 
-    The joint positions are found by Newton's method from a neighbouring posture. Writes posture,
-    length and piston force of points[i].
+    The joint positions are found by Newton's method, which starts at the posture points[guess].
 
     Args:
         m: Numeric description of the machine.
-        points: Postures, changed in place.
+        points: Postures with cylinder lengths and piston forces. All three are written in row i in
+            place.
         i: Index of the posture to write.
         length: Cylinder lengths, shape (n,) [m].
-        guess: Index of a posture in `points` whose angles are close.
+        guess: Index of a posture in `points` whose joint positions are close.
     """
     for j in range(len(length)):
         points.length[i, j] = length[j]
@@ -234,19 +236,19 @@ def _workspace_excess(m: MachineArrays, posture: FloatArray) -> float:
 
 @kernel(borrows=True)
 def _leaves_workspace(m: MachineArrays, points: Postures, here: int) -> bool:
-    """Return whether the tip gets out of the workspace between points[here] and points[1 - here].
+    """Return whether the tip leaves the workspace between points[here] and points[1 - here].
 
-    A start outside the workspace may stay as far outside as it is. Near the edge, the posture
-    half-way in cylinder lengths is checked, too. (`middle_forces` checks only the straight line in
-    joint space, from which a cylinder path deviates.)
+    Both ends of the move are compared with the workspace. If an end is nearer to the edge than
+    WORKSPACE_EDGE_DISTANCE, the posture half-way in cylinder lengths is checked, too. An excess of
+    WORKSPACE_TOLERANCE is allowed. If the move starts farther outside, it may stay as far outside.
 
     Args:
         m: Numeric description of the machine.
-        points: Postures; points[2] is overwritten with the posture half-way.
+        points: Three postures: both ends, and row 2, whose joint positions may be overwritten.
         here: Index of the start, 0 or 1.
 
     Returns:
-        True if the piece leaves the workspace.
+        True if the move leaves the workspace.
     """
     begin, end = (
         _workspace_excess(m, points.posture[here]),
@@ -270,17 +272,20 @@ def price_piece(t: PathCostModel, w: PathCostBuffers, here: int) -> int:
     """Price the straight move between two postures in all mode combinations.
 
     The move leads from w.points[here] to w.points[1 - here]. It is inadmissible if the tip leaves
-    the workspace or the arm comes too near to an obstacle. Writes w.scratch (duration, energies and
-    status of each combination), w.shortfall and w.middle.
+    the workspace, if the arm comes too near to an obstacle, or if no mode combination can do it.
+    Only combinations that boost exactly the joints that need boost may be used. If there is none,
+    those that boost further joints may be used.
 
     Args:
-        t: Cost model of the cylinder path.
-        w: Working memory of the thread.
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
+        w: Working memory of the thread. Writes w.scratch (duration, energies and status by
+            combination), w.middle (piston forces half-way), and w.shortfall (cost of the
+            manipulability loss, if it has a weight) in place.
         here: Index of the start in w.points, 0 or 1.
 
     Returns:
-        The status of the combinations that may be used, as `s2_step.price_steps_to_node` returns
-        it: those with an equal w.scratch.status. STEP_INADMISSIBLE means none.
+        STEP_INADMISSIBLE, or the status of the combinations that may be used. These are exactly the
+        combinations p with w.scratch.status[p] equal to the result.
     """
     there = 1 - here
     m, posture = t.machine, w.points.posture
@@ -309,7 +314,7 @@ def price_piece(t: PathCostModel, w: PathCostBuffers, here: int) -> int:
 
 @kernel
 def piece_count(start: FloatArray, end: FloatArray, piece: float) -> int:
-    """Return the number of pieces into which a straight move is cut.
+    """Return the number of equal pieces into which a straight move of the cylinders is cut.
 
     Args:
         start: Cylinder lengths at the start, shape (n,) [m].
@@ -317,7 +322,8 @@ def piece_count(start: FloatArray, end: FloatArray, piece: float) -> int:
         piece: Largest stroke of a cylinder within one piece [m].
 
     Returns:
-        The smallest number of equal pieces that keep the limit, at least 1.
+        The smallest number with which no cylinder moves by more than `piece` in a piece, at least
+        1.
     """
     stroke = 0.0
     for j in range(len(start)):
@@ -344,23 +350,27 @@ def _piece_cost(t: PathCostModel, w: PathCostBuffers, p: int) -> float:
 
 @kernel(borrows=True)
 def _extend_by_piece(t: PathCostModel, w: PathCostBuffers, here: int, parent: IntArray) -> float:
-    """Extend the dynamic programming by the piece from w.points[here] to the other point.
+    """Extend the dynamic programming over mode combinations by one piece of a path.
 
-    For each admissible combination p of the piece:
+    The piece leads from w.points[here] to w.points[1 - here]. For each admissible combination p of
+    the piece, with the least cost value[o] of arriving at its start in combination o:
 
-        after[p] = min over o of (value[o] + w₃ switches[o, p]) + cost of the piece in p
+        after[p] = min over o of (value[o] + w₃ switches[o, p]) + w₁ E[p] + w₂ T[p] + w₄ M[p]
 
-    Reads w.value[here] and writes w.value[1 - here]; inadmissible combinations get inf.
+    w₁ to w₄ are the cost weights, E, T and M the piece's energy, duration and manipulability loss.
+    The function reads w.value[here] and writes w.value[1 - here]; inadmissible combinations get
+    inf.
 
     Args:
-        t: Cost model of the cylinder path.
-        w: Working memory of the thread.
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
+        w: Working memory of the thread, changed in place.
         here: Index of the piece's start in w.points, 0 or 1.
-        parent: Written in place, shape (patterns,): best combination before the piece, for each
-            combination of the piece.
+        parent: Written in place, shape (patterns,): the best o for each admissible p. The last
+            index, `patterns`, stands for the modes in force at the start of the path. Other entries
+            stay as they are.
 
     Returns:
-        Least cost up to the end of the piece; inf if the piece is inadmissible.
+        Least of after[p]; inf if the piece is inadmissible, and w.value is then unchanged.
     """
     status = price_piece(t, w, here)
     if status == STEP_INADMISSIBLE:
@@ -387,15 +397,16 @@ def _extend_by_piece(t: PathCostModel, w: PathCostBuffers, here: int, parent: In
 def count_switches_to_hold(m: MachineArrays, force: FloatArray, modes: ModeArray) -> int:
     """Count the actuators that must change their mode to hold the arm at rest.
 
-    An actuator holds its load in mode DB if the load needs boost, otherwise in mode N.
+    An actuator holds its load in mode N (main pump alone) if the main pump's pressure suffices.
+    Otherwise it holds the load in mode DB (its own servo pump).
 
     Args:
         m: Numeric description of the machine.
         force: Piston forces at rest, shape (n,) [N].
-        modes: Modes before the rest, shape (n,).
+        modes: Modes with which the arm arrives at rest, shape (n,).
 
     Returns:
-        Number of switches.
+        Number of actuators whose mode differs from their holding mode.
     """
     count = 0
     for j in range(len(force)):
@@ -407,12 +418,13 @@ def count_switches_to_hold(m: MachineArrays, force: FloatArray, modes: ModeArray
 
 @kernel(borrows=True)
 def _add_holding_switches(t: PathCostModel, w: PathCostBuffers, at: int) -> float:
-    """Add the switches to the holding modes to the costs at w.points[at].
+    """Add the cost of the mode switches with which a path ends in rest at w.points[at].
 
-    Changes w.value[at] in place.
+    An actuator holds its load in mode N, or in mode DB if the load needs boost. Changes w.value[at]
+    in place, except the column of the modes in force at the start.
 
     Args:
-        t: Cost model of the cylinder path.
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
         w: Working memory of the thread.
         at: Index of the path's last posture in w.points, 0 or 1.
 
@@ -433,12 +445,13 @@ def begin_path(
 ) -> None:
     """Set the working memory to the start of a cylinder path.
 
-    Writes w.points[0] and w.value[0]: cost 0 in the modes in force at the start, inf in all mode
+    Writes the start posture to w.points[0] and the costs to w.value[0]. The cost is 0 in the last
+    column, which stands for the modes in force at the start. It is inf in the columns of the mode
     combinations.
 
     Args:
-        t: Cost model of the cylinder path.
-        w: Working memory of the thread.
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
+        w: Working memory of the thread, changed in place.
         length: Cylinder lengths at the start, shape (n,) [m].
         posture: Joint positions at the start, shape (n,) [rad or m].
     """
@@ -460,25 +473,26 @@ def continue_path(
 ) -> float:
     """Price further waypoints of a cylinder path, starting from w.points[0] and w.value[0].
 
-    Cuts each segment into pieces and runs the dynamic programming over them. On success,
-    w.points[0] and w.value[0] describe the last waypoint. On failure their content is undefined.
+    Each segment is cut into pieces, and dynamic programming picks a mode combination for each
+    piece. On success w.points[0] and w.value[0] describe the last waypoint. On failure their
+    content is undefined.
 
     Args:
-        t: Cost model of the cylinder path.
-        w: Working memory of the thread.
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
+        w: Working memory of the thread, as `begin_path` or an earlier call left it; changed in
+            place.
         via: Waypoints, shape (points, n) [m]; the first is the one at w.points[0].
         limit: The path is given up if its cost so far plus a lower bound on the rest of `via`
             reaches this cost.
-        parent: Written in place, shape (pieces or 1, patterns): best combination before each piece,
-            for each combination of that piece. With a single row only the last piece's entries
-            remain.
-        rests_at_end: Whether the arm rests at the last waypoint, so that switches to the holding
-            modes count.
+        parent: Written in place, shape (pieces, patterns): best combination before each piece, for
+            each combination of that piece. With a single row only the last piece's entries remain.
+        rests_at_end: True if the arm rests at the last waypoint. The switches to the modes that
+            hold the arm there then count.
 
     Returns:
-        Least cost from the start of the whole path to the last waypoint; inf if no mode
-        combinations are admissible or the limit is reached. 0 if `via` has no segment and the arm
-        does not rest there.
+        Least cost from the start of the whole path to the last waypoint. Inf if a piece is
+        inadmissible or the limit is reached. 0 if `via` has one waypoint only and the arm does not
+        rest there.
     """
     rest = 0.0
     for s in range(len(via) - 1):
@@ -515,10 +529,10 @@ def continue_path(
 def price_path(
     t: PathCostModel, w: PathCostBuffers, via: FloatArray, start: FloatArray, limit: float
 ) -> float:
-    """Return the least cost of a cylinder path from its start to rest at its end.
+    """Compute the least cost of a cylinder path, with the best mode combination in each piece.
 
     Args:
-        t: Cost model of the cylinder path.
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
         w: Working memory of the thread, overwritten.
         via: Waypoints, shape (points, n) [m].
         start: Joint positions at via[0], shape (n,) [rad or m].
@@ -535,14 +549,13 @@ def price_path(
 def compute_costs_to_go(
     t: PathCostModel, w: PathCostBuffers, via: FloatArray, start: FloatArray
 ) -> FloatArray:
-    """Compute the least cost from each waypoint of an admissible path to its end.
+    """Compute the least cost from each waypoint of an admissible cylinder path to rest at its end.
 
-    Switches between pieces and to the holding modes at the end are included. The working memory is
-    overwritten.
+    Mode switches between pieces are included, and those to the modes that hold the arm at the end.
 
     Args:
-        t: Cost model of the cylinder path.
-        w: Working memory of the thread.
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
+        w: Working memory of the thread, overwritten.
         via: Waypoints, shape (points, n) [m].
         start: Joint positions at via[0], shape (n,) [rad or m].
 
@@ -592,16 +605,16 @@ def compute_costs_to_go(
 def _find_best_patterns(
     t: PathCostModel, w: PathCostBuffers, via: FloatArray, start: FloatArray
 ) -> IntArray:
-    """Find the best mode combination of each piece of an admissible path.
+    """Find the mode combination of each piece with which an admissible cylinder path costs least.
 
     Args:
-        t: Cost model of the cylinder path.
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
         w: Working memory of the thread, overwritten.
-        via: Waypoints, shape (points, n) [m].
+        via: Waypoints, shape (points, n) [m]. Segments are cut into pieces of t.max_piece_stroke.
         start: Joint positions at via[0], shape (n,) [rad or m].
 
     Returns:
-        Index into t.patterns for each piece, shape (pieces,).
+        Index into t.patterns for each piece in path order, shape (pieces,).
     """
     pieces = 0
     for s in range(len(via) - 1):
@@ -620,18 +633,18 @@ def _find_best_patterns(
 def _compute_pieces(
     t: PathCostModel, w: PathCostBuffers, via: FloatArray, start: FloatArray
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Compute postures, mode combinations and costs of all pieces of an admissible path.
+    """Compute postures, mode combinations and costs of all pieces of an admissible cylinder path.
 
     Args:
-        t: Cost model of the cylinder path.
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
         w: Working memory of the thread, overwritten.
         via: Waypoints, shape (points, n) [m].
         start: Joint positions at via[0], shape (n,) [rad or m].
 
     Returns:
         Joint positions at the ends of the pieces, shape (pieces + 1, n) [rad or m]; index of the
-        best mode combination of each piece, shape (pieces,); and duration [s] and energy in both
-        readings [J] of each piece, shape (pieces, 3).
+        best mode combination of each piece, shape (pieces,); and cost of each piece, shape (pieces,
+        3): duration [s], energy in the reading `paper` [J], energy in the reading `series` [J].
     """
     pattern = _find_best_patterns(t, w, via, start)
     begin_path(t, w, via[0], start)
@@ -660,10 +673,10 @@ def to_discrete_path(
     start_modes: ModeArray,
     statistics: SearchStatistics,
 ) -> DiscretePath:
-    """Convert a cylinder path to a discrete path, with one step for each piece and the best modes.
+    """Convert a cylinder path to a discrete path, one step for each piece, in the best modes.
 
     Args:
-        t: Cost model of the cylinder path.
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
         w: Working memory of the thread, overwritten.
         via: Waypoints of an admissible path, shape (points, n) [m].
         cost: Cost of the path, stored as it is.

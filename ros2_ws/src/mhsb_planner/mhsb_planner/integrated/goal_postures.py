@@ -78,26 +78,28 @@ def sample_goal_postures(
 ) -> GoalPostures:
     """Sample the postures at a goal and at the other tip positions of its region.
 
-    For three joints, samples lie at most `spacing` apart in ψ and include the ends of each
-    interval. With m free coordinates the m-th root of `spacing` is used, to limit the number of
-    samples. With several tip positions, `spacing` is first multiplied by their number. Postures
-    that come too near to obstacles are left out, and so are tip positions without any posture.
+    The postures at a tip position have m = n − 2 free coordinates, one less if ψ must have one
+    value. For m = 1 successive samples differ by at most `spacing`, and the ends of each feasible
+    interval are among them. For larger m the distance is spacing^(1/m), which limits their number.
+    With k tip positions, `spacing` is first multiplied by k. Postures that come too near to
+    obstacles are left out, and so are tip positions without any posture.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         x: Goal position of the tip, forward [m].
         z: Goal position of the tip, upward [m].
-        psi: Admissible end-link angle or range of angles [rad]; None leaves it free.
-        spacing: Largest distance of two samples of ψ for three joints and one tip position [rad].
-        region: Other admissible tip positions; None: only the goal.
+        psi: End-link angle ψ at the goal, or the pair (least, greatest) [rad]; None leaves it free.
+        spacing: Largest distance of two samples of ψ for m = 1 and one tip position [rad].
+        region: Other admissible tip positions; None means the goal alone.
 
     Returns:
         The postures, at least one.
 
     Raises:
-        OutOfWorkspaceError: No tip position has a posture, and the first is outside the workspace.
-        InfeasibleGoalError: No tip position has a posture, and none is within limits at the first.
-        ZoneError: No tip position has a posture, and obstacles prevent all at the first.
+        OutOfWorkspaceError: No tip position has a posture, and the goal is outside the workspace.
+        InfeasibleGoalError: No tip position has a posture, and none at the goal is within joint
+            limits.
+        ZoneError: No tip position has a posture, and obstacles prevent all postures at the goal.
     """
     points, between, refused = tip_positions((x, z), region), angle_range(psi), None
     found = []
@@ -123,14 +125,17 @@ def sample_goal_postures(
 
 
 def _free_coordinate_units(machine: Machine, between: tuple[float, float] | None) -> FloatArray:
-    """Return the change of each free coordinate that counts as one radian.
+    """Return the change of each free joint coordinate that counts as one radian.
 
-    It is 1 rad for an angle, and the joint's range divided by π [m] for a telescope. 0 means that
-    the coordinate must not change. If `between` is given, this holds for ψ, the last coordinate.
-    With telescopes it then holds for all coordinates, because each of them would change ψ.
+    Free coordinates are the first n − 3 joint angles and the end-link angle ψ. With telescopes they
+    are the positions of all joints but the last two turning ones, which close the chain.
+
+    The change is 1 rad for an angle, and the joint's range divided by π [m] for a telescope. It is
+    0 for a coordinate that must not change. If `between` is given, ψ must not change. With
+    telescopes no coordinate may then change, because each of them would change ψ.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         between: Least and greatest admissible ψ [rad]; None if ψ is free.
 
     Returns:
@@ -145,7 +150,10 @@ def _free_coordinate_units(machine: Machine, between: tuple[float, float] | None
 
 
 def held_joints(machine: Machine) -> IntArray:
-    """Return the indices of the joints that do not close the chain, for a chain with telescopes."""
+    """Return the indices of the joints that do not close the chain, for a chain with telescopes.
+
+    The last two turning joints close the chain: they move so that the tip reaches its position.
+    """
     return np.delete(np.arange(machine.joint_count), find_closing_joints(machine.arrays))
 
 
@@ -155,18 +163,18 @@ def _sample_at_tip(
     """Sample the postures at one tip position and drop those too near to obstacles.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         x: Tip position forward [m].
         z: Tip position upward [m].
         between: Least and greatest admissible ψ [rad], equal for one angle; None if ψ is free.
-        spacing: Largest distance of two samples if one coordinate is sampled [rad]. If m are
-            sampled, its m-th root is used, to limit the number of samples.
+        spacing: Largest distance of two samples if one coordinate is sampled [rad]. If m
+            coordinates are sampled, the distance is spacing^(1/m).
 
     Returns:
         Tip positions, all equal, shape (count, 2) [m]; postures, shape (count, n) [rad or m]; elbow
-        branches, ∓1, or sides of `close_chain` with telescopes, shape (count,); free coordinates,
-        shape (count, n - 2) [rad or m]: q₁ … q₍ₙ₋₃₎ and ψ, or with telescopes the positions of the
-        joints that do not close the chain.
+        branches (sign of the second-last joint's angle), −1 or 1, shape (count,), with telescopes
+        the `side` of `close_chain`; free coordinates, shape (count, n - 2) [rad or m]: q₁ … q₍ₙ₋₃₎
+        and ψ, or with telescopes the positions of the joints that do not close the chain.
 
     Raises:
         OutOfWorkspaceError: The tip position is outside the workspace.
@@ -189,21 +197,22 @@ def _sample_telescopic_chain(
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Sample the postures of a chain with telescopes at one tip position.
 
-    If `between` is given, ψ is sampled over it. Otherwise the joints that do not close the chain
-    are sampled over their ranges.
+    If `between` is given, the end-link angle ψ is sampled over it. Otherwise the positions of the
+    joints that do not close the chain are sampled over their ranges. The last two turning joints
+    close the chain, in up to two ways (sides).
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         x: Tip position forward [m].
         z: Tip position upward [m].
         between: Least and greatest admissible ψ [rad]; None if ψ is free.
-        spacing: Largest distance of two samples of ψ [rad]. If the m joints are sampled, its m-th
-            root is used.
+        spacing: Largest distance of two samples of ψ [rad]. If m joints are sampled, they are
+            spaced by spacing^(1/m), in units of `Machine.radian_equivalents`.
 
     Returns:
-        Postures within limits, shape (count, n) [rad or m]; sides of `close_chain`, ∓1, shape
-        (count,); and positions of the joints that do not close the chain, shape (count, n - 2)
-        [rad or m].
+        Postures within limits, shape (count, n) [rad or m]; sides of `close_chain`, −1 or 1, shape
+        (count,); and positions of the joints that do not close the chain, shape (count, n - 2) [rad
+        or m].
     """
     a, held = machine.arrays, held_joints(machine)
     i, j = find_closing_joints(a)
@@ -227,19 +236,22 @@ def _sample_telescopic_chain(
 def _compute_postures(
     m: MachineArrays, x: float, z: float, free: FloatArray, elbow: IntArray, posture: FloatArray
 ) -> np.ndarray:
-    """Compute the postures with given free joint coordinates at a tip position.
+    """Compute the postures with given free joint coordinates at one tip position.
 
     Args:
         m: Numeric description of the machine.
         x: Tip position forward [m].
         z: Tip position upward [m].
-        free: Free joint coordinates, shape (count, n - 2) [rad or m].
-        elbow: Elbow branches, shape (count,).
+        free: Free joint coordinates, shape (count, n - 2) [rad or m]: the first n − 3 joint angles
+            and the end-link angle ψ. With telescopes: the positions of all joints but the last two
+            turning ones.
+        elbow: Elbow branches (sign of the second-last joint's angle), −1 or 1, shape (count,). With
+            telescopes the `side` of `close_chain`.
         posture: Written in place, shape (count, n) [rad or m]; rows without a posture are
             undefined.
 
     Returns:
-        Whether there is a posture within limits, bool, shape (count,).
+        True for each row with a posture within the joint limits, bool, shape (count,).
     """
     within = np.empty(len(free), dtype=np.bool_)
     for k in range(len(free)):
@@ -252,20 +264,22 @@ def _sample_turning_chain(
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Sample the postures of a chain of turning joints at one tip position.
 
-    The inner joints, the first n − 3, are sampled on a grid. The intervals of ψ are sampled for
-    each grid point.
+    The inner joints, the first n − 3, are sampled on a grid. For each grid point the feasible
+    end-link angles ψ of the last three joints are sampled.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         x: Tip position forward [m].
         z: Tip position upward [m].
         between: Least and greatest admissible ψ [rad]; None if ψ is free.
-        spacing: Largest distance of two samples of ψ with three joints [rad]; with m free
-            coordinates the m-th root is used, also for the grid.
+        spacing: Largest distance of two samples of ψ with three joints [rad]. With m free
+            coordinates the distance is spacing^(1/m), also on the grid. ψ is no free coordinate if
+            `between` is one angle.
 
     Returns:
-        Postures within limits, shape (count, n) [rad]; elbow branches, ∓1, shape (count,); and
-        inner joints' angles and ψ, shape (count, n - 2) [rad].
+        Postures within limits, shape (count, n) [rad]; elbow branches (sign of the second-last
+        joint's angle), −1 or 1, shape (count,); and inner joints' angles and ψ, shape (count, n -
+        2) [rad].
     """
     a, n = machine.arrays, machine.joint_count
     given = between is not None and between[0] == between[1]
@@ -288,16 +302,17 @@ def _sample_turning_chain(
 
 @kernel
 def _reachable_inner_samples(m: MachineArrays, x: float, z: float, samples: int) -> IntArray:
-    """List the grid points of the inner joints from which the outer three reach the tip.
+    """List the angles of the inner joints with which the last three joints reach the tip.
 
     Args:
         m: Numeric description of the machine.
         x: Tip position forward [m].
         z: Tip position upward [m].
-        samples: Number of samples of each inner joint.
+        samples: Number of evenly spaced angles of each of the first n − 3 joints.
 
     Returns:
-        Numbers of the grid points, as `write_inner_angles` counts them, in ascending order.
+        Numbers of the combinations of inner angles, in ascending order. `write_inner_angles` writes
+        the angles of such a number.
     """
     n, count = len(m.link_length), 0
     q, interval = np.empty(n), np.empty((MAX_INTERVALS, 3))
@@ -322,17 +337,18 @@ def _sample_outer_joints(
     """Sample the postures of a turning chain at one tip position with the inner joints fixed.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         x: Tip position forward [m].
         z: Tip position upward [m].
         q: Posture that gives the inner joints' angles, shape (n,) [rad]; the last three are
             ignored.
         between: Least and greatest admissible ψ [rad]; None if ψ is free.
-        spacing: Largest distance of two samples of ψ [rad].
+        spacing: Largest distance of two samples of ψ [rad]. If `between` is one angle, it is the
+            only sample.
 
     Returns:
-        Postures within limits, shape (count, n) [rad]; elbow branches, ∓1, shape (count,); and
-        ψ, shape (count,) [rad].
+        Postures within limits, shape (count, n) [rad]; elbow branches (sign of the second-last
+        joint's angle), −1 or 1, shape (count,); and ψ, shape (count,) [rad].
     """
     ahead, up, heading = transform_tip_to_outer_frame(machine.arrays.link_length, x, z, q)
     seen = None if between is None else (between[0] - heading, between[1] - heading)
@@ -360,13 +376,13 @@ def _solve_outer_joints(
         m: Numeric description of the machine.
         x: Tip position forward in the frame of the last three joints [m].
         z: Tip position upward in the frame of the last three joints [m].
-        elbow: Elbow branches, ∓1, shape (count,).
+        elbow: Elbow branches (sign of the second-last joint's angle), −1 or 1, shape (count,).
         angle: End-link angles in the frame of the last three joints, shape (count,) [rad].
         posture: Postures, shape (count, n) [rad]. The last three columns are written in place; the
             others must be set.
 
     Returns:
-        Whether the posture exists within limits, bool, shape (count,).
+        True for each row whose posture exists and is within the joint limits, bool, shape (count,).
     """
     within = np.empty(len(angle), dtype=np.bool_)
     for i in range(len(angle)):
@@ -377,17 +393,19 @@ def _solve_outer_joints(
 def _sample_psi_intervals(
     machine: Machine, x: float, z: float, spacing: float, between: tuple[float, float] | None
 ) -> tuple[IntArray, FloatArray]:
-    """Sample all feasible intervals of ψ on both elbow branches.
+    """Sample the end-link angles ψ at which the last three joints reach a position.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         x: Tip position forward in the frame of the last three joints [m].
         z: Tip position upward in the frame of the last three joints [m].
-        spacing: Largest distance of two samples [rad].
+        spacing: Largest distance of two samples [rad]. Each feasible interval gets at least
+            MIN_INTERVAL_SAMPLES^(1/(n − 2)) samples and at least 2, its ends included.
         between: Least and greatest admissible ψ in the same frame [rad]; None if ψ is free.
 
     Returns:
-        Elbow branches, ∓1, shape (count,), and angles ψ, shape (count,) [rad].
+        Elbow branches (sign of the second-last joint's angle), −1 or 1, shape (count,), and angles
+        ψ, shape (count,) [rad]. Both are empty if no interval is feasible.
     """
     interval = np.empty((MAX_INTERVALS, 3))
     fewest = max(2, round(MIN_INTERVAL_SAMPLES ** (1.0 / (machine.joint_count - 2))))
@@ -411,7 +429,8 @@ def _intersect_psi_range(
         between: Range, shifted by −2 to 2 turns for the intersection [rad]; None: no restriction.
 
     Returns:
-        Lower and upper end of each part [rad]; empty if there is none.
+        Lower and upper end of each part of the interval that lies in the range [rad]; empty if
+        there is none.
     """
     if between is None:
         return [(low, high)]

@@ -43,13 +43,15 @@ def add_postures_near_start(
     circuit: HydraulicCoefficients,
     weight: FloatArray,
 ) -> GoalPostures:
-    """Add goal postures near the start to the sampled ones, at the goal itself.
+    """Add goal postures that differ little from the start to the sampled goal postures.
 
-    Nothing is added in three cases: the arm has three joints, whose samples are dense; a range of ψ
-    is required; or no sample lies at the goal itself. Postures too near to obstacles are left out.
+    The new postures have the tip at the goal itself, not elsewhere in the goal region. Nothing is
+    added in three cases: the arm has three joints, because its samples are dense; the end-link
+    angle is prescribed; or no sample has the tip at the goal itself. Postures too near to obstacles
+    are left out.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         goals: Sampled goal postures.
         start: Start posture, shape (n,) [rad or m].
         circuit: Hydraulic coefficients of the machine.
@@ -86,15 +88,17 @@ def _elbows_and_free_coordinates(
 ) -> tuple[np.ndarray, FloatArray]:
     """Return elbow branches and free joint coordinates of postures, as `GoalPostures` stores them.
 
+    Without telescopes the elbow branch is 1 if the second-last joint's angle is positive, else −1.
+    The free coordinates are the first n − 3 joint angles and the end-link angle ψ. With telescopes
+    the elbow branch is the side of `find_closure_side`. The free coordinates are then the positions
+    of all joints but the last two turning ones, which close the chain.
+
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         postures: Postures, shape (k, n) [rad or m].
 
     Returns:
-        Elbow branches, 1 if the second-last joint's angle is positive, else −1; with telescopes the
-        sides of `find_closure_side`, −1 or 1; shape (k,). Free coordinates, shape (k, n - 2) [rad
-        or m]: q₁ … q₍ₙ₋₃₎ and ψ, or with telescopes the positions of the joints that do not close
-        the chain.
+        Elbow branches, −1 or 1, shape (k,), and free coordinates, shape (k, n - 2) [rad or m].
     """
     a, n = machine.arrays, machine.joint_count
     if machine.has_telescope:
@@ -115,12 +119,13 @@ def _search_near_postures(
     z: float,
     weight: FloatArray,
 ) -> FloatArray:
-    """Find the posture of least lower bound on each of many curves of goal postures.
+    """Find goal postures near the start: the best of each of many curves of postures.
 
-    There is a curve for each pair of joints that close the chain and each third joint. The third
-    joint takes JOINT_SAMPLE_COUNT even positions from limit to limit, and its start position. Both
-    solutions of `close_chain` belong to one curve. All other joints keep their start positions. The
-    bound is that on the cost from the start to the posture.
+    There is a curve for each pair of joints and each third joint. The third joint takes
+    JOINT_SAMPLE_COUNT evenly spaced positions from limit to limit, and its start position. The pair
+    brings the tip to the goal; both solutions belong to the curve. All other joints keep their
+    start positions. The best posture is the one with the least lower bound on the cost from the
+    start.
 
     Test oracle: the same search in plain Python.
 
@@ -170,7 +175,7 @@ def warm_up(machine: Machine, start: FloatArray, circuit: HydraulicCoefficients)
     """Compile the kernels of this module by one call.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         start: Posture used for the call, shape (n,) [rad or m].
         circuit: Hydraulic coefficients of the machine.
     """

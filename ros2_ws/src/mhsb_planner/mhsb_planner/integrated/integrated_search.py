@@ -59,24 +59,26 @@ class IntegratedSearch:
         progress: PlanProgress | None = None,
         limits: SearchLimits | None = None,
     ) -> None:
-        """Prepare the search: sample the goal postures and bound the cost to each.
+        """Prepare the search: sample the goal postures and bound the cost to each from below.
 
         Args:
-            machine: The arm in its plane.
-            query: Start, goal and cost.
-            goal_region: Other admissible tip positions; None: only the goal.
-            area: Weight of the manipulability loss and the reference area.
+            machine: The arm without a slewing joint.
+            query: Start, goal, cost weights and energy reading.
+            goal_region: Other admissible tip positions; None means the goal alone.
+            area: Weight and reference area of the manipulability loss (lost area of the velocity
+                polytope).
             counts_leakage: Whether leakage counts when paths are compared. The costs of the paths
                 yielded include it in any case.
-            progress: Progress of the plan, with the time limit; None: no limit.
-            limits: Limits on the effort for an arm of the paper's size; None: defaults, larger with
-                an area weight.
+            progress: Progress of the plan, which holds the deadline. None means no deadline.
+            limits: Limits on the effort for an arm of the paper's size; lengths are scaled to this
+                arm. None means default limits, which are larger if `area` has a weight.
 
         Raises:
-            OutOfWorkspaceError: The goal is outside the workspace.
-            InfeasibleGoalError: No posture within limits reaches the goal.
+            OutOfWorkspaceError: No tip position has a posture, and the goal is outside the
+                workspace.
+            InfeasibleGoalError: No posture within joint limits reaches the goal or its region.
             ZoneError: The arm would be too near to an obstacle in every goal posture.
-            DeadlineError: The time was up before the search could begin.
+            DeadlineError: The deadline passed before the search could begin.
         """
         self._began, progress = perf_counter(), progress or PlanProgress()
         limits = limits or (WITH_AREA if area.weight > 0.0 else SearchLimits())
@@ -110,7 +112,8 @@ class IntegratedSearch:
     def paths(self) -> Iterator[DiscretePath | None]:
         """Yield ever cheaper discrete paths.
 
-        A start at the goal gives one path without steps.
+        Straight paths come first, then paths from lattices and local changes. A start at the goal
+        gives one path without steps.
 
         Yields:
             A path, or None before work that may take long, so that the caller can try something
@@ -130,7 +133,7 @@ class IntegratedSearch:
             yield None if best is None else self._to_discrete_path(best, work)
 
     def best_path(self) -> DiscretePath:
-        """Run the search to its end and return the cheapest path.
+        """Run the search to its end, or to its deadline, and return the cheapest path.
 
         Raises:
             NoPathError: There is no path.
@@ -139,13 +142,13 @@ class IntegratedSearch:
         return [path for path in self.paths() if path is not None][-1]
 
     def improve_path(self, via: FloatArray, spacings: tuple[float, ...]) -> DiscretePath | None:
-        """Improve a cylinder path that was found elsewhere by local changes.
+        """Improve a cylinder path from another source by local changes.
 
         Args:
-            via: Waypoints from the start to the goal, shape (points, n) [m]. The path counts as one
-                to the goal posture nearest to the last waypoint.
-            spacings: Lattice spacings to which the changes are proportional, in the order of use
-                [m].
+            via: Waypoints (cylinder lengths) from the start to the goal, shape (points, n) [m]. The
+                path is treated as one to the goal posture nearest to the last waypoint.
+            spacings: Lattice spacings, in the order of use [m]. The strides by which waypoints move
+                are shares of these.
 
         Returns:
             The improved path, or the given one if nothing improves it; None if the given path is
@@ -166,11 +169,11 @@ class IntegratedSearch:
         return perf_counter() - self._began
 
     def _to_discrete_path(self, best: CylinderPath, work: SearchWork) -> DiscretePath:
-        """Convert a cylinder path to a discrete path, priced with leakage.
+        """Convert a cylinder path to a discrete path whose cost includes leakage.
 
         Args:
             best: The cylinder path.
-            work: Work done so far, for the statistics.
+            work: Numbers of expanded states and priced steps, for the statistics.
 
         Returns:
             The discrete path with the statistics of the search.
@@ -205,12 +208,14 @@ def search(
     """Run an integrated search to its end and return the cheapest path.
 
     Args:
-        machine: The arm in its plane.
-        query: Start, goal and cost.
-        goal_region: Other admissible tip positions; None: only the goal.
-        area: Weight of the manipulability loss and the reference area.
+        machine: The arm without a slewing joint.
+        query: Start, goal, cost weights and energy reading.
+        goal_region: Other admissible tip positions; None means the goal alone.
+        area: Weight and reference area of the manipulability loss (lost area of the velocity
+            polytope).
         deadline: Instant at which the search ends with the cheapest path so far.
-        effort: Limits on the effort for an arm of the paper's size; None: defaults.
+        effort: Limits on the effort for an arm of the paper's size; lengths are scaled to this arm.
+            None means default limits.
 
     Returns:
         The path; without steps if the start is at the goal.
@@ -241,28 +246,34 @@ def improve_path(
     spacings: tuple[float, ...],
     effort: SearchLimits,
 ) -> DiscretePath | None:
-    """Improve a cylinder path that was found elsewhere by local changes.
+    """Improve a cylinder path from another source by local changes.
 
     Args:
-        machine: The arm in its plane.
-        query: Start, goal and cost.
-        via: Waypoints from the start to the goal, shape (points, n) [m]; the last has the cylinder
-            lengths of a goal posture.
-        spacings: Lattice spacings to which the changes are proportional, in the order of use [m].
-        effort: Limits on the effort for an arm of the paper's size.
+        machine: The arm without a slewing joint.
+        query: Start, goal, cost weights and energy reading.
+        via: Waypoints (cylinder lengths) from the start to the goal, shape (points, n) [m]. The
+            last one has the cylinder lengths of a goal posture.
+        spacings: Lattice spacings, in the order of use [m]. The strides by which waypoints move are
+            shares of these.
+        effort: Limits on the effort for an arm of the paper's size; lengths are scaled to this arm.
 
     Returns:
         The improved path, or the given one if nothing improves it; None if the given path is
         inadmissible.
+
+    Raises:
+        OutOfWorkspaceError: The goal is outside the workspace.
+        InfeasibleGoalError: No posture within joint limits reaches the goal.
+        ZoneError: The arm would be too near to an obstacle in every goal posture.
     """
     return IntegratedSearch(machine, query, limits=effort).improve_path(via, spacings)
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile all kernels of the integrated search, whichever stages a request needs.
+    """Compile all kernels of the integrated search, also those that only some requests need.
 
     Args:
-        machine: Arm in its plane for which the kernels are called; its obstacles are ignored.
+        machine: Arm without a slewing joint that the trial calls use. Its obstacles are ignored.
     """
     task = _example_problem(machine)
     x, z = task.goals.tip
@@ -279,7 +290,7 @@ def warm_up_pricing(machine: Machine) -> None:
     """Compile the kernels that price a cylinder path or find goal postures near the start.
 
     Args:
-        machine: Arm in its plane for which the kernels are called; its obstacles are ignored.
+        machine: Arm without a slewing joint that the trial calls use. Its obstacles are ignored.
     """
     task = _example_problem(machine)
     task.price(_straight_line(task))
@@ -287,10 +298,10 @@ def warm_up_pricing(machine: Machine) -> None:
 
 
 def warm_up_paths(machine: Machine) -> None:
-    """Compile the lower bound over all goals, and the conversion to a discrete path.
+    """Compile the kernels that bound the cost to all goals or make a discrete path.
 
     Args:
-        machine: Arm in its plane for which the kernels are called; its obstacles are ignored.
+        machine: Arm without a slewing joint that the trial calls use. Its obstacles are ignored.
     """
     task = _example_problem(machine)
     _ = task.lower_bound
@@ -301,10 +312,10 @@ def warm_up_paths(machine: Machine) -> None:
 
 
 def warm_up_lattice(machine: Machine) -> None:
-    """Compile the kernels of the lattice search.
+    """Compile the kernels of the A* search over lattices of cylinder lengths.
 
     Args:
-        machine: Arm in its plane for which the kernels are called; its obstacles are ignored.
+        machine: Arm without a slewing joint that the trial calls use. Its obstacles are ignored.
     """
     task = _example_problem(machine)
     lattice = anytime_search.create_lattice_search(
@@ -314,7 +325,11 @@ def warm_up_lattice(machine: Machine) -> None:
 
 
 def warm_up_refinement(machine: Machine) -> None:
-    """Compile the kernels of the local changes."""
+    """Compile the kernels that improve a cylinder path by local changes.
+
+    Args:
+        machine: Arm without a slewing joint that the trial calls use. Its obstacles are ignored.
+    """
     task = _example_problem(machine)
     anytime_search.refine(
         task, task.path_to_goal(_straight_line(task), 0, math.inf), task.limits.max_first_spacing
@@ -329,13 +344,13 @@ def _straight_line(task: SearchProblem) -> FloatArray:
 def _example_problem(machine: Machine) -> SearchProblem:
     """Create a short, easy search problem for compiling kernels.
 
-    It starts in the middle of the joint ranges, has no obstacles, and its effort is very small.
+    It starts in the middle of the joint ranges, has no obstacles, and allows very little effort.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
 
     Returns:
-        The problem, with weights of 1 for all terms of the cost.
+        The problem, with weights of 1 for all terms of the cost, the manipulability loss included.
     """
     machine = machine.without_obstacles()
     low, high = machine.arrays.joint_min, machine.arrays.joint_max

@@ -25,7 +25,7 @@ def cosine_range(low: float, high: float) -> Interval:
     """Return the range of the cosine over an interval of angles.
 
     Args:
-        low: Lower end of the interval [rad].
+        low: Lower end of the interval [rad], at most `high`.
         high: Upper end of the interval [rad].
 
     Returns:
@@ -43,20 +43,21 @@ def cosine_range(low: float, high: float) -> Interval:
 
 @kernel
 def _wrist_direction_range(low: float, high: float, radius: float, link: float) -> Interval:
-    """Return the range of α at one distance R, for link directions in an interval.
+    """Return the range of the wrist's direction α at one distance of the tip.
 
-    α is the direction of the wrist relative to the direction of the tip. The link from wrist to tip
-    has the direction u relative to the tip's:
+    A link of length L leads from the wrist to the tip, and the tip is at distance R from the
+    origin. Relative to the direction of the tip, the link has the direction u and the wrist has the
+    direction α:
 
         α = atan2(−L sin u, R − L cos u)
 
-    For R > L, α has its extremes ±asin(L/R) at cos u = L/R. Otherwise the wrist goes round the
-    origin with u.
+    For R > L, α has its extremes ±asin(L/R) at cos u = L/R. For R ≤ L, α grows with u, over whole
+    turns if u does.
 
     Args:
-        low: Lower end of u [rad]; for R ≤ L it must not be negative.
-        high: Upper end of u [rad].
-        radius: Distance R of the tip [m].
+        low: Lower end of the interval of u [rad]; for R ≤ L it must not be negative.
+        high: Upper end of the interval of u [rad].
+        radius: Distance R of the tip from the origin [m].
         link: Length L of the link [m].
 
     Returns:
@@ -81,15 +82,20 @@ def _wrist_direction_range(low: float, high: float, radius: float, link: float) 
 
 @kernel
 def _unwrapped_wrist_direction(u: float, radius: float, link: float) -> float:
-    """Return the wrist's direction α for R ≤ L, continued over whole turns.
+    """Return the wrist's direction α for a tip nearer to the origin than the link is long.
 
-    α = atan2(−L sin u, R − L cos u) grows with u. For R < L it is −π at u = 0 and grows by 2π with
-    every turn. For R = L it jumps from π/2 to 3π/2 at a whole turn, where the wrist is at the
-    origin; the caller excludes that.
+    A link of length L leads from the wrist to the tip at distance R ≤ L. Relative to the direction
+    of the tip, the link has the direction u and the wrist has the direction
+
+        α = atan2(−L sin u, R − L cos u)
+
+    The result continues α over whole turns, so that it grows with u. For R < L it is −π at u = 0
+    and grows by 2π with every turn. For R = L it jumps from π/2 to 3π/2 at a whole turn. The wrist
+    is then at the origin, and the caller must exclude this.
 
     Args:
         u: Direction of the link relative to the tip's direction [rad].
-        radius: Distance R of the tip [m].
+        radius: Distance R of the tip from the origin [m].
         link: Length L of the link [m].
 
     Returns:
@@ -112,8 +118,9 @@ def _intersect_modulo_turns(low: float, high: float, least: float, most: float) 
         most: Upper end of the range [rad].
 
     Returns:
-        Enclosure of all intersections for shifts by −2 to 2 turns [rad]; (inf, −inf) if there is
-        none.
+        Smallest interval that contains the intersections for all shifts by −2 to 2 turns [rad];
+        (inf, −inf) if there is none. Intervals that miss each other by INTERVAL_ROUNDING or less
+        count as touching.
     """
     found_low, found_high = math.inf, -math.inf
     for turns in range(-2, 3):
@@ -128,10 +135,11 @@ def _intersect_modulo_turns(low: float, high: float, least: float, most: float) 
 def tip_relative_to_link_end(
     radius: Interval, direction: Interval, link: float, low: float, high: float
 ) -> tuple[Interval, Interval]:
-    """Return the polar coordinates of the tip relative to the end of a link, as intervals.
+    """Compute intervals of the tip's polar coordinates relative to the end of a link.
 
-    The link begins at the origin. With the tip at distance R in direction φ, the link of length L
-    in direction θ, and u = θ − φ:
+    The link begins at the origin; it has the length L and the direction θ. The tip is at distance R
+    in direction φ. With u = θ − φ, the tip seen from the link's end has the distance D and the
+    direction φ + α:
 
         D² = R² + L² − 2 R L cos u
         direction = φ + α(u),  α = atan2(−L sin u, R − L cos u)
@@ -144,8 +152,8 @@ def tip_relative_to_link_end(
         high: Upper end of the link's direction θ [rad].
 
     Returns:
-        Range of the distance D [m], and range of the direction [rad], measured from the same axis
-        as θ and φ.
+        Range of the distance D [m], and range of the direction φ + α [rad], measured from the same
+        axis as θ and φ. No possible value lies outside these ranges.
     """
     cosine = cosine_range(low - direction[1], high - direction[0])
     nearest = min(max(link * cosine[1], radius[0]), radius[1])
@@ -160,19 +168,25 @@ def tip_relative_to_link_end(
 
 @kernel
 def wrist_direction_range(low: float, high: float, radius: Interval, link: float) -> Interval:
-    """Return the range of α over link directions and tip distances.
+    """Return the range of the wrist's direction α over link directions and tip distances.
 
-    α = atan2(−L sin u, R − L cos u) is monotone in R, so both ends of the distances suffice. If the
-    wrist may lie at the origin (R = L, u = 0), the result is (−π, π).
+    A link of length L leads from the wrist to the tip, and the tip is at distance R from the
+    origin. Relative to the direction of the tip, the link has the direction u and the wrist has the
+    direction
+
+        α = atan2(−L sin u, R − L cos u)
+
+    α is monotone in R, so both ends of the range of R suffice. If the wrist may lie at the origin
+    (R = L, u a whole turn), the result is (−π, π).
 
     Args:
-        low: Lower end of u, the link's direction relative to the tip's [rad].
-        high: Upper end of u [rad].
-        radius: Range of the tip's distance R [m].
+        low: Lower end of the interval of u [rad].
+        high: Upper end of the interval of u [rad].
+        radius: Range of the tip's distance R from the origin [m].
         link: Length L of the link [m].
 
     Returns:
-        Least and greatest α [rad].
+        Least and greatest α [rad], up to whole turns.
     """
     if radius[0] - INTERVAL_ROUNDING < link:
         turn = 2.0 * math.pi
@@ -189,10 +203,10 @@ def wrist_direction_range(low: float, high: float, radius: Interval, link: float
 
 @kernel
 def enclose_lengths(m: MachineArrays, j: int, low: float, high: float, box: FloatArray) -> bool:
-    """Enclose the length of cylinder j for an interval of its joint's positions.
+    """Compute the range of cylinder length j for an interval of its joint's positions.
 
-    The interval is clipped to the joint limits. For a turning joint it is also tried shifted by −2
-    to 2 whole turns.
+    The interval is first widened by INTERVAL_ROUNDING and clipped to the joint limits. For a
+    turning joint, intervals that are shifted by −2 to 2 whole turns count, too.
 
     Args:
         m: Numeric description of the machine.

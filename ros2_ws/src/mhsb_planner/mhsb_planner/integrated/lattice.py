@@ -97,12 +97,12 @@ class Lattice(NamedTuple):
 
 
 def lattice_even_in_lengths(machine: Machine, posture: FloatArray, spacing: float) -> Lattice:
-    """Create a lattice with equal spacing in the lengths of all cylinders.
+    """Create a lattice of cylinder lengths with the same spacing for all cylinders.
 
-    The ends of the joint ranges are lattice points, too.
+    The lengths at the joint limits are lattice lengths, too.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         posture: Start posture, which becomes a lattice point, shape (n,) [rad or m].
         spacing: Distance of two lattice lengths [m].
 
@@ -120,13 +120,14 @@ def lattice_even_in_lengths(machine: Machine, posture: FloatArray, spacing: floa
 
 
 def lattice_even_in_angles(machine: Machine, posture: FloatArray, reach: float) -> Lattice:
-    """Create a lattice with equal spacing in the joint positions, smaller for inner joints.
+    """Create a lattice of cylinder lengths that is evenly spaced in the joint positions.
 
-    The spacing of a turning joint is `reach` over the length of the stretched arm beyond it [rad].
-    For a telescope it is `reach` itself [m].
+    The spacing of a turning joint is `reach` divided by the length of the stretched arm beyond it
+    [rad], so that inner joints make smaller steps. For a telescope it is `reach` itself [m]. The
+    joint limits are lattice positions, too.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         posture: Start posture, which becomes a lattice point, shape (n,) [rad or m].
         reach: Largest distance that any part of the arm moves if one joint makes one step [m].
 
@@ -147,8 +148,8 @@ def _assemble_lattice(axes: list[tuple[FloatArray, FloatArray, int]]) -> Lattice
     """Assemble a lattice from the points along each axis.
 
     Args:
-        axes: For each cylinder its lattice lengths [m], the joint positions [rad or m], and the
-            index of the start among them.
+        axes: For each cylinder its lattice lengths [m], the joint position at each of them [rad or
+            m], and the index of the start's length.
 
     Returns:
         The lattice.
@@ -170,16 +171,16 @@ def _assemble_lattice(axes: list[tuple[FloatArray, FloatArray, int]]) -> Lattice
 def _evenly_spaced(here: float, low: float, high: float, spacing: float) -> tuple[FloatArray, int]:
     """Return numbers at equal spacing around a value, with both ends of a range added.
 
-    An end is left out if it lies within END_POINT_TOLERANCE of the last number.
+    An end is left out if it is nearer to the last number than END_POINT_TOLERANCE · spacing.
 
     Args:
-        here: Value that is one of the numbers.
+        here: Value from which the spacing counts; it is one of the numbers.
         low: Lower end of the range.
         high: Upper end of the range.
         spacing: Distance between two numbers.
 
     Returns:
-        The numbers in ascending order, and the index of `here`.
+        The numbers in ascending order, and the index of `here` among them.
     """
     below = max(0, math.floor((here - low) / spacing))
     above = max(0, math.floor((high - here) / spacing))
@@ -197,18 +198,18 @@ def _invert_lengths(
 ) -> FloatArray:
     """Compute the joint positions that belong to lattice lengths of one cylinder.
 
-    The inversion walks outwards from a known position, so that each result starts the next.
+    The inversion goes outwards from a known position. Each result is the first guess for the next.
 
     Args:
-        linkage: Numeric description of the joint's linkage.
-        length: Cylinder lengths in sequence [m].
+        linkage: Numeric description of the linkage that turns cylinder length into joint position.
+        length: Cylinder lengths in ascending order, shape (count,) [m].
         low: Lower joint limit [rad or m].
         high: Upper joint limit [rad or m].
         first: Index of the length whose joint position is known.
         angle: Joint position at `first` [rad or m].
 
     Returns:
-        Joint position at each length [rad or m].
+        Joint position at each length, shape (count,) [rad or m].
     """
     angles = np.empty(len(length))
     angles[first] = angle
@@ -267,11 +268,11 @@ class LatticePointData(NamedTuple):
 
 
 def empty_labels(lattice: Lattice, rows: int) -> LatticePointData:
-    """Create the data of reached lattice points for a search that has reached none.
+    """Create the data of reached lattice points for a search that has not begun.
 
     Args:
-        lattice: The lattice.
-        rows: Number of lattice points for which memory is allocated.
+        lattice: The lattice; its number of points and joints give the shapes.
+        rows: Number of reached lattice points for which memory is allocated.
 
     Returns:
         Data with `rows` rows, none of them in use.
@@ -289,9 +290,15 @@ def empty_labels(lattice: Lattice, rows: int) -> LatticePointData:
 
 
 def _with_more_rows(known: LatticePointData) -> LatticePointData:
-    """Return the data of reached points with twice as many rows.
+    """Return a copy of the data of reached lattice points with twice as many rows.
 
-    The old rows keep their contents.
+    The old rows keep their contents, and the new rows are free.
+
+    Args:
+        known: Data of the lattice points that the search has reached, one row for each point.
+
+    Returns:
+        The data. Fields without rows are shared with `known`.
     """
     more = len(known.point)
     return known._replace(
@@ -306,15 +313,15 @@ def _with_more_rows(known: LatticePointData) -> LatticePointData:
 def _load_point(
     known: LatticePointData, lattice: Lattice, row: int, points: Postures, i: int
 ) -> None:
-    """Write cylinder lengths and joint positions of a row's lattice point to points[i].
+    """Write the cylinder lengths and joint positions of a reached lattice point to points[i].
 
-    The piston forces are left to `_load_forces`.
+    The piston forces points.force[i] stay as they are.
 
     Args:
-        known: Data of the lattice points reached.
+        known: Data of the lattice points that the search has reached, one row for each point.
         lattice: The lattice.
-        row: Row of the point.
-        points: Postures, changed in place.
+        row: Row of the point in `known`.
+        points: Postures with cylinder lengths and forces, changed in place.
         i: Index of the posture to write.
     """
     rest = known.point[row]
@@ -329,16 +336,17 @@ def _load_point(
 def _load_forces(
     t: PathCostModel, known: LatticePointData, row: int, points: Postures, i: int
 ) -> None:
-    """Write the piston forces of a row's lattice point to points[i].
+    """Write the piston forces of a reached lattice point to points[i].
 
-    They are computed the first time and stored in known.force. The posture must be in points[i]
-    already.
+    The forces are computed at the first call for the point and stored in known.force. The posture
+    must be in points[i] already.
 
     Args:
-        t: Cost model of the cylinder path.
-        known: Data of the lattice points reached.
-        row: Row of the point.
-        points: Postures, changed in place.
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
+        known: Data of the lattice points that the search has reached, one row for each point. Its
+            forces are written in place.
+        row: Row of the point in `known`.
+        points: Postures; row i of the forces is written in place.
         i: Index of the posture to write.
     """
     if math.isnan(known.force[row, 0]):
@@ -348,11 +356,12 @@ def _load_forces(
 
 @kernel(borrows=True)
 def _add_row(known: LatticePointData, point: int) -> int:
-    """Assign the next free row to a lattice point that has not been reached before.
+    """Assign the next free row of the search data to a lattice point.
 
     Args:
-        known: Data of the lattice points reached, changed in place.
-        point: Number of the lattice point.
+        known: Data of the lattice points that the search has reached, changed in place. A row must
+            be free.
+        point: Number of the lattice point, which has no row yet.
 
     Returns:
         The row.
@@ -387,7 +396,7 @@ def _find_neighbour(lattice: Lattice, at: IntArray, move: IntArray) -> int:
 
 @kernel(borrows=True)
 def _is_around(lattice: Lattice, at: IntArray, goal: FloatArray) -> bool:
-    """Return whether a goal lies between the neighbours of a lattice point, in every cylinder.
+    """Return whether a goal lies within one lattice step of a point.
 
     Args:
         lattice: The lattice.
@@ -395,7 +404,8 @@ def _is_around(lattice: Lattice, at: IntArray, goal: FloatArray) -> bool:
         goal: Cylinder lengths of the goal posture, shape (n,) [m].
 
     Returns:
-        True if the goal may be reached from the point in one step.
+        True if every cylinder length of the goal lies between those of the point's two neighbours
+        along this cylinder, ends included.
     """
     for j in range(len(at)):
         one = lattice.length[j, max(0, at[j] - 1)]
@@ -460,20 +470,22 @@ def _relax_step(
     cost: float,
     least: float,
 ) -> bool:
-    """Record a step to a state if it is cheaper than the step known so far.
+    """Record a step to a state if it is cheaper than all paths known to the state.
 
-    A step is dropped if another state of the same point, with the mode switches between the two,
-    costs no more. Otherwise the target gets cost and parent and is put into the open list, or moved
+    A state is a lattice point and the mode combination of arrival. A step is dropped if another
+    state of the same point costs no more, including the mode switches from that state to this one.
+    Otherwise the target gets the cost and the parent, and it is put on the open list or moved
     there.
 
     Args:
-        t: Cost model of the cylinder path.
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
         f: Open list and state records, changed in place.
-        known: Data of the lattice points reached; known.best is updated.
+        known: Data of the lattice points that the search has reached. The cheapest state of the
+            point (known.best) is updated in place.
         origin: State from which the step leads.
-        target: State that is reached; the last state is the goal.
-        cost: Cost of the path to the target.
-        least: Estimated cost from the target to the goal, heuristic weight included.
+        target: Number of the state that is reached. The last state is the goal, which has no point.
+        cost: Cost of the path from the start to the target.
+        least: Lower bound on the cost from the target to the goal, times the heuristic weight.
 
     Returns:
         True if the step was recorded.
@@ -506,16 +518,17 @@ def _price_step_to(
 ) -> bool:
     """Price a step and record it in every admissible mode combination.
 
-    The step leads from w.points[0] to w.points[1]. To a goal posture it includes the switches to
-    the holding modes. It is dropped if its cost and the remaining lower bound reach the cost limit.
+    The step leads from w.points[0] to w.points[1]. If it leads to a goal posture, the switches to
+    the modes that hold the arm there are included. In each combination the step is dropped if the
+    cost of the path to the target plus the lower bound on the rest reaches the cost limit.
 
     Args:
-        t: Cost model of the cylinder path.
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
         w: Working memory with both postures; the rest is overwritten.
         f: Open list and state records, changed in place.
-        known: Data of the lattice points reached, changed in place.
+        known: Data of the lattice points that the search has reached, changed in place.
         origin: State from which the step leads.
-        target: Point or posture to which it leads.
+        target: Lattice point or goal posture to which the step leads.
         rule: Cost limit and heuristic weight.
 
     Returns:
@@ -553,16 +566,18 @@ def _step_to_goal(
     k: int,
     rule: SearchRule,
 ) -> None:
-    """Price and record the step from a lattice point to a goal posture next to it.
+    """Price the step from a lattice point to a goal posture and record it if it is the cheapest.
 
     Args:
         problem: Cost model, lattice and goals.
         w: Working memory with the point in w.points[0]; the rest is overwritten.
         f: Open list and state records, changed in place.
-        known: Data of the lattice points reached; known.reached is updated.
-        origin: State from which the step leads.
-        k: Index of the goal posture.
-        rule: Which steps are dropped.
+        known: Data of the lattice points that the search has reached. If the step is recorded,
+            known.reached[0] becomes k.
+        origin: State of the lattice point from which the step leads.
+        k: Index of the goal posture. The caller has checked that it is within one lattice step of
+            the point.
+        rule: Cost limit; paths of this cost or more are dropped.
     """
     goals, target = problem.goals, StepTarget(len(f.states) - 1, 0, 0.0)
     for j in range(goals.length.shape[1]):
@@ -582,10 +597,12 @@ def expand(
     rule: SearchRule,
     limit: int,
 ) -> int:
-    """Expand up to `limit` states of the A* search; call again to continue.
+    """Expand up to `limit` states of an A* search over a lattice; call again to continue.
 
-    The first call expands the start. Neighbours are priced on the spot. From points next to a goal
-    posture a step to it is tried, which includes the switches to the holding modes.
+    A state is a lattice point and the mode combination of arrival. The first call expands the
+    start. To expand a state means to price the steps to all neighbours of its point, and to the
+    goal postures within one lattice step. Steps to a goal posture include the switches to the modes
+    that hold the arm there.
 
     Test oracle: scipy.sparse.csgraph.dijkstra on the same points and steps.
 
@@ -593,15 +610,16 @@ def expand(
         problem: Cost model, lattice and goals.
         w: Working memory of the thread, overwritten.
         f: Open list and state records, changed in place; the last state is the goal.
-        known: Data of the lattice points reached, changed in place.
+        known: Data of the lattice points that the search has reached, changed in place.
         rule: Cost limit, heuristic weight, and whether any path will do.
-        limit: Largest number of states to take from the open list in this call. States that another
-            state of their point dominates are taken, but not expanded.
+        limit: Largest number of states to take from the open list in this call. Some states are
+            taken but not expanded: those for which another state of their point, with the mode
+            switches, is cheaper.
 
     Returns:
-        SEARCH_PAUSED after `limit` states, GOAL_FOUND, SEARCH_EXHAUSTED if there is no path below
-        the cost limit. ARRAYS_FULL means that `known` has too few rows for the neighbours of the
-        next state: the caller must add rows and call again.
+        SEARCH_PAUSED after `limit` states, GOAL_FOUND, or SEARCH_EXHAUSTED if there is no path
+        below the cost limit. ARRAYS_FULL means that `known` has too few free rows for the
+        neighbours of the next state. The caller must then add rows and call again.
     """
     t, lattice, goals = problem
     patterns, n = len(t.patterns), len(lattice.shape)
@@ -677,12 +695,12 @@ class LatticeSearch:
         lattice: Lattice,
         goals: Postures,
     ) -> None:
-        """Prepare the search; nothing is expanded yet.
+        """Prepare the search without expanding anything.
 
         Args:
             t: Cost model by which steps are priced.
             memory: Working memory of the thread.
-            lattice: The lattice.
+            lattice: The lattice, which contains the start.
             goals: Goal postures in which the path may end.
         """
         self._problem, self._memory = LatticeProblem(t, lattice, goals), memory
@@ -718,23 +736,24 @@ class LatticeSearch:
         heuristic_weight: float = 1.0,
         reachability_only: bool = False,
     ) -> tuple[FloatArray, int] | None:
-        """Search for a path below a cost limit, or continue an earlier search.
+        """Search for a path below a cost limit; a further call continues the search.
 
-        Sets `exhausted` and enlarges the search's memory as needed.
+        The attribute `exhausted` becomes True if no path costs less than the limit, otherwise
+        False. The search's memory is enlarged as needed.
 
         Args:
             cost_limit: Paths of this cost or more are dropped.
             max_expansions: Largest number of states to expand in all calls together.
-            deadline: Instant after which the search pauses.
+            deadline: Instant after which the search pauses; it may be continued.
             heuristic_weight: Heuristic weight w ≥ 1. The path costs at most w times as much as the
                 cheapest one.
-            reachability_only: If true, any path will do, and points with a state are not looked at
-                again.
+            reachability_only: If true, any path will do, and lattice points that have been reached
+                are not reached again.
 
         Returns:
             Waypoints of the path from the start to the goal posture, shape (points, n) [m], and the
             index of that goal posture. None if there is no path below `cost_limit`, or none was
-            found within the limits.
+            found before `max_expansions` or the deadline.
         """
         status, rule = SEARCH_PAUSED, SearchRule(cost_limit, heuristic_weight, reachability_only)
         for portion in deadline.portions(FIRST_EXPANSION_BATCH, MAX_EXPANSION_BATCH):
@@ -755,10 +774,10 @@ class LatticeSearch:
         return self._read_path() if status == GOAL_FOUND else None
 
     def _read_path(self) -> tuple[FloatArray, int]:
-        """Read the path found from the state records.
+        """Read the path that has been found from the state records.
 
         Returns:
-            Waypoints, shape (points, n) [m], the start first and the goal posture last, and the
+            Waypoints, shape (points, n) [m], the start first and the goal posture last; and the
             index of the goal posture.
         """
         lattice, way = self._problem.lattice, trace_path_to_goal(self._frontier)

@@ -71,9 +71,14 @@ MAX_CELLS, MAX_CELLS_WITH_DEADLINE = 4000, 1000
 
 @kernel
 def _elbow_offset_range(low: float, high: float, l1: float, l2: float) -> Interval:
-    """Return the range of β over |q₂| ∈ [low, high].
+    """Return the range of the shoulder angle β over a range of elbow angles.
 
-    β = atan2(L₂ sin|q₂|, L₁ + L₂ cos|q₂|). If L₂ < L₁, its maximum lies at cos|q₂| = −L₂/L₁.
+    Links 1 and 2 have the lengths L₁ and L₂ and meet at the elbow with the joint angle q₂. β is the
+    angle between link 1 and the line from its start to the end of link 2:
+
+        β = atan2(L₂ sin|q₂|, L₁ + L₂ cos|q₂|)
+
+    If L₂ < L₁, the greatest β is asin(L₂/L₁), at cos|q₂| = −L₂/L₁.
 
     Args:
         low: Least |q₂| [rad].
@@ -96,19 +101,24 @@ def _elbow_offset_range(low: float, high: float, l1: float, l2: float) -> Interv
 def enclose_cell(
     m: MachineArrays, tip: tuple[float, float], elbow: int, cell: FloatArray, box: FloatArray
 ) -> bool:
-    """Enclose all cylinder lengths that occur in a cell of goal postures.
+    """Compute the ranges of all cylinder lengths that occur in a cell of goal postures.
+
+    A cell holds an interval for each free coordinate. Free coordinates are the first n − 3 joint
+    angles and the end-link angle ψ. With telescopes they are the positions of all joints but the
+    last two turning ones, which close the chain. Interval arithmetic gives ranges that may be too
+    wide, but never too narrow.
 
     Args:
         m: Numeric description of the machine.
         tip: Tip position (x, z) [m].
-        elbow: Elbow branch, ∓1; with telescopes the side of `close_chain`.
-        cell: Lower and upper ends of the free joint coordinates, shape (n - 2, 2): inner joints'
-            angles, then ψ [rad]. With telescopes: all joints that do not close the chain [rad or
-            m].
+        elbow: Elbow branch (sign of the second-last joint's angle), −1 or 1; with telescopes the
+            `side` of `close_chain`.
+        cell: Lower and upper ends of the free coordinates, shape (n - 2, 2) [rad or m].
         box: Written in place, shape (2, n): shortest and longest length of each cylinder [m].
 
     Returns:
-        False if the cell holds no posture within the limits; `box` is then incomplete.
+        False if the cell certainly holds no posture within the joint limits; `box` is then
+        incomplete.
     """
     if has_prismatic_joint(m):
         return enclose_with_telescopes(m, tip, elbow, cell, box)
@@ -170,18 +180,22 @@ class CostFromStart(NamedTuple):
 def _compute_cell_bounds(
     cost: CostFromStart, tip: tuple[float, float], elbow: int, cell: FloatArray, w: FloatArray
 ) -> Interval:
-    """Bound the cost from the start to all goal postures of a cell.
+    """Compute lower bounds on the cost from the start to the goal postures of a cell.
 
     Args:
-        cost: Machine, start and weights.
+        cost: Machine, cylinder lengths at the start, and weights.
         tip: Tip position (x, z) [m].
-        elbow: Elbow branch, ∓1; with telescopes the side of `close_chain`.
-        cell: Lower and upper ends of the free joint coordinates, shape (n - 2, 2) [rad or m].
-        w: Working memory, shape (5, n).
+        elbow: Elbow branch (sign of the second-last joint's angle), −1 or 1; with telescopes the
+            `side` of `close_chain`.
+        cell: Lower and upper ends of the free coordinates, shape (n - 2, 2) [rad or m]: the first n
+            − 3 joint angles and the end-link angle ψ. With telescopes: the positions of all joints
+            but the last two turning ones.
+        w: Working memory, shape (5, n), overwritten.
 
     Returns:
-        Lower bound on the cost to any posture of the cell, inf if it holds none. Lower bound on the
-        cost to the posture in its middle, inf if that is not within the limits.
+        Two bounds. The first holds for every posture of the cell; inf if the cell holds none. The
+        second is the bound for the posture in the middle of the cell; inf if there is no such
+        posture within the joint limits.
     """
     m, c, start, weight = cost
     box, nearest, q, free = w[:2], w[2], w[3], w[4]
@@ -203,22 +217,23 @@ def _compute_cell_bounds(
 def _branch_and_bound(
     cost: CostFromStart, tip: tuple[float, float], psi: Interval, best_sampled_bound: float
 ) -> Interval:
-    """Bound the cost to any posture at one tip position, for an arm of three turning joints.
+    """Bound the cost to any goal posture of an arm of three turning joints from below.
 
-    Depth-first branch and bound over ψ and both elbow branches. A cell is closed if its bound is
-    within BOUND_TOLERANCE of `best_sampled_bound`, no lower than the current result, or if it is
-    narrower than MIN_CELL_WIDTH.
+    Depth-first branch and bound over intervals (cells) of the end-link angle ψ, on both elbow
+    branches. A cell is halved again and again until one of three conditions holds. Its bound is
+    within the share BOUND_TOLERANCE of `best_sampled_bound`, its bound is not below the current
+    result, or it is narrower than MIN_CELL_WIDTH.
 
     Args:
-        cost: Machine, start and weights.
+        cost: Machine, cylinder lengths at the start, and weights.
         tip: Tip position (x, z) [m].
         psi: Least and greatest ψ [rad].
-        best_sampled_bound: Least bound for any single goal posture so far, at any tip position;
-            inf: none.
+        best_sampled_bound: Least lower bound to a single goal posture so far, at any tip position;
+            inf means none.
 
     Returns:
-        Lower bound, inf if no posture reaches the tip position; and `best_sampled_bound`, updated
-        with the postures evaluated here.
+        Lower bound on the cost, inf if no posture reaches the tip position; and the least of
+        `best_sampled_bound` and the bounds to the postures in the middle of the cells.
     """
     work, cell = np.empty((5, len(cost.start))), np.empty((1, 2))
     cells = [(0, 0.0, 0.0)]
@@ -255,25 +270,25 @@ def _branch_and_bound_of_chain(
     best_sampled_bound: float,
     most_cells: int,
 ) -> Interval:
-    """Bound the cost to any posture at one tip position, for a chain of any kind.
+    """Bound the cost to any goal posture of a chain of any kind from below.
 
-    Best-first branch and bound: the cell of the least bound is halved along its widest side. This
-    order looks at the fewest cells, which matters with several free coordinates. It stops if the
-    least bound is within BOUND_TOLERANCE of `best_sampled_bound`, the cell is too narrow, or no
-    more cells are allowed.
+    A cell holds an interval for each free coordinate. Best-first branch and bound halves the cell
+    of the least bound along its widest side. It stops at a cell whose bound is within the share
+    BOUND_TOLERANCE of `best_sampled_bound`, or whose widest side is below MIN_CELL_WIDTH. It also
+    stops when no more cells are allowed.
 
     Args:
-        cost: Machine, start and weights.
+        cost: Machine, cylinder lengths at the start, and weights.
         tip: Tip position (x, z) [m].
-        ranges: Lower end, upper end and unit of each free joint coordinate, shape (n - 2, 3) [rad
-            or m]. Widths are compared in these units (1 rad for an angle).
-        best_sampled_bound: Least bound for any single goal posture so far, at any tip position;
-            inf: none.
-        most_cells: Largest number of cells beside the first ones.
+        ranges: Lower end, upper end and unit of each free coordinate, shape (n - 2, 3) [rad or m].
+            Widths are divided by the unit before they are compared.
+        best_sampled_bound: Least lower bound to a single goal posture so far, at any tip position;
+            inf means none.
+        most_cells: Largest number of cells that halving may add to the first 2 · FIRST_CELLS.
 
     Returns:
-        Lower bound, inf if no posture reaches the tip position; and `best_sampled_bound`, updated
-        with the postures evaluated here.
+        Lower bound on the cost, inf if no posture reaches the tip position; and the least of
+        `best_sampled_bound` and the bounds to the postures in the middle of the cells.
     """
     n = len(cost.start)
     work, cell = np.empty((5, n)), np.empty((2 * FIRST_CELLS + most_cells, n - 2, 2))
@@ -322,17 +337,19 @@ def bound_cost_to_goals(
     weight: FloatArray,
     most_cells: int = MAX_CELLS,
 ) -> float:
-    """Compute a lower bound on the cost of every plan from cylinder lengths to the goal.
+    """Compute a lower bound on the cost of every plan from a start to the goal.
 
-    The bound is the minimum over all tip positions of the goal and all postures there.
+    The bound is the minimum over all admissible tip positions and all postures there, not only the
+    sampled ones. It comes from branch and bound and contains no mode switches.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         circuit: Hydraulic coefficients of the machine.
         start: Cylinder lengths at the start, shape (n,) [m].
-        goals: Goal postures, which give tip positions and the range of ψ.
+        goals: Goal postures, which give the tip positions and the range of the end-link angle ψ.
         weight: Weights of energy [1/J] and time [1/s], shape (2 or more,).
-        most_cells: Largest number of additional cells if the arm is not 3R.
+        most_cells: Limit on the effort: largest number of cells that the branch and bound adds. It
+            has no effect for an arm of three turning joints.
 
     Returns:
         The bound; inf if no posture reaches any of the tip positions.
@@ -358,14 +375,18 @@ def bound_energy_to_goal(
 ) -> float:
     """Compute a lower bound on the energy of every plan from a posture to a goal.
 
+    The bound is found by branch and bound over all postures at the admissible tip positions.
+
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         start: Start posture, shape (n,) [rad or m].
         goal: Tip position (x, z) [m].
-        psi: End-link angle at the goal, or its range (least, greatest) [rad]; None: any.
-        region: Other admissible tip positions; None: only the goal.
-        others: Oil volume [m³] and least time [s] of joints outside the plane, such as the slew.
-        most_cells: Largest number of additional cells if the arm is not 3R.
+        psi: End-link angle at the goal, or its range (least, greatest) [rad]; None means any.
+        region: Other admissible tip positions; None means the goal alone.
+        others: Oil volume [m³] and least duration [s] of joints outside the plane, such as the
+            slew.
+        most_cells: Limit on the effort: largest number of cells that the branch and bound adds. It
+            has no effect for an arm of three turning joints.
 
     Returns:
         The bound [J]; inf if no posture reaches the goal.
@@ -392,12 +413,14 @@ def _bound_cost_to_tips(
     """Compute a lower bound on the cost to any posture at any of several tip positions.
 
     Args:
-        machine: The arm in its plane.
-        cost: Start and weights.
+        machine: The arm without a slewing joint.
+        cost: Machine, cylinder lengths at the start, and weights.
         tips: Tip positions (x, z), shape (k, 2) [m].
-        psi_range: Least and greatest end-link angle [rad]; None: any.
-        best_sampled_bound: Least bound for any single goal posture that is known; inf: none.
-        most_cells: Largest number of additional cells if the arm is not 3R.
+        psi_range: Least and greatest end-link angle [rad]; None means any.
+        best_sampled_bound: Least lower bound to a single goal posture that is known already; inf
+            means none.
+        most_cells: Limit on the effort for each tip position: largest number of cells that the
+            branch and bound adds. It has no effect for an arm of three turning joints.
 
     Returns:
         The bound; inf if no posture reaches any of the tip positions.
@@ -416,13 +439,13 @@ def _bound_cost_to_tips(
 
 
 def _free_coordinate_ranges(machine: Machine, psi: Interval) -> FloatArray:
-    """Return lower end, upper end and unit of each free joint coordinate.
+    """Return the range and the unit of each free joint coordinate of a goal posture.
 
-    The free coordinates are the inner joints' angles and ψ. With telescopes they are the positions
-    of the joints that do not close the chain; the range of ψ is then ignored.
+    Free coordinates are the first n − 3 joint angles and the end-link angle ψ. With telescopes they
+    are the positions of all joints but the last two turning ones; the range of ψ is then ignored.
 
     Args:
-        machine: The arm in its plane, not 3R.
+        machine: The arm without a slewing joint; not an arm of three turning joints.
         psi: Least and greatest ψ [rad].
 
     Returns:

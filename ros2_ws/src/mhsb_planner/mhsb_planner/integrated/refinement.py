@@ -66,17 +66,17 @@ def remove_waypoints(
     cost: float,
     deadline: Deadline = NO_DEADLINE,
 ) -> tuple[FloatArray, float]:
-    """Remove every waypoint whose removal makes the path no more expensive.
+    """Remove waypoints of a cylinder path whose removal does not make it more expensive.
 
-    Tries the waypoints in order, each once. After the deadline the remaining ones stay.
+    The inner waypoints are tried in order, each once, and the path is priced without each.
 
     Args:
-        t: Cost model of the cylinder path.
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
         w: Working memory of the thread, overwritten.
         via: Waypoints, shape (points, n) [m]; not changed.
         start: Joint positions at via[0], shape (n,) [rad or m].
         cost: Cost of the path.
-        deadline: Instant after which no more waypoints are tried.
+        deadline: Instant after which no more waypoints are tried; the remaining ones stay.
 
     Returns:
         The remaining waypoints, and the cost of the path through them.
@@ -100,18 +100,19 @@ def sweep_waypoints(
     strides: Strides,
     deadline: Deadline = NO_DEADLINE,
 ) -> float:
-    """Run one sweep of a compass search over all waypoints after the start.
+    """Run one sweep of a compass search over all waypoints of a cylinder path but the start.
 
-    Each waypoint is tried by `sweep_waypoint`. Inadmissible paths (cost inf) stay as they are.
-    After the deadline the remaining waypoints stay.
+    The sweep tries to move each inner waypoint along each cylinder by a stride, and keeps what
+    makes the path cheaper. The last waypoint moves by changes of the goal posture. A path with the
+    cost inf stays as it is.
 
     Args:
-        t: Cost model of the cylinder path.
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
         w: Working memory of the thread, overwritten.
         path: The path; its waypoints and free coordinates are changed in place.
         cost: Cost of the path.
         strides: Strides of the sweep.
-        deadline: Instant after which no more waypoints are tried.
+        deadline: Instant after which no more waypoints are tried; the remaining ones stay.
 
     Returns:
         Cost of the changed path, at most `cost`.
@@ -130,16 +131,16 @@ def sweep_waypoints(
 def compute_goal_lengths(
     t: PathCostModel, tip: tuple[float, float], elbow: int, free: FloatArray, length: FloatArray
 ) -> bool:
-    """Compute the cylinder lengths of the posture with given free coordinates at the goal.
+    """Compute the cylinder lengths of the goal posture with given free coordinates.
 
     Args:
-        t: Cost model of the cylinder path.
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
         tip: Tip position (x, z) at the goal [m].
-        elbow: Elbow branch: sign of the second-last joint's angle, −1 or 1; with telescopes the
-            side of `close_chain`.
-        free: Free coordinates as in `solve_posture`, shape (n - 2,) [rad or m]: the first n − 3
-            joint angles and ψ. With telescopes: the positions of all joints but the two that close
-            the chain.
+        elbow: Elbow branch (sign of the second-last joint's angle), −1 or 1; with telescopes the
+            `side` of `close_chain`.
+        free: Free coordinates, shape (n - 2,) [rad or m]: the first n − 3 joint angles and the
+            end-link angle ψ. With telescopes: the positions of all joints but the last two turning
+            ones.
         length: Written in place, shape (n,) [m]; unchanged if there is no posture.
 
     Returns:
@@ -164,23 +165,26 @@ def sweep_waypoint(
     i: int,
     ahead: FloatArray,
 ) -> float:
-    """Try to move one waypoint of a path in a compass search.
+    """Try to move one waypoint of a cylinder path, as part of a compass search.
 
-    An inner waypoint is moved by a stroke along each cylinder, both ways. The last waypoint is
-    moved by changing each free joint coordinate of the goal posture, both ways. A cheaper path is
-    kept at once. Call it for i = 1, 2, … in sequence: the working memory carries the costs up to
-    the previous waypoint. The costs beyond the next waypoint come from `ahead`, which stays
-    valid during a sweep.
+    An inner waypoint is moved by the stroke of `strides` along each cylinder, both ways. The last
+    waypoint is moved by a change of each free joint coordinate of the goal posture, both ways. A
+    move that makes the path cheaper is kept at once, and the trials go on from there.
+
+    Call the function for i = 1, 2, … in sequence, because the working memory carries the costs up
+    to the previous waypoint. The costs from the next waypoint to the end come from `ahead`.
 
     Args:
-        t: Cost model of the cylinder path.
-        w: Working memory of the thread, left by the previous waypoint's call; changed in place.
-        path: The path; waypoint i is changed in place, and for the last waypoint the free
-            coordinates, too.
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
+        w: Working memory of the thread, as the call for the previous waypoint left it; changed in
+            place.
+        path: The path. Its waypoint i is changed in place; for the last waypoint the free
+            coordinates are changed, too.
         cost: Cost of the path.
         strides: Strides of the sweep.
         i: Index of the waypoint, at least 1.
-        ahead: Result of `compute_costs_to_go` from before the sweep, shape (points, patterns).
+        ahead: Costs from each waypoint to the end by mode combination, shape (points, patterns).
+            This is the result of `compute_costs_to_go` before the sweep.
 
     Returns:
         Cost of the changed path, at most `cost`.
@@ -231,7 +235,7 @@ def sweep_waypoint(
 
 @kernel(borrows=True)
 def _move_waypoint(m: MachineArrays, corner: FloatArray, j: int, stroke: float) -> bool:
-    """Move a waypoint along cylinder j, clipped to the range of its length.
+    """Change the length of cylinder j at a waypoint, clipped to the cylinder's range.
 
     Args:
         m: Numeric description of the machine.
@@ -240,7 +244,7 @@ def _move_waypoint(m: MachineArrays, corner: FloatArray, j: int, stroke: float) 
         stroke: Signed stride [m].
 
     Returns:
-        False if the waypoint stays because the cylinder is at the end of its range.
+        False if the waypoint does not change because the cylinder is at the end of its range.
     """
     one = cylinder_length(m.linkage[j], m.joint_min[j])
     other = cylinder_length(m.linkage[j], m.joint_max[j])

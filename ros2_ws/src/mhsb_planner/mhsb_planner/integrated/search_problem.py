@@ -58,7 +58,7 @@ class SearchLimits:
     max_sweeps: int = 3
 
     def scaled(self, scale: float) -> SearchLimits:
-        """Return the limits for an arm of another size, with all lengths scaled.
+        """Return a copy of the limits for an arm of another size, with all lengths scaled.
 
         Args:
             scale: Size of the arm relative to the paper's arm.
@@ -104,7 +104,7 @@ class SearchProblem:
     """Data that all stages of the integrated search share.
 
     Attributes:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         cost_model: Cost model of the search.
         buffers: Working memory for pricing; it makes the problem usable by one thread only.
         start: Start posture, shape (n,) [rad or m].
@@ -135,10 +135,10 @@ class SearchProblem:
         progress: PlanProgress,
         effort: SearchLimits,
     ) -> SearchProblem:
-        """Create the problem from a start posture to given goal postures.
+        """Create the problem of a cheapest path from a posture to one of several goal postures.
 
         Args:
-            machine: The arm in its plane.
+            machine: The arm without a slewing joint.
             posture: Start posture, shape (n,) [rad or m].
             cost_model: Cost model of the search.
             goals: Goal postures.
@@ -146,7 +146,8 @@ class SearchProblem:
             effort: Limits on the effort.
 
         Returns:
-            The problem, with its own working memory.
+            The problem, with its own working memory and a lower bound on the cost to each goal
+            posture.
         """
         lengths, reached = machine.cylinder_lengths(posture), goals.postures.length
         return cls(
@@ -167,7 +168,8 @@ class SearchProblem:
     def lower_bound(self) -> float:
         """Lower bound on the cost of every path from the start to any posture at the goal.
 
-        The first access takes a branch and bound, with fewer cells if there is a deadline.
+        The first access runs a branch and bound, which is limited to fewer cells if there is a
+        deadline. The result is kept.
         """
         return bound_cost_to_goals(
             self.machine,
@@ -179,11 +181,11 @@ class SearchProblem:
         )
 
     def price(self, via: FloatArray, limit: float = math.inf) -> float:
-        """Compute the cost of a cylinder path from the start, with the best modes along it.
+        """Compute the cost of a cylinder path from the start to rest at its end, in the best modes.
 
         Args:
-            via: Waypoints, shape (points, n) [m]; the first is the start.
-            limit: The path is given up if its cost reaches this.
+            via: Waypoints (cylinder lengths), shape (points, n) [m]; the first is the start.
+            limit: The path is given up once a lower bound on its cost reaches this.
 
         Returns:
             The cost; inf if the path is inadmissible or its cost reaches the limit.

@@ -38,18 +38,22 @@ enclosed.
 def enclose_with_telescopes(
     m: MachineArrays, tip: tuple[float, float], side: int, cell: FloatArray, box: FloatArray
 ) -> bool:
-    """Enclose all cylinder lengths of a cell of a chain with telescopes.
+    """Compute the ranges of the cylinder lengths in a cell of goal postures with telescopes.
+
+    The last two turning joints close the chain. A cell holds an interval for each other joint.
+    Interval arithmetic gives ranges that may be too wide, but never too narrow.
 
     Args:
         m: Numeric description of the machine.
         tip: Tip position (x, z) [m].
-        side: Sign of the closing joint's angle, as in `tip_postures.close_chain`.
+        side: Sign of the last turning joint's angle, −1 or 1, as in `tip_postures.close_chain`.
         cell: Lower and upper end for each joint that does not close the chain, shape (n - 2, 2)
             [rad or m].
         box: Written in place, shape (2, n): shortest and longest length of each cylinder [m].
 
     Returns:
-        False if the cell holds no posture within the limits; `box` is then incomplete.
+        False if the cell certainly holds no posture within the joint limits; `box` is then
+        incomplete.
     """
     i, j = find_closing_joints(m)
     distance, phi = math.hypot(tip[0], tip[1]), math.atan2(tip[1], tip[0])
@@ -91,16 +95,17 @@ def enclose_with_telescopes(
 def _tip_relative_to_telescope_end(
     radius: Interval, direction: Interval, length: Interval, heading: Interval
 ) -> tuple[Interval, Interval]:
-    """Return the polar coordinates of the tip relative to the end of a link of uncertain length.
+    """Compute ranges of the tip's polar coordinates relative to the end of a telescopic link.
 
     Args:
-        radius: Range of the tip's distance from the link's begin [m].
-        direction: Range of the tip's direction [rad].
+        radius: Range of the tip's distance from the start of the link [m].
+        direction: Range of the tip's direction, seen from the start of the link [rad].
         length: Range of the link's length [m].
-        heading: Range of the link's direction [rad].
+        heading: Range of the link's direction, measured from the same axis [rad].
 
     Returns:
-        Range of the distance [m] and range of the direction [rad], both seen from the link's end.
+        Range of the tip's distance [m] and range of its direction [rad], both seen from the end of
+        the link.
     """
     middle, half = 0.5 * (length[0] + length[1]), 0.5 * (length[1] - length[0])
     radius, direction = tip_relative_to_link_end(radius, direction, middle, heading[0], heading[1])
@@ -113,15 +118,16 @@ def _tip_relative_to_telescope_end(
 
 @kernel
 def _elbow_angle_range(radius: Interval, d1: Interval, d2: Interval) -> Interval:
-    """Return the range of |qⱼ| [rad] from the cosine rule (see the module).
+    """Return the range of the elbow angle |qⱼ| [rad] of a triangle, by the cosine rule.
 
     Args:
         radius: Range of the distance R between joint i and the tip [m].
-        d1: Range of D₁ [m].
-        d2: Range of D₂ [m].
+        d1: Range of the distance D₁ between the joints i and j, which close the chain [m].
+        d2: Range of the distance D₂ between joint j and the tip [m].
 
     Returns:
-        Range of the angle; (π, 0), an empty range, if no triangle is possible.
+        Range of the angle between the extension of D₁ and D₂; (π, 0), an empty range, if no
+        triangle is possible.
     """
     above = radius[1] ** 2 - d1[0] ** 2 - d2[0] ** 2
     below = radius[0] ** 2 - d1[1] ** 2 - d2[1] ** 2
@@ -130,12 +136,12 @@ def _elbow_angle_range(radius: Interval, d1: Interval, d2: Interval) -> Interval
 
 @kernel
 def _shoulder_angle_range(radius: Interval, d1: Interval, d2: Interval) -> Interval:
-    """Return the range of β [rad], the angle at joint i between D₁ and the line to the tip.
+    """Return the range of the angle at joint i [rad] between the lines to joint j and to the tip.
 
     Args:
         radius: Range of the distance R between joint i and the tip [m].
-        d1: Range of D₁ [m].
-        d2: Range of D₂ [m].
+        d1: Range of the distance D₁ between the joints i and j, which close the chain [m].
+        d2: Range of the distance D₂ between joint j and the tip [m].
 
     Returns:
         Range of the angle; (π, 0), an empty range, if no triangle is possible.
@@ -147,11 +153,12 @@ def _shoulder_angle_range(radius: Interval, d1: Interval, d2: Interval) -> Inter
 
 @kernel
 def _arc_cosine_range(over: Interval, under: Interval) -> Interval:
-    """Return the range of acos(over / under).
+    """Return the range of acos(over / under) for a numerator and a denominator in ranges.
 
     Args:
         over: Range of the numerator.
-        under: Range of the denominator, not negative; ends below MIN_DENOMINATOR are raised to it.
+        under: Range of the denominator, not negative. Ends below MIN_DENOMINATOR are raised to
+            MIN_DENOMINATOR.
 
     Returns:
         Range of the angle [rad]; (π, 0), an empty range, if no quotient lies within ±1.
