@@ -69,12 +69,12 @@ class DiscretePath:
     def create_without_steps(
         cls, tip: FloatArray, posture: FloatArray, modes: ModeArray, seconds: float
     ) -> DiscretePath:
-        """Create a path without steps, for a start that is already at its goal.
+        """Create a discrete path without steps, for a start that is already at its goal.
 
         Args:
             tip: Tip position of the start, shape (2,) or (3,) [m].
             posture: Joint positions of the start, shape (n,) [rad or m].
-            modes: Modes in force, shape (n,).
+            modes: Modes in force at the start, shape (n,).
             seconds: Duration of the search, for the statistics [s].
 
         Returns:
@@ -101,9 +101,9 @@ class DiscretePath:
 
     @property
     def switches(self) -> int:
-        """Total number of mode changes, summed over the actuators.
+        """Number of mode switches of the path, summed over all actuators.
 
-        Changes from the modes in force at the start to the first step's modes count.
+        Switches from the modes in force at the start to the modes of the first step are included.
         """
         first = np.count_nonzero(self.modes[:1] != self.start_modes)
         return int(first + np.count_nonzero(self.modes[1:] != self.modes[:-1]))

@@ -58,10 +58,11 @@ def _find_posture(
 ) -> bool:
     """Find a posture at (x, z) that changes one kept joint by as few steps as possible.
 
-    The change starts at 0 and grows in steps of `J3_STEP`. It ends if a solution is within limits,
-    or if every kept joint would be beyond its limits. For each change all kept joints are tried in
-    order, upwards before downwards. For each of these, the elbow side `elbow` is tried before the
-    other side.
+    Two joints move freely, and all others keep the positions `kept`. If the free joints then have
+    no solution within limits, one kept joint is changed, by one step of J3_STEP, then by two, and
+    so on. For each number of steps the kept joints are tried in joint order, each upwards before
+    downwards. The elbow side `elbow` is always tried before the other side. The search ends without
+    a result once every kept joint would be beyond its limits.
 
     Args:
         m: Arrays of the machine.
@@ -106,15 +107,19 @@ def _fill_postures(
     elbow: int,
     posture: FloatArray,
 ) -> None:
-    """Compute the conventional method's posture at many tip positions, each by `_find_posture`.
+    """Compute the posture of the conventional method (all joints but two are kept) at many places.
+
+    At each tip position one kept joint is changed as little as necessary if the others have no
+    solution within limits.
 
     Args:
         m: Arrays of the machine.
         position: Tip positions (x, z), shape (k, 2) [m].
         moved: Indices of the two joints that move freely, shape (2,).
-        kept: Wanted positions of the kept joints, shape (n - 2,) [rad or m].
+        kept: Wanted positions of the kept joints in joint order, shape (n - 2,) [rad or m].
         elbow: Side of the elbow that is tried first, ELBOW_UP or ELBOW_DOWN.
-        posture: Postures, shape (k, n) [rad or m]. Written in place; NaN if there is no solution.
+        posture: Postures, shape (k, n) [rad or m]. Written in place; a row is NaN if there is no
+            solution.
     """
     for i in range(len(position)):
         if not _find_posture(m, position[i, 0], position[i, 1], moved, kept, elbow, posture[i]):
@@ -131,7 +136,7 @@ def read_kept_angles(machine: Machine, q: FloatArray) -> FloatArray:
     """Return the positions of the kept joints in a posture, clipped to their limits.
 
     Args:
-        machine: Machine that names the kept joints.
+        machine: Machine that names the joints that the conventional method keeps.
         q: Joint positions, shape (n,) [rad or m].
 
     Returns:
@@ -145,11 +150,11 @@ def find_elbow_side(machine: Machine, q: FloatArray) -> int:
     """Return the side of the elbow in a posture.
 
     Args:
-        machine: Machine whose two free joints form the elbow.
+        machine: Machine that names the kept joints. Of the other two, the second is the elbow.
         q: Joint positions, shape (n,) [rad or m].
 
     Returns:
-        ELBOW_UP or ELBOW_DOWN.
+        ELBOW_UP (−1) or ELBOW_DOWN (1).
     """
     i, j = _list_moved_joints(machine)
     return int(find_closure_side(machine.arrays, np.array(q, dtype=np.float64), i, j))
@@ -160,8 +165,9 @@ def compute_fixed_j3_posture(
 ) -> FloatArray:
     """Compute the posture of the conventional method at a tip position.
 
-    The kept joints stay at their given positions. One of them is changed in steps of 1° only if the
-    other two joints have no solution within limits.
+    In this method two joints move freely, and all others keep their given positions. If the two
+    have no solution within limits, one kept joint is changed in steps of 1° until they have one.
+    The step of a telescope is the equivalent length.
 
     Args:
         machine: Machine without a slewing joint (`Machine.planar_arm`).
@@ -193,25 +199,25 @@ def build_fixed_j3_graph(
     grid: Grid | None = None,
     deadline: Deadline = NO_DEADLINE,
 ) -> StepGraph:
-    """Build the graph of steps between the conventional method's postures.
+    """Build the graph of steps between the postures of the conventional method (kept joints).
 
-    The graph has the nodes and mode patterns of a given posture table. Every pattern of a node has
-    the same posture; NaN marks a node without one. All steps are priced, that is, their durations
-    and energies are computed, before the function returns.
+    The graph has the nodes and mode patterns (one mode for each actuator) of a given posture table.
+    Every pattern of a node has the same posture; NaN marks a node without a posture. All steps are
+    priced, that is, their durations and energies are computed, before the function returns.
 
     Args:
         machine: Machine without a slewing joint (`Machine.planar_arm`).
         template_table: Posture table whose nodes, spacing and mode patterns are used.
-        j3: Initial position of the kept joint or joints, as in `compute_fixed_j3_posture`
-            [rad or m].
+        j3: Initial position of the kept joint, within its limits [rad or m]. For several kept
+            joints their positions in joint order, shape (n - 2,).
         elbow: Side of the elbow that is tried first, ELBOW_UP or ELBOW_DOWN.
         jobs: Number of threads; None means one per processor.
-        grid: Grid of the table's nodes if it exists already; None builds it.
+        grid: Grid of the table's nodes, if it has been built already; None builds it.
         deadline: Instant at which the work is given up.
 
     Returns:
-        The graph. Postures at tip positions off the grid are computed by
-        `compute_fixed_j3_posture`.
+        The graph. At tip positions that are no nodes it also uses the posture of the conventional
+        method.
 
     Raises:
         RequestError: j3 has the wrong length or is beyond a joint limit.
@@ -237,19 +243,22 @@ def build_fixed_j3_graph(
     )
 
     def find_postures(machine: Machine, x: float, z: float, _: Deadline) -> FloatArray:
-        """Return the conventional method's posture at (x, z) [m], repeated for every mode pattern.
+        """Return the posture of the conventional method at (x, z), once for every mode pattern.
 
-        The initial J3, the elbow side and the number of mode patterns come from the enclosing
-        function.
+        The initial position of the kept joint, the elbow side and the number of mode patterns come
+        from the enclosing function.
 
         Args:
             machine: Machine whose posture is wanted.
             x: Tip position forward [m].
             z: Tip position upward [m].
-            _: Unused deadline; the signature is that of `PostureRule`.
+            _: Deadline, which is not used; the signature is that of `PostureRule`.
 
         Returns:
             Joint positions, shape (patterns, n) [rad or m], with equal rows.
+
+        Raises:
+            InfeasibleGoalError: No change of a kept joint gives a posture within limits.
         """
         q = compute_fixed_j3_posture(machine, x, z, j3, elbow)
         return np.repeat(q[None, :], len(patterns), axis=0)
@@ -262,7 +271,8 @@ def _check_kept_angles(machine: Machine, j3: float | FloatArray) -> FloatArray:
 
     Args:
         machine: Machine that names the kept joints and their limits.
-        j3: One position, or one for each kept joint [rad or m].
+        j3: Position of the only kept joint, or one position for each kept joint in joint order [rad
+            or m].
 
     Returns:
         Positions of the kept joints, shape (n - 2,) [rad or m], read-only.
@@ -284,7 +294,7 @@ def _check_kept_angles(machine: Machine, j3: float | FloatArray) -> FloatArray:
 
 
 def warm_up(graph: StepGraph) -> None:
-    """Compile the kernels of this module.
+    """Compile the kernels of the conventional method (all joints but two are kept).
 
     Args:
         graph: Graph whose machine and mode patterns give the argument types.

@@ -25,7 +25,7 @@ Motions that keep clear of obstacles stay farther away than this."""
 
 
 def describe_start_contact(machine: Machine, posture: FloatArray) -> str:
-    """Describe the obstacle that the arm is in or touches in its start posture.
+    """Describe the obstacle that the arm touches or intersects in its start posture.
 
     A start in an obstacle is allowed: zones can be set over an arm, and the arm may leave them.
 
@@ -34,8 +34,8 @@ def describe_start_contact(machine: Machine, posture: FloatArray) -> str:
         posture: Joint positions, shape (n,) [rad or m].
 
     Returns:
-        A clause such as "the arm touches zone 1 at the start". Empty if the clearance is greater
-        than CONTACT_CLEARANCE.
+        A clause such as "the arm touches zone 1 at the start" or "the arm starts 0.1 m deep in zone
+        1". Empty if the clearance is greater than CONTACT_CLEARANCE.
     """
     clearance, name = machine.clearance(posture)
     if clearance > CONTACT_CLEARANCE:
@@ -50,7 +50,8 @@ def describe_start_contact(machine: Machine, posture: FloatArray) -> str:
 def check_tip_clearance(machine: Machine, goal: Position) -> None:
     """Check that the tip alone keeps the margin from all obstacles at a goal.
 
-    The check does not need a posture. If the arm slews, zones in space are checked as well.
+    The check does not need a posture. It does nothing without obstacles. If the arm slews, zones in
+    space are checked in addition to obstacles in the arm's plane.
 
     Args:
         machine: Machine with its obstacles and margin.
@@ -79,7 +80,7 @@ def check_tip_clearance(machine: Machine, goal: Position) -> None:
 
 
 def find_clear_postures(machine: Machine, x: float, z: float, posture: FloatArray) -> np.ndarray:
-    """Find the postures at a goal that keep the margin from all obstacles.
+    """Find the postures at a goal in which the arm keeps the margin from all obstacles.
 
     Args:
         machine: Machine with its obstacles and margin.

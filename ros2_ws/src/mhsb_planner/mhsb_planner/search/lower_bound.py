@@ -37,22 +37,25 @@ def bound_cost_between(
 ) -> float:
     """Compute a lower bound on the weighted cost between two sets of cylinder lengths.
 
-        V = other_oil + Σ_j A_dir |ΔL_j|
+        V = other_oil + Σ_j A_j |ΔL_j|
         T_lb = max( other_time, max_j |ΔL_j| / V_max,j, V / shared_flow )
         cost = w₁ P_S (V + leakage · T_lb) + w₂ T_lb
 
-    ΔL_j is the difference of cylinder length j, V_max,j its speed limit in mode N, and the leakage
-    that of all valves together at P_S. Mode switches are not in the bound.
+    ΔL_j is the change of cylinder length j, A_j the piston area that fills in its direction, and
+    V_max,j its speed limit in mode N. P_S is the supply pressure of the main pump, and
+    `shared_flow` its flow for the pistons. `leakage` is the leakage flow of all valves at P_S.
+    `other_oil` and `other_time` belong to other motions, such as a slew. Mode switches are not in
+    the bound.
 
     Args:
-        c: Hydraulic coefficients of the machine (areas, speed limits, flows, P_S). Their
-            `other_oil` and `other_time` count in the bound.
+        c: Hydraulic coefficients of the machine: areas, speed limits, flows, P_S, `other_oil` [m³]
+            and `other_time` [s].
         start: Cylinder lengths at the start, shape (n,) [m].
         goal: Cylinder lengths at the goal, shape (n,) [m].
-        weight: Weights of energy [1/J] and time [1/s]. Further entries are ignored.
+        weight: Weights w₁ of energy [1/J] and w₂ of time [1/s]. Further entries are ignored.
 
     Returns:
-        Lower bound on w₁ E + w₂ T [-].
+        Lower bound on w₁ E + w₂ T, with the energy E and the duration T of any plan [-].
     """
     duration, volume = c.other_time, c.other_oil
     for j in range(len(start)):
@@ -72,13 +75,15 @@ def bound_cost_to_nearest(
     """Compute a lower bound on the weighted cost from a start to the cheapest of several goals.
 
     Args:
-        c: Hydraulic coefficients of the machine, see `bound_cost_between`.
+        c: Hydraulic coefficients of the machine (areas, speed limits, flows, supply pressure). Oil
+            and time of other motions in it count in the bounds.
         start: Cylinder lengths at the start, shape (n,) [m].
         goals: Cylinder lengths at the goals, shape (goals, n) [m].
-        weight: Weights of energy [1/J] and time [1/s]. Further entries are ignored.
+        weight: Weights w₁ of energy [1/J] and w₂ of time [1/s]. Further entries are ignored.
 
     Returns:
-        Least of the lower bounds on w₁ E + w₂ T [-]; inf if there is no goal.
+        Least of the lower bounds on w₁ · energy + w₂ · time over the goals [-]; inf if there is no
+        goal.
     """
     least = math.inf
     for k in range(len(goals)):
@@ -87,11 +92,11 @@ def bound_cost_to_nearest(
 
 
 def add_other_motion(c: HydraulicCoefficients, oil: float, time: float) -> HydraulicCoefficients:
-    """Return coefficients whose lower bounds include the oil and time of other motions.
+    """Return hydraulic coefficients whose lower bounds include the oil and time of other motions.
 
     Args:
         c: Hydraulic coefficients of the n joints.
-        oil: Oil for what moves beside the n joints, such as a slew [m³].
+        oil: Oil for motions of other joints than the n joints, such as a slew [m³].
         time: Least time that these other motions take [s].
 
     Returns:
@@ -108,14 +113,14 @@ def bound_costs_between(
     """Compute a lower bound on the weighted cost from a start to each of several goals.
 
     Args:
-        c: Hydraulic coefficients of the machine (areas, speed limits, flows, P_S). Their
-            `other_oil` and `other_time` count in the bound.
+        c: Hydraulic coefficients of the machine (areas, speed limits, flows, supply pressure). Oil
+            and time of other motions in it count in the bounds.
         start: Cylinder lengths at the start, shape (n,) [m].
         goals: Cylinder lengths at the goals, shape (goals, n) [m].
-        weight: Weights of energy [1/J] and time [1/s]. Further entries are ignored.
+        weight: Weights w₁ of energy [1/J] and w₂ of time [1/s]. Further entries are ignored.
 
     Returns:
-        Lower bounds on w₁ E + w₂ T, shape (goals,), aligned with `goals` [-].
+        Lower bounds on w₁ · energy + w₂ · time, shape (goals,), aligned with `goals` [-].
     """
     least = np.empty(len(goals))
     for k in range(len(goals)):
@@ -132,7 +137,7 @@ def energy_lower_bound(machine: Machine, start: FloatArray, goals: FloatArray) -
         goals: Joint positions of the goal postures, shape (goals, n) [rad or m].
 
     Returns:
-        Least of the lower bounds E_lb over the goal postures [J].
+        Least lower bound over the goal postures [J]. No plan to any of them needs less energy.
     """
     arrays = machine.arrays
     one, many = (

@@ -63,26 +63,28 @@ WITHOUT_AREA = AreaTerm(0.0, 1.0)
 
 
 def area_term(weight: float, table: PostureTable) -> AreaTerm:
-    """Create the area term of the cost for a posture table.
+    """Create the parameters of the cost of lost polytope area (manipulability loss).
 
     Args:
-        weight: Weight w₄ [1/m].
-        table: Posture table that gives the reference area.
+        weight: Weight w₄ of the manipulability loss [1/m].
+        table: Posture table (best posture for each workspace node and mode pattern), which gives
+            the reference area.
 
     Returns:
-        The term with the table's reference area, or WITHOUT_AREA if the weight is 0 or negative.
+        The weight with the table's reference area, or WITHOUT_AREA if the weight is 0 or negative.
     """
     return AreaTerm(weight, reference_area(table)) if weight > 0.0 else WITHOUT_AREA
 
 
 def reference_area(table: PostureTable) -> float:
-    """Compute the reference area A_ref of a posture table.
+    """Compute the area of the velocity polytope that counts as full, from a posture table.
 
     Args:
         table: Posture table with at least one feasible node.
 
     Returns:
-        Median over the feasible nodes of the largest area over the mode patterns [m²/s²].
+        Reference area: the median over the feasible nodes of the node's largest area over its mode
+        patterns [m²/s²].
     """
     return float(np.median(np.nanmax(table.area[table.feasible], axis=1)))
 
@@ -98,10 +100,11 @@ def compute_step_area_loss(
     required_status: int,
     cost: FloatArray,
 ) -> None:
-    """Compute the cost w₄ M of the lost polytope area of one step in all mode patterns.
+    """Compute the cost of the lost velocity-polytope area of one step in all mode patterns.
 
-    The area is evaluated at the middle of the step in joint space. It counts over the straight
-    distance between the tips at both ends:
+    The area A_p in mode pattern p is evaluated at the middle of the step in joint space. It counts
+    over the straight distance between the tip positions at both ends. With the weight w₄ and the
+    reference area A_ref:
 
         cost[p] = w₄ |tip(end) − tip(start)| max(0, 1 − A_p/A_ref)
 
@@ -112,11 +115,11 @@ def compute_step_area_loss(
         term: Weight and reference area.
         start: Joint positions at the start of the step, shape (n,) [rad or m].
         end: Joint positions at the end of the step, shape (n,) [rad or m].
-        patterns: Mode patterns, shape (patterns, n).
-        status: Status of the step in each pattern, shape (patterns,), as
+        patterns: Mode patterns (one mode for each actuator), shape (patterns, n).
+        status: Status code of the step in each pattern, shape (patterns,), as
             `s2_step.price_steps_to_node` writes it.
-        required_status: Status of the patterns that are computed; all others are skipped.
-        cost: Cost w₄ M in each pattern, shape (patterns,) [-]. Written in place; entries of skipped
+        required_status: Only patterns with this status are computed; all others are skipped.
+        cost: Cost in each pattern, shape (patterns,) [-]. Written in place; entries of skipped
             patterns stay as they are.
     """
     n = len(start)
@@ -152,13 +155,17 @@ class AreaProfile:
         return float(self.span @ self.area) / length if length > 0.0 else None
 
     def compute_area_loss(self, reference: float) -> float:
-        """Compute the area loss M = ∫ max(0, 1 − A/A_ref) ds.
+        """Compute the lost area of the velocity polytope along the tip's path.
+
+            M = ∫ max(0, 1 − A/A_ref) ds
+
+        A is the polytope's area and s the length along the tip's path.
 
         Args:
             reference: Reference area A_ref [m²/s²].
 
         Returns:
-            Area loss M [m].
+            Area loss M [m]: the length of a path without any area that would lose as much.
         """
         return float(self.span @ np.maximum(0.0, 1.0 - self.area / reference))
 
@@ -166,16 +173,16 @@ class AreaProfile:
 def area_along_path(machine: Machine, path: DiscretePath) -> AreaProfile:
     """Compute the area of the velocity polytope along a discrete path.
 
-    Joint positions are interpolated linearly within each step. A step is divided so that no joint
-    turns by more than `MAX_JOINT_STEP` in a part.
+    Joint positions are interpolated linearly within each step. A step is divided into equal parts
+    so that no joint moves by more than `MAX_JOINT_STEP` in a part.
 
     Args:
         machine: Machine of the path; a slewing joint 1 is left out.
         path: Discrete path.
 
     Returns:
-        Length of each part of the tip's path [m], and area at the middle of the part in the mode
-        pattern of its step [m²/s²].
+        Straight length of each part of the tip's path [m]. Area at the middle of each part, in the
+        modes of its step [m²/s²].
     """
     turned = np.abs(np.diff(path.posture, axis=0)).max(axis=1, initial=0.0)
     parts = np.maximum(1, np.ceil(turned / MAX_JOINT_STEP).astype(np.int64))
@@ -194,7 +201,7 @@ def area_along_motion(
 ) -> AreaProfile:
     """Compute the area of the velocity polytope along a trajectory in the modes of its schedule.
 
-    The trajectory is divided into parts of equal duration, at most `MAX_POINT_SPACING_NS`.
+    The trajectory is divided into parts of equal duration, none longer than `MAX_POINT_SPACING_NS`.
 
     Args:
         machine: Machine of the trajectory; a slewing joint 1 is left out.
@@ -203,8 +210,8 @@ def area_along_motion(
         deadline: Instant at which the work is given up.
 
     Returns:
-        Straight distance of the tip in each part [m], and area in the modes in force at the middle
-        of its time [m²/s²].
+        Straight distance of the tip in each part [m]. Area of each part in the modes in force at
+        the middle of its time [m²/s²]; its posture is the mean of the postures at both ends.
 
     Raises:
         DeadlineError: The deadline passed.
@@ -220,7 +227,7 @@ def _compute_area_profile(
 ) -> AreaProfile:
     """Compute the area of the velocity polytope between successive postures.
 
-    The column of a slewing joint 1 is dropped, and the arm is evaluated in its plane.
+    If joint 1 slews, its column is dropped, and the arm is evaluated without it.
 
     Args:
         machine: Machine with n joints.
@@ -229,8 +236,8 @@ def _compute_area_profile(
         deadline: Instant at which the work is given up.
 
     Returns:
-        Straight distance of the tip in each part [m], and area in the middle posture between its
-        ends [m²/s²].
+        Straight distance of the tip in each part [m]. Area in the mean of the postures at both ends
+        of the part [m²/s²].
 
     Raises:
         DeadlineError: The deadline passed.
@@ -251,10 +258,10 @@ def _compute_area_profile(
 def _compute_areas(
     m: MachineArrays, posture: FloatArray, modes: ModeArray, area: FloatArray
 ) -> None:
-    """Compute the polytope area of k postures, each in its own mode pattern.
+    """Compute the velocity-polytope area of k postures, each in its own modes.
 
     Args:
-        m: Arrays of the machine in its plane.
+        m: Arrays of the machine without a slewing joint.
         posture: Joint positions, shape (k, n) [rad or m].
         modes: Mode codes, shape (k, n).
         area: Areas, shape (k,) [m²/s²]. Written in place.
@@ -264,7 +271,7 @@ def _compute_areas(
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the kernels for the area of a motion.
+    """Compile the kernels that compute the velocity-polytope area along a motion.
 
     Args:
         machine: Machine whose joints and patterns give the argument types.

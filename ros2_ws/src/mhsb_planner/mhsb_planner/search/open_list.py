@@ -28,7 +28,7 @@ NOT_IN_HEAP = -1
 def _precedes(states: Records[SearchState], a: int, b: int) -> bool:
     """Return whether state a precedes state b in the heap order.
 
-    The order is by least estimated total cost, then fewest steps, then least state number.
+    The order is by least estimated total cost, then by fewest steps, then by least state number.
 
     Args:
         states: Records of all states.
@@ -48,15 +48,15 @@ def _precedes(states: Records[SearchState], a: int, b: int) -> bool:
 
 @kernel(inline="always")
 def sift_up(states: Records[SearchState], heap: IntArray, i: int, state: int) -> None:
-    """Insert a state into the heap at position i, or move it up to its place.
+    """Insert a state into the heap, or move it towards the top to its place.
 
-    The state's estimate must be set already. If its estimate has decreased, i is its present place.
+    The caller has set the state's estimate, and counts the states in the heap.
 
     Args:
         states: Records of all states. The field `place` is written.
         heap: State numbers in heap order. Written in place.
-        i: Free position in the heap from which the state moves up. For a new state this is the
-            number of states in the heap; the caller counts the new one.
+        i: Position in the heap from which the state moves up. For a new state this is the number of
+            states in the heap. For a state whose estimate has decreased it is its present position.
         state: Number of the state.
     """
     while i > 0:
@@ -83,7 +83,8 @@ def pop(states: Records[SearchState], heap: IntArray, size: int) -> int:
         size: Number of states in the heap before the call, at least 1.
 
     Returns:
-        Number of the removed state, which has the least estimate.
+        Number of the removed state. It has the least estimate; of equal ones it has the fewest
+        steps.
     """
     top: int = heap[0]
     states[top].place = NOT_IN_HEAP
@@ -180,7 +181,7 @@ class ExpandedState(NamedTuple):
 
 
 def create_open_list(states: int) -> OpenList:
-    """Create the open list of a search that has not begun.
+    """Create the state records and the open list of a search that has not begun.
 
     All states have infinite cost, no parent, and are not in the heap.
 
@@ -188,7 +189,7 @@ def create_open_list(states: int) -> OpenList:
         states: Number of states without the goal.
 
     Returns:
-        An open list with states + 1 records; the last one is the goal.
+        An empty open list with states + 1 records; the last one is the goal.
     """
     dtype = record_dtype(SearchState)
     unknown = np.array([(np.inf, 0.0, 0, NO_STATE, NOT_IN_HEAP, 0)], dtype)
@@ -199,17 +200,16 @@ def create_open_list(states: int) -> OpenList:
 
 
 def enlarge_open_list(f: OpenList) -> OpenList:
-    """Copy an open list to one with twice as many states.
+    """Copy an open list into a new one with room for twice as many states.
 
-    The goal stays the last state, so its number changes, also in the heap. Parent numbers stay
-    valid, since the goal is never a parent.
+    The goal stays the last state, so its number changes. All other states keep their numbers.
 
     Args:
         f: Open list with its search under way.
 
     Returns:
         A new open list with the same search progress. Additional states have infinite cost. The
-        goal's number is twice the old one.
+        goal's number is twice its old number.
     """
     goal = len(f.states) - 1
     wider, waiting = create_open_list(2 * goal), f.counts[WAITING_COUNT]
@@ -242,16 +242,17 @@ def record_path_to(
 ) -> None:
     """Record a new best path to a target state and put the target into the heap.
 
-    If the target is in the heap already, its position is updated. A target that was expanded
-    before becomes open again. The caller has checked that the path is better.
+    If the target is in the heap already, it moves to its new position. A target that was expanded
+    before becomes open again. The caller has checked that the path is better than the known one.
 
     Args:
         f: Open list. The target's record, the heap and the counts are written in place.
         target: Number of the state that is reached.
-        state: Number of the state before it, NO_STATE for the start.
+        state: Number of the state before the target on this path, NO_STATE for the start.
         steps: Number of steps from the start to the target.
         cost: Cost from the start to the target.
-        lower_bound: Lower bound on the cost from the target to the goal.
+        lower_bound: Estimated cost from the target to the goal, which is added to `cost` to order
+            the heap.
     """
     reached = f.states[target]
     reached.cost = cost

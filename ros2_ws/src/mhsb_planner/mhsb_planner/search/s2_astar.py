@@ -104,7 +104,8 @@ class LeavingSteps(NamedTuple):
     Attributes:
         state: State that each step of the list reaches; NO_STATE means the goal.
         pattern: Index of the mode pattern of each step.
-        cost: Cost of each step, shape (steps, 3): T [s], E paper [J], E series [J].
+        cost: Cost of each step, shape (steps, 3): duration [s], energy by the published model
+            (`paper`) [J], energy with the pumps in series (`series`) [J].
         first: First row.
         last: One after the last row.
     """
@@ -122,11 +123,12 @@ def _is_dominated(
 ) -> bool:
     """Return whether another state of the same posture makes a state useless.
 
-    This is so if the other state is cheaper, and switching from its pattern costs no more than
-    arriving directly. At equal cost the other path must have no more steps.
+    Let c be the cost of the path to the state, and o the cost of the path to the other state. The
+    state is useless if o < c and o + switching < c. If o + switching equals c, it is useless if the
+    other path has no more steps.
 
     Args:
-        cost: Cost of the path to the state.
+        cost: Cost c of the path to the state.
         depth: Number of steps of that path.
         states: Records of all states.
         other: Number of the other state.
@@ -152,10 +154,12 @@ def expand(
 ) -> int:
     """Expand up to `limit` states of the A* search.
 
-    The first call expands the start. Steps of a posture that have no price yet are priced with
-    `cost_model` and appended to `edges`. A state that `_is_dominated` rules out is not put on the
-    open list. If it is ruled out only later, it is skipped when it comes first; it then counts
-    towards `limit` but not as expanded. The caller holds the lock `PricedSteps.guard()`.
+    A state is a workspace node and the mode pattern of arrival. The first call expands the start.
+    Steps that leave a posture are priced with `cost_model` when they are needed first, and appended
+    to `edges`. A state is useless if another state of its posture, with the mode switches, costs no
+    more. It is not put on the open list. If it becomes useless later, it is skipped when its turn
+    comes; it then counts towards `limit` but not as expanded. The caller holds the lock
+    `PricedSteps.guard()`.
 
     Test oracle: scipy.sparse.csgraph.dijkstra on the same graph.
 
@@ -227,7 +231,7 @@ def _add_edges(cost_model: StepCostModel, edges: Edges, posture: int, buffers: S
         buffers: Working memory, overwritten.
 
     Returns:
-        False if the edges have too little room; nothing is written then.
+        False if `edges` may have too little room for the steps; nothing is written then.
     """
     found = edges.used[0]
     room = compute_max_step_count(cost_model.layout, cost_model.patterns)
@@ -250,14 +254,16 @@ def _relax_steps(
 ) -> None:
     """Record every step that leads to a state more cheaply than the path known so far.
 
-    At equal cost fewer steps count as cheaper. States that `_is_dominated` rules out are left out.
+    At equal cost a path with fewer steps counts as cheaper. A state is left out if another state of
+    its posture, with the mode switches, costs no more. Reached states are put on the open list or
+    moved there.
 
     Args:
         open_list: Open list and records of all states. Written in place.
         labels: Lower bounds and cheapest patterns per posture. Written in place.
         search_input: Goal, weights, mode switches, and data for lower bounds.
-        origin: State that the steps leave.
-        steps: The steps.
+        origin: State that the steps leave, with the cost of the path to it.
+        steps: The steps. All count as generated.
     """
     states, owner = open_list.states, search_input.posture_of_state
     w_energy, w_time, w_switch = search_input.weight
@@ -306,7 +312,7 @@ class ExactSearch:
         """Prepare a search without expanding anything.
 
         Args:
-            query: Problem to solve.
+            query: Problem to solve: graph, start, goal and weights.
         """
         self._query = query
         layout = query.graph.layout
@@ -344,16 +350,17 @@ class ExactSearch:
         return self._open_list.goal_cost
 
     def expand(self, limit: int) -> int:
-        """Expand up to `limit` states.
+        """Expand up to `limit` states of the A* search; call again to continue.
 
         The call prices missing steps of the graph and enlarges the graph's arrays if necessary. It
         holds the lock of the graph's steps until it returns.
 
         Args:
-            limit: Largest number of states to take from the open list.
+            limit: Largest number of states to take from the open list. Useless states count, too.
 
         Returns:
-            SEARCH_PAUSED if the limit is reached, GOAL_FOUND or SEARCH_EXHAUSTED.
+            SEARCH_PAUSED if the limit is reached, GOAL_FOUND, or SEARCH_EXHAUSTED if there is no
+            path.
         """
         steps, end = self._query.graph.steps, self.expanded + limit
         with steps.guard():
@@ -381,12 +388,13 @@ class ExactSearch:
         )
 
     def trace_path(self) -> tuple[IntArray, IntArray]:
-        """Return the states and steps of the path found.
+        """Return the states and steps of the path that the search has found.
 
         Returns:
-            Numbers node · patterns + pattern of the states between start and goal, shape (k - 1,),
-            and numbers of the k steps. The first step's number is a row of `Query.from_start`, the
-            last one's a row of `Query.to_goal`. All others are rows of the graph's edges.
+            Numbers of the states between start and goal, shape (k - 1,): node · patterns + pattern.
+            Numbers of the k steps, shape (k,), which refer to three lists. The first step is a row
+            of `Query.from_start`, the last a row of `Query.to_goal`, each other one a row of the
+            graph's edges. The only step of a path with one step is a row of `Query.from_start`.
         """
         way = trace_path_to_goal(self._open_list)
         return way[:-1], self._open_list.states["step"][way].astype(np.int64)

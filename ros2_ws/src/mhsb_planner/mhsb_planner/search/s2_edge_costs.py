@@ -53,7 +53,8 @@ class Edges(NamedTuple):
         used: Number of steps stored, shape (1,).
         state: State that each step reaches, node · patterns + pattern, shape (room,).
         pattern: Index of the mode pattern of each step, shape (room,).
-        cost: Cost of each step, shape (room, 3): T [s], E paper [J], E series [J].
+        cost: Cost of each step, shape (room, 3): duration [s], energy by the published model
+            (`paper`) [J], energy with the pumps in series (`series`) [J].
     """
 
     first: IntArray
@@ -83,7 +84,7 @@ class StepCostModel(NamedTuple):
 
     Attributes:
         circuit: Hydraulic coefficients of the machine.
-        patterns: Mode patterns, shape (patterns, n).
+        patterns: Mode patterns (one mode for each actuator), shape (patterns, n).
         layout: Numbering of postures, states and moves.
         postures: Postures with cylinder lengths and forces.
         middle: Forces at the middle of each move; NaN if the tip leaves the workspace on the way.
@@ -115,17 +116,23 @@ def price_steps(
 ) -> int:
     """Append the admissible steps that leave a posture to lists of steps.
 
-    All neighbouring nodes and mode patterns are examined. Moves that leave the workspace or come
-    too near to an obstacle are left out. Test oracle: steps computed one by one in plain NumPy.
+    Steps lead to all neighbouring workspace nodes in all mode patterns (one mode for each
+    actuator). A step is left out if the tip leaves the workspace or the arm comes too near to an
+    obstacle. It is left out if a joint that needs boost is not boosted. Patterns that boost further
+    joints are kept only if the neighbour has no other admissible pattern.
+
+    Test oracle: steps computed one by one in plain NumPy.
 
     Args:
         cost_model: Postures, forces, obstacles and hydraulic numbers of the graph.
         i: Number of the posture that the steps leave.
         buffers: Working memory, overwritten.
-        state: State that each step reaches. Written in place from index `found` on.
-        pattern: Mode pattern of each step. Written in place from index `found` on.
-        cost: T [s], E paper [J] and E series [J] of each step, shape (room, 3). Written in place
-            from index `found` on. The lists need room for `compute_max_step_count` more steps.
+        state: Number of the state that each step reaches, node · patterns + pattern. Written in
+            place from index `found` on.
+        pattern: Index of the mode pattern of each step. Written in place from index `found` on.
+        cost: Duration [s], energy by the published model (`paper`) [J] and energy with the pumps in
+            series (`series`) [J] of each step, shape (room, 3). Written in place from index `found`
+            on. All three lists need room for `compute_max_step_count` more steps.
         found: Number of steps that the lists contain before the call.
 
     Returns:
@@ -169,17 +176,18 @@ def price_steps(
 def _mark_collisions(t: StepCostModel, i: int, first: int, count: int, middle: FloatArray) -> None:
     """Mark the moves from a posture to the postures of a node that come too near to an obstacle.
 
-    Most moves are decided by the clearances at both ends and the distance that the arm travels. A
-    move from a clear posture to one that is too near is not clear. All other moves are checked
-    along the way.
+    A move is clear if the sum of the clearances at both ends is at least the distance that the arm
+    travels. It is not clear if it leads from a clear posture to one that is too near. All other
+    moves are checked along the way. Moves that are marked already are skipped.
 
     Args:
-        t: Postures, clearances and obstacles of the graph.
+        t: Postures, clearances and obstacles of the graph. Clearances are negative if a posture is
+            too near.
         i: Number of the posture that the moves leave.
         first: Number of the first posture of the node that is reached.
         count: Number of postures of that node.
-        middle: Forces at the middle of each move, shape (count or more, n) [N]. middle[k, 0] is set
-            to NaN in place if the move to posture first + k is not clear.
+        middle: Forces at the middle of each move, shape (count or more, n) [N]. If the move to
+            posture first + k is not clear, middle[k, 0] is set to NaN in place.
     """
     posture, here = t.layout.posture, t.clearance[i]
     for k in range(count):
@@ -200,19 +208,21 @@ def _mark_collisions(t: StepCostModel, i: int, first: int, count: int, middle: F
 def _price_range(
     t: StepCostModel, missing: IntArray, leaving: IntArray, begin: int, end: int
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Price the steps that leave some postures.
+    """Price the steps that leave some postures, that is, compute their durations and energies.
 
     Args:
         t: Postures, forces, obstacles and hydraulic numbers of the graph.
         missing: Numbers of the postures whose steps have no price yet.
-        leaving: Number of steps that leave each of `missing`, aligned with it. Entries begin to
-            end - 1 are written in place.
+        leaving: Number of steps that leave each posture of `missing`, aligned with it. Entries
+            begin to end - 1 are written in place.
         begin: First index into `missing` to work on.
         end: One after the last index into `missing`.
 
     Returns:
-        Reached state and mode pattern of each step, shape (steps,), and cost, shape (steps, 3): T
-        [s], E paper [J], E series [J]. The steps are sorted by posture in the order of `missing`.
+        Reached state (node · patterns + pattern) and index of the mode pattern of each step, shape
+        (steps,); and cost, shape (steps, 3): duration [s], energy by the published model (`paper`)
+        [J], energy with the pumps in series (`series`) [J]. The steps are sorted by posture in the
+        order of `missing`.
     """
     scratch = create_step_buffers(t.patterns)
     room = (end - begin) * compute_max_step_count(t.layout, t.patterns)
@@ -233,10 +243,10 @@ def compute_max_step_count(layout: Layout, patterns: ModeArray) -> int:
 
     Args:
         layout: Layout whose nodes have at most 8 neighbours.
-        patterns: Mode patterns, shape (patterns, n).
+        patterns: Mode patterns (one mode for each actuator), shape (patterns, n).
 
     Returns:
-        Number of neighbours times number of patterns.
+        Number of neighbours of a node times number of patterns.
     """
     return layout.neighbors.shape[1] * len(patterns)
 
@@ -251,17 +261,20 @@ def _compute_move_forces(
     begin: int,
     end: int,
 ) -> None:
-    """Compute the cylinder forces at the middle of all moves that leave a range of postures.
+    """Compute the cylinder forces under gravity at the middle of moves between postures.
 
-    A move is straight in joint space. Its rows become NaN if the tip leaves the workspace on the
-    way. Test oracle: `middle_forces`.
+    A move leads straight in joint space from a posture to a posture of a neighbouring node. All
+    moves that leave the postures begin to end - 1 are computed. The rows of a move become NaN if
+    the tip leaves the workspace on the way. Test oracle: `middle_forces`.
 
     Args:
         empty: Arrays of the machine without payload.
         one_kg: Arrays of the machine with a payload of 1 kg.
         layout: Numbering of postures and moves.
-        bare: Forces without payload, shape (moves, n) [N]. Written in place.
-        for_each_kg: Additional force per payload, shape (moves, n) [N/kg]. Written in place.
+        bare: Forces without payload, shape (moves, n) [N]. The rows of the moves are written in
+            place.
+        for_each_kg: Additional force per payload, shape (moves, n) [N/kg]. The rows of the moves
+            are written in place.
         begin: Number of the first posture.
         end: One after the number of the last posture.
     """
@@ -289,15 +302,15 @@ def _compute_move_forces(
 
 
 def compute_posture_forces(m: MachineArrays, layout: Layout) -> CylinderForces:
-    """Compute the cylinder forces in all postures of a layout.
+    """Compute the cylinder forces under gravity in all postures of a layout.
 
     Args:
         m: Arrays of the machine; its payload is ignored.
-        layout: Layout that contains the postures.
+        layout: Numbering of the distinct postures of a posture table.
 
     Returns:
-        Forces of the arm without payload [N] and additional forces per payload [N/kg], one row for
-        each posture.
+        Forces of the arm without payload [N] and additional forces per payload [N/kg], each of
+        shape (postures, n).
     """
     bare, loaded = (
         describe_postures(m._replace(payload=payload), layout.posture).force
@@ -309,18 +322,19 @@ def compute_posture_forces(m: MachineArrays, layout: Layout) -> CylinderForces:
 def compute_move_forces(
     m: MachineArrays, layout: Layout, jobs: int | None = None, deadline: Deadline = NO_DEADLINE
 ) -> CylinderForces:
-    """Compute the cylinder forces at the middle of all moves, in parallel threads.
+    """Compute the cylinder forces under gravity at the middle of all moves, in parallel threads.
 
     Args:
         m: Arrays of the machine; its payload is ignored.
-        layout: Numbering of postures and moves.
+        layout: Numbering of postures and moves. A move leads from a posture to a posture of a
+            neighbouring node.
         jobs: Number of threads; None means one per processor.
         deadline: Instant at which the work is given up.
 
     Returns:
-        Forces of the arm without payload [N] and additional forces per payload [N/kg], one row for
-        each move in the order of `Layout.move`. Rows are NaN if the tip leaves the workspace on the
-        way.
+        Forces of the arm without payload [N] and additional forces per payload [N/kg], each of
+        shape (moves, n), in the order of the move numbers. Rows of moves on which the tip leaves
+        the workspace are NaN.
 
     Raises:
         DeadlineError: The deadline passed.
@@ -343,12 +357,12 @@ class PricedSteps:
     """
 
     def __init__(self, terms: StepCostModel, jobs: int | None, room: int = 0) -> None:
-        """Prepare the store of steps without pricing any.
+        """Prepare the store of the graph's steps without pricing any.
 
         Args:
             terms: Postures, forces, obstacles and hydraulic numbers from which step costs are
                 computed.
-            jobs: Number of threads; None means one per processor.
+            jobs: Number of threads for pricing; None means one per processor.
             room: Number of steps for which memory is reserved; it grows when needed.
         """
         postures = len(terms.layout.posture)
@@ -366,17 +380,18 @@ class PricedSteps:
         )
 
     def guard(self) -> AbstractContextManager[object]:
-        """Return a context manager to hold while a kernel may add steps to `edges`.
+        """Return a context manager that keeps other threads from adding steps to `edges`.
 
         Returns:
-            The lock of this object, or a context manager without effect if all steps are priced.
+            The lock of this object. If all steps are priced, a context manager without effect.
         """
         return nullcontext() if self.complete else self._lock
 
     def grow(self, room: int) -> None:
-        """Enlarge the arrays of `edges`, at least to twice their size.
+        """Enlarge the arrays of `edges` to at least twice their size.
 
-        The caller must hold the lock `guard()`. New arrays replace the old ones.
+        The caller must hold the lock `guard()`. New arrays with the same steps replace the old
+        ones.
 
         Args:
             room: Least number of further steps for which room is needed.
@@ -391,17 +406,17 @@ class PricedSteps:
         self.edges = self.edges._replace(**changed)
 
     def price(self, postures: IntArray, deadline: Deadline = NO_DEADLINE) -> None:
-        """Price the steps that leave some postures, unless they are priced already.
+        """Price the steps that leave some postures, that is, compute their durations and energies.
 
-        It holds the lock `guard()` during the call and works in parallel threads. If the deadline
-        passes, no step is added.
+        Postures whose steps are priced already are skipped. The call holds the lock `guard()` and
+        works in parallel threads. New steps are added to `edges`.
 
         Args:
             postures: Numbers of the postures.
             deadline: Instant at which the work is given up.
 
         Raises:
-            DeadlineError: The deadline passed.
+            DeadlineError: The deadline passed; no step is added.
         """
         if self.complete:
             return
@@ -423,7 +438,7 @@ class PricedSteps:
             self.edges.used[0] = count
 
     def price_all(self, deadline: Deadline = NO_DEADLINE) -> None:
-        """Price all steps of the graph that have no price yet.
+        """Price all steps of the graph that have no price yet, and set `complete` to True.
 
         Args:
             deadline: Instant at which the work is given up.
@@ -439,16 +454,17 @@ class PricedSteps:
 def _run_in_parallel(
     work: Callable[[int, int], Result], total: int, jobs: int | None, deadline: Deadline
 ) -> list[Result]:
-    """Run a function over ranges of indices in threads and collect its results.
+    """Run a function over ranges of indices in threads, and collect its results.
 
     Args:
         work: Function of (begin, end); end is excluded.
-        total: Number of indices; the ranges cover 0 to total - 1.
+        total: Number of indices. The ranges cover 0 to total - 1, POSTURES_PER_TASK at a time.
         jobs: Number of threads; None means one per processor.
-        deadline: Instant at which the work is given up, checked after each range.
+        deadline: Instant at which the work is given up, checked after each range. Ranges that have
+            not begun are then dropped.
 
     Returns:
-        Results in the order of the ranges.
+        Results in the order of the ranges; empty if `total` is 0.
 
     Raises:
         DeadlineError: The deadline passed.

@@ -41,9 +41,10 @@ there is no posture, and DeadlineError."""
 def find_largest_polytope_postures(
     machine: Machine, x: float, z: float, deadline: Deadline
 ) -> FloatArray:
-    """Return the posture of largest velocity polytope for each mode pattern.
+    """Return the posture with the fastest tip for each mode pattern at a tip position.
 
-    The posture table is built by this rule.
+    This is the posture whose velocity polytope (all velocities of the tip within the pistons'
+    limits) has the largest area. The posture table is built by the same rule.
 
     Args:
         machine: Machine whose posture is wanted.
@@ -52,7 +53,7 @@ def find_largest_polytope_postures(
         deadline: Instant at which the work is given up.
 
     Returns:
-        Joint positions, shape (patterns, n) [rad or m].
+        Joint positions, shape (patterns, n) [rad or m]; one mode pattern per row.
 
     Raises:
         InfeasibleGoalError: No posture within joint limits reaches the point.
@@ -90,20 +91,21 @@ class StepGraph:
         grid: Grid | None = None,
         deadline: Deadline = NO_DEADLINE,
     ) -> None:
-        """Build the graph of a machine.
+        """Build the graph of all steps between neighbouring nodes for a machine.
 
         Pricing a step means computing its duration and energies. Without `template` all steps are
-        priced at once. With `template` each is priced when it is needed.
+        priced in this call. With `template` a step is priced when a search needs it.
 
         Args:
             machine: Machine that moves.
             table: Posture table of this machine, or of one that differs as `Machine.changed`
                 allows.
             jobs: Number of threads; None means one per processor.
-            template: Graph on the same table. Everything that does not depend on the changed
-                quantities is taken from it, and `posture_rule` and `grid` are ignored. None
-                computes everything.
-            posture_rule: Rule by which the table's postures were chosen.
+            template: Graph on the same table for a machine that differs as `Machine.changed`
+                allows. Everything that does not depend on the changed quantities is taken from it,
+                and `posture_rule` and `grid` are ignored. None computes everything.
+            posture_rule: Rule by which the table's postures were chosen; it gives the postures at
+                points off the grid.
             grid: Grid of the table's nodes if it exists already; None builds it.
             deadline: Instant at which the work is given up.
 
@@ -151,7 +153,10 @@ class StepGraph:
 
     @property
     def edges(self) -> Edges:
-        """All steps as read-only views. Steps without a price are priced first."""
+        """All steps with their costs, as read-only views.
+
+        Steps without a price are priced at the first access.
+        """
         self.steps.price_all()
         edges = self.steps.edges
         used = slice(int(edges.used[0]))
@@ -185,25 +190,27 @@ class StepGraph:
             machine: Machine with another payload, supply pressure, V_max or other zones.
 
         Returns:
-            A graph that shares what did not change. Its steps are priced when they are needed.
+            A graph that shares with this one what the change leaves as it is. Its steps are priced
+            when they are needed.
         """
         return StepGraph(machine, self.table, self.jobs, template=self)
 
     def _clearance(self, obstacles: FloatArray) -> FloatArray:
-        """Compute the clearance of all postures from the nearest obstacle.
+        """Compute the clearance of each posture of the graph from the nearest obstacle.
 
         Args:
             obstacles: Rows of the obstacles with the margin added, `Obstacles.path_rows`.
 
         Returns:
-            Clearance, shape (postures,) [m], negative if too near. Empty if there are no obstacles.
+            Clearance beyond the margin, shape (postures,) [m]; negative if the arm is too near.
+            Empty if there are no obstacles.
         """
         if len(obstacles) == 0:
             return np.empty(0)
         return clearances(self.machine.arrays, obstacles, self.layout.posture)[0]
 
     def _count_switches(self) -> IntArray:
-        """Count the actuators that change their mode between each pair of patterns.
+        """Count the actuators that change their mode, for each pair of mode patterns.
 
         Returns:
             Number of actuators, shape (patterns, patterns), read-only.

@@ -38,16 +38,17 @@ class Layout(NamedTuple):
 
 @kernel
 def _number_postures(table: FloatArray, owner: IntArray, first_of: IntArray) -> int:
-    """Assign numbers to the distinct postures of a table.
+    """Assign numbers to the distinct postures of a posture table.
 
-    The order is by node, then by the first pattern that has the posture.
+    A state is a node with a mode pattern (one mode for each actuator). Equal postures of one node
+    are one posture. The numbers ascend by node, then by the first pattern that has the posture.
 
     Args:
         table: Joint positions, shape (nodes, patterns, n) [rad or m]; NaN if infeasible.
         owner: Posture number of each state, shape (nodes, patterns); -1 if infeasible. Written in
             place.
-        first_of: First state that has each posture, node · patterns + pattern. Written in place; it
-            has room for nodes · patterns entries.
+        first_of: First state that has each posture, as node · patterns + pattern. Written in place;
+            it has room for nodes · patterns entries.
 
     Returns:
         Number of distinct postures, which is the number of valid entries of `first_of`.
@@ -76,11 +77,11 @@ def _number_postures(table: FloatArray, owner: IntArray, first_of: IntArray) -> 
 def create_layout(table: PostureTable, grid: Grid) -> Layout:
     """Assign numbers to the postures, states and moves of a posture table.
 
-    Equal postures of one node become one posture. A move leads from a posture to a posture of a
-    neighbouring node.
+    A state is a node with a mode pattern. Equal postures of one node become one posture. A move
+    leads from a posture to a posture of a neighbouring node.
 
     Args:
-        table: Posture table.
+        table: Posture table: a posture for each node and mode pattern.
         grid: Grid of the table's nodes, for their neighbours.
 
     Returns:

@@ -60,8 +60,9 @@ class PublishedSearch:
         """Prepare a search without expanding anything.
 
         Args:
-            query: Problem to solve; all steps of its graph get priced.
-            scale: Heuristic cost per distance to the goal [1/m].
+            query: Problem to solve: graph, start, goal and weights. All steps of the graph get
+                priced.
+            scale: Heuristic cost per straight distance to the goal [1/m].
 
         Raises:
             RequestError: The scale is negative or not finite.
@@ -88,15 +89,17 @@ class PublishedSearch:
         return self._cost[self._goal]
 
     def expand(self, limit: int) -> int:
-        """Expand up to `limit` labels.
+        """Expand up to `limit` labels of the A* search; call again to continue.
 
-        The first call expands the start. A label is final once it has been taken.
+        A label is the cheapest path found to a node: its cost and its last step. It is final once
+        it has been taken from the open list. The first call expands the start.
 
         Args:
             limit: Largest number of labels to expand.
 
         Returns:
-            SEARCH_PAUSED if the limit is reached, GOAL_FOUND or SEARCH_EXHAUSTED.
+            SEARCH_PAUSED if the limit is reached, GOAL_FOUND, or SEARCH_EXHAUSTED if the open list
+            is empty.
         """
         for _ in range(limit):
             if self.expanded == 0:
@@ -112,12 +115,13 @@ class PublishedSearch:
         return SEARCH_PAUSED
 
     def trace_path(self) -> tuple[IntArray, IntArray]:
-        """Return the states and steps of the path found.
+        """Return the states and steps of the path that the search has found.
 
         Returns:
-            Numbers node · patterns + pattern of the states between start and goal, shape (k - 1,),
-            and numbers of the k steps. The first step's number is a row of `Query.from_start`, the
-            last one's a row of `Query.to_goal`. All others are rows of the graph's edges.
+            Numbers of the states between start and goal, shape (k - 1,): node · patterns + pattern.
+            Numbers of the k steps, shape (k,), which refer to three lists. The first step is a row
+            of `Query.from_start`, the last a row of `Query.to_goal`, each other one a row of the
+            graph's edges. The only step of a path with one step is a row of `Query.from_start`.
         """
         link = self._best_edge[self._goal]
         states, steps = [], [link.step]
@@ -128,12 +132,13 @@ class PublishedSearch:
         return np.array(states[::-1], dtype=np.int64), np.array(steps[::-1])
 
     def _pop_next_label(self) -> int | None:
-        """Take the node with the least estimate from the open list and make its label final.
+        """Take the node with the least estimated cost from the open list and make its label final.
 
-        Entries of nodes whose label is final already are dropped.
+        A label is the cheapest path found to a node. Entries of nodes whose label is final already
+        are dropped.
 
         Returns:
-            Index of the node; None if the open list is empty.
+            Index of the node, which may be the goal; None if the open list is empty.
         """
         while self._open:
             _, node = heapq.heappop(self._open)
@@ -145,10 +150,9 @@ class PublishedSearch:
     def _expand_start(self) -> None:
         """Relax all steps that leave the start.
 
-        A node that such a step reaches, or the goal, gets a new label if this is cheaper.
-
-        The cost of a label includes the mode switches from the modes in force. A step's number is
-        its row in `Query.from_start`.
+        The node that a step reaches, or the goal, gets a new label (cost and last step) if the
+        step's path is cheaper than its label. The cost of a path includes the mode switches from
+        the modes in force at the start. A step's number is its row in `Query.from_start`.
         """
         query, steps = self._query, self._query.from_start
         total = (
@@ -159,12 +163,11 @@ class PublishedSearch:
             self._relax(SearchEdge(None, None if state == NO_STATE else state, step), cost)
 
     def _expand_label(self, node: int) -> None:
-        """Relax all steps that leave the posture and pattern of a node's label.
+        """Relax all steps that leave a node in the posture and mode pattern of its label.
 
-        A node that such a step reaches, or the goal, gets a new label if this is cheaper.
-
-        The new label's cost is the cost of the node's label plus the costs of the step and of its
-        mode switches.
+        The node that a step reaches, or the goal, gets a new label (cost and last step) if the
+        step's path is cheaper than its label. The path costs as much as this node's label plus the
+        step and its mode switches.
 
         Args:
             node: Index of a node whose label is final.
@@ -190,22 +193,25 @@ class PublishedSearch:
             self._relax(SearchEdge(own, None, step), cost)
 
     def _weigh_costs(self, cost: FloatArray) -> FloatArray:
-        """Compute the weighted costs w₁ E + w₂ T of steps.
+        """Compute the weighted costs of steps, w₁ · energy + w₂ · duration.
 
         Args:
-            cost: Step costs, shape (steps, 3): T [s], E paper [J], E series [J].
+            cost: Step costs, shape (steps, 3): duration [s], energy by the published model
+                (`paper`) [J], energy with the pumps in series (`series`) [J].
 
         Returns:
-            Weighted costs without mode switches, shape (steps,) [-].
+            Weighted costs in the energy reading of the problem, without mode switches, shape
+            (steps,) [-].
         """
         weight = self._query.weight
         return weight[0] * cost[:, self._query.energy_column] + weight[1] * cost[:, DURATION_COLUMN]
 
     def _relax(self, link: SearchEdge, cost: float) -> None:
-        """Replace the label of the node that a step reaches if the step's path is cheaper.
+        """Replace the label of the node that a step reaches if the path with this step is cheaper.
 
-        A final label stays. Of two labels of equal cost the earlier one stays. The method counts
-        the step as generated and pushes a new label to the open list.
+        A label is the cost of the cheapest path to a node, and its last step. A final label stays,
+        and so does a label of equal cost. The step counts as generated. A new label is put on the
+        open list.
 
         Args:
             link: Step that reaches the node or the goal.

@@ -45,13 +45,14 @@ class Search(Protocol):
         """Cost of the path found."""
 
     def expand(self, limit: int) -> int:
-        """Expand up to `limit` states.
+        """Expand up to `limit` states; call again to continue.
 
         Args:
             limit: Largest number of states to expand.
 
         Returns:
-            SEARCH_PAUSED if the limit is reached, GOAL_FOUND or SEARCH_EXHAUSTED.
+            SEARCH_PAUSED if the limit is reached, GOAL_FOUND, or SEARCH_EXHAUSTED if there is no
+            path.
         """
 
     def trace_path(self) -> tuple[IntArray, IntArray]:
@@ -72,7 +73,7 @@ class Query:
     """Problem of one search: the graph joined to a start and a goal.
 
     Attributes:
-        graph: Steps between the nodes.
+        graph: Graph of the steps between workspace nodes.
         start: Tip position and posture of the start.
         start_modes: Modes in force at the start, shape (n,).
         goal: Admissible postures of the goal.
@@ -108,17 +109,18 @@ class Query:
         rings: int,
         deadline: Deadline = NO_DEADLINE,
     ) -> Query:
-        """Create a problem and compute the steps that join start and goal to the graph.
+        """Create a search problem, and compute the steps that join start and goal to the graph.
 
         Args:
-            graph: Steps between the nodes.
+            graph: Graph of the steps between workspace nodes.
             start: Tip position and posture of the start.
             start_modes: Modes in force at the start, shape (n,).
             goal: Admissible postures of the goal.
             weight: Weights of energy [1/J], time [1/s] and mode switches [-], shape (3,).
-            column: Column of the energy reading in step costs.
-            rings: Number of further rings of nodes around the cell corners to which start and goal
-                are joined; 0 means the corners alone.
+            column: Energy that the cost contains: ENERGY_PAPER_COLUMN or ENERGY_SERIES_COLUMN
+                (energy readings `paper` and `series`).
+            rings: Start and goal are joined to the corner nodes of their grid cells, and to this
+                number of further rings of nodes around the corners.
             deadline: Instant at which the work is given up.
 
         Returns:

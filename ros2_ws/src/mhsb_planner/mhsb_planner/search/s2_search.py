@@ -107,15 +107,19 @@ def search(
     max_expansions: int | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> DiscretePath:
-    """Search a discrete path from a posture and the modes in force to a tip position.
+    """Search for a discrete path from a start posture to a tip position.
 
-    Start and goal are first joined to the corners of their grid cells. If that gives no path, they
-    are also joined to the next ring of nodes. A start at the goal gives a path without steps.
+    A discrete path is a sequence of steps between nodes, each with a mode for each actuator. Start
+    and goal are first joined to the corners of their grid cells. If that gives no path, they are
+    also joined to the next ring of nodes. Steps without a price are priced. A start at the goal
+    gives a path without steps.
 
     Args:
-        graph: Steps between the nodes.
-        query: Start, goal and cost. Of a range of end-link angles samples are tried.
-        method: `exact` finds the cheapest path; `published` keeps one label per node.
+        graph: Graph of the steps between workspace nodes.
+        query: Start posture, modes in force, goal, cost weights and energy reading. If the goal has
+            a range of end-link angles, samples of the range are tried.
+        method: `exact` finds the cheapest path. `published` keeps only one path per node and may
+            miss it.
         heuristic_scale: Heuristic cost per distance to the goal, for `published` only [1/m].
         deadline: Instant at which an unfinished search is given up.
         max_expansions: Number of expanded states after which the search is given up; None means no
@@ -164,8 +168,8 @@ def _create_search(query: Query, method: str, heuristic_scale: float, deadline: 
     For `published` all steps of the graph are priced first.
 
     Args:
-        query: Problem to solve.
-        method: `exact` or `published`.
+        query: Problem to solve: graph, start, goal and weights.
+        method: `exact` (finds the cheapest path) or `published` (keeps only one path per node).
         heuristic_scale: Heuristic cost per distance to the goal, for `published` only [1/m].
         deadline: Instant at which the pricing of steps is given up.
 
@@ -194,11 +198,12 @@ def _run_to_goal(
     """Expand the states of a search in portions until the goal is found or no state is left.
 
     Args:
-        running_search: Search to run.
+        running_search: Search to run or to continue.
         deadline: Instant at which the search is given up, checked between portions.
         max_expansions: Limit on expanded states; None means no limit.
         expanded_before: States expanded by earlier searches that count towards the limit.
-        cancelled: Function that returns True to stop the search, or None.
+        cancelled: Function that returns True to stop the search, called after each portion; None
+            means never.
 
     Returns:
         True if the goal was found, False if no state was left to expand.
@@ -224,10 +229,10 @@ def _run_to_goal(
 def _limit_portion(
     portion: int, running_search: Search, max_expansions: int | None, expanded_before: int
 ) -> int:
-    """Reduce a portion so that the limit on expanded states is kept.
+    """Reduce the number of states to expand next so that the limit on expanded states is kept.
 
     Args:
-        portion: Number of states to expand next.
+        portion: Wanted number of states to expand next.
         running_search: Search whose expanded states count.
         max_expansions: Limit on expanded states; None leaves the portion as it is.
         expanded_before: States expanded by earlier searches that count towards the limit.
@@ -251,7 +256,7 @@ def _check_posture(graph: StepGraph, posture: FloatArray) -> FloatArray:
 
     Args:
         graph: Graph whose machine gives the number of joints n.
-        posture: Joint positions [rad].
+        posture: Joint positions [rad or m].
 
     Returns:
         A copy, shape (n,) [rad or m].
@@ -269,7 +274,7 @@ def _check_posture(graph: StepGraph, posture: FloatArray) -> FloatArray:
 def warm_up(graph: StepGraph) -> None:
     """Compile the kernels that an exact search runs through.
 
-    Two short searches are run: to a goal that is a node, and to one with a given end-link angle.
+    Two short searches are run: one to a goal that is a node, and one with a given end-link angle.
 
     Args:
         graph: Graph on which the searches run.

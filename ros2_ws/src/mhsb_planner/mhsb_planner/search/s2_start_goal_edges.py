@@ -87,7 +87,8 @@ class JoiningSteps(NamedTuple):
         end: Posture of the goal that a step reaches, shape (steps,); NO_STATE for a step to a
             node.
         pattern: Index of the mode pattern of a step, shape (steps,).
-        cost: Cost of each step, shape (steps, 3): T [s], E paper [J], E series [J].
+        cost: Cost of each step, shape (steps, 3): duration [s], energy by the published model
+            (`paper`) [J], energy with the pumps in series (`series`) [J].
     """
 
     origin: IntArray
@@ -101,7 +102,7 @@ def create_start(graph: StepGraph, posture: FloatArray) -> SearchStart:
     """Describe a posture as the start of a search.
 
     Args:
-        graph: Graph whose machine gives the geometry and the loads.
+        graph: Graph of the machine.
         posture: Joint positions, shape (n,) [rad or m].
 
     Returns:
@@ -117,18 +118,18 @@ def create_start(graph: StepGraph, posture: FloatArray) -> SearchStart:
 def create_goal(
     graph: StepGraph, x: float, z: float, psi: Angle = None, deadline: Deadline = NO_DEADLINE
 ) -> SearchGoal:
-    """Determine the goal postures of a search at a tip position.
+    """Determine the admissible goal postures of a search at a tip position.
 
-    Without an end-link angle every mode pattern has its own posture by the graph's posture rule. By
-    default this is the posture of largest velocity polytope. With an end-link angle all postures
-    with that angle are admissible in any pattern.
+    Without an end-link angle every mode pattern (one mode for each actuator) has its own posture.
+    At a node it is the table's, elsewhere the graph's posture rule gives it. With an end-link angle
+    all postures with that angle are admissible in any pattern.
 
     Args:
         graph: Graph that gives machine, grid and posture rule.
         x: Tip position forward [m].
         z: Tip position upward [m].
-        psi: End-link angle [rad]. A pair is a range, sampled at most every `PSI_SPACING`; None
-            leaves it free.
+        psi: End-link angle [rad]. A pair is a range, whose samples are at most `PSI_SPACING` apart.
+            None leaves the angle free.
         deadline: Instant at which the work is given up.
 
     Returns:
@@ -159,12 +160,12 @@ def create_goal(
             find_postures_by_rule(graph, x, z, deadline), axis=0, return_inverse=True
         )
         first, owner = np.array([0, len(postures)]), owner.reshape(1, -1)
-    find_clear_postures(machine, x, z, postures)  # only to raise; bar_collisions bars the others
+    find_clear_postures(machine, x, z, postures)  # only to raise; steps to unclear ones are barred
     return SearchGoal((x, z), node, describe_postures(machine.arrays, postures), first, owner)
 
 
 def _create_goal_at_node(graph: StepGraph, x: float, z: float, node: int) -> SearchGoal:
-    """Create a goal from the table's postures of a node.
+    """Create a goal from the postures that the posture table has for a node.
 
     Args:
         graph: Graph that the node belongs to.
@@ -173,7 +174,8 @@ def _create_goal_at_node(graph: StepGraph, x: float, z: float, node: int) -> Sea
         node: Index of the node.
 
     Returns:
-        Goal with one group of postures: the node's distinct postures in the table.
+        Goal with one group of postures: the node's distinct postures. Some may be too near to an
+        obstacle; steps to these are inadmissible.
 
     Raises:
         InfeasibleGoalError: The node has no posture within joint limits.
@@ -203,7 +205,8 @@ def find_postures_by_rule(
         deadline: Instant at which the work is given up.
 
     Returns:
-        Joint positions, shape (patterns, n) [rad or m].
+        Joint positions, shape (patterns, n) [rad or m]; one mode pattern (one mode for each
+        actuator) per row.
 
     Raises:
         InfeasibleGoalError: No posture within joint limits reaches the point.
@@ -222,19 +225,21 @@ def steps_from_start(
 ) -> JoiningSteps:
     """Compute the admissible steps from the start to the nodes around it.
 
-    If start and goal share a cell of the grid, the steps from the start to the goal follow at the
-    end. A pattern that boosts a joint without need counts as admissible only if there is no other
-    pattern for the node.
+    The nodes are the corners of the start's grid cell, and `rings` further rings around them. If
+    the goal lies in the same cell, the steps from the start to the goal come after these. A step is
+    inadmissible if the tip leaves the workspace, if the arm comes too near to an obstacle, or if a
+    joint that needs boost is not boosted. Mode patterns that boost further joints are admissible
+    only if a node has no other admissible pattern.
 
     Args:
         graph: Graph whose nodes are reached.
         start: Start of the search.
         goal: Goal of the search.
-        rings: Number of further rings of nodes around the corners of the start's cell; 0 means the
-            corners alone.
+        rings: Number of further rings of nodes; 0 means the corners alone.
 
     Returns:
-        One step for each reached node and admissible pattern, with duration [s] and energies [J].
+        One step for each reached node and admissible pattern, with duration [s] and both energies
+        [J]. The steps to the goal have the state NO_STATE.
     """
     to_grid = _price_steps_to_nodes(
         graph.steps.cost_model, start.postures, graph.grid.cell_corners(*start.tip, rings)
@@ -251,14 +256,14 @@ def steps_to_goal(
 ) -> tuple[JoiningSteps, IntArray]:
     """Compute the admissible steps to the goal from the nodes around it.
 
-    If the goal is a node and `rings` is 0, the graph's own steps to that node are taken; missing
-    ones are priced first.
+    The nodes are the corners of the goal's grid cell, and `rings` further rings around them. If the
+    goal is a node and `rings` is 0, the graph's own steps to that node are taken. Those that have
+    no price yet are priced and stored in the graph.
 
     Args:
         graph: Graph whose postures the steps leave.
         goal: Goal of the search.
-        rings: Number of further rings of nodes around the corners of the goal's cell; 0 means the
-            corners alone.
+        rings: Number of further rings of nodes; 0 means the corners alone.
         deadline: Instant at which the work is given up.
 
     Returns:
@@ -292,11 +297,12 @@ def _list_postures(first: IntArray, nodes: IntArray) -> IntArray:
     """List all postures of some nodes.
 
     Args:
-        first: First posture of each node, `Layout.first_posture`, shape (nodes + 1,).
+        first: Number of the first posture of each node, shape (nodes + 1,). Postures of node i are
+            first[i] to first[i + 1] - 1.
         nodes: Indices of the nodes.
 
     Returns:
-        Indices of the postures, node by node in the order of `nodes`.
+        Numbers of the postures, node by node in the order of `nodes`.
     """
     count = 0
     for node in nodes:
@@ -333,18 +339,18 @@ def _index_first_steps(origin: IntArray, postures: int) -> IntArray:
 def _collect_steps_to_goal_node(
     edges: Edges, patterns: int, node: int, origins: IntArray, owner: IntArray
 ) -> JoiningSteps:
-    """Collect the graph's steps that lead to a node, as steps to the goal.
+    """Collect the graph's steps to one node, which is the goal of a search.
 
     Args:
         edges: Steps of the graph; those that leave `origins` must be priced.
         patterns: Number of mode patterns.
         node: Index of the node that is the goal.
-        origins: Postures whose steps are examined.
-        owner: Index of the goal's posture by pattern, shape (patterns,).
+        origins: Numbers of the postures whose steps are examined.
+        owner: Index of the goal posture in which a step ends, by mode pattern, shape (patterns,).
 
     Returns:
-        Steps in the order of `origins`: posture left, goal posture reached, pattern, duration [s]
-        and energies [J]. The field `state` is NO_STATE.
+        Steps in the order of `origins`: number of the posture left, index of the goal posture
+        reached, pattern, duration [s] and both energies [J]. The field `state` is NO_STATE.
     """
     room = 0
     for i in origins:
@@ -365,17 +371,17 @@ def _collect_steps_to_goal_node(
 def _compute_steps_to_goal(
     graph: StepGraph, start: Postures, origins: IntArray, goal: SearchGoal
 ) -> JoiningSteps:
-    """Compute the admissible steps from postures to all postures of a goal.
+    """Compute the admissible steps from some postures to the postures of a goal.
 
     Args:
         graph: Graph that gives machine, obstacles and mode patterns.
         start: Descriptions of the postures that steps may leave.
-        origins: Rows of `start` whose steps are computed.
+        origins: Rows of `start` for which steps are computed.
         goal: Goal of the search.
 
     Returns:
-        Steps in the order of `origins`: row of `start` that is left, goal posture reached, pattern,
-        duration [s] and energies [J].
+        Steps in the order of `origins`: row of `start` that is left, index of the goal posture
+        reached, mode pattern, duration [s] and both energies [J]. The field `state` is NO_STATE.
     """
     return _price_steps_to_goal(
         graph.steps.cost_model, start, origins, goal.postures, goal.first, goal.owner
@@ -389,8 +395,8 @@ def _price_steps_to_nodes(
     """Compute the admissible steps from a start to nodes of the graph.
 
     Moves on which the tip leaves the workspace or the arm comes too near to an obstacle are left
-    out. Patterns that boost a joint without need are left out if the node has any other admissible
-    pattern.
+    out. Mode patterns that boost a joint without need are left out if the node has any other
+    admissible pattern. A node without admissible pattern gets no step.
 
     Args:
         cost_model: Machine, obstacles, postures and states of the graph.
@@ -398,8 +404,8 @@ def _price_steps_to_nodes(
         nodes: Indices of the nodes to reach.
 
     Returns:
-        One step for each node and admissible pattern: reached state, pattern, duration [s] and
-        energies [J]. The fields `origin` and `end` are NO_STATE.
+        One step for each node and admissible pattern: reached state (node · patterns + pattern),
+        pattern, duration [s] and both energies [J]. The fields `origin` and `end` are NO_STATE.
     """
     m, obstacles, patterns = cost_model.machine, cost_model.obstacles, cost_model.patterns
     layout, postures = cost_model.layout, cost_model.postures
@@ -442,22 +448,22 @@ def _price_steps_to_goal(
     """Compute the admissible steps from some postures to the goal.
 
     Moves on which the tip leaves the workspace or the arm comes too near to an obstacle are left
-    out. Patterns that boost a joint without need are left out if the group has any other admissible
-    pattern.
+    out. A group holds one goal posture for each mode pattern. Patterns that boost a joint without
+    need are left out if the group has any other admissible pattern.
 
     Args:
         cost_model: Machine, obstacles and mode patterns of the graph.
         start: Descriptions of the postures that steps may leave.
-        origins: Rows of `start` whose steps are computed.
+        origins: Rows of `start` for which steps are computed.
         goal: Descriptions of the goal postures.
         goal_first: Postures of group g are goal_first[g] to goal_first[g + 1] - 1, shape (groups +
             1,).
         goal_owner: Index of the posture in which a step ends, by pattern, shape (groups, patterns).
 
     Returns:
-        Steps in the order of `origins`, for each of them group by group: row of `start` that is
-        left, goal posture reached, pattern, duration [s] and energies [J]. The field `state` is
-        NO_STATE.
+        Steps in the order of `origins`, and group by group for each origin: row of `start` that is
+        left, index of the goal posture reached, pattern, duration [s] and both energies [J]. The
+        field `state` is NO_STATE.
     """
     m, obstacles, patterns = cost_model.machine, cost_model.obstacles, cost_model.patterns
     scratch = create_step_buffers(patterns)

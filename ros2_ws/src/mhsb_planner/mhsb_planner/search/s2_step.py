@@ -84,7 +84,7 @@ class Postures(NamedTuple):
 
 @kernel
 def _lengths_and_forces(m: MachineArrays, posture: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute the cylinder lengths and the piston forces under gravity of postures.
+    """Compute the cylinder lengths and the piston forces under gravity in several postures.
 
     Args:
         m: Arrays of the machine, with its payload.
@@ -106,7 +106,7 @@ def _lengths_and_forces(m: MachineArrays, posture: FloatArray) -> tuple[FloatArr
 
 
 def describe_postures(m: MachineArrays, posture: FloatArray) -> Postures:
-    """Compute the cylinder lengths and the piston forces under gravity of postures.
+    """Compute the cylinder lengths and the piston forces under gravity in several postures.
 
     Args:
         m: Arrays of the machine, with its payload.
@@ -177,13 +177,13 @@ def compute_hydraulic_coefficients(m: MachineArrays, patterns: ModeArray) -> Hyd
 
     Args:
         m: Arrays of the machine.
-        patterns: Mode patterns, shape (patterns, n).
+        patterns: Mode patterns (one mode for each actuator), shape (patterns, n).
 
     Returns:
-        Pressures, leakages and the main pump's flow; for each cylinder and direction its area, its
-        valve drop and its largest speed in each mode; and the boosted joints of each pattern.
-        `rest_speed` is 0: the rule for held cylinders is off. `other_oil` and `other_time` are 0:
-        nothing moves beside the n joints. The caller may replace all three.
+        Pressures, leakages and the main pump's flow; area, valve drop and largest speed by mode of
+        each cylinder and direction; and the boosted joints of each pattern. Three fields are 0, and
+        the caller may replace them. `rest_speed` 0 means that held cylinders never need boost.
+        `other_oil` and `other_time` 0 mean that nothing moves besides the n joints.
     """
     n = len(m.cap_area)
     area = np.empty((n, 2))
@@ -231,9 +231,9 @@ def compute_hydraulic_coefficients(m: MachineArrays, patterns: ModeArray) -> Hyd
 
 @kernel(borrows=True)
 def _hold_pressure(c: HydraulicCoefficients, j: int, force: float) -> float:
-    """Compute the load pressure p_L of a cylinder that holds its load.
+    """Compute the supply pressure that a cylinder at rest needs to hold its load (load pressure).
 
-    The hold counts as an extension if the force is positive, otherwise as a retraction.
+    A positive force is held like in an extension, another one like in a retraction.
 
     Args:
         c: Hydraulic coefficients of the machine.
@@ -249,14 +249,14 @@ def _hold_pressure(c: HydraulicCoefficients, j: int, force: float) -> float:
 
 @kernel(borrows=True)
 def _compute_extra_leakage(c: HydraulicCoefficients, need: float) -> float:
-    """Compute by how much a valve leaks more at a higher supply pressure than at P_S.
+    """Compute by how much a valve's leakage exceeds that at the main pump's supply pressure P_S.
 
     Args:
         c: Hydraulic coefficients of the machine.
         need: Supply pressure that the joint needs [Pa]; limited to the highest boost pressure.
 
     Returns:
-        Additional leakage [m³/s]; 0 if P_S is enough.
+        Additional leakage [m³/s]; 0 if `need` is at most P_S.
     """
     if need <= c.supply_pressure:
         return 0.0
@@ -289,12 +289,14 @@ MOVE_WIDTH = 7
 
 @kernel(inline="always")
 def _is_loaded(move: FloatArray) -> bool:
-    """Return whether a joint moves or is held in boost.
+    """Return whether a joint of a move is in motion or must be held in boost.
 
-    All other joints are held by closed valves and cost as much as in mode N.
+    All other joints are held by their closed valves. Their cost is that of mode N, whatever their
+    mode.
 
     Args:
-        move: One joint's row with the columns STROKE_COLUMN and so on, shape (MOVE_WIDTH,).
+        move: One joint's part of the move, shape (MOVE_WIDTH,), with the columns STROKE_COLUMN to
+            LEAKAGE_COLUMN.
 
     Returns:
         True if the joint's pressure counts in the cost of the step.
@@ -306,7 +308,8 @@ class StepBuffers(NamedTuple):
     """Results and working memory of `price_steps_to_node`, so that it allocates nothing.
 
     Attributes:
-        cost: Cost in each pattern, shape (patterns, 3): T [s], E paper [J], E series [J].
+        cost: Cost in each pattern, shape (patterns, 3): duration [s], energy by the published model
+            (`paper`) [J], energy with the pumps in series (`series`) [J].
         status: STEP_INADMISSIBLE, WITHOUT_NEED or STEP_CONSISTENT for each pattern, shape
             (patterns,).
         move: Columns of each joint's move to each posture, shape (postures of a node, n,
@@ -327,10 +330,10 @@ class StepBuffers(NamedTuple):
 
 @kernel
 def create_step_buffers(patterns: ModeArray) -> StepBuffers:
-    """Allocate working memory of `price_steps_to_node` for one thread.
+    """Allocate the working memory of one thread for `price_steps_to_node`.
 
     Args:
-        patterns: Mode patterns, shape (patterns, n).
+        patterns: Mode patterns (one mode for each actuator), shape (patterns, n).
 
     Returns:
         Uninitialised arrays with room for a node with one posture per pattern.
@@ -374,23 +377,25 @@ class NodeMoves(NamedTuple):
 def price_steps_to_node(
     c: HydraulicCoefficients, patterns: ModeArray, moves: NodeMoves, buffers: StepBuffers
 ) -> int:
-    """Compute the costs of all steps from one posture to one node.
+    """Compute the costs of all steps from one posture to one workspace node.
 
-    Each mode pattern is one step, and each ends in the posture that the node has for this pattern.
-    Patterns that boost exactly the joints that need boost are tried first. If none of them is
-    admissible, patterns that also boost other joints are admitted. Test oracle: the module's
-    equations in plain NumPy.
+    There is one step for each mode pattern (one mode for each actuator). It ends in the posture
+    that the node has for this pattern. A step is consistent if its pattern boosts exactly the
+    joints that need boost. If no step is consistent, steps that also boost other joints are
+    admitted (WITHOUT_NEED).
+
+    Test oracle: the module's equations in plain NumPy.
 
     Args:
-        c: Hydraulic coefficients.
+        c: Hydraulic coefficients of the machine.
         patterns: Mode patterns, shape (patterns, n).
         moves: Posture to leave, and postures of the node with the forces on the way.
         buffers: Results `buffers.cost` and `buffers.status`, and working memory. Written in place.
 
     Returns:
-        Status of the admissible steps, STEP_CONSISTENT or WITHOUT_NEED. Exactly the patterns whose
-        `buffers.status` has this value may be taken; only their rows of `buffers.cost` are valid.
-        STEP_INADMISSIBLE means that there is none.
+        Status of the admissible steps: STEP_CONSISTENT or WITHOUT_NEED; STEP_INADMISSIBLE means
+        that there is none. Exactly the patterns p with `buffers.status[p]` equal to the result are
+        admissible. Only their rows of `buffers.cost` are valid.
     """
     must, may, boosted = buffers.must_boost, buffers.may_boost, c.boosted
     cost, status = buffers.cost, buffers.status
@@ -414,14 +419,16 @@ def price_steps_to_node(
 def _describe_move(
     c: HydraulicCoefficients, moves: NodeMoves, k: int, buffers: StepBuffers
 ) -> None:
-    """Compute the columns of a move, and which of its joints need boost.
+    """Compute stroke, oil and pressures of a move, and which of its joints need boost.
 
     Args:
-        c: Hydraulic coefficients.
-        moves: Moves to a node.
+        c: Hydraulic coefficients of the machine.
+        moves: Moves from one posture to the postures of a node.
         k: Number of the move among them.
-        buffers: Its `move[k]`, `must_boost[k]` and `may_boost[k]` are written in place. Without
-            forces at the middle, `must_boost[k]` is NO_PATTERN and `move[k]` is unchanged.
+        buffers: `move[k]` (columns STROKE_COLUMN to LEAKAGE_COLUMN of each joint) and the bit masks
+            `must_boost[k]` and `may_boost[k]` are written in place. If the forces at the middle are
+            NaN, the move is inadmissible. `must_boost[k]` is then NO_PATTERN, and `move[k]` is
+            unchanged.
     """
     start, end, i, last = moves.start, moves.end, moves.origin, moves.first + k
     n = moves.middle_force.shape[1]
@@ -452,14 +459,16 @@ def _describe_stroke(
     buffers: StepBuffers,
     k: int,
 ) -> None:
-    """Compute the columns of one joint's stroke, and whether it needs boost.
+    """Compute stroke, oil and pressures of one joint's move, and whether the joint needs boost.
 
     Args:
-        c: Hydraulic coefficients.
+        c: Hydraulic coefficients of the machine.
         j: Index of the joint.
         delta: Change of the cylinder's length [m].
         forces: Piston forces at start, middle and end, positive if they resist extension [N].
-        buffers: `move[k, j]` and bit j of `must_boost[k]` and `may_boost[k]` are written in place.
+        buffers: `move[k, j]` (columns STROKE_COLUMN to LEAKAGE_COLUMN) is written in place. Bit j
+            of `must_boost[k]` is set if the joint needs boost at any speed. Bit j of `may_boost[k]`
+            is set if it needs boost at V_max. Bits are never cleared.
         k: Number of the move.
     """
     move, stroke = buffers.move[k, j], abs(delta)
@@ -494,15 +503,17 @@ def _describe_hold(
     buffers: StepBuffers,
     k: int,
 ) -> None:
-    """Replace the columns of a slow joint by those of a hold if it must be held in boost.
+    """Treat a slow joint as held at rest if its load must be held in boost.
 
-    It must be if P_S cannot hold its load, but the highest boost pressure can.
+    This is so if the main pump's pressure P_S cannot hold the load, but the highest boost pressure
+    can. Otherwise nothing changes.
 
     Args:
-        c: Hydraulic coefficients.
+        c: Hydraulic coefficients of the machine.
         j: Index of the joint.
         forces: Piston forces at start, middle and end, positive if they resist extension [N].
-        buffers: `move[k, j]` and bit j of `must_boost[k]` and `may_boost[k]` are written in place.
+        buffers: The pressures and the leakage in `move[k, j]` are overwritten, and bit j of
+            `must_boost[k]` and `may_boost[k]` is set.
         k: Number of the move.
     """
     move = buffers.move[k, j]
@@ -522,17 +533,19 @@ def _describe_hold(
 def _price_move(
     c: HydraulicCoefficients, pattern: ModeArray, move: FloatArray, cost: FloatArray
 ) -> int:
-    """Compute duration and energies of a move in one pattern.
+    """Compute duration and energies of a move in one mode pattern.
 
     Args:
-        c: Hydraulic coefficients.
+        c: Hydraulic coefficients of the machine.
         pattern: Mode of each joint, shape (n,).
-        move: Columns of each joint's move, shape (n, MOVE_WIDTH).
-        cost: T [s], E paper [J] and E series [J], shape (3,). Written in place unless the step is
-            inadmissible.
+        move: Columns STROKE_COLUMN to LEAKAGE_COLUMN of each joint's move, shape (n, MOVE_WIDTH).
+        cost: duration [s], energy by the published model (`paper`) [J], energy with the pumps in
+            series (`series`) [J], shape (3,). Written in place unless the result is
+            STEP_INADMISSIBLE.
 
     Returns:
-        STEP_INADMISSIBLE, WITHOUT_NEED or STEP_CONSISTENT.
+        STEP_INADMISSIBLE; WITHOUT_NEED if the pattern also boosts a joint that does not need it;
+        otherwise STEP_CONSISTENT.
     """
     duration, rail_leak = _compute_duration(c, pattern, move)
     if duration == math.inf:
@@ -550,16 +563,20 @@ def _price_move(
 def _compute_duration(
     c: HydraulicCoefficients, pattern: ModeArray, move: FloatArray
 ) -> tuple[float, float]:
-    """Compute the duration of a move in one pattern, and the leakage of a valve at the rail.
+    """Compute the duration of a move in one mode pattern, and the leakage at the shared rail.
+
+    The duration is the longest of each piston's stroke at its largest speed and the oil volume at
+    the main pump's flow. The flow is reduced by the leakage of all valves, also that at boosted
+    pressure.
 
     Args:
-        c: Hydraulic coefficients.
+        c: Hydraulic coefficients of the machine.
         pattern: Mode of each joint, shape (n,).
-        move: Columns of each joint's move, shape (n, MOVE_WIDTH).
+        move: Columns STROKE_COLUMN to LEAKAGE_COLUMN of each joint's move, shape (n, MOVE_WIDTH).
 
     Returns:
         Duration [s], inf if leakage takes the whole flow. Additional leakage of each valve at the
-        shared rail [m³/s], 0 without one.
+        shared rail, compared with the main pump's pressure [m³/s]; 0 if no joint is on the rail.
     """
     duration = volume = rail_leak = 0.0
     shared = c.shared_flow
@@ -584,17 +601,20 @@ def _compute_duration(
 def _check_pressures(
     c: HydraulicCoefficients, pattern: ModeArray, move: FloatArray, duration: float
 ) -> tuple[int, float]:
-    """Check whether a pattern boosts the joints of a move that need boost.
+    """Check whether a mode pattern boosts the joints of a move that need boost.
 
     Args:
-        c: Hydraulic coefficients.
+        c: Hydraulic coefficients of the machine.
         pattern: Mode of each joint, shape (n,).
-        move: Columns of each joint's move, shape (n, MOVE_WIDTH).
+        move: Columns STROKE_COLUMN to LEAKAGE_COLUMN of each joint's move, shape (n, MOVE_WIDTH).
         duration: Duration of the move [s].
 
     Returns:
-        STEP_INADMISSIBLE, WITHOUT_NEED or STEP_CONSISTENT. Supply pressure of the shared rail at
-        the middle of the move [Pa], 0 without one.
+        Status, and supply pressure of the shared rail at the middle of the move [Pa], 0 if no
+        loaded joint is on the rail. The status is STEP_INADMISSIBLE if a joint that needs boost is
+        not boosted, or needs more than the highest boost pressure; the rail's pressure is then not
+        valid. It is WITHOUT_NEED if a joint is boosted that does not need it, otherwise
+        STEP_CONSISTENT.
     """
     status, rail = STEP_CONSISTENT, 0.0
     for j in range(len(pattern)):
@@ -623,18 +643,19 @@ def _compute_energies(
     duration: float,
     rail: tuple[float, float],
 ) -> tuple[float, float]:
-    """Compute the energies of an admissible move in one pattern.
+    """Compute the energies of an admissible move in one mode pattern.
 
     Args:
-        c: Hydraulic coefficients.
+        c: Hydraulic coefficients of the machine.
         pattern: Mode of each joint, shape (n,).
-        move: Columns of each joint's move, shape (n, MOVE_WIDTH).
+        move: Columns STROKE_COLUMN to LEAKAGE_COLUMN of each joint's move, shape (n, MOVE_WIDTH).
         duration: Duration of the move [s].
-        rail: Supply pressure of the shared rail [Pa], and additional leakage of each valve at it
-            [m³/s].
+        rail: Supply pressure of the shared rail [Pa], and additional leakage of each valve at this
+            pressure [m³/s].
 
     Returns:
-        Energy in the readings `paper` and `series` [J].
+        Energy by the published model (`paper`) and energy with main pump and servo pump in series
+        (`series`) [J].
     """
     paper_sum = series_sum = c.supply_pressure * c.idle_leakage * duration
     for j in range(len(pattern)):
@@ -659,7 +680,7 @@ def _compute_energies(
 def middle_forces(
     m: MachineArrays, start: FloatArray, end: FloatArray, first: int, force: FloatArray
 ) -> None:
-    """Compute the piston forces under gravity at the middle of moves from one posture to several.
+    """Compute the piston forces under gravity at the middle of moves that leave one posture.
 
     A move is straight in joint space.
 
@@ -669,8 +690,8 @@ def middle_forces(
         end: Joint positions, shape (postures, n) [rad or m].
         first: Row of `end` that the first move reaches; further moves reach the following rows.
         force: Forces, positive if they resist extension, shape (count, n) [N]. Written in place;
-            count is the number of moves. NaN if the tip leaves the workspace on the way, which
-            makes the move inadmissible.
+            count is the number of moves. If the tip leaves the workspace on the way, the row
+            becomes NaN, and the move is inadmissible.
     """
     middle = np.empty(len(start))
     for k in range(len(force)):
@@ -691,7 +712,7 @@ def mark_collisions(
     first: int,
     force: FloatArray,
 ) -> None:
-    """Set the middle forces of moves to NaN if the arm comes too near to an obstacle on the way.
+    """Mark moves on which the arm comes too near to an obstacle by NaN.
 
     Args:
         m: Arrays of the machine.
@@ -731,8 +752,9 @@ def step_costs(
 ) -> StepCosts:
     """Compute the costs of the step between two postures in every mode pattern.
 
-    The postures need not belong to a posture table. The step is inadmissible in all patterns if the
-    tip leaves the workspace or the arm comes too near to an obstacle on the way.
+    A mode pattern is one mode for each actuator. The postures need not belong to a posture table.
+    The step is inadmissible in all patterns if the tip leaves the workspace or the arm comes too
+    near to an obstacle on the way.
 
     Args:
         machine: Machine with its payload, mode patterns and obstacles.
@@ -742,7 +764,8 @@ def step_costs(
             switches this rule off.
 
     Returns:
-        Admissibility, duration [s] and energies [J] by pattern.
+        Admissibility, duration [s] and both energies [J] by mode pattern, in the order of
+        `machine.patterns`.
     """
     arrays, patterns = machine.arrays, machine.patterns
     from_start = describe_postures(arrays, np.array([start], dtype=np.float64))
