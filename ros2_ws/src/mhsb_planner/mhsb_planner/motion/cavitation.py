@@ -18,7 +18,10 @@ from mhsb_planner.search.discrete_path import DiscretePath
 def find_cavitations(machine: Machine, motion: Trajectory) -> tuple[Cavitation, ...]:
     """Find the actuators that cavitate during a trajectory.
 
-    The loads are gravity forces without inertia. They are checked at the trajectory's points only.
+    An actuator cavitates if the load drives the piston faster than its inlet chamber fills. The
+    loads are gravity forces without inertia. They are checked at the trajectory's points only.
+    Pistons in the dead band (up to MAX_HELD_SPEED) do not cavitate, since their closed valves hold
+    them.
 
     Args:
         machine: Machine with its payload and hydraulics.
@@ -36,7 +39,9 @@ def find_cavitations(machine: Machine, motion: Trajectory) -> tuple[Cavitation, 
 def find_cavitating_steps(machine: Machine, path: DiscretePath) -> np.ndarray:
     """Find the steps of a discrete path in which an actuator cavitates.
 
-    Each step is checked at its start, middle and end in joint space, under gravity.
+    An actuator cavitates if the load drives the piston faster than its inlet chamber fills. Each
+    step is checked at its start, middle and end in joint space, under gravity without inertia.
+    Joint velocities are constant within a step.
 
     Args:
         machine: Machine with its payload and hydraulics.

@@ -101,22 +101,23 @@ def motion_energy(
     schedule: ModeSchedule,
     profiles: Profiles | None = None,
 ) -> Energy:
-    """Compute the energy from the trajectory's first to its last point, leakage included.
+    """Compute the energy of a trajectory in the modes of its schedule, leakage included.
 
-    Power is integrated by the trapezoidal rule over half intervals. It jumps when a boosted load
-    begins to move, so a rule of higher order gains nothing.
+    Power is integrated by the trapezoidal rule over the halves of the intervals between points and
+    mode switches.
 
     Args:
         machine: Machine with its payload and hydraulics.
         trajectory: Joint trajectory.
         schedule: Modes over time.
-        profiles: Profiles at the trajectory's points and middles, and the modes between the points.
-            The modes then change at these points only. None computes the profiles, also at the
-            times of mode changes between the points.
+        profiles: Profiles (piston speeds and forces) at the trajectory's points and middles, and
+            the modes between the points. They are used instead of `schedule`, whose modes must then
+            change at the points only. None computes them, and mode switches may lie anywhere.
 
     Returns:
-        Energy of the motion and its distribution [J], including the charging of lines before
-        boosts; all zero if there is only one point.
+        Energy of the motion by the published model (`paper`), and with main and servo pumps in
+        series together with its distribution [J]. The charging of lines before boosts is included.
+        All fields are zero if there is only one point.
     """
     edges = (
         trajectory.offset_ns
@@ -143,17 +144,18 @@ def motion_energy(
 def _add_charging(
     machine: Machine, energy: Energy, profile: MotionProfile, modes: ModeArray
 ) -> Energy:
-    """Add the energy that charges lines before boosts.
+    """Add the energy that servo pumps take to charge their lines before boosts.
 
     Args:
         machine: Machine with its circuit and servo settings.
         energy: Energy without charging.
-        profile: Profile with one row for the beginning of each row of `modes`, or more.
+        profile: Profile (piston speeds and forces) with one row for the beginning of each row of
+            `modes`; further rows are ignored.
         modes: Mode codes, shape (k, n).
 
     Returns:
-        Energy whose `servo_pumps` and `servo_pump_losses` are larger by the charging and by its
-        losses [J].
+        Energy [J] whose `servo_pumps` is larger by the charging, and whose `servo_pump_losses` is
+        larger by the losses of the charging.
     """
     charging = charging_energy(machine, profile.speed, profile.force, modes)
     if charging == 0.0:
@@ -169,10 +171,11 @@ def _add_charging(
 def charging_energy(
     machine: Machine, speed: FloatArray, force: FloatArray, modes: ModeArray
 ) -> float:
-    """Compute the shaft work that charges lines before boosts.
+    """Compute the shaft work that servo pumps take to charge their lines before boosts.
 
-    A boost begins in a row whose mode is boosted after a row whose mode is not. A boost that is in
-    force in the first row costs nothing.
+    A boost begins in a row whose mode is boosted after a row whose mode is not. Its line must then
+    be raised from the main pump's pressure. A boost that is in force in the first row costs
+    nothing.
 
     Args:
         machine: Machine with its circuit and servo settings.
@@ -200,7 +203,8 @@ def _profiles(
         machine: Machine with its payload.
         trajectory: Joint trajectory.
         schedule: Modes over time.
-        edges: Times at which the modes may change, after the trajectory's stamp, shape (k,) [ns].
+        edges: Times after the trajectory's stamp, in ascending order, shape (k,) [ns]. The modes
+            may change only there.
 
     Returns:
         Piston speeds, forces, inertia forces and tip positions at the k times and at the k - 1
@@ -224,7 +228,8 @@ def _find_interval_limits(trajectory: Trajectory, schedule: ModeSchedule) -> Int
         schedule: Modes over time.
 
     Returns:
-        Limits of the intervals in ascending order, after the trajectory's stamp [ns].
+        Limits of the intervals in ascending order, counted from the trajectory's stamp [ns]. The
+        first and the last point are among them.
     """
     switched = schedule.stamp_ns + schedule.offset_ns - trajectory.stamp_ns
     switched = switched[(switched > 0) & (switched < trajectory.duration_ns)]
@@ -254,8 +259,9 @@ def energy_of_states(
         acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²]. None leaves inertia out.
 
     Returns:
-        Energy of all states together and its distribution [J], including the charging of lines
-        before boosts.
+        Energy of all states together by the published model (`paper`), and with main and servo
+        pumps in series together with its distribution [J]. The charging of lines before boosts is
+        included.
     """
     profile = motion_profile(machine, position, velocity, acceleration)
     energy = _sum_state_energies(
@@ -273,19 +279,20 @@ def _sum_state_energies(
     inertia: FloatArray,
     modes: ModeArray,
 ) -> FloatArray:
-    """Compute the energy of states that last for given times, without charging of lines.
+    """Compute the energy of states of motion that last for given times, without charging of lines.
 
     Args:
         m: Arrays of the machine.
         span: Duration of each state, shape (k,) [s].
         speed: Piston speeds, shape (k, n) [m/s].
         force: Piston forces under gravity, shape (k, n) [N].
-        inertia: Piston forces from inertia, shape (k, n) [N].
+        inertia: Piston forces from inertia, which add to those of gravity, shape (k, n) [N].
         modes: Mode codes, shape (k, n).
 
     Returns:
-        Energies in the order of the fields of `Energy`, shape (7,) [J]: reading `paper`, main pump,
-        shafts of the servo pumps, their losses, leakage, work on the loads, oil to the tank.
+        Energies in the order of the fields of `Energy`, shape (7,) [J]: published model (`paper`),
+        main pump, shafts of the servo pumps, losses of the servo pumps, leakage, work on the loads,
+        oil to the tank.
     """
     energy, power, own = (
         np.zeros(ENERGY_FIELD_COUNT),
@@ -311,7 +318,7 @@ def _integrate_power(
     middle_inertia: FloatArray,
     modes: ModeArray,
 ) -> FloatArray:
-    """Integrate the power over k intervals by the trapezoidal rule over their halves.
+    """Integrate the powers of a motion over k intervals, by the trapezoidal rule over their halves.
 
     Args:
         m: Arrays of the machine.
@@ -325,9 +332,9 @@ def _integrate_power(
         modes: Mode codes of each interval, shape (k, n).
 
     Returns:
-        Energies in the order of the fields of `Energy`, shape (7,) [J]: reading `paper`, main pump,
-        shafts of the servo pumps, their losses, leakage, work on the loads, oil to the tank. The
-        charging of lines is not included.
+        Energies in the order of the fields of `Energy`, shape (7,) [J]: published model (`paper`),
+        main pump, shafts of the servo pumps, losses of the servo pumps, leakage, work on the loads,
+        oil to the tank. The charging of lines is not included.
     """
     energy, own = np.zeros(ENERGY_FIELD_COUNT), np.empty(speed.shape[1])
     begin, middle, end = (
@@ -360,7 +367,7 @@ def _compute_powers(
     own: FloatArray,
     power: FloatArray,
 ) -> None:
-    """Compute the powers of one state of motion.
+    """Compute the powers of pumps, losses and loads in one state of motion.
 
     Test oracle: a calculation by hand.
 
@@ -368,12 +375,12 @@ def _compute_powers(
         m: Arrays of the machine.
         speed: Piston speeds, shape (n,) [m/s].
         force: Piston forces under gravity, shape (n,) [N].
-        inertia: Piston forces from inertia, shape (n,) [N].
+        inertia: Piston forces from inertia, which add to those of gravity, shape (n,) [N].
         modes: Mode codes, shape (n,).
         own: Working memory, shape (n,), overwritten: boosted supply pressure of each actuator [Pa].
         power: Powers in the order of the fields of `Energy`, shape (7,) [W]. Written in place:
-            reading `paper`, main pump, shafts of the servo pumps, their losses, leakage, work on
-            the loads, oil to the tank.
+            published model (`paper`), main pump, shafts of the servo pumps, losses of the servo
+            pumps, leakage, work on the loads, oil to the tank.
     """
     oil, efficiency = get_shared_hydraulics(m), m.servo_pump_efficiency
     valve, cap, rod = m.valve_coefficient, m.cap_area, m.rod_area
@@ -420,14 +427,21 @@ def _compute_charging_work(
     force: FloatArray,
     modes: ModeArray,
 ) -> float:
-    """Compute the hydraulic work that charges lines before boosts, without pump losses.
+    """Compute the hydraulic work that charges supply lines before boosts, without pump losses.
 
-    The caller also calls it for motions without boost, so that it is compiled before the first
-    boost. Test oracle: sums computed by hand.
+    A boost begins in a row whose mode is boosted after a row whose mode is not. Its line of the
+    volume V is then raised by Δp to the boosted pressure. With the bulk modulus β, the flow Q into
+    cylinder and valve, and the time T:
+
+        work = V Δp²/(2β) + Q Δp T
+
+    The first actuators on the rail also share the volume of the rail.
+
+    Test oracle: sums computed by hand.
 
     Args:
         m: Arrays of the machine.
-        volumes: Oil volume of each actuator's line and of the shared boost line [m³].
+        volumes: Oil volume of one actuator's line, and of the shared rail [m³].
         bulk_modulus: Bulk modulus β of the oil [Pa].
         charged_time: Time T for which a line is at its pressure before the boost begins [s].
         speed: Piston speeds at the beginning of each row, shape (k, n) [m/s]. Further rows are
@@ -455,7 +469,7 @@ def _compute_charging_work(
 
 @kernel(borrows=True)
 def _count_on_rail(modes: ModeArray, k: int) -> int:
-    """Count the actuators whose mode in row k joins them to the rail.
+    """Count the actuators whose mode in row k connects them to the shared rail.
 
     Args:
         modes: Mode codes, shape (rows, n).

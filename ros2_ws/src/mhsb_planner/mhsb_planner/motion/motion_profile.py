@@ -87,7 +87,7 @@ def motion_profile(
 
     Returns:
         Profile with k rows: piston speeds [m/s], piston forces under gravity and from inertia [N],
-        and tip positions [m].
+        tip positions and joint positions.
     """
     qdd = np.empty((0, position.shape[1])) if acceleration is None else acceleration
     q = as_frozen(position)

@@ -28,7 +28,7 @@ def format_switches(count: int) -> str:
 
 
 def format_mode_intervals(schedule: ModeSchedule, duration: float, actuator: int) -> str:
-    """Format the modes of one actuator over a motion.
+    """Format the modes of one actuator over a motion as text.
 
     Args:
         schedule: Mode schedule of the motion, with the stamp of its trajectory.
@@ -36,8 +36,8 @@ def format_mode_intervals(schedule: ModeSchedule, duration: float, actuator: int
         actuator: Index of the actuator.
 
     Returns:
-        Each mode with the time at which it ends [s], such as `N until 0.52 s, DB until the end`;
-        `N throughout` if it stays the same.
+        Each mode with the time at which it ends [s], such as `N until 0.52 s, DB until the end`. `N
+        throughout` if the mode does not change. Switches at or after `duration` are left out.
     """
     codes, times = schedule.modes[:, actuator], schedule.offset_ns / SECOND_NS
     begins = np.flatnonzero(np.diff(codes.astype(int), prepend=-1))
@@ -69,7 +69,7 @@ def list_columns(machine: Machine) -> list[str]:
 def iterate_rows(
     machine: Machine, trajectory: Trajectory, schedule: ModeSchedule
 ) -> Iterator[list[float | str]]:
-    """Iterate over the points of a trajectory, which are at most 20 ms apart.
+    """Iterate over the points of a trajectory as rows of a table.
 
     Args:
         machine: The machine.
@@ -77,9 +77,9 @@ def iterate_rows(
         schedule: Modes over time.
 
     Yields:
-        Time since the first point [s]; positions, velocities and accelerations of all joints [rad
-        or m, per s and s²]; modes as N, DB or SB; planned pressure in each actuator's supply line
-        [Pa].
+        One row for each point: time since the first point [s]; positions, then velocities, then
+        accelerations of all joints [rad or m, per s and s²]; mode of each actuator as N, DB or SB;
+        planned pressure in each actuator's supply line [Pa].
     """
     modes = schedule.modes_at_many(trajectory.stamp_ns + trajectory.offset_ns)
     profile = motion_profile(machine, trajectory.position, trajectory.velocity)

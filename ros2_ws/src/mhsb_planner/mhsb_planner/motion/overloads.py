@@ -51,10 +51,10 @@ class Overload:
 def find_overloads(
     machine: Machine, time: FloatArray, profile: MotionProfile
 ) -> tuple[Overload, ...]:
-    """Find the actuators that rest under loads beyond the highest boost pressure.
+    """Find the actuators that rest under loads that take more than the highest boost pressure.
 
-    A cylinder rests if its speed is within the dead band. A rest lasts from each resting instant to
-    the next instant; the last instant adds no time.
+    Only the closed valve holds such a load. A cylinder rests if its speed is within the dead band.
+    A rest lasts from each resting instant to the next instant; the last instant adds no time.
 
     Args:
         machine: Machine with its hydraulics.
@@ -87,6 +87,8 @@ def find_overloads(
 @kernel
 def _has_overload(m: MachineArrays, speed: FloatArray, force: FloatArray) -> bool:
     """Return whether any cylinder rests under a load beyond the highest boost pressure.
+
+    A cylinder rests if its speed is within the dead band.
 
     Args:
         m: Arrays of the machine.

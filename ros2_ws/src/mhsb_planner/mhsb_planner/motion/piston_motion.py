@@ -17,7 +17,7 @@ With a smaller step the error is below rounding."""
 
 @kernel
 def compute_cylinder_lengths(m: MachineArrays, posture: FloatArray) -> FloatArray:
-    """Compute the cylinder lengths in k postures.
+    """Compute the lengths of all cylinders in k postures.
 
     Args:
         m: Arrays of the machine.
@@ -37,9 +37,10 @@ def compute_cylinder_lengths(m: MachineArrays, posture: FloatArray) -> FloatArra
 def convert_to_pistons(
     m: MachineArrays, q: FloatArray, qd: FloatArray, qdd: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Convert one state of the joints to the pistons.
+    """Convert one state of motion of the joints to the pistons.
 
-    With the moment arm r = dL/dq and its slope r′ = dr/dq:
+    With the cylinder length L, the moment arm r = dL/dq and its slope r′ = dr/dq, the piston speed
+    v is
 
         v = r q̇,  v̇ = r q̈ + r′ q̇²
 
@@ -69,13 +70,14 @@ def convert_to_joints(
     acceleration: FloatArray,
     start: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Convert a motion of the pistons to the joints.
+    """Convert a motion of the pistons to a motion of the joints.
 
         q = L⁻¹(length),  q̇ = v/r,  q̈ = (v̇ − r′ q̇²)/r
 
-    Each position follows from the one before by two steps q + Δq (1 − r′ Δq/2r) with Δq = ΔL/r. If
-    the second step exceeds MAX_TAYLOR_STEP, Newton's method takes over. Beyond the joint limits the
-    linkage is continued as a straight line, so that a motion that passes the limits shows it.
+    L⁻¹ is the joint position that belongs to a cylinder length, v the piston speed, r = dL/dq the
+    moment arm and r′ its slope. Each position is found from the one before. Beyond the joint limits
+    the linkage is continued as a straight line. A motion that passes the limits therefore gives
+    positions beyond them.
 
     Args:
         m: Arrays of the machine.

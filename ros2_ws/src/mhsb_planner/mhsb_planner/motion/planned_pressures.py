@@ -18,10 +18,10 @@ from mhsb_model.types import FloatArray, ModeArray
 def planned_supply(
     machine: Machine, force: FloatArray, speed: FloatArray, modes: ModeArray
 ) -> FloatArray:
-    """Compute the supply pressure of each actuator's line as planned.
+    """Compute the planned supply pressure in each actuator's line at k instants.
 
-    It is P_S in mode N, the actuator's own boosted pressure in mode DB, and the pressure of the
-    shared rail in mode SB.
+    In mode N it is the main pump's pressure, in mode DB the pressure of the actuator's own servo
+    pump. In mode SB it is the pressure of the shared rail, which the most loaded actuator sets.
 
     Args:
         machine: The arm.
@@ -30,7 +30,7 @@ def planned_supply(
         modes: Modes in force, shape (k, n).
 
     Returns:
-        Pressures [Pa], shape (k, n).
+        Pressures, shape (k, n) [Pa].
     """
     m, oil = machine.arrays, get_shared_hydraulics(machine.arrays)
     own_of = list(zip(m.valve_coefficient, m.cap_area, m.rod_area, strict=True))

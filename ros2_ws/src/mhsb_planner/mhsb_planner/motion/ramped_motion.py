@@ -40,7 +40,8 @@ class RampedMotion:
         ramp_begin: Time at which each ramp begins, shape (c,) [s]. Some begin before time 0.
         change: Change of the piston speeds in each ramp, shape (c, n) [m/s].
         rise: Time T₁ of each ramp (`s3_ramps.Ramp`), shape (c,) [s].
-        blend: Time T₂ of each ramp, shape (c,) [s].
+        blend: Time T₂ of each ramp, in which the acceleration builds up, and in which it decreases,
+            shape (c,) [s].
         node_time: Time at which the motion is to be at each node of the discrete path, shape (k +
             1,) [s].
     """
@@ -62,10 +63,10 @@ class RampedMotion:
 
     @cached_property
     def breaks(self) -> FloatArray:
-        """Times from 0 to the end between which the jerk is constant, shape (m,) [s].
+        """Times from 0 to the end of the motion between which the jerk is constant, shape (m,) [s].
 
-        Times less than `RAMP_TIME_STEP` apart are merged. Ramps whose changes of speed are rounding
-        are left out.
+        Times less than `RAMP_TIME_STEP` apart are merged. Ramps whose changes of speed are mere
+        rounding are left out.
         """
         return _find_breaks(self.ramp_begin, self.change, self.rise, self.blend)
 
@@ -73,7 +74,7 @@ class RampedMotion:
         """Compute the joint motion at given times.
 
         Args:
-            time: Times in ascending order, shape (k,) [s].
+            time: Times in ascending order from the start of the motion, shape (k,) [s].
 
         Returns:
             Joint positions [rad or m], velocities [rad/s or m/s] and accelerations
@@ -85,7 +86,7 @@ class RampedMotion:
         """Compute the piston motion at given times.
 
         Args:
-            time: Times in ascending order, shape (k,) [s].
+            time: Times in ascending order from the start of the motion, shape (k,) [s].
 
         Returns:
             Cylinder lengths [m], piston speeds [m/s] and accelerations [m/s²], of shape (k, n).
@@ -96,10 +97,10 @@ class RampedMotion:
 
     @cached_property
     def peaks(self) -> tuple[float, float]:
-        """Largest piston acceleration and jerk as fractions of the machine's limits [-].
+        """Largest acceleration and jerk of a piston, as fractions of the machine's limits [-].
 
-        They are taken from the accelerations at `breaks`, between which acceleration is linear in
-        time.
+        They follow from the accelerations at the times `breaks`, between which the acceleration is
+        linear.
         """
         m, time = self.machine.arrays, self.breaks
         acceleration, jerk = _find_peaks(time, self.sample_pistons(time)[2])
@@ -111,15 +112,16 @@ class RampedMotion:
         return max(self.peaks) <= LIMIT_ROUNDING_FACTOR
 
     def superpose(self, other: RampedMotion) -> RampedMotion:
-        """Superpose the ramps of another motion on this one.
+        """Return the sum of this motion and another one: both have all their changes of speed.
 
-        Start posture and cylinder lengths are this motion's. Initial speeds are added.
+        Start posture and initial cylinder lengths are those of this motion. The speeds before the
+        first ramp are added.
 
         Args:
-            other: Motion whose ramps are added and whose node times the result has.
+            other: Motion whose ramps are added. The times at the path's nodes are taken from it.
 
         Returns:
-            The sum of both motions.
+            The sum; both motions stay as they are.
         """
         return RampedMotion(
             self.machine,
@@ -140,17 +142,22 @@ def _find_breaks(
 ) -> FloatArray:
     """Compute the times between which the jerk of a ramped motion is constant.
 
-    Ramps that change no speed by more than SPEED_ROUNDING are left out. Of times that are less than
-    RAMP_TIME_STEP apart the first is kept.
+    A ramp changes the piston speeds by a trapezoid of acceleration. It builds up during T₂, begins
+    to decrease T₁ after its beginning, and is over after T₁ + T₂. The jerk changes at 0, T₂, T₁ and
+    T₁ + T₂ after its beginning. Ramps that change no speed by more than SPEED_ROUNDING are left
+    out. Of times that are less than RAMP_TIME_STEP apart the first is kept.
 
     Args:
         at: Time at which each ramp begins, shape (c,) [s].
         change: Change of the piston speeds in each ramp, shape (c, n) [m/s].
-        rise: Time T₁ of each ramp, shape (c,) [s].
-        blend: Time T₂ of each ramp, shape (c,) [s].
+        rise: Time T₁ of each ramp, from the beginning of the acceleration to the beginning of its
+            decrease, shape (c,) [s].
+        blend: Time T₂ of each ramp, in which the acceleration builds up, and in which it decreases,
+            shape (c,) [s].
 
     Returns:
-        Ascending times from 0 to the end of the last ramp, at least RAMP_TIME_STEP [s].
+        Ascending times [s]. The first is 0, the last is the end of the last ramp, but not less than
+        RAMP_TIME_STEP.
     """
     inner, count, end = np.empty(4 * len(at)), 0, RAMP_TIME_STEP
     for i in range(len(at)):
@@ -173,7 +180,7 @@ def _find_breaks(
 
 @kernel
 def _find_peaks(time: FloatArray, acceleration: FloatArray) -> tuple[float, float]:
-    """Compute the largest acceleration and jerk of piecewise linear piston accelerations.
+    """Compute the largest acceleration and jerk of pistons with piecewise linear acceleration.
 
     Args:
         time: Times in ascending order, shape (k,) [s].
@@ -204,18 +211,22 @@ def _sample_pistons(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute lengths, speeds and accelerations of the pistons of a ramped motion.
 
-    Only times within a ramp evaluate it. A finished ramp contributes a constant change of speed and
-    a constant lag of length; both are accumulated over time. Test oracle: the path convolved
-    numerically.
+    A ramp changes the piston speeds by a trapezoid of acceleration. It builds up during T₂, begins
+    to decrease T₁ after its beginning, and is over after T₁ + T₂. Ramps may have begun before time
+    0; the given lengths are those at time 0.
+
+    Test oracle: the path convolved numerically.
 
     Args:
-        time: Times in ascending order, shape (k,) [s].
+        time: Times in ascending order from the start of the motion, shape (k,) [s].
         start: Cylinder lengths at time 0, shape (n,) [m].
         speed: Piston speeds before the first ramp, shape (n,) [m/s].
         at: Time at which each ramp begins, shape (c,) [s].
         change: Change of the piston speeds in each ramp, shape (c, n) [m/s].
-        rise: Time T₁ of each ramp, shape (c,) [s].
-        blend: Time T₂ of each ramp, shape (c,) [s].
+        rise: Time T₁ of each ramp, from the beginning of the acceleration to the beginning of its
+            decrease, shape (c,) [s].
+        blend: Time T₂ of each ramp, in which the acceleration builds up, and in which it decreases,
+            shape (c,) [s].
 
     Returns:
         Cylinder lengths [m], piston speeds [m/s] and accelerations [m/s²], of shape (k, n).

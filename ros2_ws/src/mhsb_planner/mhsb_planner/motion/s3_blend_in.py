@@ -78,18 +78,19 @@ class Coasting:
 
 
 def compute_coasting(machine: Machine, start: MotionState) -> Coasting:
-    """Compute the motion by which a moving start comes to rest by itself, its coasting.
+    """Compute the coasting of a moving start: the motion by which it comes to rest by itself.
 
-    Several ramps and values of δ are tried; the first motion within the limits of acceleration and
-    jerk is taken. If there is none, the last one is taken and exceeds them
-    (`RampedMotion.keeps_dynamic_limits`).
+    All pistons come to rest by one common ramp, after a delay δ if necessary. Several ramps and
+    values of δ are tried, and the first motion within the limits of acceleration and jerk is taken.
+    If there is none, the last motion tried is taken, although it exceeds the limits
+    (`RampedMotion.keeps_dynamic_limits` is False).
 
     Args:
         machine: Machine that moves.
         start: State of the joints at the start.
 
     Returns:
-        Coasting from the start to rest.
+        Coasting from the start to rest, as a motion of the pistons and as a joint trajectory.
     """
     for motion in _iterate_gentler_motions(machine, start):
         if motion.keeps_dynamic_limits:
@@ -99,10 +100,11 @@ def compute_coasting(machine: Machine, start: MotionState) -> Coasting:
 
 
 def _iterate_gentler_motions(machine: Machine, start: MotionState) -> Iterator[RampedMotion]:
-    """Yield coasting motions with ever smaller acceleration or jerk.
+    """Yield motions by which a moving start comes to rest, with ever smaller acceleration or jerk.
 
-    The ramp that the present speeds need comes first, then the ramp for V_max. With each of them δ
-    grows from 0 in `MOST_PARTS` equal steps.
+    In each motion all pistons stop by one common ramp, which begins at a time δ. The shortest ramp
+    for the present speeds comes first, then the ramp for V_max if it is another one. With each of
+    them, δ grows from 0 in `MOST_PARTS` equal steps.
 
     Args:
         machine: Machine that moves.
@@ -122,17 +124,18 @@ def _iterate_gentler_motions(machine: Machine, start: MotionState) -> Iterator[R
 def _compute_coasting_motion(
     machine: Machine, start: MotionState, ramp: Ramp, parts: int
 ) -> RampedMotion:
-    """Compute the coasting with a given ramp and a given time at which the ramp to rest begins.
+    """Compute how a moving start comes to rest by one ramp that is common to all pistons.
 
+    A ramp changes speeds by a trapezoid of acceleration. The acceleration builds up in the time T₂.
     The ramp to rest begins at the time δ = `parts` · T₂/2, rounded up to a multiple of
-    RAMP_TIME_STEP.
+    RAMP_TIME_STEP. Until then each piston finishes a change of speed that began in the past and
+    explains its present speed and acceleration.
 
     Args:
         machine: Machine that moves.
         start: State of the joints at the start.
         ramp: Ramp of all changes of speed.
-        parts: δ as a multiple of half the ramp's time T₂, in which acceleration builds up. 0 means
-            δ = 0.
+        parts: δ as a multiple of T₂/2; 0 means δ = 0.
 
     Returns:
         Motion of the pistons with n + 1 ramps: one begun in the past for each piston, and the
@@ -159,8 +162,8 @@ def _compute_coasting_motion(
 def _choose_ramp(machine: Machine, speed: FloatArray, acceleration: FloatArray) -> Ramp:
     """Choose the shortest ramp from given piston speeds to rest.
 
-    If a piston's acceleration exceeds STEADY_ACCELERATION_SHARE of its limit, the ramp for V_max is
-    chosen, since a change of speed is already under way.
+    If a piston's acceleration exceeds STEADY_ACCELERATION_SHARE of its limit, a change of speed is
+    under way already. The shortest ramp from V_max to rest is then chosen, whatever the speeds.
 
     Args:
         machine: Machine that moves.
@@ -182,19 +185,19 @@ def _choose_ramp(machine: Machine, speed: FloatArray, acceleration: FloatArray) 
 def _infer_past_changes(
     m: MachineArrays, rise: float, blend: float, speed: FloatArray, acceleration: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Find a past change of speed that explains the state of each piston.
+    """Find a past change of speed that explains the present state of each piston.
 
-    The commanded speed was v_a until the time τ ago, and has been v_b since then. For a piston that
-    speeds up, v_a = 0 is chosen, and for one that slows down, v_b = 0. If the other speed would
-    then exceed V_max, that speed is V_max, and neither is 0. A piston without acceleration has v_a
-    = v_b, its present speed.
+    The change is a ramp from the speed v_a to the speed v_b that began the time τ ago. For a piston
+    that speeds up, v_a = 0 is chosen, and for one that slows down, v_b = 0. If the other speed
+    would then exceed V_max, it is set to V_max, and neither speed is 0. A piston without
+    acceleration has v_a = v_b, its present speed.
 
     Args:
         m: Arrays of the machine.
-        rise: Time T₁ of the ramp [s].
-        blend: Time T₂ of the ramp [s].
-        speed: Piston speeds, shape (n,) [m/s].
-        acceleration: Piston accelerations, shape (n,) [m/s²].
+        rise: Time T₁ from the beginning of the acceleration to the beginning of its decrease [s].
+        blend: Time T₂ ≤ T₁ in which the acceleration builds up, and in which it decreases [s].
+        speed: Piston speeds now, shape (n,) [m/s].
+        acceleration: Piston accelerations now, shape (n,) [m/s²].
 
     Returns:
         τ [s], v_a [m/s] and v_b [m/s] of each piston, all of shape (n,).
@@ -226,12 +229,12 @@ def _infer_past_changes(
 
 @kernel
 def _compute_speed_change(rise: float, blend: float, tau: float, acceleration: float) -> float:
-    """Compute the change of speed whose ramp has a given acceleration at the time τ.
+    """Compute the change of speed of a ramp that has a given acceleration at a given time.
 
     Args:
-        rise: Time T₁ of the ramp [s].
-        blend: Time T₂ of the ramp [s].
-        tau: Time since the ramp began [s].
+        rise: Time T₁ from the beginning of the acceleration to the beginning of its decrease [s].
+        blend: Time T₂ ≤ T₁ in which the acceleration builds up, and in which it decreases [s].
+        tau: Time τ since the ramp began [s].
         acceleration: Acceleration at that time [m/s²].
 
     Returns:

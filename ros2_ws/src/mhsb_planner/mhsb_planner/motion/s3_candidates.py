@@ -54,12 +54,12 @@ class SteppedPath:
         return self.node_time
 
     def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Compute the joint motion at given times.
+        """Compute the joint motion at given times; at every node of the path the arm rests.
 
         Before time 0 and after the end the arm rests at the path's first and last posture.
 
         Args:
-            time: Times, shape (m,) [s].
+            time: Times from the start of the motion, in any order, shape (m,) [s].
 
         Returns:
             Joint positions [rad or m], velocities [rad/s or m/s] and accelerations
@@ -78,11 +78,11 @@ class SteppedPath:
 
 
 def compute_stepped_path(machine: Machine, path: DiscretePath, stretch: float) -> SteppedPath:
-    """Compute the motion that rests at every node of a path.
+    """Compute a motion along a discrete path that rests at every node.
 
-    At stretch 1 no piston is faster than its speed in this step of the discrete path. Acceleration
-    and jerk of the pistons keep their limits as well. Both hold apart from the effect of moment
-    arms that vary within the step.
+    Each step is a straight line in joint space. At stretch 1 no piston is faster than in this step
+    of the discrete path, and its acceleration and jerk keep the machine's limits. This holds only
+    approximately if the moment arms vary much within a step. A step lasts at least SHORTEST_STEP.
 
     Args:
         machine: Machine whose piston acceleration and jerk are the limits.
@@ -167,10 +167,11 @@ class FitRules:
 
     @classmethod
     def create_following(cls) -> FitRules:
-        """Create rules for a motion that follows its path within V_max.
+        """Create rules for a motion that follows its path with piston speeds within V_max.
 
         Returns:
-            Rules whose max_excess allows for the reserve and rounding only.
+            Rules without polynomials. Their `max_excess` covers only the reserve of stretching and
+            rounding.
         """
         return cls(trajectory="followed", max_excess=1.001 * USAGE_RESERVE - 1.0)
 
@@ -217,25 +218,32 @@ def iterate_candidates(
     modes: StartModes,
     rules: FitRules,
 ) -> Iterator[CurveCandidate]:
-    """Yield the curves to try along a discrete path, in order.
+    """Yield the curves to try along a discrete path, in the order of trial.
 
-    A start that steers has one curve only. Otherwise the order is: the polynomial, if the rules ask
-    for it; ramps from a start that coasts; ramps and steps from rest after `brake`. If a mode is
-    younger than the least dwell, ramps and steps from rest follow once more after a rest in which
-    the mode becomes that old.
+    A start with a `Steering` has one curve only: straight to the path's end. Otherwise the order
+    is:
+
+    1. the polynomial, if `rules.trajectory` is `polynomial`, and nothing else if
+       `rules.polynomial_only`,
+    2. if the start coasts: ramps that begin at once, 3. ramps from rest, after `brake`, 4. the path
+    step by step with a rest at every node, after `brake`, if `rules.stepped`.
+
+    If a mode is younger than the least time between two switches, 3 and 4 follow once more after an
+    additional rest. In this rest the mode becomes old enough.
 
     Args:
         machine: Machine that moves.
         path: Discrete path.
         start: State of the joints at the start.
         brake: Motion that brings a moving start to rest at the path's first node; None at rest. If
-            the start coasts it is the coasting's trajectory.
-        coast: Coasting or steering of a moving start, or None.
-        modes: Modes in force at the start and their ages.
+            the start coasts, it is the trajectory of `coast`.
+        coast: For a moving start: its coasting (motion to rest by itself), or its `Steering`. None
+            otherwise.
+        modes: Modes in force at the start, and time since each actuator's last switch.
         rules: Settings of the fit.
 
     Yields:
-        Curves that are not computed yet.
+        Curves with the way in which they are tried. None is computed yet.
     """
     rest = MotionState.at_rest(path.posture[0])
     if isinstance(coast, Steering):
@@ -269,20 +277,21 @@ def _iterate_ramped(
     rules: FitRules,
     words: str = "",
 ) -> Iterator[CurveCandidate]:
-    """Yield curves that follow the path with slower and slower ramps.
+    """Yield curves that follow a discrete path, with slower and slower changes of speed (ramps).
 
-    Each curve but the first is tried only if the one before lacked pressure. All may be stretched
-    if valves or pumps cannot follow. From rest, the one with the slowest ramps may also be
-    stretched for lack of pressure.
+    Each curve but the first is to be tried only if the one before lacked pressure. All may be
+    stretched in time if valves or pumps cannot follow. The last curve from rest may also be
+    stretched if pressure lacks.
 
     Args:
         machine: Machine that moves.
         path: Discrete path.
         start: State of the joints at the beginning of the curve.
-        lead_in: Motion before the curve, or None.
-        coast: Coasting of a moving start, or None if the curve begins at rest.
+        lead_in: Motion before the curve, such as braking; None if there is none.
+        coast: Coasting (motion by which a moving start comes to rest by itself). None if the curve
+            begins at rest.
         rules: Settings of the fit, with the factors `ramp_factors`.
-        words: Beginning of the curves' names; it is replaced if the start coasts.
+        words: Beginning of the curves' names. If the start coasts, another beginning is used.
 
     Yields:
         One curve for each factor of `ramp_factors`.
@@ -314,15 +323,15 @@ def _create_polynomial(
 ) -> CurveCandidate:
     """Create the published polynomial as a curve to try.
 
-    From a moving start it is not stretched beyond its first stretch. The travel of each joint that
-    braking and the path need in its first direction is recorded. The caller refuses a curve that
-    runs on farther.
+    From a moving start it is not stretched beyond its first stretch. The candidate then also holds
+    the largest travel that each joint has in its first direction while braking or on the path. The
+    caller refuses a curve that runs on farther.
 
     Args:
         path: Discrete path.
         start: State of the joints at the start.
-        brake: Motion that brings a moving start to rest; half its duration is the time that the
-            polynomial has to reach the path's first node. None at rest.
+        brake: Motion that brings a moving start to rest; None at rest. The polynomial gets half of
+            its duration to reach the path's first node.
 
     Returns:
         Curve with a first stretch that makes the path last SHORTEST_MOVE or longer.
@@ -357,7 +366,7 @@ def compute_furthest_travel(start: MotionState, position: FloatArray) -> FloatAr
         position: Joint positions along a motion, shape (k, n) [rad or m].
 
     Returns:
-        Largest travel from the start in that direction, shape (n,) [rad or m]; 0 for a joint at
-        rest; negative if the joint moves only the other way.
+        Largest travel from the start in that direction, shape (n,) [rad or m]. 0 for a joint that
+        is at rest at the start; negative if the joint moves only the other way.
     """
     return np.max(np.sign(start.velocity) * (position - start.position), axis=0)

@@ -52,11 +52,11 @@ def find_first_contact(machine: Machine, trajectory: Trajectory) -> Contact | No
     """Find the first contact of a trajectory with an obstacle.
 
     An approach that is too close to exclude a contact counts as one. A motion that starts in an
-    obstacle, or nearer than START_LEEWAY, may leave it. It may get deeper into it by at most
-    START_LEEWAY.
+    obstacle, or nearer to it than START_LEEWAY, may leave it. On the way out it may get nearer or
+    deeper by at most START_LEEWAY.
 
     Args:
-        machine: Machine with its obstacles, without the margin of discrete paths.
+        machine: Machine with its obstacles. They count without the margin that discrete paths keep.
         trajectory: Joint trajectory.
 
     Returns:
@@ -73,15 +73,16 @@ def find_first_contact(machine: Machine, trajectory: Trajectory) -> Contact | No
 
 
 def find_contact_ahead(machine: Machine, trajectory: Trajectory, now_ns: int) -> Contact | None:
-    """Find the first contact in the rest of a trajectory.
+    """Find the first contact with an obstacle in the rest of a trajectory.
 
-    The check begins at the trajectory's last point at or before the given time. Before the
-    trajectory's start it begins at the first point. After the end nothing is left to check.
+    The check begins at the trajectory's last point at or before the given time. Obstacles count
+    without margin, and one that the arm is in at that point may be left. Before the trajectory's
+    start it begins at the first point. After the end nothing is left to check.
 
     Args:
         machine: Machine with its obstacles.
         trajectory: Joint trajectory.
-        now_ns: Absolute time [ns].
+        now_ns: Absolute time, on the clock of the trajectory's stamp [ns].
 
     Returns:
         The contact, or None if the rest is clear. Its time counts from the point where the check
@@ -114,9 +115,9 @@ def _bound_point_speed(
 ) -> float:  # fmt: skip
     """Compute an upper bound on the speed of all points of the arm in one interval.
 
-    Joint j moves as a quintic over h seconds. Its speed is at most 5/h times the largest difference
-    of adjacent control points. The speeds of the joints add up with the distances that they act
-    over.
+    Each joint moves as a quintic over h seconds. Its speed is at most 5/h times the largest
+    difference of adjacent control points. For a turning joint it is multiplied by the length of the
+    stretched arm beyond it. The products of all joints are added.
 
     Args:
         m: Arrays of the machine.
@@ -159,9 +160,9 @@ def _first_contact(
 ) -> tuple[float, float, int]:
     """Find the first contact of a joint motion with an obstacle by conservative advancement.
 
-    An approach that is too close to exclude a contact counts as one. An obstacle to which the start
-    is nearer than START_LEEWAY is excepted until its clearance has exceeded START_LEEWAY. Until
-    then the motion may get nearer to it, or deeper into it, by at most START_LEEWAY.
+    An approach that is too close to exclude a contact counts as one. An obstacle may be left if the
+    start is in it, or nearer to it than START_LEEWAY. Until the clearance has exceeded START_LEEWAY
+    once, the motion may get nearer or deeper by at most START_LEEWAY.
 
     Test oracle: clearances at instants 0.2 ms apart.
 
@@ -174,8 +175,9 @@ def _first_contact(
         acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²].
 
     Returns:
-        Time of the contact [s], clearance then [m] and row of the obstacle; (0, 0, -1) if there is
-        none. The clearance is negative inside the obstacle. It is positive after an approach.
+        Time of the contact [s], clearance at that time [m] and row of the obstacle; (0, 0, -1) if
+        there is none. The clearance is negative inside the obstacle, and positive if the approach
+        is only too close.
     """
     leeway = compute_leeway(m, rows, position[0], START_LEEWAY)
     inside = np.any(leeway > 0.0)

@@ -71,20 +71,23 @@ def smooth_path(
     beginning: PathBeginning = FROM_REST,
     last_ramp_factor: float = 1.0,
 ) -> RampedMotion:
-    """Smooth the piston motion of a discrete path by ramps.
+    """Smooth the piston motion of a discrete path: each change of speed becomes a ramp.
 
-    Times between corners are rounded up to multiples of RAMP_TIME_STEP.
+    A ramp changes the speeds within limited acceleration and jerk. The times between changes of
+    speed are rounded up to multiples of RAMP_TIME_STEP. If the start moves, its coasting (motion to
+    rest by itself) is added to the motion along the path.
 
     Args:
         machine: Machine that moves.
         path: Discrete path.
         ramp: Ramp of all changes of speed.
         stretch: Factor on the path's durations [-].
-        beginning: Beginning of the motion.
-        last_ramp_factor: Factor on the times of the last ramp, whose middle stays [-].
+        beginning: Time at which the motion along the path begins, its first ramp, and the coasting.
+        last_ramp_factor: Factor on the times of the last ramp [-]. The time of its middle stays.
 
     Returns:
-        Motion of the pistons from the path's first posture, or from the coasting's start.
+        Motion of the pistons from the path's first posture, or with a coasting from the coasting's
+        start.
     """
     length = compute_cylinder_lengths(machine.arrays, path.posture)
     coast, delay, first_ramp = beginning
@@ -129,30 +132,30 @@ def _place_ramps(
     first_rise: float,
     first_blend: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Place one ramp at each point of a path where the piston speeds change.
+    """Place a ramp (smooth change of speed) at each point of a path where the piston speeds change.
 
     The path's first and last point have a ramp, too. Adjacent steps of equal speeds are merged. The
     time between the middles of two ramps is rounded up to a multiple of RAMP_TIME_STEP, and the
-    speeds are lowered accordingly. A ramp is box(T₁) * box(T₂), as in `s3_ramps`, and lasts T₁ +
-    T₂.
+    speeds are lowered accordingly. A ramp has two times, T₁ ≥ T₂: its acceleration builds up in T₂,
+    begins to decrease at T₁, and is over after T₁ + T₂.
 
-    All ramps have the middles that they would have with the first ramp's times. A ramp with the
-    common times is longer and begins earlier. If it would begin before `delay`, it gets the first
-    ramp's times.
+    The first ramp begins at `delay` and has the times `first_rise` and `first_blend`. All others
+    have the times `rise` and `blend`, and the middles that they would have with the first ramp's
+    times. A ramp that would thus begin before `delay` gets the first ramp's times.
 
     Args:
         length: Cylinder lengths at the path's nodes, shape (k + 1, n) [m].
         due: Durations of the path's steps, shape (k,) [s].
-        delay: Earliest time at which a ramp begins; the first ramp of the path begins then [s].
+        delay: Earliest time at which a ramp begins [s].
         rise: Common time T₁ of the ramps [s].
         blend: Common time T₂ of the ramps [s].
-        first_rise: T₁ of the first ramp, and of others that would begin before `delay` [s].
-        first_blend: T₂ of the same ramps [s].
+        first_rise: Time T₁ of the first ramp [s].
+        first_blend: Time T₂ of the first ramp [s].
 
     Returns:
         For each of the c ramps: begin, shape (c,) [s]; change of the piston speeds, shape (c, n)
-        [m/s]; T₁ and T₂, shape (c,) [s]. Last, the time at which the motion is to be at each node,
-        shape (k + 1,) [s]; a node with a ramp has the middle of its ramp.
+        [m/s]; T₁, shape (c,) [s]; and T₂, shape (c,) [s]. Last, the time at which the motion is to
+        be at each node, shape (k + 1,) [s]. For a node with a ramp this is the middle of the ramp.
     """
     steps, n = len(due), length.shape[1]
     corner, count = np.zeros(steps + 1, dtype=np.int64), 0  # nodes at which the speeds change
@@ -203,20 +206,22 @@ def compute_followed_path(
     stretch: float,
     last_ramp_factor: float = 1.0,
 ) -> RampedMotion:
-    """Compute a motion along a path that keeps the pistons' limits of acceleration and jerk.
+    """Compute a motion along a discrete path that keeps the limits of piston acceleration and jerk.
 
-    Motions with longer and longer ramps are tried in order.
+    Each change of the piston speeds is a ramp. Motions with longer and longer ramps are tried in
+    order.
 
     Args:
         machine: Machine that moves.
         path: Discrete path.
-        ramp_factor: Factor on the duration of the shortest ramps [-].
-        coast: Coasting of a moving start, or None if the motion begins at rest.
+        ramp_factor: Factor on the duration of the shortest ramps that the path's speeds allow [-].
+        coast: Coasting (motion by which a moving start comes to rest by itself). None if the motion
+            begins at rest.
         stretch: Factor on the path's durations [-].
         last_ramp_factor: Further factor on the duration of the last ramp [-].
 
     Returns:
-        First motion within the limits. If none is, the last one tried, which exceeds them.
+        First motion within the limits. If there is none: the last motion tried, which exceeds them.
     """
     tried = _iterate_slower_motions(machine, path, ramp_factor, coast, stretch, last_ramp_factor)
     motion = next(tried)
@@ -236,22 +241,21 @@ def _iterate_slower_motions(
     stretch: float,
     last: float,
 ) -> Iterator[RampedMotion]:
-    """Yield motions along a path, with longer and longer ramps.
+    """Yield motions along a discrete path, with longer and longer ramps (smooth changes of speed).
 
-    From a moving start, the path first begins while the arm still coasts, at the time
-    `Coasting.stop_time`. The first ramp is then the coasting's; three further motions have all
-    ramps longer by the factors AT_ONCE. Two more begin later, by half and all of the coasting
-    ramp's time T₁.
+    For a moving start, six motions come first. Their path begins while the start still coasts
+    (comes to rest by itself): one whose first ramp is that of the coasting, three with ramps that
+    are longer by the factors AT_ONCE, and two that begin a little later.
 
-    MAX_SLOWING_ROUNDS motions follow that begin when the coasting has ended; from rest there are
-    only these. Each has longer ramps than the one before, by the factors by which that one exceeded
-    the limits on acceleration and jerk.
+    MAX_SLOWING_ROUNDS motions follow whose path begins when the coasting has ended; from rest there
+    are only these. Each has longer ramps than the one before. The factors are those by which the
+    one before exceeded the limits of acceleration and jerk.
 
     Args:
         machine: Machine that moves.
         path: Discrete path.
         slower: Factor on the duration of the shortest ramps [-].
-        coast: Coasting of a moving start, or None.
+        coast: Coasting (motion by which a moving start comes to rest by itself). None at rest.
         stretch: Factor on the path's durations [-].
         last: Further factor on the duration of the last ramp [-].
 

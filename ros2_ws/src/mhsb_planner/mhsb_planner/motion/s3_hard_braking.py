@@ -37,12 +37,12 @@ LOOK_NS = 4_000_000
 def iterate_harder_brakings(
     machine: Machine, trajectory: Trajectory, at_ns: int
 ) -> Iterator[Trajectory]:
-    """Yield motions that come to rest along a trajectory's path, each sooner than the one before.
+    """Yield motions that brake along a trajectory's path, each to rest sooner than the one before.
 
-    No piston accelerates or jerks more than the machine allows, or more than the trajectory itself
-    does on the same stretch; a polynomial may exceed the machine's limits. If no braking keeps
-    this, because the trajectory itself needs all that is allowed, `RAMP_LIMIT_SHARE` of the limits
-    is added. Pressures and obstacles are not checked.
+    No piston accelerates or jerks more than the machine allows. If the trajectory itself exceeds
+    this on the same stretch, as a polynomial may, its own peaks are allowed. If no braking keeps
+    these limits, RAMP_LIMIT_SHARE of the machine's limits is added to them, and braking is tried
+    again. Pressures and obstacles are not checked.
 
     Args:
         machine: Machine whose piston acceleration and jerk are the limits.
@@ -50,8 +50,8 @@ def iterate_harder_brakings(
         at_ns: Absolute time at which the braking begins [ns].
 
     Yields:
-        Braking motions that begin at `at_ns`, which is their stamp. They come to rest before the
-        trajectory's path ends. Nothing is yielded if the trajectory ends at that time, if the arm
+        Braking motions with the stamp `at_ns`, at which they begin. They come to rest before the
+        end of the trajectory's path. There are none if the trajectory ends at that time, if the arm
         is at rest then, or if no braking keeps the raised limits.
     """
     left = (trajectory.end_ns - at_ns) / SECOND_NS
@@ -74,17 +74,18 @@ def iterate_harder_brakings(
 def _find_braking_within_limits(
     machine: Machine, trajectory: Trajectory, at_ns: int, ramp: Ramp, slack: float
 ) -> Trajectory | None:
-    """Compute the braking by a ramp that is made slower until it keeps the limits.
+    """Compute a braking motion along a trajectory that keeps the limits of acceleration and jerk.
 
     Args:
         machine: Machine whose piston acceleration and jerk are the limits.
         trajectory: Motion in force.
         at_ns: Absolute time at which the braking begins [ns].
-        ramp: Ramp that is tried first.
-        slack: Share of the machine's limits that is allowed in addition [-].
+        ramp: Ramp by which the rate along the path falls from 1 to 0, tried first. It is made
+            slower until the limits are kept.
+        slack: Share of the machine's limits that is allowed in addition to the limits [-].
 
     Returns:
-        The braking motion, or None if the limits are still exceeded after MAX_SLOWING_ROUNDS.
+        The braking motion, or None if the limits are still exceeded after MAX_SLOWING_ROUNDS ramps.
     """
     for _ in range(MAX_SLOWING_ROUNDS):
         braking = _compute_braking(trajectory, at_ns, ramp)
@@ -98,12 +99,13 @@ def _find_braking_within_limits(
 
 
 def _compute_braking(trajectory: Trajectory, at_ns: int, ramp: Ramp) -> Trajectory:
-    """Compute the motion along a trajectory's path whose rate falls from 1 to 0 by a ramp.
+    """Compute a braking along a trajectory's path, at a rate that falls from 1 to 0 by a ramp.
 
     Args:
         trajectory: Motion in force.
         at_ns: Absolute time at which the braking begins [ns].
-        ramp: Ramp of the rate.
+        ramp: Ramp by which the rate falls. The rate is the speed along the path as a multiple of
+            the trajectory's speed.
 
     Returns:
         Motion with the stamp `at_ns` that lasts as long as the ramp.
@@ -120,16 +122,15 @@ def _determine_limits(
 ) -> tuple[float, float]:
     """Determine the acceleration and jerk that braking pistons may have.
 
-    The machine's limits apply, or the trajectory's own peaks on the same stretch if these are
-    larger. The braking follows the same stretch of path and begins with the acceleration of the
-    trajectory that it leaves.
+    Each limit is the larger of the machine's limit and the trajectory's own peak on the same
+    stretch of its path. To this, `slack` times the machine's limit is added.
 
     Args:
         machine: Machine whose limits apply.
         trajectory: Motion in force.
         at_ns: Absolute time at which the stretch begins [ns].
         duration_ns: Duration of the stretch [ns].
-        slack: Share of the machine's limits that is added [-].
+        slack: Share of the machine's limit that is added to each limit [-].
 
     Returns:
         Largest acceleration [m/s²] and jerk [m/s³].

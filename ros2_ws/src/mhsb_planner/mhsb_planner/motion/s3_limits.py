@@ -88,15 +88,15 @@ class LimitValues(NamedTuple):
     def from_profile(
         cls, machine: Machine, profile: MotionProfile, modes: ModeArray
     ) -> LimitValues:
-        """Compute the quantities of the limits at the states of a profile.
+        """Compute the quantities that the limits bound, at k states of a motion.
 
         Args:
             machine: Machine with its hydraulics.
-            profile: Profile with k rows.
-            modes: Mode codes, shape (k, n).
+            profile: Profile (piston speeds, forces, tip and joint positions) with k rows.
+            modes: Mode codes at each state, shape (k, n).
 
         Returns:
-            Quantities at the k states, each in its own mode pattern.
+            Quantities in the order of `STATE_LIMITS`, each state in its own modes.
         """
         p = profile
         return cls(
@@ -104,7 +104,14 @@ class LimitValues(NamedTuple):
         )
 
     def of(self, limit: StateLimit) -> FloatArray:
-        """Return the quantity of one limit, shape (k,), in the limit's unit."""
+        """Return the quantity that one limit bounds, at each of the k instants.
+
+        Args:
+            limit: One of `STATE_LIMITS`.
+
+        Returns:
+            Quantity in the limit's unit, shape (k,).
+        """
         values: FloatArray = self.values[STATE_LIMITS.index(limit)]
         return values
 
@@ -119,7 +126,7 @@ def _measure_states(
     tip: FloatArray,
     modes: ModeArray,
 ) -> FloatArray:
-    """Compute the quantities of all limits at k states, each in its own mode pattern.
+    """Compute the quantities that the limits bound, at k states, each in its own modes.
 
     It is the kernel of `LimitValues.from_profile`. Test oracle: the methods of `Machine`.
 
@@ -142,7 +149,14 @@ def _measure_states(
 
 @kernel(borrows=True)
 def _fill_states(m: MachineArrays, motion: LimitInputs, values: FloatArray) -> None:
-    """Write the quantities of all limits at k states into `values`, shape (limits, k)."""
+    """Compute the quantities that the limits bound, at k states of a motion.
+
+    Args:
+        m: Arrays of the machine.
+        motion: The motion: arrays and modes with a row for each of k states. Its `scratch` is
+            overwritten.
+        values: Quantities in the order of `STATE_LIMITS`, shape (limits, k). Written in place.
+    """
     for k in range(len(motion.speed)):
         _store_column(values, k, measure_limits(m, select_instant(motion, k, k)))
 
@@ -164,10 +178,10 @@ def _measure_ends(
     tip: FloatArray,
     modes: ModeArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Compute the quantities of all limits at both ends of k intervals, in each interval's modes.
+    """Compute the quantities that the limits bound, at both ends of k intervals.
 
-    It is the kernel of `EndValues.from_profile`. If two adjacent intervals have equal modes, the
-    values at their common point are computed once.
+    It is the kernel of `EndValues.from_profile`. Each interval has its own modes, so a point
+    between two intervals may have two values.
 
     Args:
         m: Arrays of the machine.
@@ -190,7 +204,18 @@ def _measure_ends(
 
 @kernel(borrows=True)
 def _fill_ends(m: MachineArrays, motion: LimitInputs, begin: FloatArray, end: FloatArray) -> None:
-    """Write the quantities of all limits at both ends of k intervals, both of shape (limits, k)."""
+    """Compute the quantities that the limits bound, at both ends of k intervals in their modes.
+
+    If two adjacent intervals have equal modes, the values at their common point are computed once.
+
+    Args:
+        m: Arrays of the machine.
+        motion: The motion: arrays with k + 1 rows for the points, and modes with k rows for the
+            intervals. Its `scratch` is overwritten.
+        begin: Quantities at the beginnings, in the order of `STATE_LIMITS`, shape (limits, k).
+            Written in place.
+        end: Quantities at the ends, shape (limits, k). Written in place.
+    """
     for k in range(len(motion.modes)):
         if repeats_previous_row(motion.modes, k):
             for i in range(_LIMIT_COUNT):
@@ -215,15 +240,16 @@ class EndValues(NamedTuple):
 
     @classmethod
     def from_profile(cls, machine: Machine, profile: MotionProfile, modes: ModeArray) -> EndValues:
-        """Compute the quantities of the limits at the ends of the intervals of a profile.
+        """Compute the quantities that the limits bound, at both ends of the intervals of a motion.
 
         Args:
             machine: Machine with its hydraulics.
-            profile: Profile with k + 1 rows.
+            profile: Profile (piston speeds, forces, tip and joint positions) with k + 1 rows.
             modes: Mode codes of the intervals, shape (k, n).
 
         Returns:
-            Quantities at the beginnings and ends of the k intervals, and the modes.
+            Quantities at the beginnings and ends of the k intervals in each interval's modes, and
+            the modes.
         """
         p = profile
         begin, end = _measure_ends(
@@ -232,13 +258,14 @@ class EndValues(NamedTuple):
         return cls(LimitValues(begin), LimitValues(end), modes)
 
     def compute_stretch(self, first: int) -> float:
-        """Return the factor on the duration that the limits on speed ask for.
+        """Return the factor on a motion's duration with which it keeps all limits on speed.
 
         Args:
             first: First interval that counts.
 
         Returns:
-            Largest quantity of a limit with TimeScaling.SPEED at the ends of the intervals [-].
+            Largest quantity of a limit with TimeScaling.SPEED at the ends of the intervals [-]. Up
+            to 1 the limits are kept; inf means that no duration keeps them.
         """
         return float(
             max(
@@ -251,18 +278,18 @@ class EndValues(NamedTuple):
 
 
 def keeps_position_limits(machine: Machine, trajectory: Trajectory) -> bool:
-    """Return whether a trajectory keeps joint limits, node set and clearance.
+    """Return whether a trajectory keeps joint limits, workspace and clearance from obstacles.
 
-    Joint limits and node set are checked at the points only, obstacles at every instant. Obstacles
-    count without margin, as in `find_first_contact`: a motion that starts in an obstacle may leave
-    it. Pumps, valves and modes are not checked.
+    Joint limits and the tip's workspace are checked at the points only, obstacles at every instant.
+    Obstacles count without margin, and a motion that starts in an obstacle may leave it. Pumps,
+    valves and modes are not checked.
 
     Args:
         machine: Machine with its obstacles.
         trajectory: Joint trajectory.
 
     Returns:
-        True if joint limits, node set and clearance are kept.
+        True if all three are kept.
     """
     m, tips = machine.arrays, machine.tip_positions(trajectory.position)
     radius = np.hypot(tips[:, 0], tips[:, 1])
@@ -283,19 +310,20 @@ def find_first_violation(
 ) -> Violation | None:
     """Find the first limit that a trajectory breaks under its mode schedule.
 
-    Intervals between the points that are proven clear are skipped. All others are checked at
-    instants at most CHECK_SPACING apart against all state limits. Obstacles are checked last, only
+    The limits concern booster modules, joint positions, the tip's workspace, pumps and valves, and
+    pressures. Intervals between points are skipped if bounds prove that they keep all these. All
+    others are checked at instants at most CHECK_SPACING apart. Obstacles are checked last, and only
     if nothing else is broken.
 
     Args:
         machine: Machine with its obstacles.
         trajectory: Joint trajectory of k points.
-        schedule: Modes over time; they must change at the trajectory's points only, as S4 makes
-            them.
-        ends: Quantities at the ends of the intervals between the points; None computes them. If
-            given, its modes are used instead of the schedule.
+        schedule: Modes over time. They must change at the trajectory's points only.
+        ends: Quantities that the limits bound, at the ends of the intervals between the points;
+            None computes them. If given, its modes are used instead of the schedule.
         deadline: Instant at which the work is given up.
-        middles: Profile at the middles of the intervals (`middle_profile`); None computes it.
+        middles: Profile (piston speeds and forces) at the middles of the intervals, by
+            `middle_profile`; None computes it.
 
     Returns:
         Broken limit, time from the trajectory's start [s] and excess; None if no limit is broken.
@@ -323,7 +351,7 @@ def find_first_violation(
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the kernels that are called only for intervals not proven clear.
+    """Compile the kernels that check intervals closely which bounds do not prove clear.
 
     Args:
         machine: Machine whose number of joints gives the argument types.
@@ -336,7 +364,8 @@ def warm_up(machine: Machine) -> None:
 def middle_profile(machine: Machine, trajectory: Trajectory) -> MotionProfile:
     """Compute the profile of a trajectory half-way in time between its points.
 
-    It contains piston speeds, piston forces under gravity and from inertia, and tip positions.
+    It contains piston speeds, piston forces under gravity and from inertia, tip and joint
+    positions.
     """
     return motion_profile(machine, *trajectory.sample_midpoints())
 
@@ -352,11 +381,12 @@ def _find_unproven_intervals(
     middle: FloatArray,
     end: FloatArray,
 ) -> IntArray:
-    """Find the intervals that are not proven to keep all limits.
+    """Find the intervals between trajectory points that are not proven to keep all limits.
 
-    An interval is proven if both ends have enough reserve, or if bounds from both ends and the
-    middle stay below every limit. In either case a bound on the joint positions must be within the
-    joint limits. The quantities have the shape (limits, k - 1), in the order of `STATE_LIMITS`.
+    An interval is proven if two conditions hold. First, all quantities at both ends have a reserve
+    (`clear_below` of the limits), or bounds from both ends and the middle stay below all limits.
+    Second, a bound on the joint positions within the interval is within the joint limits. All
+    quantities have the shape (limits, k - 1), in the order of `STATE_LIMITS`.
 
     Args:
         m: Arrays of the machine.
@@ -387,10 +417,10 @@ def _find_unproven_intervals(
 
 @kernel(inline="always")
 def _bound_parabola(begin: float, middle: float, end: float) -> float:
-    """Bound a quantity that varies about like a parabola over an interval.
+    """Compute an upper bound on a quantity that varies about like a parabola over an interval.
 
-    A parabola exceeds the highest of the three values by at most a quarter of the middle's distance
-    from the chord. The whole distance is added as a reserve.
+    Let d be the distance of the middle value from the mean of the end values. A parabola exceeds
+    the highest of the three values by at most d/4. The bound is the highest value plus d.
 
     Args:
         begin: Value at the beginning.
@@ -406,14 +436,14 @@ def _bound_parabola(begin: float, middle: float, end: float) -> float:
 def _find_violation_within(
     machine: Machine, trajectory: Trajectory, modes: ModeArray, rows: IntArray
 ) -> Violation | None:
-    """Find the first violation of a state limit within some intervals.
+    """Find the first violation of a limit within some intervals; obstacles are not checked.
 
     Each interval is checked at instants at most CHECK_SPACING (1 ms) apart.
 
     Args:
         machine: Machine with its hydraulics.
         trajectory: Joint trajectory of k points.
-        modes: Mode codes of the intervals, shape (k - 1, n).
+        modes: Mode codes of all intervals, shape (k - 1, n).
         rows: Indices of the intervals to check, in ascending order.
 
     Returns:
@@ -436,10 +466,10 @@ def _find_first_broken_limit(
     modes: ModeArray,
     rows: IntArray,
 ) -> tuple[int, float, float]:
-    """Find the first limit that is broken within some intervals.
+    """Find the first limit that is broken within some intervals between trajectory points.
 
-    Instants are at most CHECK_SPACING apart. At each of them the order of checks is that of
-    `STATE_LIMITS`.
+    The limits of `STATE_LIMITS` are checked, at instants at most CHECK_SPACING apart. Of several
+    limits that are broken at one instant, the first in the list counts.
 
     Args:
         m: Arrays of the machine.
@@ -447,7 +477,7 @@ def _find_first_broken_limit(
         position: Joint positions at the points, shape (k, n) [rad or m].
         velocity: Joint velocities at the points, shape (k, n) [rad/s or m/s].
         acceleration: Joint accelerations at the points, shape (k, n) [rad/s² or m/s²].
-        modes: Mode codes of the intervals, shape (k - 1, n).
+        modes: Mode codes of all intervals, shape (k - 1, n).
         rows: Indices of the intervals to check, in ascending order.
 
     Returns:

@@ -52,7 +52,7 @@ class PolynomialCurve:
         Outside 0 to `duration` the polynomials are continued.
 
         Args:
-            time: Times, shape (k,) [s].
+            time: Times from the start of the motion, in any order, shape (k,) [s].
 
         Returns:
             Joint positions [rad or m], velocities [rad/s or m/s] and accelerations
@@ -70,21 +70,21 @@ class PolynomialCurve:
 def fit_polynomial(
     path: DiscretePath, start: MotionState, delay: float, stretch: float
 ) -> PolynomialCurve:
-    """Fit polynomials from a start to rest at a path's end, as close as possible to the path.
+    """Fit one polynomial per joint to a discrete path, from a start to rest at the path's end.
 
-    Boundary conditions are position and velocity at both ends. A moving start adds its
-    acceleration. The free coefficients fit positions and velocities at CHECK_INSTANTS by least
+    Position and velocity at both ends are met exactly; for a moving start its acceleration, too.
+    The free coefficients fit the positions and velocities of the path at CHECK_INSTANTS by least
     squares.
 
     Args:
         path: Discrete path.
         start: State of the joints at the start.
-        delay: Time from the start to the path's first node, which a moving start needs to get
-            there [s].
+        delay: Time that a moving start needs to get to the path's first node [s]; 0 for a start at
+            rest.
         stretch: Factor on `delay` and on the path's durations [-].
 
     Returns:
-        Polynomial that starts at time 0.
+        Polynomials that start at time 0. Limits are not checked.
     """
     node_time = stretch * (delay + node_times(path))
     duration = float(node_time[-1])
@@ -98,10 +98,10 @@ def fit_polynomial(
 
 
 def node_times(path: DiscretePath) -> FloatArray:
-    """Compute the time at which a motion along a discrete path is to be at each node.
+    """Compute the time at which a motion is to be at each node of a discrete path.
 
     Args:
-        path: Discrete path of k steps; each counts at least SHORTEST_STEP.
+        path: Discrete path of k steps. A shorter step counts as SHORTEST_STEP long.
 
     Returns:
         Ascending times from 0, shape (k + 1,) [s].
@@ -112,10 +112,10 @@ def node_times(path: DiscretePath) -> FloatArray:
 def _interpolate_path(
     path: DiscretePath, start: MotionState, node_time: FloatArray, time: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Interpolate a discrete path linearly in joint space.
+    """Interpolate a discrete path linearly in joint space and over time.
 
-    If `node_time` begins after time 0, the stretch from the start to this node is interpolated,
-    too. Times after the last node are extrapolated with the last step's velocity.
+    If the first node comes after time 0, the way from the start to this node is interpolated, too.
+    Times after the last node are extrapolated with the last step's velocity.
 
     Args:
         path: Discrete path of k steps.
@@ -124,7 +124,7 @@ def _interpolate_path(
         time: Times of interpolation, shape (m,) [s].
 
     Returns:
-        Joint positions [rad] and velocities [rad/s], both of shape (m, n).
+        Joint positions [rad or m] and velocities [rad/s or m/s], both of shape (m, n).
     """
     times, nodes = node_time, path.posture
     if node_time[0] > 0.0:
@@ -138,9 +138,9 @@ def _interpolate_path(
 def _compute_boundary_polynomial(
     start: MotionState, end: FloatArray, duration: float, moving: bool
 ) -> FloatArray:
-    """Compute the polynomial of least degree that meets the boundary conditions.
+    """Compute the polynomial of least degree from a start to rest at an end, for each joint.
 
-    The end is at rest.
+    Position and velocity are met at both ends, and the acceleration of a moving start.
 
     Args:
         start: State of the joints at the start.
@@ -149,7 +149,8 @@ def _compute_boundary_polynomial(
         moving: True if the start's acceleration is a condition, too.
 
     Returns:
-        Coefficients in s = t/T by power and joint, shape (7, n) [rad or m]; unused powers are 0.
+        Coefficients of s = t/T with the time t, by power and joint, shape (7, n) [rad or m]. Unused
+        powers are 0.
     """
     result = np.zeros((POLYNOMIAL_DEGREE + 1, len(end)))
     dq = end - start.position
@@ -166,19 +167,22 @@ def _compute_boundary_polynomial(
 
 @cache
 def _compute_free_terms(conditions: int) -> tuple[FloatArray, FloatArray]:
-    """Compute the polynomials of the least-squares fit, which keep the boundary conditions.
+    """Compute polynomials that may be added to a motion without changing its boundary conditions.
 
-        w(s) B_i(s),  w = s²(1 − s)² or s³(1 − s)²,  B_i = (2s − 1)^i
+    In normalised time s from 0 to 1 the polynomials are
 
-    The power s³ applies if the start's acceleration is a condition. This choice of B_i keeps the
-    least squares well conditioned. The result is cached.
+        w(s) B_i(s),  w = s²(1 − s)² or s³(1 − s)²,  B_i = (2s − 1)^i,  i = 0, 1, …
+
+    The power s³ applies if the start's acceleration is a condition. This choice of B_i keeps a
+    least-squares fit well conditioned. The result is cached.
 
     Args:
-        conditions: Number of boundary conditions, 4 or 5.
+        conditions: Number of boundary conditions: 4, or 5 with the start's acceleration.
 
     Returns:
-        Coefficients by power and term, shape (7, 7 − conditions), and the pseudo-inverse of their
-        values and slopes at CHECK_INSTANTS. Both arrays are read-only.
+        Coefficients of the polynomials by power and term, shape (7, 7 − conditions). Pseudo-inverse
+        of their values and slopes at the m instants CHECK_INSTANTS, shape (7 − conditions, 2 m).
+        Both arrays are read-only.
     """
     window = series.polyfromroots([0.0] * (conditions - 2) + [1.0] * 2)
     basis = np.zeros((POLYNOMIAL_DEGREE + 1, POLYNOMIAL_DEGREE + 1 - conditions))

@@ -42,9 +42,10 @@ class Ramp(NamedTuple):
         return self.rise + self.blend
 
     def scale(self, rise: float, blend: float) -> Ramp:
-        """Return a ramp whose times are longer by two factors, rounded up to RAMP_TIME_STEP.
+        """Return a slower ramp, whose times T₁ and T₂ are longer by two factors.
 
-        If the factors make T₂ longer than T₁, the two times are exchanged.
+        The times are rounded up to multiples of RAMP_TIME_STEP. If the factors make T₂ longer than
+        T₁, the two times are exchanged.
 
         Args:
             rise: Factor on T₁ [-].
@@ -59,37 +60,46 @@ class Ramp(NamedTuple):
         )
 
     def align_with(self, other: Ramp) -> Ramp:
-        """Return this ramp, lengthened if necessary so that its middle fits another ramp's middle.
+        """Return this ramp, lengthened by one time step if necessary to fit another ramp.
 
-        If both ramps then have the same middle, their beginnings are whole time steps apart. T₁
-        becomes one time step longer if the durations differ by an odd number of steps.
+        If the durations differ by an odd number of time steps, T₁ becomes one step longer. If both
+        ramps then get the same middle, their beginnings are whole time steps apart.
 
         Args:
             other: Ramp to compare with.
 
         Returns:
-            Ramp whose duration differs from the other's by an even number of RAMP_TIME_STEP.
+            Ramp whose duration differs from the other ramp's by an even multiple of RAMP_TIME_STEP.
         """
         odd = round((self.duration - other.duration) / RAMP_TIME_STEP) % 2
         return Ramp(self.rise + odd * RAMP_TIME_STEP, self.blend)
 
 
 def round_up_to_time_step(seconds: float) -> float:
-    """Round a time up to a multiple of RAMP_TIME_STEP, at least one [s]."""
+    """Round a time up to a multiple of RAMP_TIME_STEP.
+
+    Args:
+        seconds: Time [s].
+
+    Returns:
+        The multiple, at least RAMP_TIME_STEP [s].
+    """
     return max(1, math.ceil(seconds / RAMP_TIME_STEP - 1e-6)) * RAMP_TIME_STEP
 
 
 def shortest_ramp(machine: Machine, speed: float = math.inf) -> Ramp:
-    """Compute the shortest ramp from rest to a speed.
+    """Compute the shortest ramp (smooth change of a piston's speed) from rest to a speed.
 
         T₁ = V/a,  T₂ = a/j
 
-    a and j are RAMP_LIMIT_SHARE of the allowed acceleration and jerk. If the jerk is too small for
+    T₁ is the time until the acceleration begins to decrease, T₂ the time in which it builds up. a
+    and j are RAMP_LIMIT_SHARE of the allowed acceleration and jerk. If the jerk is too small for
     the acceleration to build up to a, T₁ = T₂ = √(V/j). Times are rounded up to RAMP_TIME_STEP.
 
     Args:
         machine: Machine whose piston acceleration and jerk are the limits.
-        speed: Speed V [m/s]; at most the fastest piston's V_max counts.
+        speed: Speed V [m/s]. A higher speed than the largest V_max of all pistons counts as this
+            V_max.
 
     Returns:
         The ramp.
@@ -110,13 +120,14 @@ def shortest_ramp(machine: Machine, speed: float = math.inf) -> Ramp:
 def evaluate_ramp(rise: float, blend: float, t: float) -> tuple[float, float, float]:
     """Evaluate a ramp from speed 0 to 1.
 
-    Before the ramp all three values are 0. After it R = t − (T₁ + T₂)/2, ρ = 1 and k = 0.
+    The acceleration k builds up during T₂, begins to decrease at T₁, and is over at T₁ + T₂. Before
+    the ramp all three values are 0. After it R = t − (T₁ + T₂)/2, ρ = 1 and k = 0.
 
     Test oracle: the convolution box(T₁) * box(T₂) computed numerically.
 
     Args:
-        rise: Time T₁ of the ramp [s].
-        blend: Time T₂ of the ramp [s].
+        rise: Time T₁ from the beginning of the acceleration to the beginning of its decrease [s].
+        blend: Time T₂ ≤ T₁ in which the acceleration builds up, and in which it decreases [s].
         t: Time since the ramp began [s].
 
     Returns:
@@ -143,14 +154,15 @@ def evaluate_ramp(rise: float, blend: float, t: float) -> tuple[float, float, fl
 
 @kernel
 def find_ramp_time(rise: float, blend: float, ratio: float) -> float:
-    """Find the time at which the ratio ρ/k of a ramp has a given value.
+    """Find the time at which the ratio of speed to acceleration of a ramp has a given value.
 
-    The ratio grows from 0 without bound during the ramp.
+    The ramp goes from speed 0 to 1; ρ is its speed and k its acceleration. The ratio ρ/k grows from
+    0 without bound during the ramp.
 
     Args:
-        rise: Time T₁ of the ramp [s].
-        blend: Time T₂ of the ramp [s].
-        ratio: Value of ρ/k [s].
+        rise: Time T₁ from the beginning of the acceleration to the beginning of its decrease [s].
+        blend: Time T₂ ≤ T₁ in which the acceleration builds up, and in which it decreases [s].
+        ratio: Value of ρ/k, not negative [s].
 
     Returns:
         Time since the ramp began [s].

@@ -99,9 +99,10 @@ class SteeredMotion:
 
     @property
     def breaks(self) -> FloatArray:
-        """Times between which the jerk is constant [s].
+        """Times from 0 to the end of the motion between which the jerk is constant [s].
 
-        Times less than RAMP_TIME_STEP from the one before or from the end are left out.
+        A time is left out if it lies less than RAMP_TIME_STEP after the one before, or before the
+        end.
         """
         kept, last = [0.0], self.end - RAMP_TIME_STEP
         for time in np.unique(np.cumsum(self.phase, axis=1)).tolist():
@@ -113,7 +114,7 @@ class SteeredMotion:
         """Compute the joint motion at given times.
 
         Args:
-            time: Times in ascending order, shape (m,) [s].
+            time: Times in ascending order from the start of the motion, shape (m,) [s].
 
         Returns:
             Joint positions [rad or m], velocities [rad/s or m/s] and accelerations
@@ -128,9 +129,11 @@ class SteeredMotion:
 def compute_steered_motion(
     machine: Machine, path: DiscretePath, start: MotionState, stretch: float
 ) -> SteeredMotion:
-    """Compute the motion that steers from a moving start to rest at a path's end.
+    """Compute a motion from a moving start straight to rest at a path's end.
 
-    Postures between the path's ends do not matter. All pistons arrive together.
+    The postures between the path's ends do not matter. Each piston changes its speed to a constant
+    one, keeps it, and stops, within the limits of acceleration and jerk. All pistons arrive
+    together, as early as the slowest one can.
 
     Args:
         machine: Machine that moves.
@@ -140,7 +143,7 @@ def compute_steered_motion(
 
     Returns:
         Motion of the pistons that begins at time 0, in PISTON_PHASES phases of constant jerk for
-        each piston.
+        each piston. Joint limits and pressures are not checked.
     """
     m = machine.arrays
     state = (np.array(start.position), np.array(start.velocity), np.array(start.acceleration))
@@ -158,13 +161,13 @@ def compute_steered_motion(
 def _plan_speed_change(
     v0: float, a0: float, v1: float, a_max: float, j: float, jerk: FloatArray, phase: FloatArray
 ) -> tuple[float, float]:
-    """Compute the three phases of one piston's change of speed, from (v₀, a₀) to (v₁, 0).
+    """Compute the phases of a piston's change of speed: a jerk, constant acceleration, a jerk.
 
     Args:
-        v0: Speed at the beginning v₀ [m/s].
-        a0: Acceleration at the beginning a₀ [m/s²].
-        v1: Speed at the end v₁ [m/s]; the acceleration there is 0.
-        a_max: Largest acceleration [m/s²].
+        v0: Speed at the beginning [m/s].
+        a0: Acceleration at the beginning [m/s²].
+        v1: Speed at the end [m/s]; the acceleration there is 0.
+        a_max: Largest acceleration [m/s²]. A larger one at the beginning is allowed.
         j: Magnitude of the jerk [m/s³].
         jerk: Jerk of each phase, shape (3,) [m/s³]. Written in place.
         phase: Duration of each phase, shape (3,) [s]. Written in place.
@@ -195,19 +198,20 @@ def _plan_speed_change(
 def _plan_stop_via_speed(
     v: float, v0: float, a0: float, a_max: float, j: float, jerk: FloatArray, phase: FloatArray
 ) -> tuple[float, float]:
-    """Compute the phases of one piston from (v₀, a₀) to the speed v and at once on to rest.
+    """Compute the phases in which a piston reaches a speed and then stops without keeping it.
 
     Args:
-        v: Speed in between [m/s]. It is kept for no time: phase 3 is set to 0.
-        v0: Speed at the beginning v₀ [m/s].
-        a0: Acceleration at the beginning a₀ [m/s²].
+        v: Speed in between [m/s].
+        v0: Speed at the beginning [m/s].
+        a0: Acceleration at the beginning [m/s²].
         a_max: Largest acceleration [m/s²].
         j: Magnitude of the jerk [m/s³].
         jerk: Jerk of each phase, shape (PISTON_PHASES,) [m/s³]. Written in place.
-        phase: Duration of each phase, shape (PISTON_PHASES,) [s]. Written in place.
+        phase: Duration of each phase, shape (PISTON_PHASES,) [s]. Written in place. Phase 3, at the
+            constant speed v, gets the duration 0.
 
     Returns:
-        Stroke, signed [m], and duration [s].
+        Stroke of the whole motion, signed [m], and its duration [s].
     """
     there, first = _plan_speed_change(v0, a0, v, a_max, j, jerk[:3], phase[:3])
     phase[3] = jerk[3] = 0.0
@@ -224,12 +228,13 @@ def _plan_phases(
     acceleration: FloatArray,
     least: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Compute the phases of all pistons so that they cover their strokes and arrive together.
+    """Compute phases of constant jerk in which all pistons cover their strokes and arrive together.
 
-    Each piston changes its speed to v, keeps v for a time, and then stops. First the v of the
-    fastest motion of each piston is found by bisection. Then v is lowered for each piston that
-    would arrive before the slowest one or before `least`. Test oracle: the ends are reached, the
-    limits kept, and no bang-bang motion is shorter.
+    Each piston changes its speed to a constant one, keeps it for a time, and then stops. First the
+    constant speed of the fastest motion of each piston is found by bisection. Then it is lowered
+    for each piston that would arrive before the slowest one or before `least`.
+
+    Test oracle: the ends are reached, the limits kept, and no bang-bang motion is shorter.
 
     Args:
         m: Arrays of the machine, with the limits of piston speed and acceleration.
@@ -299,10 +304,10 @@ def _sample_pistons(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute lengths, speeds and accelerations of pistons that move in phases of constant jerk.
 
-    After its last phase a piston rests.
+    The phases of a piston follow each other from time 0. After its last phase a piston rests.
 
     Args:
-        time: Times in ascending order, shape (m,) [s].
+        time: Times in ascending order from the start of the motion, shape (m,) [s].
         length: Cylinder lengths at time 0, shape (n,) [m].
         speed: Piston speeds at time 0, shape (n,) [m/s].
         acceleration: Piston accelerations at time 0, shape (n,) [m/s²].

@@ -116,7 +116,8 @@ class FitError(MhsbError):
         """Create the error; its message contains the last reason.
 
         Args:
-            refused: One sentence for each curve that was tried, at least one.
+            refused: One sentence for each curve that was tried, with the reason for its refusal; at
+                least one.
         """
         self.refused = refused
         super().__init__(f"no motion along the path keeps every limit; {refused[-1]}")
@@ -164,30 +165,34 @@ def fit_trajectory(
     rules: FitRules | None = None,
     deadline: Deadline = NO_DEADLINE,
 ) -> FittedMotion:
-    """Fit a trajectory with mode schedule to a discrete path, with a rest at the path's end.
+    """Fit a trajectory and its mode schedule to a discrete path, with a rest at the path's end.
 
-    Curves are tried in the order of the module's list. If the start is beyond joint limits or
-    workspace, joints may only return.
+    Several curves are tried: polynomials, the path with smoothed changes of speed, the path after
+    braking, and the path step by step. The first that keeps every limit is taken. Curves are
+    stretched in time as far as the rules allow. If the start is beyond joint limits or workspace,
+    joints may only return.
 
     Args:
         machine: Machine with its obstacles.
         path: Discrete path. It begins at `start`, or where `brake` comes to rest.
         start: State of the joints at the start.
-        modes: Modes in force at the start and their ages.
-        brake: Way in which a moving start comes to rest; None at rest. A `Coasting` brings the
-            pistons to rest by ramps; the motion along the path may begin before they rest. A
-            `Steering` holds the rest of the plan in force, at whose end the path begins; the motion
-            steers from `start` straight to the path's end. A trajectory brakes along the old path
-            (`mhsb_model.braking`).
+        modes: Modes in force at the start, and time since each actuator's last switch.
+        brake: Way in which a moving start comes to rest; None for a start at rest. A trajectory
+            brakes along the old path (`mhsb_model.braking`). A `Coasting` brings the pistons to
+            rest by themselves; the motion along the path may begin before they rest. A `Steering`
+            holds the rest of the plan in force, at whose end the path begins; the motion then goes
+            from `start` straight to the path's end.
         rules: Settings of the fit; None means the defaults.
         deadline: Instant at which the work is given up.
 
     Returns:
-        First motion that keeps every limit.
+        First motion that keeps every limit, with stamp 0. It also names the curves that were
+        refused before.
 
     Raises:
         ValueError: Start, brake and path do not meet, or the path has no steps.
-        FitError: No curve keeps every limit, or the modules are too few to hold the arm at its end.
+        FitError: No curve keeps every limit, or the booster modules are too few to hold the arm at
+            its end.
         DeadlineError: The deadline passed.
     """
     coast = None
@@ -223,22 +228,24 @@ def fit_rest(
     rules: FitRules,
     deadline: Deadline = NO_DEADLINE,
 ) -> FittedMotion:
-    """Turn the rest of the plan in force into a motion, and choose its modes again.
+    """Turn the remaining part of the plan in force into a motion, with newly chosen modes.
 
-    Its joint trajectory stays the same; a rest is added if the modes need time to switch.
+    The joint trajectory stays the same. A standstill is added at its end if the modes need time to
+    switch there.
 
     Args:
-        machine: Machine, whose payload, V_max or zones may have changed.
-        rest: Rest of the plan's trajectory.
-        modes: Modes in force at its beginning and their ages.
+        machine: Machine; its payload, V_max or zones may have changed since the plan was made.
+        rest: Remaining part of the plan's trajectory.
+        modes: Modes in force at its beginning, and time since each actuator's last switch.
         rules: Settings of the fit.
         deadline: Instant at which the work is given up.
 
     Returns:
-        Motion with the method CONTINUED.
+        Motion with stamp 0 and the method CONTINUED.
 
     Raises:
-        FitError: The trajectory breaks a limit, or a mode is left before its least dwell is over.
+        FitError: The trajectory breaks a limit of the machine, or an actuator is switched twice
+            within the least dwell.
         DeadlineError: The deadline passed.
     """
     motion = fit_braking(machine, rest, modes, rules)
@@ -257,18 +264,18 @@ def fit_rest(
 def fit_braking(
     machine: Machine, brake: Trajectory, modes: StartModes, rules: FitRules | None = None
 ) -> FittedMotion:
-    """Turn a braking trajectory into a motion with a mode schedule, in order to stop.
+    """Turn a braking trajectory into a motion with a mode schedule, in order to stop the arm.
 
-    Limits are not checked. A rest is added if the modes need time to switch.
+    Limits are not checked. A standstill is added at the end if the modes need time to switch there.
 
     Args:
         machine: Machine that moves.
         brake: Braking trajectory; the result has stamp 0.
-        modes: Modes in force at its beginning and their ages.
+        modes: Modes in force at its beginning, and time since each actuator's last switch.
         rules: Settings, of which the rules for switching count; None means the defaults.
 
     Returns:
-        Motion with the method BRAKING, stretch 1 and deviations 0. Its `profiles` is None.
+        Motion with stamp 0, method BRAKING, stretch 1 and deviations 0. Its `profiles` is None.
     """
     rules, motion = rules or FitRules(), brake.shifted(-brake.stamp_ns)
     scheduled = ScheduledMotion.create(machine, motion, modes, None, rules.switching)
@@ -287,7 +294,7 @@ def fit_braking(
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the kernels of trajectory, mode schedule and energy for starts at rest.
+    """Compile the kernels of trajectory, mode schedule, checks and energy for starts at rest.
 
     Args:
         machine: Machine that moves.
@@ -302,10 +309,10 @@ def warm_up(machine: Machine) -> None:
 
 
 def warm_up_moving_starts(machine: Machine) -> None:
-    """Compile the kernels of motions from coasting and from steering starts.
+    """Compile the kernels of motions that begin while the arm moves.
 
     Args:
-        machine: Machine that moves.
+        machine: Machine that moves in the trial motions.
     """
     path = _example_path(machine)
     middle = path.posture[0]
@@ -319,7 +326,7 @@ def warm_up_moving_starts(machine: Machine) -> None:
 
 
 def _example_path(machine: Machine) -> DiscretePath:
-    """Create a short path of one step in mode N, from the middle of the joint ranges.
+    """Create a short discrete path of one step in mode N, from the middle of the joint ranges.
 
     Args:
         machine: Machine that moves.
@@ -349,13 +356,16 @@ def _fit_each(
     start: MotionState,
     ways: Sequence[tuple[Trajectory | None, Coasting | Steering | None, FitRules]],
 ) -> None:
-    """Fit all candidates of some ways to begin a motion, and compute the energy of each.
+    """Fit all curves for several ways to begin a motion, in order to compile kernels.
+
+    The energy of each motion that keeps the limits is computed, too. Nothing is returned.
 
     Args:
         machine: Machine that moves.
         path: Path of the motion.
         start: State at the path's first posture.
-        ways: Braking motion, coasting or steering start, and rules of each way.
+        ways: For each way the braking motion or None, the coasting or steering start or None, and
+            the rules by which curves are listed.
     """
     modes = StartModes.create_settled(path.start_modes)
     for brake, steering, rules in ways:
@@ -369,7 +379,7 @@ def _fit_each(
 
 
 def _check_continuity(path: DiscretePath, start: MotionState, brake: Trajectory | None) -> None:
-    """Check that start, braking motion and path meet.
+    """Check that start, braking motion and path meet, each at the end of the one before.
 
     Args:
         path: Discrete path; it must have a step.
@@ -377,7 +387,8 @@ def _check_continuity(path: DiscretePath, start: MotionState, brake: Trajectory 
         brake: Motion that brings a moving start to rest, or None.
 
     Raises:
-        ValueError: They do not meet within SAME_POSTURE, or a moving start has no braking motion.
+        ValueError: They do not meet within SAME_POSTURE, a moving start has no braking motion, or
+            the path has no steps.
     """
     if len(path.duration) == 0:
         raise ValueError("a path without steps needs no trajectory")
@@ -398,7 +409,7 @@ def _check_holding(machine: Machine, posture: FloatArray) -> None:
         posture: Joint positions, shape (n,) [rad or m].
 
     Raises:
-        FitError: The modules are too few.
+        FitError: There are too few booster modules for the actuators whose loads need boost.
     """
     try:
         holding_modes(machine, machine.piston_forces(posture))
@@ -412,17 +423,16 @@ def _are_equal(one: FloatArray, other: FloatArray) -> bool:
 
 
 def _widen_limits_to(machine: Machine, posture: FloatArray) -> Machine:
-    """Return the machine with joint limits and workspace widened to a start outside of them.
+    """Return a copy of the machine whose joint limits and workspace are widened to include a start.
 
-    Joints may then be as far outside as at the start; `compute_outward_excess` checks that they
-    only return.
+    Joints may then be as far outside as at the start. The caller must check that they only return.
 
     Args:
         machine: Machine with its own limits.
         posture: Joint positions of the start, shape (n,) [rad or m].
 
     Returns:
-        A machine that admits the start; the same object if the start is inside.
+        A machine that admits the start. If the start is inside the limits, the same object.
     """
     arrays = machine.arrays
     x, z = tip_position(arrays, posture)
@@ -448,20 +458,21 @@ def _fit_candidate(
     rules: FitRules,
     deadline: Deadline,
 ) -> FittedMotion | Violation | str:
-    """Compute a candidate's motion, stretched until it keeps every limit.
+    """Compute the motion of one curve, stretched in time until it keeps every limit.
 
-    In each round the curve is sampled, gets its mode schedule (S4) and is checked. Joint limits,
-    the travel of pistons that run on, the least dwell of modes and the via points refuse it at
-    once. The stretch grows by the factor by which V_max, the curve limits, valves and pumps are
-    exceeded. Pressures and the times between the points are checked last. A violation that
-    stretching cannot mend, or a stretch beyond the greatest one, ends the rounds.
+    In each round the curve is sampled, gets its mode schedule and is checked. It is refused at once
+    if it passes a joint limit, if a piston runs on too far, if an actuator is switched too often,
+    or if a via point is missed. The stretch grows by the factor by which V_max, the curve limits,
+    valves and pumps are exceeded. Pressures, and the times between the points, are checked last.
+    The rounds end with a violation that stretching cannot mend, or with a stretch beyond the
+    greatest one.
 
     Args:
         machine: Machine whose joint limits and workspace admit the start.
         limits: Arrays of the machine with its own limits, to which joints beyond them have to
             return.
         path: Discrete path.
-        modes: Modes in force at the start and their ages.
+        modes: Modes in force at the start, and time since each actuator's last switch.
         candidate: Curve to try.
         rules: Settings of the fit.
         deadline: Instant at which the work is given up.
@@ -531,17 +542,18 @@ def _describe_passed_limit(
     position: FloatArray,
     rules: FitRules,
 ) -> str:
-    """Describe a joint limit or a limit of piston travel that a curve passes.
+    """Describe by how much a curve passes a joint limit, or a limit on how far a piston runs on.
 
     Args:
         machine: Machine that moves.
-        limits: Arrays of the machine with the joint limits.
-        candidate: The curve's candidate, which may limit the travel.
+        limits: Arrays of the machine with the joint limits. A joint that starts beyond a limit may
+            return.
+        candidate: Curve that is tried; it may limit the travel of the joints.
         position: Joint positions at the sampled points, shape (m, n) [rad or m].
-        rules: Settings of the fit.
+        rules: Settings of the fit, with `max_overrun`.
 
     Returns:
-        Clause that says by how much it is passed; empty if the curve keeps both.
+        Clause that says by how much the limit is passed; empty if the curve keeps both limits.
     """
     beyond = compute_outward_excess(limits, as_frozen(position))
     if beyond > JOINT_TOLERANCE:
@@ -560,19 +572,22 @@ def _compute_speed_use(
     first: int,
     rules: FitRules,
 ) -> float:
-    """Compute the share of the allowed piston speed that a motion uses.
+    """Compute the largest ratio of a piston's speed to its allowed speed in a motion.
 
-    A coasting start may be faster than the rules allow, because stretching cannot slow it.
+    The allowed speed is V_max with the excess that the rules allow. If the curve begins with a
+    moving start that is faster still, the allowed speed is that of the start with a small reserve.
+    The reason is that stretching cannot slow the start.
 
     Args:
         machine: Machine that moves.
-        candidate: The motion's candidate.
-        profile: Profile of the motion.
-        first: Index of the first point after the lead-in.
-        rules: Settings of the fit.
+        candidate: Curve that is tried; it says whether it begins with a moving start.
+        profile: Profile of the motion, with the piston speeds.
+        first: Index of the first point after the lead-in (motion before the curve, such as
+            braking). Earlier points do not count.
+        rules: Settings of the fit, with `max_excess`.
 
     Returns:
-        Largest speed after the lead-in over the allowed one [-]; above 1 it is too fast.
+        Largest ratio [-]; above 1 the motion is too fast.
     """
     fastest = 1.0 + rules.max_excess
     if candidate.coasts:
@@ -589,10 +604,11 @@ def _get_preferred_modes(
 
     Args:
         path: Discrete path.
-        node_time: Time from the end of the lead-in at which the motion is to be at each node, shape
-            (k + 1,) [s].
+        node_time: Time at which the motion is to be at each node, from the end of the lead-in
+            (motion before the curve, such as braking), shape (k + 1,) [s].
         time: Times of the trajectory's points, shape (m,) [s].
-        first: Number of points of a lead-in, which get mode N; 0 means none.
+        first: Index of the point at which the lead-in ends. The points before it get mode N; 0
+            means no lead-in.
 
     Returns:
         Mode codes, shape (m, n).
@@ -628,7 +644,7 @@ def _assign_step_modes(
 def _compute_overrun(
     machine: Machine, start: MotionState, position: FloatArray, furthest: FloatArray
 ) -> float:
-    """Compute how much farther a piston runs in its first direction than it has to.
+    """Compute how much farther a piston runs in its initial direction than is needed.
 
     Joint travel is converted with the moment arms at the start.
 
@@ -636,7 +652,8 @@ def _compute_overrun(
         machine: Machine that gives the moment arms.
         start: State of the joints at the start.
         position: Joint positions along the motion, shape (k, n) [rad or m].
-        furthest: Travel of each joint that is needed in its first direction, shape (n,) [rad or m].
+        furthest: Travel of each joint in its initial direction that is needed, shape (n,) [rad or
+            m].
 
     Returns:
         Excess of the worst piston [m]; negative if none runs on.
@@ -656,8 +673,9 @@ def _assemble_motion(
 ) -> FittedMotion:
     """Assemble the result of a fit, with its deviations from the discrete path.
 
-    Computed here are the largest distances of tip and joints from the path's nodes at their times,
-    the excess of piston speeds over V_max, and the overloads.
+    The function computes the largest distances of tip and joints from the path's nodes at the times
+    of the nodes. It also computes the excess of piston speeds over V_max, and the overloads (rests
+    under loads that no boost can hold).
 
     Args:
         machine: Machine that moves.
@@ -690,6 +708,14 @@ def _assemble_motion(
 
 
 def _speed_excess(machine: Machine, profile: MotionProfile) -> float:
-    """Compute the greatest |v|/V_max − 1 over pistons and instants; negative if V_max is kept."""
+    """Compute by how much the fastest piston passes its V_max.
+
+    Args:
+        machine: Machine with the V_max of each piston.
+        profile: Profile of a motion, with the piston speeds.
+
+    Returns:
+        Greatest |v|/V_max − 1 over pistons and instants [-]; negative if V_max is kept.
+    """
     fastest = np.maximum(profile.speed.max(axis=0), -profile.speed.min(axis=0))
     return float((fastest / machine.arrays.max_piston_speed).max()) - 1.0

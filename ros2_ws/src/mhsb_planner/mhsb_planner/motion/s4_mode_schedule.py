@@ -81,7 +81,7 @@ class StartModes:
 
     @classmethod
     def create_settled(cls, modes: ModeArray) -> StartModes:
-        """Create start modes that have been in force for an infinite time.
+        """Create start modes whose actuators may be switched at once: their age is infinite.
 
         Args:
             modes: Mode codes, shape (n,).
@@ -93,14 +93,14 @@ class StartModes:
 
     @classmethod
     def read_from(cls, schedule: ModeSchedule, time_ns: int) -> StartModes:
-        """Read the modes of a schedule and their ages at an absolute time.
+        """Read the modes at a time from a schedule, and the time since each last switch.
 
         Args:
             schedule: Modes over time.
             time_ns: Absolute time [ns].
 
         Returns:
-            Start modes; the age is inf if the schedule does not contain the switch.
+            Start modes. The age of an actuator's mode is inf if its last switch is not known.
         """
         switched = schedule.find_last_switches(time_ns)
         age = np.where(switched > LONG_AGO_NS, (time_ns - switched) / SECOND_NS, math.inf)
@@ -110,14 +110,15 @@ class StartModes:
 def mode_schedule(machine: Machine, trajectory: Trajectory, start: StartModes) -> ModeSchedule:
     """Compute the mode schedule of a trajectory by the default rules for switching.
 
-    If there are too few booster modules for all flows, SB gives way to DB. Check the result with
-    `s3_limits.find_first_violation`. If the motion is too short for its switches, the least dwell
-    is not kept; check this with `keeps_dwell`.
+    An actuator is boosted if the main pump's pressure is too low for its load. If there are too few
+    booster modules, SB gives way to DB, and the result may still need too many. Check it with
+    `s3_limits.find_first_violation`. If the motion is too short, actuators may be switched too soon
+    one after the other; check this with `keeps_dwell`.
 
     Args:
         machine: Machine with its hydraulics and modules.
         trajectory: Joint trajectory.
-        start: Modes in force at the beginning and their ages.
+        start: Modes in force at the beginning, and time since each actuator's last switch.
 
     Returns:
         Schedule with the trajectory's stamp. Its last row, at the trajectory's end, holds the modes
@@ -142,22 +143,23 @@ def interval_modes(
 ) -> ModeArray:
     """Compute the modes of all actuators between the instants of a motion profile.
 
-    An actuator is boosted if P_S is too low to move, hold or accelerate its load. Boost begins
-    earlier by `rules.lead` and lasts at least `rules.min_dwell`. It is reduced if too few booster
-    modules are fitted.
+    An actuator is boosted if the main pump's pressure is too low to move, hold or accelerate its
+    load. Short holds are left to the closed valve. Boost begins earlier than needed by `rules.lead`
+    and lasts at least `rules.min_dwell`. It is reduced if too few booster modules are fitted.
 
     Args:
         machine: Machine with its hydraulics and modules.
         time: Instants of the profile in ascending order, shape (k,) [s].
-        profile: Profile with k rows.
-        start: Modes in force at the first instant and their ages.
+        profile: Profile (piston speeds and forces) with k rows.
+        start: Modes in force at the first instant, and time since each actuator's last switch.
         hold: Modes in which the arm rests after the last instant, shape (n,).
-        preferred: Modes that the search for the discrete path (S2) chose around each instant, shape
-            (k, n). SB in them is kept during boost. None prefers mode N.
+        preferred: Modes that the graph search (S2) chose around each instant, shape (k, n). An
+            actuator that needs boost gets mode SB where they contain SB. None means mode N
+            throughout.
         rules: Rules for switching; None means the defaults.
 
     Returns:
-        Mode codes, shape (k - 1, n).
+        Mode codes, shape (k - 1, n); no rows if there is only one instant.
     """
     rules = rules or SwitchingRules()
     if preferred is None:
@@ -185,17 +187,17 @@ def keeps_dwell(
     hold: ModeArray,
     rules: SwitchingRules | None = None,
 ) -> bool:
-    """Return whether every actuator keeps the least time `min_dwell` between two switches.
+    """Return whether every actuator keeps the least time between two mode switches.
 
     Args:
         time: Instants in ascending order, shape (k,) [s].
         modes: Mode codes between the instants, shape (k - 1, n).
-        start: Modes in force before the first instant and their ages.
+        start: Modes in force before the first instant, and time since each actuator's last switch.
         hold: Modes from the last instant on, shape (n,).
-        rules: Rules for switching; None means the defaults.
+        rules: Rules for switching, with the least time `min_dwell`; None means the defaults.
 
     Returns:
-        True if it is kept, including the time since the last switch before the first instant.
+        True if the time is kept. The last switch before the first instant counts, too.
     """
     least = (rules or SwitchingRules()).min_dwell - _ROUNDING
     return bool(_compute_shortest_run(time, modes, start.modes, start.age, hold) >= least)
@@ -204,7 +206,7 @@ def keeps_dwell(
 def schedule_of_intervals(
     stamp_ns: int, offset_ns: IntArray, modes: ModeArray, hold: ModeArray
 ) -> ModeSchedule:
-    """Create a schedule from the modes of intervals.
+    """Create a mode schedule from the modes of successive intervals.
 
     Equal modes of adjacent intervals become one row.
 
@@ -215,7 +217,7 @@ def schedule_of_intervals(
         hold: Modes from the last limit on, shape (n,).
 
     Returns:
-        The schedule.
+        The schedule; its last row holds `hold`.
     """
     rows = np.append(_find_changes(modes), len(modes))
     return ModeSchedule(stamp_ns, offset_ns[rows], np.vstack([modes, hold])[rows])
@@ -252,12 +254,12 @@ def _interval_modes(
     hold: ModeArray,
     rules: SwitchingRules,
 ) -> ModeArray:
-    """Compute the modes between the instants of a profile.
+    """Compute the modes of all actuators between the instants of a motion.
 
-    For each actuator it is determined when boost is needed. Short times in which boost would only
-    hold a load are left to the closed valve. The runs of boost and of SB then get their lead and
-    least length. Last, boost is reduced where too few booster modules are fitted. It is the kernel
-    of `interval_modes`; the tests check its result against each rule.
+    First it is determined for each actuator when it needs boost. Short times in which boost would
+    only hold a load are left to the closed valve. Then boost and shared boost (SB) begin earlier by
+    the lead, and get their least length. Last, boost is reduced where too few booster modules are
+    fitted. It is the kernel of `interval_modes`. The tests check its result against each rule.
 
     Args:
         m: Arrays of the machine.
@@ -265,8 +267,8 @@ def _interval_modes(
         speed: Piston speeds, shape (k, n) [m/s].
         force: Piston forces under gravity, shape (k, n) [N].
         inertia: Piston forces from inertia, shape (k, n) [N].
-        preferred: Modes that the search for the discrete path (S2) chose around each instant, shape
-            (k, n). SB in them is kept during boost.
+        preferred: Modes that the graph search (S2) chose around each instant, shape (k, n). An
+            actuator that needs boost gets mode SB where they contain SB.
         start: Modes in force at the first instant, shape (n,).
         age: Time since the last switch of each actuator, shape (n,) [s].
         hold: Modes after the last instant, shape (n,).
@@ -322,11 +324,11 @@ def _interval_modes(
 def _find_first_free_interval(time: FloatArray, age: float, dwell: float) -> int:
     """Find the first interval in which an actuator may leave its start mode.
 
-    It may leave the mode once the mode is `dwell` old.
+    It may leave the mode once the mode has been in force for the time `dwell`.
 
     Args:
         time: Instants in ascending order, shape (k,) [s].
-        age: Age of the mode at the first instant [s].
+        age: Time since the actuator's last switch, at the first instant [s].
         dwell: Least time between two switches [s].
 
     Returns:
@@ -344,8 +346,9 @@ def _determine_needs(
 ) -> tuple[np.ndarray, np.ndarray, FloatArray]:
     """Determine an actuator's need for boost and its flow at each instant.
 
-    Speeds and forces are multiplied by NEED_FACTOR for the need. In the dead band the need is that
-    of holding the load.
+    An actuator needs boost if the main pump's pressure is too low for its speed and load. As a
+    reserve, both are multiplied by NEED_FACTOR. In the dead band the pressure must suffice to hold
+    the load.
 
     Args:
         m: Arrays of the machine.
@@ -381,10 +384,11 @@ def _determine_needs(
 def _lacks_pressure_to_accelerate(
     m: MachineArrays, j: int, speed: FloatArray, force: FloatArray, inertia: FloatArray
 ) -> np.ndarray:
-    """Determine whether P_S is too low for an actuator to accelerate its load, at each instant.
+    """Determine when the main pump's pressure is too low for an actuator to accelerate its load.
 
-    The pressure must carry gravity and inertia and leave the part of the margin that inertia may
-    not use. Only motions against this load and faster than 0.9 of the dead band count.
+    The pressure must carry gravity and inertia, and leave the part of the boost margin that inertia
+    may not use. Only instants count at which the piston moves against this load, faster than 0.9 of
+    the dead band. Speeds and loads are multiplied by NEED_FACTOR as a reserve.
 
     Args:
         m: Arrays of the machine.
@@ -394,7 +398,7 @@ def _lacks_pressure_to_accelerate(
         inertia: Piston forces from inertia, shape (k, n) [N].
 
     Returns:
-        True at each instant at which P_S is too low, shape (k,).
+        True at each instant at which the pressure is too low, shape (k,).
     """
     oil, valve, cap, rod = (
         get_shared_hydraulics(m),
@@ -436,10 +440,11 @@ def _find_run_end(on: np.ndarray, first: int, last: int) -> int:
 def _drop_short_holds(
     time: FloatArray, on: np.ndarray, lifts: np.ndarray, longest: float, held_after: bool
 ) -> None:
-    """Set short runs of boost that only hold the load to False, since the closed valve can hold it.
+    """Remove short times of boost that only hold a load, since the closed valve can hold it.
 
-    A run stays if it contains a motion against the load or lasts `longest` or more. It also stays
-    if it reaches the end of a motion after which the actuator is boosted.
+    A run is a sequence of intervals with boost. It stays if it contains a motion against the load,
+    or lasts `longest` or more. It also stays if it reaches the last instant and `held_after` is
+    True.
 
     Args:
         time: Instants in ascending order, shape (k,) [s].
@@ -467,10 +472,11 @@ def _enforce_lead_and_dwell(
     dwell: float,
     beside: tuple[int, int],
 ) -> None:
-    """Give each run of intervals that are True its lead and its least length, and close short gaps.
+    """Let each run of True intervals begin earlier, lengthen short runs, and close short gaps.
 
-    Runs are lengthened to the least length, at their end first and then at their beginning. Gaps
-    shorter than the least length become True.
+    A run is a sequence of intervals that are True, a gap one of intervals that are False. Each run
+    first begins earlier by `lead`. Runs shorter than `dwell` are then lengthened, at their end
+    first and after that at their beginning. Last, gaps shorter than `dwell` become True.
 
     Args:
         time: Limits of the intervals; interval i lasts from time[i] to time[i + 1], [s].
@@ -479,8 +485,9 @@ def _enforce_lead_and_dwell(
         last: One after the last interval that may change.
         lead: Time by which each run begins earlier [s].
         dwell: Least length of runs and gaps [s].
-        beside: State before interval `first`, and from interval `last` on. _ON: a run that touches
-            it is long enough. _OFF: a gap that touches it stays. _EDGE: neither.
+        beside: State before interval `first`, and state from interval `last` on. _ON: a run that
+            touches this place is long enough. _OFF: a gap that touches it stays. _EDGE: neither
+            holds.
     """
     before, after = beside
     since = math.inf
@@ -521,9 +528,11 @@ def _enforce_shared_boost_dwell(
     start: int,
     hold: int,
 ) -> None:
-    """Adjust the SB parts of every run of boost so that SB parts and DB parts keep the least dwell.
+    """Adjust the parts of boost in mode SB so that SB parts and DB parts last long enough.
 
-    The intervals before `free` stay as they are. SB without room for its least length becomes DB.
+    Every run of boost consists of parts in SB and parts in DB. SB parts begin earlier by
+    `rules.lead`. All parts last at least `rules.min_dwell`, as far as there is room. SB without
+    room for this length becomes DB. The intervals before `free` stay as they are.
 
     Args:
         time: Limits of the intervals, shape (k,) [s].
@@ -562,11 +571,11 @@ def _keep_budget(
     free: IntArray,
     dwell: float,
 ) -> None:
-    """Reduce the modes of every interval to the booster modules fitted.
+    """Reduce boost in intervals whose modes use more booster modules than are fitted.
 
-    No change makes a run shorter than `dwell`. The SB run with the least flow becomes DB first.
-    Then DB that serves only lead, dwell or inertia becomes mode N. An interval that still needs too
-    many modules stays as it is; `s3_limits.find_first_violation` finds it.
+    First the run of mode SB with the least flow becomes DB. Then DB becomes mode N where `needed`
+    is False. No change makes a run of equal modes shorter than `dwell`. An interval that still
+    needs too many modules stays as it is; the check of the limits finds it.
 
     Args:
         m: Arrays of the machine.
@@ -641,10 +650,11 @@ def _find_run_around(modes: ModeArray, i: int, j: int) -> tuple[int, int]:
 def _keeps_dwell_after_change(
     time: FloatArray, modes: ModeArray, first: int, last: int, j: int, mode: int, dwell: float
 ) -> bool:
-    """Return whether all runs of an actuator would last long enough after a change of its mode.
+    """Return whether all modes of an actuator last long enough if its mode is changed.
 
-    The run with the new mode and what is left of the runs beside it are checked. Runs that touch
-    either end of the schedule always count as long enough.
+    A run is a sequence of intervals of equal mode. The run with the new mode is checked, and what
+    the change leaves of the runs next to it. Runs that touch either end of the schedule always
+    count as long enough.
 
     Args:
         time: Limits of the intervals, shape (k,) [s].
@@ -681,7 +691,7 @@ def _keeps_dwell_after_change(
 def _compute_shortest_run(
     time: FloatArray, modes: ModeArray, start: ModeArray, age: FloatArray, hold: ModeArray
 ) -> float:
-    """Compute the least time between two switches of an actuator.
+    """Compute the least time between two mode switches of the same actuator.
 
     The time from the last switch before the first instant counts, too.
 
@@ -689,7 +699,7 @@ def _compute_shortest_run(
         time: Instants in ascending order, shape (k,) [s].
         modes: Mode codes between the instants, shape (k - 1, n).
         start: Modes in force before the first instant, shape (n,).
-        age: Age of these modes at the first instant, shape (n,) [s].
+        age: Time since the last switch of each actuator, at the first instant, shape (n,) [s].
         hold: Modes from the last instant on, shape (n,).
 
     Returns:

@@ -48,23 +48,24 @@ class ScheduledMotion:
         preferred: ModeArray | None = None,
         rules: SwitchingRules | None = None,
     ) -> ScheduledMotion:
-        """Compute the modes of a trajectory.
+        """Compute the modes of a trajectory, with a standstill at its end if they need time.
 
-        If an actuator would be switched before its least dwell is over, the trajectory gets a rest
-        at its end. The rest lasts twice the least dwell, long enough for two switches one after the
+        If an actuator would be switched twice within `rules.min_dwell`, the trajectory gets a
+        standstill at its end. It lasts twice this time, long enough for two switches one after the
         other.
 
         Args:
             machine: Machine with its hydraulics and modules.
             trajectory: Joint trajectory.
-            start: Modes in force at the beginning and their ages.
-            preferred: Modes that the search for the discrete path (S2) chose around each point,
-                shape (points, n). SB in them is kept during boost. None prefers mode N.
+            start: Modes in force at the beginning, and time since each actuator's last switch.
+            preferred: Modes that the graph search (S2) chose around each point, shape (points, n).
+                An actuator that needs boost gets mode SB where they contain SB. None means mode N
+                throughout.
             rules: Rules for switching; None means the defaults.
 
         Returns:
-            Trajectory, with the rest if there is one, its profile and its modes. `keeps_dwell` may
-            be False even with the rest.
+            Trajectory, with the standstill if there is one, its profile and its modes.
+            `keeps_dwell` may be False even with the standstill.
         """
         rules = rules or SwitchingRules()
         once = cls._create_without_rest(machine, trajectory, start, preferred, rules)
@@ -85,19 +86,20 @@ class ScheduledMotion:
         preferred: ModeArray | None,
         rules: SwitchingRules,
     ) -> ScheduledMotion:
-        """Compute the modes of a trajectory without adding a rest.
+        """Compute the modes of a trajectory, which stays as it is.
 
         Args:
             machine: Machine with its hydraulics and modules.
             trajectory: Joint trajectory.
-            start: Modes in force at the beginning and their ages.
-            preferred: Modes that the search for the discrete path (S2) chose around each point,
-                shape (points, n). SB in them is kept during boost. None prefers mode N.
+            start: Modes in force at the beginning, and time since each actuator's last switch.
+            preferred: Modes that the graph search (S2) chose around each point, shape (points, n).
+                An actuator that needs boost gets mode SB where they contain SB. None means mode N
+                throughout.
             rules: Rules for switching.
 
         Returns:
-            Trajectory, its profile and its modes; `keeps_dwell` says whether they keep the least
-            dwell.
+            Trajectory, its profile and its modes; `keeps_dwell` says whether no actuator is
+            switched twice within `rules.min_dwell`.
         """
         profile = motion_profile(
             machine, trajectory.position, trajectory.velocity, trajectory.acceleration

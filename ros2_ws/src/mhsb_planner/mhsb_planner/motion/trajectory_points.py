@@ -37,8 +37,8 @@ def sample_curve(curve: SmoothCurve, start: MotionState, end: FloatArray) -> Tra
     """Sample a curve as a trajectory with stamp 0.
 
     The first point is set to `start` and the last one to rest at `end`. A polynomial from or to
-    rest has an acceleration there; in the first and last interval the acceleration then changes
-    from or to 0.
+    rest has an acceleration at its end. In the first and last interval of the trajectory it then
+    changes from or to the given one.
 
     Args:
         curve: Joint motion.
@@ -46,7 +46,7 @@ def sample_curve(curve: SmoothCurve, start: MotionState, end: FloatArray) -> Tra
         end: Joint positions at the end, shape (n,) [rad or m].
 
     Returns:
-        Trajectory with points at the curve's breaks and between them.
+        Trajectory with points at the curve's breaks and evenly spread between them.
     """
     offset = choose_point_times(curve.breaks)
     q, qd, qdd = curve.sample(offset / SECOND_NS)
@@ -63,7 +63,7 @@ def join_trajectories(lead_in: Trajectory, curve: Trajectory) -> Trajectory:
         curve: Second trajectory.
 
     Returns:
-        Trajectory in which the common point appears once.
+        Trajectory in which the common point appears once. The stamps of both are ignored.
     """
     return Trajectory(
         0,
@@ -77,22 +77,25 @@ def join_trajectories(lead_in: Trajectory, curve: Trajectory) -> Trajectory:
 def choose_point_times(breaks: FloatArray) -> IntArray:
     """Choose the times of a trajectory's points on a curve.
 
-    The points lie at the breaks and are evenly spread between them. Quintics between the points
-    then follow the curve within rounding.
+    The points lie at the breaks and are evenly spread between them. They are close enough for
+    quintics between them to follow the curve within rounding.
 
     Args:
         breaks: Times between which the curve is smooth, ascending from 0, shape (k,) [s].
 
     Returns:
-        Times in ascending order, at most MAX_POINT_SPACING_NS apart, with FEWEST_INTERVALS
-        intervals or more [ns].
+        Times in ascending order, at most MAX_POINT_SPACING_NS apart [ns]. There are at least
+        FEWEST_INTERVALS intervals.
     """
     return _point_times(frozen(breaks))
 
 
 @kernel
 def _point_times(breaks: FloatArray) -> IntArray:
-    """Divide the spans between breaks evenly into intervals; kernel of `choose_point_times`.
+    """Divide the spans between the breaks of a curve evenly into intervals.
+
+    No interval is longer than MAX_POINT_SPACING_NS, and there are at least FEWEST_INTERVALS. It is
+    the kernel of `choose_point_times`.
 
     Args:
         breaks: Times between which the curve is smooth, ascending from 0, shape (k,) [s].

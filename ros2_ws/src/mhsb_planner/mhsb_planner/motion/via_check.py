@@ -17,15 +17,14 @@ The tip must pass the point at no more than the tolerance."""
 
 
 def describe_first_missed(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> str:
-    """Describe the first via point that a motion misses.
+    """Describe the first via point (point that the tip must pass) that a motion misses.
 
-    The points must be passed in order. Each is searched from the place where the one before was
-    passed.
+    The points must be passed in order. The search for each begins where the one before was passed.
 
     Args:
         tip: Tip positions in time order, shape (k, 2 or 3) [m]; between them the tip is taken to
             move straight.
-        passing: Via points with their tolerances, in order.
+        passing: Via points in order; the last number of each is its tolerance [m].
 
     Returns:
         A clause that names the point, the distance at which the tip passes it and the tolerance
@@ -42,17 +41,17 @@ def describe_first_missed(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> str
 
 
 def find_points_ahead(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> tuple[ViaPoint, ...]:
-    """Return the via points that a motion has not passed yet.
+    """Return the via points (points that the tip must pass) that a motion has not passed yet.
 
     Tolerances are widened by TOLERANCE_FACTOR. A point at the very edge of its tolerance then does
     not have to be passed again because the curve is sampled elsewhere.
 
     Args:
         tip: Tip positions so far in time order, shape (k, 2 or 3) [m].
-        passing: Via points with their tolerances, in order.
+        passing: Via points in order; the last number of each is its tolerance [m].
 
     Returns:
-        The last ones of the via points, with their original tolerances.
+        The remaining via points in order, with their original tolerances; empty if all are passed.
     """
     edged = tuple((*point, TOLERANCE_FACTOR * tolerance) for *point, tolerance in passing)
     return passing[_count_passed(tip, edged)[0] :]
@@ -63,11 +62,11 @@ def _count_passed(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> tuple[int, 
 
     Args:
         tip: Tip positions in time order, shape (k, 2 or 3) [m].
-        passing: Via points with their tolerances, in order.
+        passing: Via points in order; the last number of each is its tolerance [m].
 
     Returns:
-        Number of points passed, and least distance at which the next one is missed [m]; 0 if all
-        are passed. The search for a point begins in the segment in which the one before was passed.
+        Number of points passed, and least distance of the tip from the next point [m]; 0 if all are
+        passed. The search for a point begins in the segment in which the one before was passed.
     """
     first = 0
     for count, (*point, tolerance) in enumerate(passing):
@@ -80,7 +79,7 @@ def _count_passed(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> tuple[int, 
 
 
 def _distances(tip: FloatArray, point: FloatArray) -> FloatArray:
-    """Compute the distance of a point from each segment between successive tip positions.
+    """Compute the distance of a point from each straight segment between successive tip positions.
 
     Args:
         tip: Tip positions, shape (k, 2 or 3) [m].

@@ -36,9 +36,16 @@ The rest is enough for the valve at the lowest speeds."""
 
 @kernel(inline="always")
 def measure_holding_pressure(m: MachineArrays, state: LimitInputs) -> float:
-    """Return the largest ratio p_j(F_j, 0) / p_max,j over all cylinders that count [-].
+    """Return the largest share of its available pressure that a cylinder takes to hold a load [-].
 
-    It is 0 if no cylinder counts.
+    This is the supply pressure that carries the load at speed 0, with the boost margin, over the
+    highest supply pressure of the cylinder's mode. A cylinder counts if it moves against its load,
+    or if its speed is between a quarter of the dead band and the whole. The result is 0 if none
+    counts.
+
+    Args:
+        m: Arrays of the machine.
+        state: Speeds, forces and modes at one instant.
     """
     oil, valve, cap, rod = get_shared_hydraulics(m), m.valve_coefficient, m.cap_area, m.rod_area
     heaviest = 0.0

@@ -22,7 +22,12 @@ JOINT_TOLERANCE = 1e-6
 
 @kernel(inline="always")
 def measure_joint_excess(m: MachineArrays, state: LimitInputs) -> float:
-    """Return how far the worst joint lies beyond its limits; negative within them [rad or m]."""
+    """Return how far the worst joint lies beyond its limits; negative within them [rad or m].
+
+    Args:
+        m: Arrays of the machine.
+        state: State of the motion at one instant; only the joint positions count.
+    """
     excess = -math.inf
     for j in range(len(state.position)):
         q = state.position[j]
@@ -58,10 +63,11 @@ def joint_excess(m: MachineArrays, q: FloatArray) -> FloatArray:
 
 @kernel(borrows=True)
 def compute_outward_excess(m: MachineArrays, position: FloatArray) -> float:
-    """Compute how far a joint moves outwards beyond its limits.
+    """Compute how far a motion takes any joint farther out beyond its limits than it was before.
 
-    A joint that starts beyond a limit may return, but may not move outwards again. With e_k the
-    excess at instant k, negative within the limits, the result is
+    A joint that starts beyond a limit may return, but may not move outwards again. Let e_k be the
+    distance of a joint beyond its limits at instant k, negative within them. The result is the
+    largest value over all joints of
 
         max_k ( e_k − min_{i ≤ k} max(e_i, 0) )
 
@@ -70,8 +76,8 @@ def compute_outward_excess(m: MachineArrays, position: FloatArray) -> float:
         position: Joint positions in time order, shape (k, n) [rad or m].
 
     Returns:
-        Largest such increase over joints and instants [rad or m]; negative if all joints stay
-        within their limits; 0 if joints only return.
+        Largest such value [rad or m]; negative if all joints stay within their limits; 0 if joints
+        beyond their limits only return.
     """
     farthest = -math.inf
     for j in range(position.shape[1]):
@@ -91,10 +97,11 @@ def bound_joint_excess(
     velocity: FloatArray,
     acceleration: FloatArray,
 ) -> FloatArray:
-    """Bound how far joints get beyond their limits within each interval of a trajectory.
+    """Bound how far joints get beyond their limits in each interval between trajectory points.
 
-    A quintic stays within the hull of its six control points. Three of them belong to each end:
-    q, q + q̇h/5 and q + 2q̇h/5 + q̈h²/20, with h < 0 at the interval's end.
+    Each joint moves as a quintic, which stays within the hull of its six control points. Three of
+    them belong to each end: q, q + q̇h/5 and q + 2q̇h/5 + q̈h²/20. Here h is the duration of the
+    interval, taken as negative at the interval's end.
 
     Args:
         m: Arrays of the machine.
@@ -104,8 +111,8 @@ def bound_joint_excess(
         acceleration: Joint accelerations at the points, shape (k, n) [rad/s² or m/s²].
 
     Returns:
-        Upper bound on the excess of the worst joint beyond its limits, shape (k - 1,) [rad or m];
-        negative if all joints stay within them.
+        Upper bound on the distance of the worst joint beyond its limits, for each interval, shape
+        (k - 1,) [rad or m]. Negative if all joints certainly stay within their limits.
     """
     rows, n = position.shape
     bound = np.empty(rows - 1)

@@ -49,13 +49,13 @@ class LimitInputs(NamedTuple):
 
 @kernel(inline="always")
 def select_instant(motion: LimitInputs, k: int, interval: int) -> LimitInputs:
-    """Return the state of a motion at one instant, as views of its arrays.
+    """Return the state of a motion at one instant, as views of the motion's arrays.
 
     Args:
         motion: The motion: arrays with a row for each instant, and `modes` with a row for each
             interval between two points, shape (k − 1, n).
         k: Index of the instant.
-        interval: Index of the interval whose modes count.
+        interval: Row of `motion.modes` for the state.
 
     Returns:
         The state.

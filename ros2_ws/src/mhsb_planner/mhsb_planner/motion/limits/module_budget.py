@@ -16,7 +16,12 @@ from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit
 
 @kernel(inline="always")
 def measure_module_excess(m: MachineArrays, state: LimitInputs) -> float:
-    """Return the number of modules used less those fitted."""
+    """Return the number of booster modules that the modes use, less those fitted.
+
+    Args:
+        m: Arrays of the machine.
+        state: State of the motion at one instant; only the modes count.
+    """
     beyond = -m.module_count
     for mode in state.modes:
         beyond += m.modules_per_mode[mode]

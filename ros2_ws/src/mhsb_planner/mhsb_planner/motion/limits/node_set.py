@@ -21,9 +21,14 @@ CLEAR_DISTANCE = 2e-3
 
 @kernel(inline="always")
 def measure_tip_excess(m: MachineArrays, state: LimitInputs) -> float:
-    """Return the largest excess of the tip over the three bounds of the node set [m].
+    """Return how far the tip lies outside the workspace [m]; negative inside.
 
-    It is negative inside.
+    The workspace has a least forward distance, and a least and a greatest distance from the base.
+    The result is the largest of the three excesses.
+
+    Args:
+        m: Arrays of the machine.
+        state: State of the motion at one instant; only the tip position counts.
     """
     return compute_region_excess(m.min_x, m.min_radius, m.max_radius, state.tip[0], state.tip[1])
 

@@ -19,7 +19,17 @@ OBSTACLE_LIMIT = Limit(
 
 
 def find_obstacle_violation(machine: Machine, trajectory: Trajectory) -> Violation | None:
-    """Find the first obstacle that a trajectory touches; None if it touches none."""
+    """Find the first obstacle that the arm touches along a trajectory.
+
+    Obstacles count without margin. A motion that starts in an obstacle may leave it.
+
+    Args:
+        machine: Machine with its obstacles.
+        trajectory: Joint trajectory.
+
+    Returns:
+        The violation, with time, depth and name of the obstacle; None if the arm touches none.
+    """
     contact = find_first_contact(machine, trajectory)
     if contact is None:
         return None

@@ -31,7 +31,12 @@ STATE_LIMITS: tuple[StateLimit, ...] = (
 
 @kernel(inline="always")
 def measure_limits(m: MachineArrays, state: LimitInputs) -> tuple[float, ...]:
-    """Return the quantity of each of `STATE_LIMITS` at one instant, in their order."""
+    """Return the bounded quantity of each limit in `STATE_LIMITS` at one instant, in their order.
+
+    Args:
+        m: Arrays of the machine.
+        state: State of the motion at this instant. Its `scratch` is overwritten.
+    """
     return (
         module_budget.measure_module_excess(m, state),
         joint_range.measure_joint_excess(m, state),

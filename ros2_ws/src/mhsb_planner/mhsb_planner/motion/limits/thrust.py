@@ -27,9 +27,16 @@ from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit, TimeScalin
 
 @kernel(inline="always")
 def measure_thrust(m: MachineArrays, state: LimitInputs) -> float:
-    """Return the largest ratio of needed to highest supply pressure over all cylinders [-].
+    """Return the largest ratio of needed to available supply pressure over all cylinders [-].
 
-    It is 0 if no cylinder moves against its load.
+    The needed pressure carries gravity and inertia at the piston's speed, and leaves the part of
+    the boost margin that inertia may not use. The available pressure is the highest of the
+    cylinder's mode. Only cylinders that move against this load count. The result is 0 if there is
+    none.
+
+    Args:
+        m: Arrays of the machine.
+        state: Speeds, forces and modes at one instant.
     """
     oil, valve, cap, rod = get_shared_hydraulics(m), m.valve_coefficient, m.cap_area, m.rod_area
     hardest = 0.0

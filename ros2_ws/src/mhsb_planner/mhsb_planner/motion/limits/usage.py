@@ -47,14 +47,15 @@ def speed_limit(
 ) -> float:
     """Compute the largest speed of a piston under a load.
 
-    Against the load the pressure limits it, with p = P_S without modules and p the highest boost
-    pressure with them:
+    If the piston moves against its load, the pressure limits its speed:
 
-        v = K √((p − margin − p_L) A_dir/(A³ + a³))
+        v = K √((p − margin − p_L) A_d/(A³ + a³))
 
-    With the load, two limits hold: the same equation with p = P_S and without margin, and the flow
-    that the valve passes into the inlet chamber, v = K √P_S/A_dir. The load need not be lifted
-    then. In boost the flow of n modules, v = n Q_SP/A_dir, is a further limit.
+    p is the main pump's pressure P_S in mode N, and the highest boost pressure in boost. p_L is the
+    load pressure, A_d the area that fills in the direction of motion. If the piston moves with its
+    load, two limits hold: the same equation with p = P_S and without margin, and the flow through
+    the valve, v = K √P_S/A_d. In boost the flow of n modules, v = n Q_SP/A_d, is a further limit,
+    with the flow Q_SP of one servo pump.
 
     Args:
         oil: Hydraulic numbers that all actuators share.
@@ -84,10 +85,17 @@ def speed_limit(
 
 @kernel(inline="always")
 def measure_usage(m: MachineArrays, state: LimitInputs) -> float:
-    """Return the usage of pumps and valves by the equation of this module [-].
+    """Return the share of what main pump, servo pumps and valves can do that a motion uses [-].
 
-    It is inf if a cylinder has to move and cannot. Writes the supply pressure of each boosted
-    actuator [Pa] into `state.scratch`; other entries are left as they are.
+    It is the largest of two ratios: the flow of all pistons over the main pump's flow less leakage,
+    and the speed of each piston over its largest speed under its load. A motion that is slower by
+    this factor keeps the limit. The result is inf if a cylinder moves that cannot, or leakage takes
+    all.
+
+    Args:
+        m: Arrays of the machine.
+        state: Speeds, forces and modes at one instant. The supply pressure of each boosted actuator
+            [Pa] is written to `state.scratch` in place.
     """
     oil, valve, cap, rod = get_shared_hydraulics(m), m.valve_coefficient, m.cap_area, m.rod_area
     own, modes = state.scratch, state.modes
