@@ -21,7 +21,7 @@ ON_LINE = 1e-6
 
 
 def grid_nodes(machine: Machine, spacing: float) -> IntArray:
-    """List the nodes of the machine's workspace in lexicographic order.
+    """List the grid points of tip positions that lie in the machine's workspace.
 
     A node (i, k) lies at x = i · spacing, z = k · spacing, with
 
@@ -32,7 +32,7 @@ def grid_nodes(machine: Machine, spacing: float) -> IntArray:
         spacing: Grid spacing [m].
 
     Returns:
-        Integer coordinates (i, k), int64, shape (nodes, 2).
+        Integer coordinates (i, k) in lexicographic order, int64, shape (nodes, 2).
 
     Raises:
         RequestError: The spacing is not above 0 or exceeds max_radius.
@@ -64,7 +64,7 @@ class Grid:
     """
 
     def __init__(self, nodes: IntArray, spacing: float) -> None:
-        """Index the nodes and find the neighbours of each.
+        """Create the look-up of nodes, and find the neighbours of each node.
 
         Args:
             nodes: Integer coordinates (i, k), shape (nodes, 2).
@@ -84,14 +84,15 @@ class Grid:
         )
 
     def node_at(self, x: float, z: float) -> int | None:
-        """Return the index of the node at a position, or None if there is none.
+        """Return the index of the node at a tip position, if there is one.
 
         Args:
-            x: Position [m].
-            z: Position [m].
+            x: Tip position forward [m].
+            z: Tip position upward [m].
 
         Returns:
-            Index of the node. x and z may each differ from it by ON_LINE spacings.
+            Index of the node; None if there is no node. x and z may each differ from the node's
+            position by ON_LINE grid spacings.
         """
         i, k = round(x / self.spacing), round(z / self.spacing)
         if abs(x / self.spacing - i) > ON_LINE or abs(z / self.spacing - k) > ON_LINE:
@@ -99,20 +100,20 @@ class Grid:
         return self._index.get((i, k))
 
     def cell_corners(self, x: float, z: float, rings: int = 0) -> IntArray:
-        """Return the nodes at the corners of the cell in which a position lies.
+        """Return the nodes at the corners of the grid cell in which a tip position lies.
 
         A start or goal off the grid is joined to these nodes.
 
-        A point on a grid line belongs to the cells on both sides, and a point on a node to all four
-        cells around it. The node at the point itself is left out.
+        A position on a grid line belongs to the cells on both sides. A position on a node belongs
+        to all four cells around the node. The node at the position itself is left out.
 
         Args:
-            x: Position [m].
-            z: Position [m].
+            x: Tip position forward [m].
+            z: Tip position upward [m].
             rings: Number of further rings of nodes to include; 0 means the corners alone.
 
         Returns:
-            Indices of the nodes, int64; nodes outside the workspace are missing.
+            Indices of the nodes, int64. Corners outside the workspace are no nodes and are missing.
         """
         here = self.node_at(x, z)
         rows, columns = self._bounding_lines(z, rings), self._bounding_lines(x, rings)
@@ -120,14 +121,14 @@ class Grid:
         return np.array([node for node in found if node != here], dtype=np.int64)
 
     def share_cell(self, a: tuple[float, float], b: tuple[float, float]) -> bool:
-        """Return whether two points lie in one cell, its edges included.
+        """Return whether two tip positions lie in the same grid cell, its edges included.
 
         Args:
             a: Position (x, z) [m].
             b: Position (x, z) [m].
 
         Returns:
-            True if they do.
+            True if there is a cell that contains both.
         """
         for p, q in zip(a, b, strict=True):
             one, other = self._bounding_lines(p), self._bounding_lines(q)
@@ -136,16 +137,17 @@ class Grid:
         return True
 
     def _bounding_lines(self, coordinate: float, rings: int = 0) -> range:
-        """Return the grid lines of one axis that bound the cells in which a coordinate lies.
+        """Return the grid lines of one axis between which a coordinate lies.
 
-        A coordinate on a line belongs to the cells on both sides.
+        A coordinate on a line belongs to the cells on both sides, so that the next line on each
+        side is returned, too.
 
         Args:
             coordinate: x or z [m].
             rings: Number of further lines on each side.
 
         Returns:
-            Integer coordinates of the lines.
+            Integer coordinates of the lines, in units of the spacing, in ascending order.
         """
         value = coordinate / self.spacing
         if abs(value - round(value)) <= ON_LINE:

@@ -63,20 +63,22 @@ class ArchiveTooLargeError(Exception):
 
 
 def read_arrays(path: Path, kinds: Mapping[str, str], largest: int) -> dict[str, np.ndarray]:
-    """Return arrays of an npz file by their names.
+    """Read arrays of an npz file from an untrusted source.
 
     Args:
         path: The file.
-        kinds: Name of each array, and a regular expression that its dtype must match, as in "<f8".
+        kinds: Names of the arrays to read. The value of each is a regular expression that the
+            array's dtype must match, such as "<f8".
         largest: Largest unpacked size of all members together [B].
 
     Returns:
-        The arrays, each with its own memory.
+        The arrays by name, each with its own memory.
 
     Raises:
         OSError: The file cannot be read.
-        ArchiveTooLargeError: It would unpack to more than `largest`.
-        DAMAGED_FILE_ERRORS: It is damaged, or an array is missing or of another dtype.
+        ArchiveTooLargeError: The file would unpack to more than `largest`.
+        DAMAGED_FILE_ERRORS: One of these errors, if the file is damaged, or an array is missing or
+            of another dtype.
     """
     with zipfile.ZipFile(path) as file:
         size = sum(part.file_size for part in file.infolist())
@@ -86,18 +88,18 @@ def read_arrays(path: Path, kinds: Mapping[str, str], largest: int) -> dict[str,
 
 
 def _decode_array(content: bytes, kind: str) -> np.ndarray:
-    """Decode the content of an npy file.
+    """Decode the content of an npy file from an untrusted source.
 
     Args:
         content: All bytes of the file.
-        kind: Regular expression that the dtype must match, as in "<f8".
+        kind: Regular expression that the dtype must match, such as "<f8".
 
     Returns:
         The array, with its own memory.
 
     Raises:
-        ValueError: The header has another form or dtype, or the number of bytes does not fit the
-            shape.
+        ValueError: The header has another form than NumPy writes, or another dtype. Or the number
+            of bytes does not fit the shape.
     """
     if content[:6] != NPY_MAGIC or len(content) < 12 or content[6] not in LENGTH_FORMATS:
         raise ValueError("no npy file")

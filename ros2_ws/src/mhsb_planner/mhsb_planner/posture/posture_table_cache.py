@@ -19,15 +19,15 @@ _log = logging.getLogger(__name__)
 def cached_table_path(
     machine: Machine, spacing: float | None = None, solver: str = "global"
 ) -> Path:
-    """Return the path of a machine's table in the cache.
+    """Return the path of a machine's posture table in the user's cache directory.
 
-    The directory is $XDG_CACHE_HOME/mhsb, otherwise ~/.cache/mhsb. The name contains the hash of
-    the machine in its plane. Tables of other solvers get names of their own, which
-    `load_or_build_table` does not look for.
+    The directory is $XDG_CACHE_HOME/mhsb if this is an absolute path, otherwise ~/.cache/mhsb. The
+    name contains the hash of the machine without its slewing joint. Tables of other solvers than
+    `global` get names of their own, which `load_or_build_table` does not look for.
 
     Args:
         machine: The machine.
-        spacing: Grid spacing [m]; None: the machine's own.
+        spacing: Grid spacing [m]; None means the machine's own.
         solver: Name of the solver that made the table.
 
     Returns:
@@ -46,7 +46,7 @@ def load_or_build_table(
     spacing: float | None = None,
     progress: Progress | None = None,
 ) -> PostureTable:
-    """Return the posture table of a machine in its plane, and build it if necessary.
+    """Return the posture table of a machine without its slewing joint; build it if necessary.
 
     If `path` is given, the table is read from this file alone. Otherwise it comes from the cache. A
     table that the cache does not contain is built and stored there. A damaged one in the cache is
@@ -55,10 +55,10 @@ def load_or_build_table(
 
     Args:
         machine: The machine.
-        path: File to read; None: use the cache.
-        spacing: Grid spacing for the cache or for building [m]; None: the machine's own.
-        progress: Called with the numbers of finished and of all nodes; None: a progress bar on a
-            terminal.
+        path: File to read; None means the cache.
+        spacing: Grid spacing for the cache or for building [m]; None means the machine's own.
+        progress: Called with the numbers of finished and of all nodes; None shows a progress bar if
+            the output is a terminal.
 
     Returns:
         The table.

@@ -66,10 +66,10 @@ SAME_AREA = 1e-9
 
 @kernel
 def _sample_postures(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
-    """Sample postures within limits at a tip position.
+    """Sample postures within joint limits at a tip position.
 
-    Each pair of joints closes the chain in turn, in both solutions of `close_chain`. The other
-    joints are sampled evenly, limits included, as densely as MAX_CLOSED_CHAINS allows.
+    Each pair of joints in turn brings the tip to the position, in up to two ways. The other joints
+    are sampled evenly, limits included, as densely as MAX_CLOSED_CHAINS allows.
 
     Args:
         m: Numeric description of the machine.
@@ -78,7 +78,7 @@ def _sample_postures(m: MachineArrays, x: float, z: float, found: FloatArray) ->
         found: Written in place, shape (MAX_CLOSED_CHAINS, n) [rad or m].
 
     Returns:
-        Number of postures written.
+        Number of postures written; further rows of `found` are undefined.
     """
     n = len(m.link_length)
     each = max(2, int((MAX_CLOSED_CHAINS / (n * (n - 1))) ** (1.0 / (n - 2))))
@@ -127,15 +127,15 @@ class _AreaBuffers(NamedTuple):
 
 @kernel
 def _area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _AreaBuffers) -> float:
-    """Compute the polytope's area in a posture for one mode combination.
+    """Compute the area of the velocity polytope in a posture for one mode combination.
 
-    Faster than `s1_polytope.posture_area`, its oracle: flow limits are computed only for the modes
-    of the combination.
+    The polytope contains all velocities of the tip that the pistons' limits allow. The function is
+    faster than `s1_polytope.posture_area`, its test oracle.
 
     Args:
         m: Numeric description of the machine.
         q: Posture, shape (n,) [rad or m].
-        pattern: Mode combination, shape (n,).
+        pattern: Mode combination (one mode for each actuator), shape (n,).
         w: Working memory; `force`, `cross` and `limit` are overwritten.
 
     Returns:
@@ -177,15 +177,16 @@ def _move_with_fixed_tip(
 ) -> bool:
     """Move one joint by a stride while two others keep the tip in place.
 
-    The moving joint, the driver, is clipped to its limits. If a closing joint would pass its limit,
-    it is put there, and the driver closes the chain with the other joint.
+    The moving joint is the driver; it is clipped to its limits. If one of the two others (the
+    closing joints) would pass its limit, it is put at this limit. The driver and the other closing
+    joint then keep the tip in place.
 
     Args:
         m: Numeric description of the machine.
         tip: Tip position (x, z) [m].
         q: Posture, shape (n,) [rad or m].
         moved: New posture, written in place, shape (n,) [rad or m].
-        triple: Driver and closing joints.
+        triple: Indices of the driver and of the two closing joints.
         stride: Signed stride of the driver [rad or m].
 
     Returns:
@@ -226,21 +227,21 @@ def _ascend_area(
     area: float,
     strides: tuple[float, float],
 ) -> float:
-    """Ascend the polytope's area with the tip in place, by decreasing strides.
+    """Increase the velocity polytope's area by moving joints while the tip stays in place.
 
-    Each iteration tries all triples of joints in both directions. Within a triple, the joint that
-    turns fastest is the driver. Its rate is the area spanned by the other two joints' Jacobian
-    columns. The best move is taken; if none gains, the stride is halved.
+    Each iteration tries all triples of joints in both directions. In a triple, the joint that has
+    to turn fastest moves by the stride, and the other two keep the tip in place. The move with the
+    largest area is taken. If no move gains, the stride is halved.
 
     Args:
         m: Numeric description of the machine.
         tip: Tip position (x, z) [m].
-        pattern: Mode combination, shape (n,).
+        pattern: Mode combination (one mode for each actuator), shape (n,).
         w: Working memory, overwritten.
         q: Posture, changed in place, shape (n,) [rad or m].
         area: Area in the posture q [m²/s²].
         strides: First stride, and stride below which the ascent ends [rad]. Sliding joints move by
-            as many of their units.
+            the equivalent length.
 
     Returns:
         Area in the final posture [m²/s²].
@@ -293,15 +294,15 @@ def _ascend_area(
 def _exclude_samples(
     sample: FloatArray, value: FloatArray, posture: FloatArray, unit: FloatArray
 ) -> None:
-    """Exclude samples close to a posture as starts of an ascent: their value becomes −1.
+    """Exclude samples close to a posture as starts of an ascent, by setting their value to −1.
 
-    Close means that no joint differs by more than MIN_START_DISTANCE, in the joint's unit.
+    A sample is close if no joint differs by more than MIN_START_DISTANCE, in the joint's unit.
 
     Args:
         sample: Samples, shape (count, n) [rad or m].
-        value: Area of each sample, shape (count,); changed in place.
+        value: Area of each sample, shape (count,) [m²/s²]; changed in place.
         posture: The posture, shape (n,) [rad or m].
-        unit: Unit of each joint, shape (n,) [rad or m].
+        unit: Unit of each joint: 1 rad, or a length for a sliding joint, shape (n,) [rad or m].
     """
     for s in range(len(value)):
         if np.max(np.abs(sample[s] - posture) / unit) <= MIN_START_DISTANCE:
@@ -317,15 +318,16 @@ def _find_best_known(
     best: float,
     q: FloatArray,
 ) -> float:
-    """Find the posture of largest polytope area among known ones.
+    """Find the posture of largest velocity-polytope area among known postures.
 
     Args:
         m: Numeric description of the machine.
-        pattern: Mode combination, shape (n,).
+        pattern: Mode combination (one mode for each actuator), shape (n,).
         w: Working memory, overwritten.
         known: Postures, shape (k, n) [rad or m].
         best: Area that must be exceeded [m²/s²].
-        q: Written in place, shape (n,): the posture found; unchanged if none exceeds `best`.
+        q: The posture found, shape (n,) [rad or m]. Written in place; unchanged if no area exceeds
+            `best`.
 
     Returns:
         The largest area, at least `best` [m²/s²].
@@ -347,23 +349,27 @@ def largest_polytopes_of_chain(
     posture: FloatArray,
     area: FloatArray,
 ) -> bool:
-    """Find the posture of largest polytope area at a tip position for each mode combination.
+    """Find for each mode combination the posture with the largest velocity polytope.
 
-    One set of samples serves all combinations. For each, the area is ascended from the best samples
-    and from the best posture of the combinations before. Then each combination ascends once more,
-    from the best posture of all combinations. The search may miss the largest area. Test oracle:
-    SLSQP from many starts.
+    The polytope contains all velocities of the tip that the pistons' limits allow. Postures are
+    sampled once for all combinations. For each combination, joints are moved to larger areas from
+    the best samples, and from the best postures of other combinations. The search may miss the
+    largest area.
+
+    Test oracle: SLSQP from many starts.
 
     Args:
         m: Numeric description of the machine.
         x: Tip position forward [m].
         z: Tip position upward [m].
-        patterns: Mode combinations, shape (patterns, n).
-        posture: Written in place, shape (patterns, n) [rad or m].
-        area: Written in place, shape (patterns,) [m²/s²].
+        patterns: Mode combinations (one mode for each actuator), shape (patterns, n).
+        posture: Posture for each mode combination, written in place, shape (patterns, n) [rad or
+            m].
+        area: Area of the velocity polytope of each posture, written in place, shape (patterns,)
+            [m²/s²].
 
     Returns:
-        False if no posture is within limits; `posture` and `area` are then NaN.
+        False if no posture is within joint limits; `posture` and `area` are then NaN.
     """
     posture[:] = np.nan
     area[:] = np.nan

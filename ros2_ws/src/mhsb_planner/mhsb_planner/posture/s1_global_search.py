@@ -93,7 +93,7 @@ is within limits, the node's entries are NaN.
 
 @kernel
 def _psi_at(lower: float, upper: float, t: float) -> float:
-    """Return the end-link angle at the parameter t of a feasible interval.
+    """Return the end-link angle ψ at a parameter t of an interval of ψ.
 
         ψ = (lower + upper)/2 − (upper − lower)/2 · cos t
 
@@ -102,7 +102,7 @@ def _psi_at(lower: float, upper: float, t: float) -> float:
     Args:
         lower: Lower end of the interval [rad].
         upper: Upper end of the interval [rad].
-        t: Parameter from 0 to π.
+        t: Parameter from 0 (lower end) to π (upper end). Values beyond are clipped.
 
     Returns:
         ψ [rad].
@@ -124,16 +124,16 @@ def _compute_area_inputs(
     cross: FloatArray,
     limit: FloatArray,
 ) -> bool:
-    """Compute a posture and the two arrays from which its polytope area is computed.
+    """Compute a posture, and the two arrays from which its velocity-polytope area follows.
 
     Args:
         m: Numeric description of the machine.
         tip: Tip position (x, z) [m].
         psi: End-link angle [rad].
-        elbow: Elbow branch, ∓1.
+        elbow: Elbow branch (sign of the second-last joint's angle), −1 or 1.
         q: Posture, written in place, shape (3,) [rad].
-        cross: Cross products C_i × C_j of the tip velocities per piston speed, written in place,
-            shape (3, 3) [-].
+        cross: Cross products C_i × C_j, written in place, shape (3, 3) [-]. C_j is the tip velocity
+            per speed of piston j.
         limit: Largest inlet flows by joint, mode and direction, written in place, shape (3, modes,
             2) [m³/s].
 
@@ -158,19 +158,21 @@ def _maximise_in_interval(
     pattern: ModeArray,
     q: FloatArray,
 ) -> float:
-    """Maximise the area over a part of a feasible interval by golden-section search.
+    """Maximise the velocity polytope's area over part of an interval of the end-link angle ψ.
 
     Args:
         m: Numeric description of the machine.
         tip: Tip position (x, z) [m].
-        interval: Elbow branch, lower and upper end of ψ [rad], shape (3,).
-        low: Lower end of the parameter t.
-        high: Upper end of the parameter t.
-        pattern: Mode combination, shape (3,).
+        interval: Elbow branch (−1 or 1), lower and upper end of ψ [rad], shape (3,).
+        low: Lower end of the part, as a parameter t: 0 is the lower end of the interval, π its
+            upper end.
+        high: Upper end of the part, as a parameter t.
+        pattern: Mode combination (one mode for each actuator), shape (3,).
         q: Posture of the maximum, written in place, shape (3,) [rad].
 
     Returns:
-        Area [m²/s²]; −1 if the last candidates are not within limits.
+        Largest area found by golden-section search [m²/s²]; −1 if the last candidates are not
+        within joint limits.
     """
     n = len(q)
     cross = np.empty((n, n))
@@ -228,14 +230,15 @@ class _PsiSamples(NamedTuple):
 
 @kernel
 def _sample_psi(m: MachineArrays, tip: tuple[float, float]) -> _PsiSamples:
-    """Sample ψ in all feasible intervals at a tip position, their ends included.
+    """Sample the end-link angle ψ in all its feasible intervals at a tip position.
 
     Args:
         m: Numeric description of the machine.
         tip: Tip position (x, z) [m].
 
     Returns:
-        The samples in the order of the intervals; none if no posture is within limits.
+        The samples in the order of the intervals, interval ends included. No samples if no posture
+        is within joint limits.
     """
     interval = np.empty((MAX_INTERVALS, 3))
     intervals = find_feasible_intervals(m, tip[0], tip[1], interval)
@@ -261,17 +264,20 @@ def _sample_psi(m: MachineArrays, tip: tuple[float, float]) -> _PsiSamples:
 
 @kernel
 def _find_largest_sample(samples: _PsiSamples, value: FloatArray, q: FloatArray) -> float:
-    """Find the sample of largest area.
+    """Find the sample with the largest velocity-polytope area.
 
-    A later sample must be larger by SAME_AREA. The ends of the intervals come first.
+    The ends of all intervals are looked at first, then all samples. A later sample counts only if
+    its area is larger by the share SAME_AREA.
 
     Args:
-        samples: Samples of ψ.
-        value: Area of each sample, shape (samples,) [m²/s²]; −1 beyond limits.
-        q: Its posture, written in place, shape (3,) [rad].
+        samples: Samples of the end-link angle ψ at one tip position.
+        value: Area of each sample, shape (samples,) [m²/s²]; −1 if the sample is beyond joint
+            limits.
+        q: Posture of the sample found, written in place, shape (3,) [rad]; unchanged if all values
+            are −1.
 
     Returns:
-        Its area [m²/s²].
+        Area of the sample found [m²/s²]; −1 if all values are −1.
     """
     best, first = -1.0, samples.first
     for i in range(len(first) - 1):
@@ -288,16 +294,18 @@ def _find_largest_sample(samples: _PsiSamples, value: FloatArray, q: FloatArray)
 
 @kernel
 def _compute_drop(value: FloatArray, s: int, first: int, last: int) -> float:
-    """Compute by how much a local maximum of the samples exceeds its lower neighbour.
+    """Compute by how much a sample that is a local maximum exceeds its lower neighbour.
 
     Args:
-        value: Area of each sample, shape (samples,) [m²/s²]; −1 beyond limits.
+        value: Area of each sample, shape (samples,) [m²/s²]; −1 if the sample is beyond joint
+            limits.
         s: Index of the sample.
         first: Index of the first sample of its interval.
         last: Index of the last sample of its interval.
 
     Returns:
-        The difference [m²/s²]; −inf if the sample is no local maximum.
+        The difference to the lower of both neighbours in the interval [m²/s²]; −inf if the sample
+        is no local maximum or beyond joint limits.
     """
     before = value[s - 1] if s > first else -math.inf
     after = value[s + 1] if s < last else -math.inf
@@ -320,21 +328,25 @@ def largest_polytopes_3r(
     posture: FloatArray,
     area: FloatArray,
 ) -> bool:
-    """Find the posture of largest polytope area at a tip position for each mode combination.
+    """Find for each mode combination the posture with the largest velocity polytope.
 
-    The arm has three turning joints. Interval ends and samples of ψ are compared, and local maxima
-    that could be the largest are refined. Test oracle: a dense scan of ψ on both branches.
+    The polytope contains all velocities of the tip that the pistons' limits allow. The arm has
+    three turning joints, so its posture has one free coordinate, the end-link angle ψ. Samples of ψ
+    are compared, and local maxima that could be the largest are refined.
+
+    Test oracle: a dense scan of ψ on both elbow branches.
 
     Args:
         m: Numeric description of the machine.
         x: Tip position forward [m].
         z: Tip position upward [m].
-        patterns: Mode combinations, shape (patterns, 3).
-        posture: Written in place, shape (patterns, 3) [rad].
-        area: Written in place, shape (patterns,) [m²/s²].
+        patterns: Mode combinations (one mode for each actuator), shape (patterns, 3).
+        posture: Posture for each mode combination, written in place, shape (patterns, 3) [rad].
+        area: Area of the velocity polytope of each posture, written in place, shape (patterns,)
+            [m²/s²].
 
     Returns:
-        False if no posture is within limits; `posture` and `area` are then NaN.
+        False if no posture is within joint limits; `posture` and `area` are then NaN.
     """
     posture[:] = np.nan
     area[:] = np.nan
@@ -377,20 +389,24 @@ def largest_polytopes(
     posture: FloatArray,
     area: FloatArray,
 ) -> bool:
-    """Find the posture of largest polytope area at a tip position for each mode combination.
+    """Find for each mode combination the posture with the largest velocity polytope.
 
-    Calls the solver for three turning joints or the one for any other chain.
+    The polytope contains all velocities of the tip that the pistons' limits allow. Arms of three
+    turning joints and all other chains have a solver each. Only the solver for other chains may
+    miss the largest area.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         x: Tip position forward [m].
         z: Tip position upward [m].
-        patterns: Mode combinations, shape (patterns, n).
-        posture: Written in place, shape (patterns, n) [rad or m].
-        area: Written in place, shape (patterns,) [m²/s²].
+        patterns: Mode combinations (one mode for each actuator), shape (patterns, n).
+        posture: Posture for each mode combination, written in place, shape (patterns, n) [rad or
+            m].
+        area: Area of the velocity polytope of each posture, written in place, shape (patterns,)
+            [m²/s²].
 
     Returns:
-        False if no posture is within limits; `posture` and `area` are then NaN.
+        False if no posture is within joint limits; `posture` and `area` are then NaN.
     """
     solve = largest_polytopes_3r if machine.is_3r else largest_polytopes_of_chain
     return bool(solve(machine.arrays, x, z, patterns, posture, area))
@@ -399,14 +415,17 @@ def largest_polytopes(
 def search_globally(
     machine: Machine, position: FloatArray, posture: FloatArray, area: FloatArray
 ) -> None:
-    """Fill a posture table by global search; the default `NodeSolver`.
+    """Find the postures with the largest velocity polytope at many tip positions.
+
+    It is the default `NodeSolver` by which posture tables are built.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         position: Tip positions, shape (nodes, 2) [m].
-        posture: Written in place, shape (nodes, patterns, n) [rad or m]; NaN if no posture is
-            within limits.
-        area: Written in place, shape (nodes, patterns) [m²/s²]; NaN in the same entries.
+        posture: Posture for each position and mode combination, written in place, shape (nodes,
+            patterns, n) [rad or m]; NaN if no posture is within joint limits.
+        area: Area of the velocity polytope, written in place, shape (nodes, patterns) [m²/s²]; NaN
+            in the same entries.
     """
     for i, (x, z) in enumerate(position.tolist()):
         largest_polytopes(machine, x, z, machine.patterns, posture[i], area[i])
@@ -428,19 +447,22 @@ class PointPostures:
 def postures_at(
     machine: Machine, x: float, z: float, deadline: Deadline = NO_DEADLINE
 ) -> PointPostures:
-    """Find the postures of largest polytope at any tip position, on the grid or off it.
+    """Find the postures with the largest velocity polytope at a tip position.
+
+    The position need not be a node of the grid.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         x: Tip position forward [m].
         z: Tip position upward [m].
         deadline: Instant after which the search is given up.
 
     Returns:
-        Posture [rad or m] and polytope area [m²/s²] for each mode combination of the machine.
+        Posture [rad or m] and polytope area [m²/s²] for each mode combination of the machine, in
+        the order of `machine.patterns`.
 
     Raises:
-        InfeasibleGoalError: No posture is within limits.
+        InfeasibleGoalError: No posture within joint limits reaches the position.
         DeadlineError: The deadline passed before all combinations were solved.
     """
     patterns = machine.patterns
@@ -462,17 +484,20 @@ def build_posture_table(
     cancelled: Cancelled | None = None,
     solver: NodeSolver = search_globally,
 ) -> PostureTable:
-    """Build the posture table of a machine in its plane.
+    """Build the posture table of a machine without its slewing joint.
 
-    Nodes are solved in threads or by a cluster; the result does not depend on which, nor on their
-    number.
+    The table has the posture with the largest velocity polytope for each workspace node and mode
+    combination. Nodes are solved in threads or by a cluster. Neither the choice nor the number of
+    workers changes the result.
 
     Args:
         machine: The machine.
-        spacing: Grid spacing [m]; None: the machine's own.
-        jobs: Number of threads, or a cluster; None: one thread for each processor.
-        progress: Called with the numbers of finished and of all nodes after each task.
-        cancelled: Called after each task; if it returns true, the work is given up.
+        spacing: Grid spacing [m]; None means the machine's own.
+        jobs: Number of threads, or a cluster; None means one thread for each processor.
+        progress: Function that is called with the numbers of finished and of all nodes after each
+            task; None means none.
+        cancelled: Function that is called after each task. If it returns true, the work is given
+            up. None means never.
         solver: Function that finds the postures.
 
     Returns:
@@ -517,11 +542,11 @@ def build_posture_table(
 def _solve_nodes(
     solver: NodeSolver, machine: Machine, position: FloatArray, begin: int, end: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Find the postures of largest polytope area at a range of the nodes.
+    """Find the postures with the largest velocity polytope at a range of the nodes.
 
     Args:
         solver: Function that finds the postures.
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         position: Tip positions of all nodes, shape (nodes, 2) [m].
         begin: Index of the first node to solve.
         end: Index after the last node to solve.

@@ -45,7 +45,11 @@ class TableComparison:
 
     @property
     def short_share_bound(self) -> float:
-        """Upper bound on the share of short entries in the table, with CONFIDENCE_LEVEL."""
+        """Upper bound on the share of short entries in the whole table, with CONFIDENCE_LEVEL.
+
+        An entry is short if its area is clearly smaller than that of the comparison. The bound is
+        that of Clopper and Pearson; it is 1 if all compared entries are short.
+        """
         if self.short_entries == self.entries:
             return 1.0
         return float(
@@ -70,10 +74,10 @@ def compare_with_slsqp(
     seed: int = 0,
     progress: Callable[[int], object] = lambda done: None,
 ) -> TableComparison:
-    """Compare random entries of a posture table with SLSQP from many starts.
+    """Compare random entries of a posture table with an optimisation by SLSQP from many starts.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         table: The table.
         entries: Number of random entries; an entry may occur more than once.
         seed: Seed of the random choice of nodes and mode combinations.
@@ -81,8 +85,8 @@ def compare_with_slsqp(
 
     Returns:
         Number of entries, number of those whose area is short of SLSQP's by more than
-        MAX_AREA_SHORTFALL, and least ratio of the two areas. An entry for which SLSQP finds nothing
-        counts as equal.
+        MAX_AREA_SHORTFALL, and least ratio of the two areas. An entry for which SLSQP finds no
+        posture counts as equal.
     """
     random, ratios = np.random.default_rng(seed), []
     for done, node in enumerate(random.choice(np.flatnonzero(table.feasible), entries), start=1):

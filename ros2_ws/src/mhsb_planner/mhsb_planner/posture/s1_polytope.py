@@ -64,6 +64,9 @@ def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray) -> None:
 def flow_limit(m: MachineArrays, j: int, mode: int, force: float) -> tuple[float, float]:
     """Compute the largest inlet flow of one joint in a mode under a given load.
 
+    The valve limits the flow at the highest supply pressure of the mode. In boost the flow of the
+    mode's servo pumps is a further limit.
+
     Args:
         m: Numeric description of the machine.
         j: Index of the joint.
@@ -71,7 +74,7 @@ def flow_limit(m: MachineArrays, j: int, mode: int, force: float) -> tuple[float
         force: Piston force F, positive if it resists extension [N].
 
     Returns:
-        Largest flow in extension and in retraction [m³/s].
+        Largest flow in extension and largest flow in retraction, both as magnitudes [m³/s].
     """
     oil, cap, rod = hydraulics.get_shared_hydraulics(m), m.cap_area[j], m.rod_area[j]
     k, tank, modules = m.valve_coefficient[j], m.tank_pressure, m.modules_per_mode[mode]
@@ -84,7 +87,9 @@ def flow_limit(m: MachineArrays, j: int, mode: int, force: float) -> tuple[float
 
 @kernel
 def tip_columns(m: MachineArrays, q: FloatArray) -> FloatArray:
-    """Compute the tip velocity per piston speed, C_j = J_j / r_j.
+    """Compute the tip velocity per piston speed for each joint, C_j = J_j / r_j.
+
+    J_j is the column of the tip's Jacobian for joint j, and r_j the moment arm of its cylinder.
 
     Args:
         m: Numeric description of the machine.
@@ -103,14 +108,15 @@ def tip_columns(m: MachineArrays, q: FloatArray) -> FloatArray:
 
 @kernel
 def cross_products(columns: FloatArray, cross: FloatArray) -> None:
-    """Compute C_i × C_j for all pairs of tip columns, exactly antisymmetric.
+    """Compute the cross products of the tip velocities of all pairs of joints.
 
-    Each column is first moved by its own few 10⁻¹² (COLUMN_PERTURBATION), in a direction of its
-    own. Joints of exactly equal rank then have a definite order, which is the same at every call.
+    The result is exactly antisymmetric. Each column is first changed by a few COLUMN_PERTURBATION,
+    differently for each joint. Joints of exactly equal rank then have a definite order, which is
+    the same at every call.
 
     Args:
-        columns: Tip velocity per piston speed, shape (2, n) [-].
-        cross: Written in place, shape (n, n) [-].
+        columns: Tip velocity per piston speed C_j of each joint, shape (2, n) [-].
+        cross: Cross products C_i × C_j, written in place, shape (n, n) [-].
     """
     n = columns.shape[1]
     for i in range(n):
@@ -134,18 +140,22 @@ def polytope_area_from_limits(
 ) -> float:
     """Compute the area of the velocity polytope for any number of joints.
 
-    Each boundary point is the tip velocity farthest in a direction d. It results from distributing
-    the flow greedily to the joints, in the order of w_j = d·C_j scale_j. An edge lies where that
-    order changes: one joint reverses (w_j = 0), or two joints exchange flow (w_i = w_j > 0). With p
-    an end point of the edge vector e, the area is
+    The polytope contains all tip velocities Σ_j C_j v_j that the pistons' limits allow. C_j is the
+    tip velocity per speed v_j of piston j. The boundary point that is farthest in a direction d
+    results from giving the flow to the joints in the order of w_j = scale_j d·C_j. An edge lies
+    where that order changes: one joint reverses (w_j = 0), or two joints exchange flow (w_i = w_j >
+    0). With p an end point of the edge vector e, the area is
 
         ½ Σ |p × e|
 
-    over all edges, in any order. Test oracle: half-space intersection and convex hull.
+    over all edges, in any order.
+
+    Test oracle: half-space intersection and convex hull.
 
     Args:
-        cross: Cross products C_i × C_j of the tip columns, shape (n, n).
-        scale: Piston speed per inlet flow, shape (n, 2) [1/m²]: 1/A extending, −1/a retracting.
+        cross: Cross products C_i × C_j, shape (n, n) [-].
+        scale: Piston speed per inlet flow, shape (n, 2) [1/m²]: 1/(cap-side area) extending,
+            −1/(rod-side area) retracting.
         limit: Largest inlet flow by joint, mode and direction, shape (n, modes, 2) [m³/s].
         pattern: Mode of every joint, shape (n,).
         flow: Flow that the main pump gives all joints together [m³/s].
@@ -200,12 +210,13 @@ def polytope_area_from_limits(
 
 @kernel
 def _precedes_pair(i: int, j: int, k: int, ij: float, jk: float, ki: float) -> bool:
-    """Return whether joint k takes its flow before the pair of joints i and j.
+    """Return whether joint k gets its flow before the pair of joints i and j.
 
-    The pair has equal rank in the greedy order; the question is w_k > w_i = w_j. It is decided by
-    the orientation of the three points C s, with s a joint's piston speed per inlet flow in its
-    direction. The products are summed in index order, so that all three pairs of a triple decide
-    consistently.
+    The flow is given to joints in descending order of their weights w. On an edge of the velocity
+    polytope the joints i and j have equal weights, and the question is w_k > w_i = w_j. C_j is the
+    tip velocity per piston speed of joint j, and s_j its piston speed per inlet flow in its
+    direction. The orientation of the three points C s decides. The products are summed in index
+    order, so that all three pairs of a triple give consistent answers.
 
     Args:
         i: Index of the first joint of the pair.
@@ -235,7 +246,8 @@ def flow_scale(m: MachineArrays) -> FloatArray:
         m: Numeric description of the machine.
 
     Returns:
-        1/A extending and −1/a retracting, shape (n, 2) [1/m²].
+        1/A extending and −1/a retracting, shape (n, 2) [1/m²]. A is the cap-side piston area, a the
+        rod-side one.
     """
     n = len(m.cap_area)
     scale = np.empty((n, 2))
@@ -253,9 +265,10 @@ def shared_flow(m: MachineArrays) -> float:
 
 @kernel
 def posture_area(m: MachineArrays, q: FloatArray, pattern: ModeArray) -> float:
-    """Compute the area of the velocity polytope in a posture.
+    """Compute the area of the velocity polytope in a posture for one mode combination.
 
-    It is the kernel of `polytope_area`.
+    The polytope contains all velocities of the tip that the pistons' limits allow. It is the kernel
+    of `polytope_area`.
 
     Args:
         m: Numeric description of the machine.
@@ -274,7 +287,7 @@ def posture_area(m: MachineArrays, q: FloatArray, pattern: ModeArray) -> float:
 
 
 def polytope_area(machine: Machine, q: FloatArray, pattern: ModeArray) -> float:
-    """Return the velocity polytope's area in posture q [rad] for a mode combination [m²/s²]."""
+    """Return the velocity polytope's area [m²/s²] in posture q [rad or m] for given modes."""
     return float(posture_area(machine.arrays, np.array(q, dtype=np.float64), frozen(pattern)))
 
 
@@ -282,13 +295,13 @@ def polytope_area(machine: Machine, q: FloatArray, pattern: ModeArray) -> float:
 def _posture_areas(
     m: MachineArrays, posture: FloatArray, patterns: ModeArray, area: FloatArray
 ) -> None:
-    """Compute the areas of the velocity polytopes of many postures.
+    """Compute the areas of the velocity polytopes of many postures in all mode combinations.
 
     Args:
         m: Numeric description of the machine.
-        posture: Postures, shape (k, n) [rad or m]; NaN gives NaN.
-        patterns: Mode combinations, shape (patterns, n).
-        area: Written in place, shape (k, patterns) [m²/s²].
+        posture: Postures, shape (k, n) [rad or m]. A posture of NaN gets areas of NaN.
+        patterns: Mode combinations (one mode for each actuator), shape (patterns, n).
+        area: Area by posture and mode combination, written in place, shape (k, patterns) [m²/s²].
     """
     n = posture.shape[1]
     limit = np.empty((n, MODE_COUNT, 2))
@@ -306,12 +319,12 @@ def _posture_areas(
 
 
 def polytope_areas(machine: Machine, posture: FloatArray, patterns: ModeArray) -> FloatArray:
-    """Compute the areas of the velocity polytopes of many postures.
+    """Compute the areas of the velocity polytopes of many postures in all mode combinations.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         posture: Postures, shape (k, n) [rad or m].
-        patterns: Mode combinations, shape (patterns, n).
+        patterns: Mode combinations (one mode for each actuator), shape (patterns, n).
 
     Returns:
         Area by posture and mode combination, shape (k, patterns) [m²/s²]; NaN for a posture of NaN.
@@ -322,18 +335,18 @@ def polytope_areas(machine: Machine, posture: FloatArray, patterns: ModeArray) -
 
 
 def piston_speed_corners(machine: Machine, q: FloatArray, pattern: ModeArray) -> FloatArray:
-    """List the corners of the body of admissible piston speeds in a posture.
+    """List the corners of the set of admissible piston speeds in a posture.
 
-    There is one for each of the 2ⁿ orthants and each of the n! orders in which the joints take
-    flow.
+    The flow limit of each joint and the main pump's flow bound the set. There is a corner for each
+    of the 2ⁿ combinations of directions, and each of the n! orders in which the joints get flow.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         q: Posture, shape (n,) [rad or m].
         pattern: Mode of every joint, shape (n,).
 
     Returns:
-        Piston speeds, shape (2ⁿ n!, n) [m/s]; some coincide.
+        Piston speeds, positive in extension, shape (2ⁿ n!, n) [m/s]; some corners coincide.
     """
     q = np.array(q, dtype=np.float64)
     n = len(q)
@@ -354,12 +367,13 @@ def piston_speed_corners(machine: Machine, q: FloatArray, pattern: ModeArray) ->
 
 
 def polytope_vertices(machine: Machine, q: FloatArray, pattern: ModeArray) -> FloatArray:
-    """Return the vertices of the polytope of tip velocities, counter-clockwise.
+    """Return the vertices of the velocity polytope in a posture, counter-clockwise.
 
-    The polytope is the convex hull of C v over the corners of the body of admissible piston speeds.
+    The polytope contains all velocities of the tip that the pistons' limits allow. It is the convex
+    hull of the tip velocities at the corners of the set of admissible piston speeds.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         q: Posture, shape (n,) [rad or m].
         pattern: Mode of every joint, shape (n,).
 

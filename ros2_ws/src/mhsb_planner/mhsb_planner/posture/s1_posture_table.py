@@ -96,7 +96,7 @@ class PostureTable:
             patterns: Mode combinations that this table has, uint8, shape (fewer, n).
 
         Returns:
-            The reduced table, in the order of `patterns`.
+            The reduced table, with mode combinations in the order of `patterns`.
         """
         rows = [int(np.flatnonzero((self.patterns == each).all(axis=1))[0]) for each in patterns]
         return replace(
@@ -106,7 +106,7 @@ class PostureTable:
     def save(self, path: str | Path) -> None:
         """Write the table to a file, complete or not at all.
 
-        Creates missing directories.
+        Missing directories are created. The file is written under a temporary name and renamed.
 
         Args:
             path: The npz file; an existing one is replaced.
@@ -144,8 +144,8 @@ class PostureTable:
 
         Args:
             path: The npz file.
-            machine: The machine; the table must be for its plane.
-            spacing: Grid spacing that the table must have [m]; None: any.
+            machine: The machine. The table must have been made for it without its slewing joint.
+            spacing: Grid spacing that the table must have [m]; None means any.
 
         Returns:
             The table.
@@ -172,12 +172,12 @@ class PostureTable:
         return table
 
     def _check_for(self, path: Path, machine: Machine, spacing: float | None) -> None:
-        """Check that the table is complete and fits a machine.
+        """Check that this table is complete and was made for a given machine.
 
         Args:
             path: File of the table, for the message.
-            machine: The arm in its plane.
-            spacing: Grid spacing that the table must have [m]; None: any.
+            machine: The arm without a slewing joint.
+            spacing: Grid spacing that the table must have [m]; None means any.
 
         Raises:
             TableError: The table is incomplete, damaged, or made for another machine or spacing;
@@ -207,15 +207,17 @@ class PostureTable:
             raise TableError(path, f"is damaged: {reason}")
 
     def _content_problem(self, machine: Machine) -> str | None:
-        """Return what is wrong with the numbers of a table whose arrays have the right shapes.
+        """Describe what is wrong with the numbers of this table.
 
-        Checks spacing, range of the nodes, mode combinations and joint limits.
+        The arrays must have the right shapes. The checks cover the spacing, the range of the nodes,
+        the mode combinations and the joint limits.
 
         Args:
-            machine: The arm in its plane.
+            machine: The arm without a slewing joint.
 
         Returns:
-            A clause for an error message; None if the numbers are plausible.
+            A clause for an error message about the first problem; None if the numbers are
+            plausible.
         """
         if not SMALLEST_SPACING <= self.spacing <= machine.arrays.max_radius:
             return f"its spacing is {self.spacing:g} m"
@@ -245,7 +247,7 @@ def compute_joint_excess(machine: Machine, postures: FloatArray) -> FloatArray:
 
 
 def _read_table_file(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Read header and arrays of a table file.
+    """Read header and arrays of a posture table's npz file.
 
     Args:
         path: The npz file.

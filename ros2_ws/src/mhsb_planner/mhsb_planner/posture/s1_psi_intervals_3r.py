@@ -34,15 +34,16 @@ COSINE_TOLERANCE = 1e-12
 def solve_posture_at_psi(
     m: MachineArrays, x: float, z: float, psi: float, elbow: int, q: FloatArray
 ) -> bool:
-    """Compute the posture with a given end-link angle and return whether it is within limits.
+    """Compute the posture with a given end-link angle, and return whether it is within limits.
 
     Args:
         m: Numeric description of the machine.
-        x: Tip position forward [m].
-        z: Tip position upward [m].
-        psi: End-link angle [rad].
-        elbow: Elbow branch, ∓1.
-        q: Last three entries written in place, shape (n,) [rad].
+        x: Tip position forward, in the frame of the last three joints [m].
+        z: Tip position upward, in the frame of the last three joints [m].
+        psi: End-link angle in the same frame [rad].
+        elbow: Elbow branch (sign of the second-last joint's angle), −1 or 1.
+        q: Posture, shape (n,) [rad]. Its last three entries are written in place; the others must
+            be set.
 
     Returns:
         False if the posture does not exist or a joint is beyond its limits.
@@ -52,16 +53,17 @@ def solve_posture_at_psi(
 
 @kernel
 def _add_pair(found: FloatArray, count: int, center: float, cosine: float) -> int:
-    """Append the two angles center ± acos(cosine), if they exist.
+    """Append the two angles center ± acos(cosine) to a list, if they exist.
 
     Args:
         found: Angles [rad], written in place from index `count` on.
-        count: Number of angles before.
+        count: Number of angles in the list before the call.
         center: Middle of the two angles [rad].
-        cosine: Cosine of half their difference; beyond ±1 there are none.
+        cosine: Cosine of half the difference of the angles. If it is beyond ±1 by more than
+            COSINE_TOLERANCE, there are none.
 
     Returns:
-        Number of angles after.
+        Number of angles in the list after the call.
     """
     if abs(cosine) > 1.0 + COSINE_TOLERANCE:
         return count
@@ -73,17 +75,19 @@ def _add_pair(found: FloatArray, count: int, center: float, cosine: float) -> in
 
 @kernel
 def _find_critical_angles(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
-    """Find all ψ at which either elbow branch can become infeasible.
+    """Find all end-link angles ψ at which a posture of the last three joints may become infeasible.
 
-    With R the distance of the tip from the first of the three joints and φ its direction, the
-    triangles are:
+    The tip position is given in the frame of these joints; their links are L₁, L₂ and L₃ long. The
+    tip lies at distance R from the first joint (shoulder), in direction φ. A posture becomes
+    infeasible where the wrist meets the edge of its reach or a joint meets a limit. Triangles give
+    ψ there:
 
     - Reach and limits of q₂ (shoulder, wrist at distance D, tip):
         cos(ψ − φ) = (R² + L₃² − D²)/(2 L₃ R)
     - Limits of q₁ (elbow, wrist, tip; the tip at distance d from the elbow, in direction δ):
         cos(ψ − δ) = (d² + L₃² − L₂²)/(2 L₃ d)
-    - Limits of q₃ (shoulder, elbow, tip; the outer links are rigid, D long, at the angle β from the
-      middle link):
+    - Limits of q₃ (shoulder, elbow, tip; the outer two links form a line of length D, with the
+      direction θ and the angle β from the middle link):
         cos(θ − φ) = (R² + D² − L₁²)/(2 D R),  ψ = θ − β + q₃
 
     Args:
@@ -132,9 +136,10 @@ def _find_critical_angles(m: MachineArrays, x: float, z: float, found: FloatArra
 def _nearest_feasible_psi(
     m: MachineArrays, x: float, z: float, end: float, middle: float, elbow: int, q: FloatArray
 ) -> float:
-    """Find the feasible angle next to a computed end of an interval.
+    """Find the feasible end-link angle ψ next to a computed end of an interval.
 
-    Rounding may have put the end slightly outside. It is moved towards the middle by growing steps.
+    Rounding may have put the end slightly outside the joint limits. The angle is then moved towards
+    the middle by growing steps.
 
     Args:
         m: Numeric description of the machine.
@@ -142,8 +147,9 @@ def _nearest_feasible_psi(
         z: Tip position upward [m].
         end: Computed end of the interval [rad].
         middle: Middle of the interval [rad].
-        elbow: Elbow branch, ∓1.
-        q: Working memory, shape (n,).
+        elbow: Elbow branch (sign of the second-last joint's angle), −1 or 1.
+        q: Posture, shape (n,) [rad]. The last three joints are overwritten; the others must be
+            within their limits.
 
     Returns:
         Feasible ψ [rad]; `middle` if none is found before it.
@@ -160,20 +166,23 @@ def _nearest_feasible_psi(
 
 @kernel
 def find_feasible_intervals(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
-    """Find the intervals of ψ in which all joints are within their limits at a tip position.
+    """Find the intervals of the end-link angle ψ with feasible postures at a tip position.
 
-    An interval can be a single point, or end where the next one begins. Test oracle: a fine scan of
-    ψ.
+    A posture is feasible if it exists and the last three joints are within their limits. The tip is
+    given in the frame of these joints. An interval can be a single point, or end where the next one
+    begins.
+
+    Test oracle: a fine scan of ψ.
 
     Args:
         m: Numeric description of the machine.
         x: Tip position forward [m].
         z: Tip position upward [m].
-        found: Written in place, shape (MAX_INTERVALS, 3): elbow branch (∓1), lower and upper end of
-            ψ [rad]. Branch −1 comes first, then in ascending order of ψ. The ends are feasible.
+        found: Written in place, shape (MAX_INTERVALS, 3): elbow branch (−1 or 1), lower and upper
+            end of ψ [rad]. Branch −1 comes first; within a branch ψ ascends. The ends are feasible.
 
     Returns:
-        Number of intervals.
+        Number of intervals; 0 if there is no feasible posture.
     """
     critical = np.empty(MAX_CRITICAL)
     edges = _find_critical_angles(m, x, z, critical)

@@ -36,13 +36,17 @@ FULL_TURN = 2.0 * math.pi
 def search_by_slsqp(
     machine: Machine, position: FloatArray, posture: FloatArray, area: FloatArray
 ) -> None:
-    """Fill a posture table by SLSQP; a `NodeSolver` for comparison.
+    """Search postures of large velocity-polytope area at many tip positions by SLSQP.
+
+    It serves for comparison with the global search, as a `NodeSolver` of posture tables.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         position: Tip positions, shape (nodes, 2) [m].
-        posture: Written in place, shape (nodes, patterns, n) [rad or m]; NaN if none is found.
-        area: Written in place, shape (nodes, patterns) [m²/s²]; NaN if none is found.
+        posture: Posture for each position and mode combination, written in place, shape (nodes,
+            patterns, n) [rad or m]; NaN if none is found.
+        area: Area of the velocity polytope, written in place, shape (nodes, patterns) [m²/s²]; NaN
+            if none is found.
     """
     posture[:] = np.nan
     area[:] = np.nan
@@ -61,16 +65,17 @@ def largest_by_slsqp(
     seed: int,
     starts: int = DEFAULT_STARTS,
 ) -> tuple[FloatArray, float] | None:
-    """Find the posture of largest polytope area at a tip position by SLSQP from random starts.
+    """Search the posture of largest velocity-polytope area at a tip position by SLSQP.
 
-    Equal arguments give equal results.
+    The optimisation begins at random starts. Each result is moved onto the exact tip position and
+    the joint limits. The largest area may be missed. Equal arguments give equal results.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         x: Tip position forward [m].
         z: Tip position upward [m].
-        pattern: Mode combination, shape (n,).
-        seed: Seed of the starts; the tip position is mixed in.
+        pattern: Mode combination (one mode for each actuator), shape (n,).
+        seed: Seed of the random starts, together with the tip position.
         starts: Number of starts.
 
     Returns:
@@ -117,15 +122,16 @@ def _project_onto_limits(
 ) -> FloatArray:
     """Project a posture onto the exact tip position and the joint limits.
 
-    The arm has three turning joints. Of the feasible postures, the one whose ψ is nearest to that
-    of `q` is taken. It is on the elbow branch of `q` if that branch has any feasible posture.
+    The arm has three turning joints. The result is the feasible posture whose end-link angle ψ is
+    nearest to that of `q`. It is on the elbow branch of `q` if this branch has any feasible
+    posture.
 
     Args:
-        machine: The arm in its plane.
+        machine: The arm without a slewing joint.
         x: Tip position forward [m].
         z: Tip position upward [m].
-        interval: Feasible intervals, shape (k, 3): elbow branch (∓1), lower and upper end of ψ
-            [rad].
+        interval: Intervals of ψ with feasible postures, shape (k, 3), k ≥ 1: elbow branch (−1 or
+            1), lower and upper end [rad].
         q: Posture to project, shape (3,) [rad].
 
     Returns:

@@ -81,20 +81,20 @@ class SlewStroke(NamedTuple):
 def find_clear_turning(
     machine: Machine, path: DiscretePath, start_angle: float, end_angle: float
 ) -> SlewMotion | None:
-    """Find a slew motion along a path on which the arm keeps clear of zones in space.
+    """Find a slew motion along a planar path on which the arm keeps clear of zones in space.
 
-    The even slew motion (`compute_even_turning`) is taken if no zone in space is touched, else the
-    quickest clear one (`find_quickest_turning`).
+    First a slew at an even speed is tried (`compute_even_turning`). If the arm would come too near
+    to a zone, the quickest clear slew motion is searched (`find_quickest_turning`).
 
     Args:
         machine: Whole arm, which slews.
-        path: Path in the arm's plane.
+        path: Path in the arm's plane, which turns with the slew.
         start_angle: Slew angle at the start of the path [rad].
         end_angle: Slew angle at its end [rad].
 
     Returns:
         Slew motion: the path step, the slew angle [rad] and the duration [s] of each step of the
-        whole arm. None if no clear one is found.
+        whole arm. None if no clear slew motion is found.
     """
     rows = _list_rows_in_space(machine)
     even = compute_even_turning(machine, path, start_angle, end_angle)
@@ -107,20 +107,21 @@ def find_clear_turning(
 def find_quickest_turning(
     machine: Machine, path: DiscretePath, start_angle: float, end_angle: float
 ) -> SlewMotion | None:
-    """Find the quickest slew motion along a path that keeps clear, by dynamic programming.
+    """Find the quickest slew motion along a planar path that keeps clear of zones in space.
 
-    The path is cut into stretches and the slew's stroke into parts; the module describes states and
-    steps. The result is the quickest only among motions that consist of these stretches and parts.
+    The path is cut into stretches and the slew's stroke into equal parts. Either the slew turns
+    alone by one part, or the arm follows one stretch while the slew turns by some parts or none.
+    Dynamic programming finds the quickest motion of this kind.
 
     Args:
         machine: Whole arm, which slews.
-        path: Path in the arm's plane.
+        path: Path in the arm's plane, which turns with the slew.
         start_angle: Slew angle at the start of the path [rad].
         end_angle: Slew angle at its end [rad].
 
     Returns:
         Slew motion: the path step, the slew angle [rad] and the duration [s] of each step of the
-        whole arm. None if there is no clear one.
+        whole arm. None if there is no clear slew motion of this kind.
     """
     m, rows = machine.arrays, _list_rows_in_space(machine)
     parts = min(MAX_SLEW_PARTS, math.ceil(abs(end_angle - start_angle) / SLEW_PART_ANGLE - 1e-9))
@@ -146,7 +147,7 @@ def _list_rows_in_space(machine: Machine) -> FloatArray:
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the kernels of this module.
+    """Compile the kernels that find slew motions among zones.
 
     They are called with a path of one step that rests, which also works for machines that do not
     slew.
@@ -174,10 +175,10 @@ def warm_up(machine: Machine) -> None:
 
 @kernel
 def is_way_clear(m: MachineArrays, rows: FloatArray, posture: FloatArray) -> bool:
-    """Return whether all moves from each posture to the next keep clear of obstacles.
+    """Return whether the moves between successive postures keep clear of obstacles.
 
     Args:
-        m: Whole arm.
+        m: Arrays of the whole arm, with the slew as joint 1.
         rows: Obstacles, float64[rows, ROW_WIDTH], each with its kind and shape [m].
         posture: Postures in order, float64[k + 1, n], the slew first [rad or m].
 
@@ -192,7 +193,7 @@ def is_way_clear(m: MachineArrays, rows: FloatArray, posture: FloatArray) -> boo
 
 @kernel
 def _compute_step_time(duration: float, oil: float, stroke: float, slew: SlewStroke) -> float:
-    """Return the duration of a path step during which the slew also moves.
+    """Compute the duration of a path step during which the slew also moves.
 
     Args:
         duration: Duration of the step without the slew [s].
@@ -208,16 +209,16 @@ def _compute_step_time(duration: float, oil: float, stroke: float, slew: SlewStr
 
 @kernel
 def _compute_time_share(duration: FloatArray, first: int, last: int, s: int) -> float:
-    """Return the share of a stretch's time that one of its steps takes.
+    """Return the share of the duration of several path steps that one of them takes.
 
     Args:
         duration: Duration of each path step, float64[k], [s].
-        first: Index of the first step of the stretch.
-        last: Index after its last step.
-        s: Index of the step.
+        first: Index of the first of these steps.
+        last: Index after the last of these steps.
+        s: Index of the step whose share is wanted.
 
     Returns:
-        Share, 0 … 1; an equal share for each step if the stretch takes no time.
+        Share, 0 … 1. If all steps together take no time, each has an equal share.
     """
     whole = duration[first:last].sum()
     return duration[s] / whole if whole > 0.0 else 1.0 / (last - first)
@@ -232,17 +233,17 @@ def _is_clear(
     begin: float,
     end: float,
 ) -> bool:
-    """Return whether the arm keeps clear in a stretch while the slew turns between two angles.
+    """Return whether the arm keeps clear of obstacles in a stretch of a path while the slew turns.
 
     The slew angle changes in proportion to the time of the path steps.
 
     Args:
-        m: Whole arm.
+        m: Arrays of the whole arm, with the slew as joint 1.
         rows: Obstacles, float64[rows, ROW_WIDTH], each with its kind and shape [m].
-        path: The path.
+        path: The path, cut into stretches.
         i: Index of the stretch.
         begin: Slew angle at the start of the stretch [rad].
-        end: Slew angle at its end [rad].
+        end: Slew angle at the end of the stretch [rad].
 
     Returns:
         True if all moves of the stretch are clear.
@@ -276,7 +277,7 @@ def compute_least_times(
     Tests compare the result with scipy.sparse.csgraph.dijkstra over the same states and steps.
 
     Args:
-        m: Whole arm.
+        m: Arrays of the whole arm, with the slew as joint 1.
         rows: Obstacle rows of zones in space, float64[rows, ROW_WIDTH], each with kind and shape
             [m].
         path: The path, cut into stretches.
@@ -285,8 +286,8 @@ def compute_least_times(
 
     Returns:
         Least time to each state, float64[corners, parts + 1], [s]; inf if it cannot be reached.
-        Then the last step to each state, int64 of the same shape. It is the number of parts by
-        which the slew turned during the stretch before, or REST_STEP if the slew turned alone.
+        Then the last step to each state, int64[corners, parts + 1]: the number of parts by which
+        the slew turned during the stretch before, or REST_STEP if the slew turned alone.
     """
     posture, duration, oil, corner = path
     corners, parts = len(corner), len(angle) - 1
@@ -329,10 +330,11 @@ def _reconstruct_turning(
     angle: FloatArray,
     slew: SlewStroke,
 ) -> SlewMotion:
-    """Reconstruct the quickest slew motion by following the steps back from the last state.
+    """Reconstruct the quickest slew motion from the result of the dynamic programming.
 
     Args:
-        last_steps: Last step to each state, second result of `compute_least_times`.
+        last_steps: Last step to each state, second result of `compute_least_times`. The steps are
+            followed back from the last state.
         path: The path, cut into stretches.
         angle: Slew angle after each number of parts, float64[parts + 1], [rad].
         slew: Stroke and limits of the slew.

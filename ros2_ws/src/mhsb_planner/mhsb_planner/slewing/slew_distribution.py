@@ -45,7 +45,7 @@ def compute_slew_stroke(machine: Machine, start_angle: float, end_angle: float) 
 
 
 def compute_slew_demand(machine: Machine, start_angle: float, end_angle: float) -> SlewDemand:
-    """Compute the slew demand between two slew angles: oil volume and least time.
+    """Compute oil volume and least time that the slew needs between two slew angles.
 
     Args:
         machine: Machine that slews.
@@ -53,17 +53,18 @@ def compute_slew_demand(machine: Machine, start_angle: float, end_angle: float) 
         end_angle: Slew angle at the end [rad].
 
     Returns:
-        Oil volume A |ΔL| [m³] and least time |ΔL|/V_max [s].
+        Oil volume A |ΔL| [m³] and least time |ΔL|/V_max [s]. |ΔL| is the stroke of the slew's
+        piston, A its cap-side area and V_max its largest speed.
     """
     way, m = compute_slew_stroke(machine, start_angle, end_angle), machine.arrays
     return SlewDemand(float(m.cap_area[0] * way), float(way / m.max_piston_speed[0]))
 
 
 def compute_path_oil(machine: Machine, posture: FloatArray) -> FloatArray:
-    """Compute the oil volume that each step of a path takes, Σ A_dir |ΔL| over the actuators.
+    """Compute the oil volume that the cylinders take in each step of a path.
 
-    A_dir is the cap-side area for a cylinder that extends, and the rod-side area for one that
-    retracts. ΔL is the change of the cylinder's length.
+    It is the sum of piston area times stroke over all cylinders. The area is the cap-side area for
+    a cylinder that extends, and the rod-side area for one that retracts.
 
     Args:
         machine: Machine whose cylinders move, with n joints.
@@ -82,11 +83,10 @@ def distribute_stroke(
 ) -> tuple[FloatArray, FloatArray]:
     """Distribute the slew's stroke over the steps of a path.
 
-    The slew's piston moves at one speed v in all steps, or slower in a step if V_max or the flow
+    The slew's piston moves at one speed in all steps, or slower in a step if V_max or the flow
     requires it. If the whole stroke cannot be done so, the durations of all steps are multiplied by
-    one factor. Speed and factor are found by bisection; the module has the equation. If all
-    durations are 0, the steps get equal strokes and durations. Without steps, both results are
-    empty.
+    one factor. Speed and factor are found by bisection. If all durations are 0, the steps get equal
+    strokes, and equal durations in which these can be done. Without steps, both results are empty.
 
     Args:
         stroke: Whole stroke of the slew's piston, ≥ 0 [m].
@@ -101,7 +101,14 @@ def distribute_stroke(
     """
 
     def compute_largest_strokes(factor: float) -> FloatArray:
-        """Return the slew's largest stroke in each step [m] if all durations are multiplied."""
+        """Return the slew's largest stroke in each step [m] if all durations are multiplied.
+
+        V_max and the flow that the path's oil leaves limit the stroke. All other data come from the
+        enclosing function.
+
+        Args:
+            factor: Factor on all durations [-].
+        """
         left = np.maximum(flow * factor * steps - oil, 0.0) / area
         return np.minimum(max_speed * factor * steps, left)
 
@@ -129,11 +136,11 @@ def _find_least(holds: Callable[[float], bool], low: float, high: float) -> floa
 
     Args:
         holds: Condition; once it holds for a number, it holds for all larger ones.
-        low: Number below the result.
+        low: Number not above the result.
         high: Number for which the condition holds.
 
     Returns:
-        The number, rounded up to the end of the last interval, so that the condition holds.
+        Upper end of the last interval of the bisection, for which the condition holds.
     """
     for _ in range(BISECTION_STEPS):
         middle = 0.5 * (low + high)

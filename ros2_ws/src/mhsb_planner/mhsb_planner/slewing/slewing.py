@@ -64,20 +64,20 @@ MIN_GRID_DISTANCE = 3.0
 def yield_carrying_postures(
     machine_among_shadows: Machine, graph: StepGraph, task: PathRequest
 ) -> Iterator[FloatArray]:
-    """Yield postures of the table in which the plane can turn from start to goal without collision.
+    """Yield postures in which the arm can slew from start to goal without collision.
 
-    Only postures with all actuators in mode N count. They come in the order of a lower bound: that
-    on the cost from the start posture over the posture to the goal. Each tip is at least
-    MIN_GRID_DISTANCE grid spacings away from all tips before.
+    The postures come from the posture table, in mode N of all actuators. They are ordered by a
+    lower bound on the cost from the start over the posture to the goal, the least first. Each tip
+    is at least MIN_GRID_DISTANCE grid spacings away from the tips of all postures before.
 
     Args:
-        machine_among_shadows: Arm in its plane, with the shadows of all zones past which the plane
-            turns (`Machine.make_planar_arm_with_shadows`).
-        graph: Step graph of the plane, with the posture table.
-        task: Path request in the plane.
+        machine_among_shadows: Arm without its slew. Its obstacles are the shadows of all zones past
+            which the slew turns the arm (`Machine.make_planar_arm_with_shadows`).
+        graph: Step graph of the arm without its slew, with the posture table.
+        task: Path request in the arm's plane.
 
     Yields:
-        Posture in the plane, float64[n], [rad or m].
+        Posture without the slew, float64[n], [rad or m]. Nothing is yielded if no posture is clear.
     """
     postures, tips = _list_node_postures(graph)
     rows = machine_among_shadows.obstacles.path_rows
@@ -102,7 +102,7 @@ def yield_carrying_postures(
 
 
 def _list_node_postures(graph: StepGraph) -> tuple[FloatArray, FloatArray]:
-    """Return the table's postures with all actuators in mode N, and their tip positions.
+    """Return the posture of each workspace node with all actuators in mode N, and its tip position.
 
     Nodes without such a posture are left out.
 
@@ -119,14 +119,14 @@ def _list_node_postures(graph: StepGraph) -> tuple[FloatArray, FloatArray]:
 
 
 def _find_goal_lengths(graph: StepGraph, goal: tuple[float, ...]) -> FloatArray:
-    """Return the cylinder lengths in the table's posture whose tip is nearest to the goal.
+    """Return the cylinder lengths in the tabulated posture whose tip is nearest to the goal.
 
     Args:
         graph: Step graph with the posture table.
-        goal: Goal (x, z) in the plane [m].
+        goal: Goal (x, z) in the arm's plane [m].
 
     Returns:
-        Length of each cylinder in the plane, float64[n], [m].
+        Length of each cylinder but the slew's, float64[n], [m].
     """
     postures, tips = _list_node_postures(graph)
     nearest = np.argmin(np.linalg.norm(tips - np.array(goal), axis=1))
@@ -158,13 +158,13 @@ class SlewingPaths:
     """Step graph of the arm's plane."""
 
     def bound(self, task: PathRequest, most_cells: int) -> float:
-        """Return a lower bound on the energy of every plan for a request.
+        """Compute a lower bound on the energy of every plan for a request, the slew's oil included.
 
-        The bound includes the oil that the slew takes.
+        The bound is found for the arm's plane, with oil and least time of the slew added.
 
         Args:
             task: Path request of the whole arm.
-            most_cells: Largest number of additional cells of the branch and bound.
+            most_cells: Limit on the effort: largest number of cells that the branch and bound adds.
 
         Returns:
             Energy [J].
@@ -174,15 +174,16 @@ class SlewingPaths:
     def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
         """Yield paths of the whole arm from the start posture to the goal.
 
-        Without zones in space each path of the planner is yielded with an even slew motion. With
-        zones, `_yield_paths_among_zones` yields clear paths.
+        The planner finds paths in the arm's plane, which turns with the slew. Without zones in
+        space each of these is combined with a slew at even speed. With zones, several methods look
+        in turn for paths on which the arm keeps clear.
 
         Args:
             task: Path request of the whole arm, with the goal (x, y, z) in `base_link`.
-            progress: Progress of the plan, with the time limit of the search.
+            progress: Progress of the plan, with the deadline of the search.
 
         Yields:
-            Path proposals.
+            Paths of the whole arm, as proposals.
 
         Raises:
             MhsbError: The tip at the goal is too near to a zone, or no path exists or is found in
@@ -198,7 +199,7 @@ class SlewingPaths:
         yield from self._yield_paths_among_zones(task, in_plane, slew, progress)
 
     def _turn_evenly(self, task: PathRequest, path: DiscretePath, end_angle: float) -> DiscretePath:
-        """Return the path of the whole arm with an even slew motion, ignoring zones.
+        """Combine a planar path with a slew at even speed; zones are ignored.
 
         Args:
             task: Path request of the whole arm.
@@ -206,7 +207,7 @@ class SlewingPaths:
             end_angle: Slew angle at the goal [rad].
 
         Returns:
-            Path of the whole arm.
+            Path of the whole arm; its steps last longer if the slew cannot keep up.
         """
         began = float(task.departure[0])
         return combine_with_slew(
@@ -216,26 +217,30 @@ class SlewingPaths:
     def _yield_paths_among_zones(
         self, task: PathRequest, in_plane: PathRequest, slew: float, progress: PlanProgress
     ) -> Iterator[PathProposal]:
-        """Yield clear paths of the whole arm among zones in space, by all methods in turn.
+        """Yield clear paths of the whole arm among zones in space, by three methods in turn.
 
-        The module describes the methods and their order. A planar path without a clear slew motion
-        is skipped. A path with a via point, or with a step in which the slew turns alone, comes a
-        second time with added rests there. A direct path may cost at most FREE_COST_FACTOR times as
-        much as with an even slew motion that ignores zones. All other methods are then dropped. An
-        error ends only its own method. When the time is up, the search ends if a path has been
-        found.
+        The methods are direct (planar paths as if there were no zones), past shadows (planar paths
+        that are clear at every slew angle) and carried (over a via point at which the arm may
+        slew). Each planar path is combined with a slew motion on which the arm keeps clear; it is
+        skipped if there is none. A path with a via point, or with steps in which the slew turns
+        alone, comes a second time with rests added there.
+
+        If zones raise the cost of a direct path by no more than FREE_COST_FACTOR, the other methods
+        are dropped. An error ends only its own method. When the time is up, the function ends if a
+        path has been found.
 
         Args:
             task: Path request of the whole arm.
             in_plane: Path request in the arm's plane.
             slew: Slew angle at the goal [rad].
-            progress: Progress of the plan.
+            progress: Progress of the plan, with the deadline of the search.
 
         Yields:
-            Paths of the whole arm.
+            Paths of the whole arm, as proposals.
 
         Raises:
-            MhsbError: No method has given a clear path; `_create_error` chooses the error.
+            MhsbError: No method has given a clear path. The error is a DeadlineError if the time is
+                up, else that of the direct method, else a NoPathError.
         """
         began = float(task.departure[0])
         paths = PlanePaths(self.planner, self.graph).paths(in_plane, progress)
@@ -274,12 +279,12 @@ class SlewingPaths:
     def _create_error(
         self, task: PathRequest, refused: MhsbError | None, progress: PlanProgress
     ) -> MhsbError:
-        """Return the error to raise if no method has given a clear path.
+        """Choose the error to raise if no method has given a clear path.
 
         Args:
             task: Path request of the whole arm.
-            refused: Error of the direct method, if it had one.
-            progress: Progress of the plan, with the time limit of the search.
+            refused: Error that ended the direct method; None if it had none.
+            progress: Progress of the plan, with the deadline of the search.
 
         Returns:
             DeadlineError if the time is up, else `refused`, else NoPathError.
@@ -296,16 +301,20 @@ class SlewingPaths:
         slew_angles: tuple[float, float],
         progress: PlanProgress,
     ) -> Iterator[PathProposal]:
-        """Yield planar paths on which the arm is clear at every slew angle (method "past shadows").
+        """Yield planar paths on which the arm is clear of zones at every slew angle of the turn.
+
+        The obstacles of these paths are the shadows of all zones past which the arm slews. A
+        posture clear of a zone's shadow is clear of the zone at all slew angles of the turn.
 
         Args:
-            planner: Own planner or a baseline.
+            planner: The planner itself, or a baseline (planner for comparison).
             in_plane: Path request in the arm's plane.
             slew_angles: Slew angles at start and goal [rad].
-            progress: Progress of the plan, with the time limit of the search.
+            progress: Progress of the plan, with the deadline of the search.
 
         Yields:
-            Planar paths without a via point.
+            Planar paths without a via point, as proposals. A path of a baseline may come in two
+            ways, for two kinds of trajectory.
         """
         for path in self._create_source_among_shadows(planner, *slew_angles).paths(
             in_plane, progress
@@ -319,21 +328,22 @@ class SlewingPaths:
         slew_angles: tuple[float, float],
         progress: PlanProgress,
     ) -> Iterator[PathProposal]:
-        """Yield planar paths over a via point where the plane may turn (method "carried").
+        """Yield planar paths over a via point at which the arm may slew without collision.
 
-        Each via point is the tip in a posture of `yield_carrying_postures`. There are two rounds
-        over at most CARRIED_OVER via points. In the first, each leg is the first path found; in the
-        second, the cheapest. Via points without a path are skipped.
+        Zones are avoided at the start's slew angle before the via point, and at the goal's slew
+        angle after it. There are two rounds over at most CARRIED_OVER via points. In the first
+        round each leg (to or from the via point) is the first path found, in the second round the
+        cheapest. Via points without a path are skipped.
 
         Args:
-            planner: Own planner or a baseline.
+            planner: The planner itself, or a baseline (planner for comparison).
             in_plane: Path request in the arm's plane.
             slew_angles: Slew angles at start and goal [rad].
-            progress: Progress of the plan, with the time limit of the search.
+            progress: Progress of the plan, with the deadline of the search.
 
         Yields:
-            Planar paths, each with the index of the step after its via point (`via_step`). A
-            baseline's path may come in two ways (`_yield_proposals`).
+            Planar paths as proposals, each with the index of the step after its via point
+            (`via_step`). A path of a baseline may come in two ways, for two kinds of trajectory.
         """
         turning = self.machine.make_planar_arm_with_shadows(*slew_angles)
         postures = list(
@@ -353,11 +363,11 @@ class SlewingPaths:
     def _yield_proposals(
         self, planner: PathPlanner, path: PathProposal, in_plane: PathRequest
     ) -> Iterator[PathProposal]:
-        """Yield a path once for the own planner, or in up to two ways for a baseline.
+        """Yield a path as one proposal, or as up to two proposals if a baseline has made it.
 
-        A baseline's path is marked as `for_comparison`. It comes once for the kind of trajectory
-        (S3) of the own planner. It comes a second time for the baseline's own kind, unless the
-        request sets the kind (`propose_in_both_ways`).
+        A baseline is a planner for comparison, and its path is marked as `for_comparison`. It comes
+        once for the kind of trajectory (S3) that this source's planner uses. It comes a second time
+        for the baseline's own kind, unless the request sets the kind.
 
         Args:
             planner: Planner that has made the path.
@@ -365,7 +375,7 @@ class SlewingPaths:
             in_plane: Path request in the arm's plane.
 
         Yields:
-            The path as one or two proposals.
+            One or two proposals, without the name of a proposer.
         """
         path = path._replace(proposer="")
         if planner is self.planner:
@@ -381,23 +391,25 @@ class SlewingPaths:
         progress: PlanProgress,
         thorough: bool,
     ) -> tuple[DiscretePath, DiscretePath]:
-        """Plan a path to the tip of a carrying posture, and from rest there on to the goal.
+        """Plan a planar path to a via point, and another from rest there on to the goal.
 
-        At the via point the end-link angle must be within NEAR_CARRYING of the angle in the
-        carrying posture. Both legs are planned without the slew demand.
+        The via point is the tip in the carrying posture, in which the arm may slew. The end-link
+        angle there must be within NEAR_CARRYING of that in the carrying posture. Both paths are
+        planned without the oil and time that the slew needs.
 
         Args:
-            posture: Carrying posture in the plane, float64[n], [rad or m].
-            ends: Path sources among the shadows at the start's and at the goal's slew angle.
+            posture: Carrying posture without the slew, float64[n], [rad or m].
+            ends: Path source among the zones at the start's slew angle, and path source among the
+                zones at the goal's slew angle.
             in_plane: Path request in the arm's plane.
-            progress: Progress of the plan, with the time limit of the search.
-            thorough: Whether to take the cheapest path of each leg instead of the first.
+            progress: Progress of the plan, with the deadline of the search.
+            thorough: True takes the cheapest path of each leg, False the first that is found.
 
         Returns:
             Path to the via point and path from there to the goal.
 
         Raises:
-            MhsbError: A leg has no path.
+            MhsbError: There is no path to the via point, or none from there to the goal.
         """
         plane = self.machine.planar_arm
         x, z = plane.tip_position(posture).tolist()
@@ -412,31 +424,30 @@ class SlewingPaths:
     def _create_source_among_shadows(
         self, planner: PathPlanner, start_angle: float, end_angle: float
     ) -> PlanePaths:
-        """Return a planner's paths in the plane among the shadows between two slew angles.
+        """Create a source of planar paths that are clear of zones at all slew angles of a turn.
 
         Args:
-            planner: Own planner or a baseline.
+            planner: Planner that finds the paths.
             start_angle: Slew angle at one end of the turn [rad].
-            end_angle: Slew angle at the other end [rad]; equal angles give the shadows for a plane
-                at rest.
+            end_angle: Slew angle at the other end [rad]; equal angles mean that the slew rests.
 
         Returns:
-            Path source with a step graph for these obstacles.
+            Path source whose obstacles are the shadows of the zones for these slew angles.
         """
         among = self.machine.make_planar_arm_with_shadows(start_angle, end_angle)
         return PlanePaths(planner, self.graph.create_for(among))
 
     def _convert_to_plane(self, task: PathRequest) -> tuple[PathRequest, float]:
-        """Convert a path request of the whole arm into one in the arm's plane.
+        """Convert a path request of the whole arm into one for the arm without its slew.
 
-        Oil and least time of the slew become the slew demand of the request. `brake` is None,
+        Oil and least time that the slew needs become the request's slew demand. `brake` is None,
         because the motion of the whole arm includes coming to rest from a moving start.
 
         Args:
             task: Path request of the whole arm.
 
         Returns:
-            Path request in the plane, and the slew angle at the goal [rad].
+            Path request in the arm's plane, and the slew angle at the goal [rad].
 
         Raises:
             OutOfWorkspaceError: The slew's limits do not allow the goal.

@@ -51,21 +51,21 @@ class SlewMotion:
 def compute_even_turning(
     machine: Machine, path: DiscretePath, start_angle: float, end_angle: float
 ) -> SlewMotion:
-    """Compute a slew motion at an even speed along a path, without regard to zones.
+    """Compute a slew motion at an even speed along a planar path, without regard to zones.
 
-    `distribute_stroke` distributes the slew's stroke over the steps. The steps last as long as
-    before, or longer by one factor if the slew cannot keep up. For a path without steps the slew
-    turns alone, as quickly as possible.
+    The slew's piston has the same speed in all steps, or a lower one where its largest speed or the
+    main pump requires it. The steps last as long as before, or longer by one factor if the slew
+    cannot keep up. For a path without steps the slew turns alone, as quickly as possible.
 
     Args:
-        machine: Whole arm, which slews.
+        machine: The whole arm, which slews.
         path: Path in the arm's plane.
         start_angle: Slew angle at the start of the path [rad].
         end_angle: Slew angle at its end [rad].
 
     Returns:
-        Slew motion with one step for each path step. For a path without steps: a single REST_STEP,
-        or no step if the two slew angles are equal.
+        Slew motion with one step for each path step. For a path without steps: one step in which
+        the slew turns alone, or no step if the two slew angles are equal.
     """
     way, m = compute_slew_stroke(machine, start_angle, end_angle), machine.arrays
     flow = m.main_pump_flow - machine.joint_count * m.leakage_flow
@@ -86,10 +86,11 @@ def compute_even_turning(
 
 
 def find_rest_steps(turning: SlewMotion, via_step: int | None) -> IntArray:
-    """Return the steps of the whole arm before which the joints in the plane rest.
+    """Return the steps of the whole arm before which all joints but the slew rest.
 
-    The slew turns alone in some series of steps. The result has the first step of each series,
-    unless it is step 0, the first step after each series, and the step after a via point.
+    The slew turns alone in some series of steps. For each series the result contains its first step
+    (unless this is step 0) and the first step after it. It also contains the step after a via
+    point.
 
     Args:
         turning: Slew motion along a path.
@@ -119,14 +120,14 @@ def combine_with_slew(
     cost grows by the weighted sums of ΔE and ΔT.
 
     Args:
-        machine: Whole arm, which slews.
+        machine: The whole arm, which slews.
         task: Path request of the whole arm, for weights and start modes.
         path: Path in the arm's plane.
-        turning: Slew motion along it.
+        turning: Slew motion along the path.
 
     Returns:
-        Path of the whole arm, the slew first in postures and modes, with tip positions (x, y, z) in
-        `base_link` [m].
+        Path of the whole arm. Postures and modes have the slew as their first column. Tip positions
+        are (x, y, z) in `base_link` [m].
     """
     m, n, weights = machine.arrays, machine.joint_count, task.options.weights
     rests, moves = turning.step == REST_STEP, np.maximum(turning.step, 0)
@@ -135,13 +136,14 @@ def combine_with_slew(
     way = np.abs(np.diff(length))
 
     def spread_over_steps(values: FloatArray) -> FloatArray:
-        """Return a quantity of the path in each step of the whole arm; 0 while the path rests.
+        """Return a quantity of the path's steps for each step of the whole arm.
 
         Args:
             values: Value of each path step, float64[k].
 
         Returns:
-            Value of each step of the whole arm, float64[p].
+            Value of each step of the whole arm, float64[p]; 0 in steps in which the slew turns
+            alone.
         """
         return np.where(rests, 0.0, values[moves]) if path.steps else np.zeros(len(rests))
 
