@@ -106,13 +106,15 @@ class SearchWork:
 def yield_paths(task: SearchProblem, work: SearchWork) -> Iterator[CylinderPath | None]:
     """Yield ever cheaper cylinder paths, the first as early as possible.
 
-    A cylinder path is a polyline of cylinder lengths. The stages are straight lines, lattices of
-    decreasing spacing, and a last local refinement. The lattices are skipped if the time is up, or
-    if the incumbent (cheapest path so far) costs at most 1 + WORTH_A_LATTICE times the lower bound.
-    For the refinement this share is GOOD_ENOUGH. The first straight line is yielded at once. A
-    later path is yielded at once if it is found on a lattice and saves at least the share
-    WORTH_A_MOTION of the cost of the path yielded before. The cheapest path is yielded at the end,
-    unless it has been yielded already.
+    A cylinder path is a polyline of cylinder lengths. There are three stages: straight lines,
+    lattices of decreasing spacing, and a last local refinement. The lattices are skipped if the
+    incumbent (cheapest path so far) costs at most (1 + WORTH_A_LATTICE) times the lower bound. The
+    refinement is skipped if it costs at most (1 + GOOD_ENOUGH) times the lower bound. Both are
+    skipped if the time is up.
+
+    The first straight line is yielded at once. A path from a lattice is yielded at once if it saves
+    at least the share WORTH_A_MOTION of the cost of the path yielded before. The cheapest path of
+    all is yielded at the end, unless it has been yielded already.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
@@ -159,7 +161,7 @@ def may_be_improved(task: SearchProblem, best: CylinderPath | None, share: float
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
         best: Incumbent (cheapest path so far). None if there is none; then a cheaper path always
             counts as possible.
-        share: A cheaper path counts as possible if the incumbent costs more than 1 + share times
+        share: A cheaper path counts as possible if the incumbent costs more than (1 + share) times
             the lower bound.
 
     Returns:
@@ -289,10 +291,10 @@ def yield_lattice_paths(
 ) -> Iterator[CylinderPath | None]:
     """Search lattices of decreasing spacing and yield ever cheaper cylinder paths.
 
-    Before each lattice the incumbent (cheapest path so far) is refined with strides of the
-    lattice's spacing. Each lattice is searched twice: first with a simpler cost model, then with
-    the real one. The second search is left out if the first finds nothing and there is no
-    incumbent.
+    A lattice is a regular grid of cylinder lengths. Before each lattice the incumbent (cheapest
+    path so far) is refined with strides of the lattice's spacing. Each lattice is searched twice:
+    first with a simpler cost model, then with the real one. The second search is left out if the
+    first finds nothing and there is no incumbent.
 
     A path found on a lattice is refined. The refinement is left out if the path costs no less than
     the incumbent and runs within one spacing of it.
@@ -359,6 +361,8 @@ def search_lattice(
     work: SearchWork,
 ) -> CylinderPath | None:
     """Search one lattice for a cylinder path that may be cheaper than the incumbent.
+
+    A lattice is a regular grid of cylinder lengths, and its points are the possible waypoints.
 
     With an incumbent, A* looks for a path below WORTH_FINDING times the incumbent's cost. It may
     expand what is left of `max_expansions`, and only goal postures with a lower bound below the
@@ -441,8 +445,8 @@ def create_lattice_search(
 ) -> LatticeSearch:
     """Create the search over a lattice to a selection of the goal postures.
 
-    The spacing is increased in steps of SPACING_GROWTH until the lattice has at most
-    MAX_LATTICE_POINTS points.
+    A lattice is a regular grid of cylinder lengths. The spacing is increased in steps of
+    SPACING_GROWTH until the lattice has at most MAX_LATTICE_POINTS points.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
@@ -551,7 +555,7 @@ def _sweep_with_stride(
     A sweep tries to move each waypoint by the stride and keeps what is cheaper. It prices the path
     in pieces of the stroke `piece`. After each sweep the path is also priced by the problem's own
     cost model; this is its real cost. The sweeps end early if the real cost exceeds that of the
-    best path so far. They also end if a sweep lowers its own price by less than the share
+    best path so far. They also end if a sweep lowers the price of the path by less than the share
     GOOD_ENOUGH.
 
     Args:

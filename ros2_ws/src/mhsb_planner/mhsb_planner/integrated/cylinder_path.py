@@ -365,9 +365,9 @@ def _extend_by_piece(t: PathCostModel, w: PathCostBuffers, here: int, parent: In
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
         w: Working memory of the thread, changed in place.
         here: Index of the piece's start in w.points, 0 or 1.
-        parent: Written in place, shape (patterns,): the best o for each admissible p. The last
-            index, `patterns`, stands for the modes in force at the start of the path. Other entries
-            stay as they are.
+        parent: Written in place, shape (patterns,): the best o for each admissible p. The value
+            `patterns`, one past the last combination, stands for the modes in force at the start of
+            the path. Other entries stay as they are.
 
     Returns:
         Least of after[p]; inf if the piece is inadmissible, and w.value is then unchanged.

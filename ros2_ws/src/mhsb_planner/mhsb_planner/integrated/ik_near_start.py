@@ -172,7 +172,7 @@ def _search_near_postures(
 
 
 def warm_up(machine: Machine, start: FloatArray, circuit: HydraulicCoefficients) -> None:
-    """Compile the kernels of this module by one call.
+    """Compile the kernels that find goal postures near the start, by one call.
 
     Args:
         machine: The arm without a slewing joint.

@@ -46,8 +46,8 @@ def _wrist_direction_range(low: float, high: float, radius: float, link: float) 
     """Return the range of the wrist's direction α at one distance of the tip.
 
     A link of length L leads from the wrist to the tip, and the tip is at distance R from the
-    origin. Relative to the direction of the tip, the link has the direction u and the wrist has the
-    direction α:
+    origin. Directions are relative to that of the tip. The link has the direction u, and the wrist
+    has the direction α:
 
         α = atan2(−L sin u, R − L cos u)
 
@@ -84,8 +84,8 @@ def _wrist_direction_range(low: float, high: float, radius: float, link: float) 
 def _unwrapped_wrist_direction(u: float, radius: float, link: float) -> float:
     """Return the wrist's direction α for a tip nearer to the origin than the link is long.
 
-    A link of length L leads from the wrist to the tip at distance R ≤ L. Relative to the direction
-    of the tip, the link has the direction u and the wrist has the direction
+    A link of length L leads from the wrist to the tip at distance R ≤ L. Directions are relative to
+    that of the tip. The link has the direction u, and the wrist has the direction
 
         α = atan2(−L sin u, R − L cos u)
 
@@ -171,8 +171,8 @@ def wrist_direction_range(low: float, high: float, radius: Interval, link: float
     """Return the range of the wrist's direction α over link directions and tip distances.
 
     A link of length L leads from the wrist to the tip, and the tip is at distance R from the
-    origin. Relative to the direction of the tip, the link has the direction u and the wrist has the
-    direction
+    origin. Directions are relative to that of the tip. The link has the direction u, and the wrist
+    has the direction
 
         α = atan2(−L sin u, R − L cos u)
 

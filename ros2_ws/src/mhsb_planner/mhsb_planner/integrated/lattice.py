@@ -383,7 +383,7 @@ def _find_neighbour(lattice: Lattice, at: IntArray, move: IntArray) -> int:
         move: Step to the neighbour in lattice indices, shape (n,).
 
     Returns:
-        Number of the neighbour; NO_STATE if there is none in this direction.
+        Number of the neighbour; NO_STATE if the step leads out of the lattice.
     """
     point = 0
     for j in range(len(at)):
@@ -472,10 +472,10 @@ def _relax_step(
 ) -> bool:
     """Record a step to a state if it is cheaper than all paths known to the state.
 
-    A state is a lattice point and the mode combination of arrival. A step is dropped if another
-    state of the same point costs no more, including the mode switches from that state to this one.
-    Otherwise the target gets the cost and the parent, and it is put on the open list or moved
-    there.
+    A state is a lattice point and the mode combination of arrival. A step is dropped if the
+    target's point has another state that is as cheap or cheaper, including the mode switches from
+    that state to the target. Otherwise the target gets the cost and the parent, and it is put on
+    the open list or moved there.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.

@@ -115,8 +115,8 @@ def motion_energy(
             change at the points only. None computes them, and mode switches may lie anywhere.
 
     Returns:
-        Energy of the motion by the published model (`paper`), and with main and servo pumps in
-        series together with its distribution [J]. The charging of lines before boosts is included.
+        Energy of the motion [J]. The field `paper` follows the published model. All other fields
+        count main pump and servo pumps in series, and include the charging of lines before boosts.
         All fields are zero if there is only one point.
     """
     edges = (
@@ -259,9 +259,9 @@ def energy_of_states(
         acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²]. None leaves inertia out.
 
     Returns:
-        Energy of all states together by the published model (`paper`), and with main and servo
-        pumps in series together with its distribution [J]. The charging of lines before boosts is
-        included.
+        Energy of all states together [J]. The field `paper` follows the published model. All other
+        fields count main pump and servo pumps in series, and include the charging of lines before
+        boosts.
     """
     profile = motion_profile(machine, position, velocity, acceleration)
     energy = _sum_state_energies(
@@ -435,7 +435,8 @@ def _compute_charging_work(
 
         work = V Δp²/(2β) + Q Δp T
 
-    The first actuators on the rail also share the volume of the rail.
+    If no actuator was on the shared rail before, those that join it also charge the rail's volume,
+    in equal parts.
 
     Test oracle: sums computed by hand.
 

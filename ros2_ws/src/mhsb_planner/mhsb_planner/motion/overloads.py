@@ -59,7 +59,7 @@ def find_overloads(
     Args:
         machine: Machine with its hydraulics.
         time: Instants of the profile in ascending order, shape (k,) [s].
-        profile: Profile of the motion with k rows.
+        profile: Profile of the motion (piston speeds and forces) with k rows.
 
     Returns:
         One overload for each such actuator, with the total duration of its rests [s] and the

@@ -39,8 +39,8 @@ def convert_to_pistons(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Convert one state of motion of the joints to the pistons.
 
-    With the cylinder length L, the moment arm r = dL/dq and its slope r′ = dr/dq, the piston speed
-    v is
+    With the cylinder length L, the moment arm r = dL/dq and its slope r′ = dr/dq, piston speed v
+    and piston acceleration v̇ are
 
         v = r q̇,  v̇ = r q̈ + r′ q̇²
 

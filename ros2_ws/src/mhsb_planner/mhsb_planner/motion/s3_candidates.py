@@ -225,8 +225,9 @@ def iterate_candidates(
 
     1. the polynomial, if `rules.trajectory` is `polynomial`, and nothing else if
        `rules.polynomial_only`,
-    2. if the start coasts: ramps that begin at once, 3. ramps from rest, after `brake`, 4. the path
-    step by step with a rest at every node, after `brake`, if `rules.stepped`.
+    2. if the start coasts: ramps that begin at once,
+    3. ramps from rest, after `brake`,
+    4. the path step by step with a rest at every node, after `brake`, if `rules.stepped`.
 
     If a mode is younger than the least time between two switches, 3 and 4 follow once more after an
     additional rest. In this rest the mode becomes old enough.

@@ -75,9 +75,10 @@ def find_first_contact(machine: Machine, trajectory: Trajectory) -> Contact | No
 def find_contact_ahead(machine: Machine, trajectory: Trajectory, now_ns: int) -> Contact | None:
     """Find the first contact with an obstacle in the rest of a trajectory.
 
-    The check begins at the trajectory's last point at or before the given time. Obstacles count
-    without margin, and one that the arm is in at that point may be left. Before the trajectory's
-    start it begins at the first point. After the end nothing is left to check.
+    The check begins at the trajectory's last point at or before the given time. If this time is
+    before the trajectory, the check begins at the first point. If it is after the end, nothing is
+    left to check. Obstacles count without margin. An obstacle in which the arm is at the beginning
+    of the check may be left.
 
     Args:
         machine: Machine with its obstacles.

@@ -76,13 +76,15 @@ def _find_braking_within_limits(
 ) -> Trajectory | None:
     """Compute a braking motion along a trajectory that keeps the limits of acceleration and jerk.
 
+    Each limit is the larger of the machine's limit and the trajectory's own peak on this stretch.
+
     Args:
         machine: Machine whose piston acceleration and jerk are the limits.
         trajectory: Motion in force.
         at_ns: Absolute time at which the braking begins [ns].
         ramp: Ramp by which the rate along the path falls from 1 to 0, tried first. It is made
             slower until the limits are kept.
-        slack: Share of the machine's limits that is allowed in addition to the limits [-].
+        slack: Share of the machine's limits that is added to the limits [-].
 
     Returns:
         The braking motion, or None if the limits are still exceeded after MAX_SLOWING_ROUNDS ramps.

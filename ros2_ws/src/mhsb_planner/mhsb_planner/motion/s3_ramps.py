@@ -118,10 +118,11 @@ def shortest_ramp(machine: Machine, speed: float = math.inf) -> Ramp:
 
 @kernel
 def evaluate_ramp(rise: float, blend: float, t: float) -> tuple[float, float, float]:
-    """Evaluate a ramp from speed 0 to 1.
+    """Evaluate a ramp (smooth change of speed) from speed 0 to 1.
 
-    The acceleration k builds up during T₂, begins to decrease at T₁, and is over at T₁ + T₂. Before
-    the ramp all three values are 0. After it R = t − (T₁ + T₂)/2, ρ = 1 and k = 0.
+    ρ is the relative speed, R its integral and k its derivative. k builds up during T₂, begins to
+    decrease at T₁, and is 0 again at T₁ + T₂. Before the ramp all three values are 0. After it R =
+    t − (T₁ + T₂)/2, ρ = 1 and k = 0.
 
     Test oracle: the convolution box(T₁) * box(T₂) computed numerically.
 
@@ -131,7 +132,7 @@ def evaluate_ramp(rise: float, blend: float, t: float) -> tuple[float, float, fl
         t: Time since the ramp began [s].
 
     Returns:
-        Integral R = ∫ρ dt [s], relative speed ρ from 0 to 1 [-], and its derivative k [1/s].
+        Integral R [s], relative speed ρ from 0 to 1 [-], and derivative k [1/s].
     """
     total = rise + blend
     if t <= 0.0:

@@ -245,7 +245,7 @@ def fit_rest(
 
     Raises:
         FitError: The trajectory breaks a limit of the machine, or an actuator is switched twice
-            within the least dwell.
+            within `rules.switching.min_dwell`.
         DeadlineError: The deadline passed.
     """
     motion = fit_braking(machine, rest, modes, rules)
@@ -461,11 +461,11 @@ def _fit_candidate(
     """Compute the motion of one curve, stretched in time until it keeps every limit.
 
     In each round the curve is sampled, gets its mode schedule and is checked. It is refused at once
-    if it passes a joint limit, if a piston runs on too far, if an actuator is switched too often,
-    or if a via point is missed. The stretch grows by the factor by which V_max, the curve limits,
-    valves and pumps are exceeded. Pressures, and the times between the points, are checked last.
-    The rounds end with a violation that stretching cannot mend, or with a stretch beyond the
-    greatest one.
+    if it passes a joint limit or misses a via point. It is also refused at once if a piston runs on
+    too far, or an actuator is switched too soon again. The stretch grows by the factor by which
+    V_max, the curve limits, valves and pumps are exceeded. Pressures, and the times between the
+    points, are checked last. The rounds end with a violation that stretching cannot mend, or with a
+    stretch beyond the greatest one.
 
     Args:
         machine: Machine whose joint limits and workspace admit the start.
@@ -621,6 +621,8 @@ def _assign_step_modes(
     steps: ModeArray, node_time: FloatArray, time: FloatArray, first: int
 ) -> ModeArray:
     """Assign the modes of a path's steps to the points of a trajectory.
+
+    After the path's last node the modes of its last step go on.
 
     Args:
         steps: Mode codes of the steps, shape (k, n).

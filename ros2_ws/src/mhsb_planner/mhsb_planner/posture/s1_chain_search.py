@@ -294,7 +294,7 @@ def _ascend_area(
 def _exclude_samples(
     sample: FloatArray, value: FloatArray, posture: FloatArray, unit: FloatArray
 ) -> None:
-    """Exclude samples close to a posture as starts of an ascent, by setting their value to −1.
+    """Exclude samples close to a posture from being starting points, by setting their value to −1.
 
     A sample is close if no joint differs by more than MIN_START_DISTANCE, in the joint's unit.
 

@@ -562,6 +562,12 @@ def _solve_nodes(
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the kernels of this module by a call without any mode combination."""
+    """Compile the kernels that find postures with the largest velocity polytope.
+
+    They are called without any mode combination, so that the call is quick.
+
+    Args:
+        machine: Machine whose chain of joints decides which kernels are compiled.
+    """
     n, none = machine.joint_count, machine.patterns[:0]
     largest_polytopes(machine, 0.0, 0.0, none, np.empty((0, n)), np.empty(0))

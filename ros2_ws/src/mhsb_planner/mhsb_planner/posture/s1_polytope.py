@@ -43,9 +43,10 @@ def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray) -> None:
         mode N:   A_dir v_valve(P_S)
         boosted:  min(A_dir v_valve(p_boost), modules · Q_SP)
 
-    A_dir is the piston area at the inlet, v_valve the largest speed that the valve allows at a
-    supply pressure under the gravity load. p_boost is the highest boost pressure, and Q_SP the flow
-    of one servo pump.
+    A_dir is the piston area at the inlet. v_valve is the largest speed that the valve allows under
+    the gravity load, at the supply pressure in brackets. P_S is the main pump's pressure. p_boost
+    is the highest boost pressure, and Q_SP the flow of one servo pump. `modules` is the number of
+    servo pumps of the mode.
 
     Args:
         m: Numeric description of the machine.
@@ -421,5 +422,9 @@ def _turns_left(a: tuple[float, float], b: tuple[float, float], c: tuple[float, 
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the kernels of this module by one call."""
+    """Compile the kernels that compute velocity-polytope areas, by one call.
+
+    Args:
+        machine: Machine whose joints and mode combinations give the argument types.
+    """
     polytope_area(machine, machine.arrays.joint_min, machine.patterns[0])

@@ -107,10 +107,10 @@ def _fill_postures(
     elbow: int,
     posture: FloatArray,
 ) -> None:
-    """Compute the posture of the conventional method (all joints but two are kept) at many places.
+    """Compute the posture of the conventional method at many tip positions.
 
-    At each tip position one kept joint is changed as little as necessary if the others have no
-    solution within limits.
+    In this method two joints move freely, and all others are kept. If the two have no solution
+    within limits, one kept joint is changed by as little as necessary.
 
     Args:
         m: Arrays of the machine.

@@ -280,7 +280,7 @@ def trace_path_to_goal(f: OpenList) -> IntArray:
 
 @kernel
 def _trace_path_to(states: Records[SearchState], state: int) -> IntArray:
-    """Trace a state's chain of parents back to the start.
+    """List the states of the best path from the start to a state.
 
     Args:
         states: Records of all states.

@@ -155,11 +155,11 @@ def expand(
     """Expand up to `limit` states of the A* search.
 
     A state is a workspace node and the mode pattern of arrival. The first call expands the start.
-    Steps that leave a posture are priced with `cost_model` when they are needed first, and appended
-    to `edges`. A state is useless if another state of its posture, with the mode switches, costs no
-    more. It is not put on the open list. If it becomes useless later, it is skipped when its turn
-    comes; it then counts towards `limit` but not as expanded. The caller holds the lock
-    `PricedSteps.guard()`.
+    Steps that leave a posture are priced with `cost_model` when they are needed for the first time,
+    and appended to `edges`. A state is useless if another state of its posture, with the mode
+    switches, costs no more. It is not put on the open list. If it becomes useless later, it is
+    skipped when its turn comes; it then counts towards `limit` but not as expanded. The caller
+    holds the lock `PricedSteps.guard()`.
 
     Test oracle: scipy.sparse.csgraph.dijkstra on the same graph.
 
@@ -356,7 +356,8 @@ class ExactSearch:
         holds the lock of the graph's steps until it returns.
 
         Args:
-            limit: Largest number of states to take from the open list. Useless states count, too.
+            limit: Largest number of states to take from the open list. States that are skipped
+                because another state is cheaper count, too.
 
         Returns:
             SEARCH_PAUSED if the limit is reached, GOAL_FOUND, or SEARCH_EXHAUSTED if there is no

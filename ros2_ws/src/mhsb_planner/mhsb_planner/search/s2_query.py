@@ -151,8 +151,8 @@ class Query:
             seconds: Duration of the search, for the statistics [s].
 
         Returns:
-            The path: tip positions, postures, modes, durations, energies, cost, and the statistics
-            of the search.
+            The path from the start over nodes to the goal: tip positions, postures, modes,
+            durations, energies, cost, and the statistics of the search.
         """
         graph, table = self.graph, self.graph.table
         state, step = found.trace_path()

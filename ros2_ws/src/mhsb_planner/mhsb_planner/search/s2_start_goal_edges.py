@@ -121,8 +121,8 @@ def create_goal(
     """Determine the admissible goal postures of a search at a tip position.
 
     Without an end-link angle every mode pattern (one mode for each actuator) has its own posture.
-    At a node it is the table's, elsewhere the graph's posture rule gives it. With an end-link angle
-    all postures with that angle are admissible in any pattern.
+    At a node it comes from the posture table, elsewhere from the graph's posture rule. With an
+    end-link angle all postures with that angle are admissible in any pattern.
 
     Args:
         graph: Graph that gives machine, grid and posture rule.
@@ -227,9 +227,9 @@ def steps_from_start(
 
     The nodes are the corners of the start's grid cell, and `rings` further rings around them. If
     the goal lies in the same cell, the steps from the start to the goal come after these. A step is
-    inadmissible if the tip leaves the workspace, if the arm comes too near to an obstacle, or if a
-    joint that needs boost is not boosted. Mode patterns that boost further joints are admissible
-    only if a node has no other admissible pattern.
+    inadmissible if the tip leaves the workspace or the arm comes too near to an obstacle. It is
+    also inadmissible if a joint that needs boost is not boosted. Mode patterns that boost further
+    joints are admissible only if a node has no other admissible pattern.
 
     Args:
         graph: Graph whose nodes are reached.
@@ -238,8 +238,8 @@ def steps_from_start(
         rings: Number of further rings of nodes; 0 means the corners alone.
 
     Returns:
-        One step for each reached node and admissible pattern, with duration [s] and both energies
-        [J]. The steps to the goal have the state NO_STATE.
+        One step for each reached node and admissible pattern, with duration [s] and energies in
+        both readings (`paper`, `series`) [J]. The steps to the goal have the state NO_STATE.
     """
     to_grid = _price_steps_to_nodes(
         graph.steps.cost_model, start.postures, graph.grid.cell_corners(*start.tip, rings)
@@ -350,7 +350,8 @@ def _collect_steps_to_goal_node(
 
     Returns:
         Steps in the order of `origins`: number of the posture left, index of the goal posture
-        reached, pattern, duration [s] and both energies [J]. The field `state` is NO_STATE.
+        reached, pattern, duration [s] and energies in both readings (`paper`, `series`) [J]. The
+        field `state` is NO_STATE.
     """
     room = 0
     for i in origins:
@@ -381,7 +382,8 @@ def _compute_steps_to_goal(
 
     Returns:
         Steps in the order of `origins`: row of `start` that is left, index of the goal posture
-        reached, mode pattern, duration [s] and both energies [J]. The field `state` is NO_STATE.
+        reached, mode pattern, duration [s] and energies in both readings (`paper`, `series`) [J].
+        The field `state` is NO_STATE.
     """
     return _price_steps_to_goal(
         graph.steps.cost_model, start, origins, goal.postures, goal.first, goal.owner
@@ -405,7 +407,8 @@ def _price_steps_to_nodes(
 
     Returns:
         One step for each node and admissible pattern: reached state (node · patterns + pattern),
-        pattern, duration [s] and both energies [J]. The fields `origin` and `end` are NO_STATE.
+        pattern, duration [s] and energies in both readings (`paper`, `series`) [J]. The fields
+        `origin` and `end` are NO_STATE.
     """
     m, obstacles, patterns = cost_model.machine, cost_model.obstacles, cost_model.patterns
     layout, postures = cost_model.layout, cost_model.postures
@@ -462,8 +465,8 @@ def _price_steps_to_goal(
 
     Returns:
         Steps in the order of `origins`, and group by group for each origin: row of `start` that is
-        left, index of the goal posture reached, pattern, duration [s] and both energies [J]. The
-        field `state` is NO_STATE.
+        left, index of the goal posture reached, pattern, duration [s] and energies in both readings
+        (`paper`, `series`) [J]. The field `state` is NO_STATE.
     """
     m, obstacles, patterns = cost_model.machine, cost_model.obstacles, cost_model.patterns
     scratch = create_step_buffers(patterns)

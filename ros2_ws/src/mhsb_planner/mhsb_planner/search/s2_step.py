@@ -539,7 +539,7 @@ def _price_move(
         c: Hydraulic coefficients of the machine.
         pattern: Mode of each joint, shape (n,).
         move: Columns STROKE_COLUMN to LEAKAGE_COLUMN of each joint's move, shape (n, MOVE_WIDTH).
-        cost: duration [s], energy by the published model (`paper`) [J], energy with the pumps in
+        cost: Duration [s], energy by the published model (`paper`) [J], energy with the pumps in
             series (`series`) [J], shape (3,). Written in place unless the result is
             STEP_INADMISSIBLE.
 
@@ -565,9 +565,9 @@ def _compute_duration(
 ) -> tuple[float, float]:
     """Compute the duration of a move in one mode pattern, and the leakage at the shared rail.
 
-    The duration is the longest of each piston's stroke at its largest speed and the oil volume at
-    the main pump's flow. The flow is reduced by the leakage of all valves, also that at boosted
-    pressure.
+    The duration is the longest of several times. For each piston it is the time of its stroke at
+    its largest speed. For the main pump it is the time in which it delivers the oil of all pistons,
+    beside the leakage of all valves.
 
     Args:
         c: Hydraulic coefficients of the machine.
@@ -764,8 +764,8 @@ def step_costs(
             switches this rule off.
 
     Returns:
-        Admissibility, duration [s] and both energies [J] by mode pattern, in the order of
-        `machine.patterns`.
+        Admissibility, duration [s] and energies in both readings (`paper`, `series`) [J] by mode
+        pattern, in the order of `machine.patterns`.
     """
     arrays, patterns = machine.arrays, machine.patterns
     from_start = describe_postures(arrays, np.array([start], dtype=np.float64))
@@ -790,5 +790,9 @@ def step_costs(
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the kernels of this module."""
+    """Compile the kernels that compute the costs of steps.
+
+    Args:
+        machine: Machine whose joints and mode patterns give the argument types.
+    """
     step_costs(machine, machine.arrays.joint_min, machine.arrays.joint_max)

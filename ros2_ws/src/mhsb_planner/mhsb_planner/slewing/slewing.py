@@ -66,9 +66,11 @@ def yield_carrying_postures(
 ) -> Iterator[FloatArray]:
     """Yield postures in which the arm can slew from start to goal without collision.
 
-    The postures come from the posture table, in mode N of all actuators. They are ordered by a
-    lower bound on the cost from the start over the posture to the goal, the least first. Each tip
-    is at least MIN_GRID_DISTANCE grid spacings away from the tips of all postures before.
+    The postures come from the posture table, in mode N of all actuators. They are clear of the
+    shadows of all zones. A shadow is an obstacle in the arm's plane: a posture clear of it is clear
+    of the zone at all slew angles of the turn. They are ordered by a lower bound on the cost from
+    the start over the posture to the goal, the least first. Each tip is at least MIN_GRID_DISTANCE
+    grid spacings away from the tips of all postures before.
 
     Args:
         machine_among_shadows: Arm without its slew. Its obstacles are the shadows of all zones past
@@ -219,11 +221,12 @@ class SlewingPaths:
     ) -> Iterator[PathProposal]:
         """Yield clear paths of the whole arm among zones in space, by three methods in turn.
 
-        The methods are direct (planar paths as if there were no zones), past shadows (planar paths
-        that are clear at every slew angle) and carried (over a via point at which the arm may
-        slew). Each planar path is combined with a slew motion on which the arm keeps clear; it is
-        skipped if there is none. A path with a via point, or with steps in which the slew turns
-        alone, comes a second time with rests added there.
+        The direct method takes planar paths as if there were no zones. The method "past shadows"
+        takes planar paths that are clear at every slew angle. The method "carried" takes planar
+        paths over a via point at which the arm may slew. Each planar path is combined with a slew
+        motion on which the arm keeps clear. It is skipped if there is none. A path with a via
+        point, or with steps in which the slew turns alone, comes a second time with rests added
+        there.
 
         If zones raise the cost of a direct path by no more than FREE_COST_FACTOR, the other methods
         are dropped. An error ends only its own method. When the time is up, the function ends if a
@@ -425,6 +428,9 @@ class SlewingPaths:
         self, planner: PathPlanner, start_angle: float, end_angle: float
     ) -> PlanePaths:
         """Create a source of planar paths that are clear of zones at all slew angles of a turn.
+
+        The shadow of a zone is an obstacle in the arm's plane. A posture clear of it is clear of
+        the zone at all slew angles of the turn.
 
         Args:
             planner: Planner that finds the paths.

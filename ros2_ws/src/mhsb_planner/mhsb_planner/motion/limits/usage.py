@@ -87,10 +87,10 @@ def speed_limit(
 def measure_usage(m: MachineArrays, state: LimitInputs) -> float:
     """Return the share of what main pump, servo pumps and valves can do that a motion uses [-].
 
-    It is the largest of two ratios: the flow of all pistons over the main pump's flow less leakage,
-    and the speed of each piston over its largest speed under its load. A motion that is slower by
-    this factor keeps the limit. The result is inf if a cylinder moves that cannot, or leakage takes
-    all.
+    It is the largest of several ratios. The first is the flow of all pistons over the main pump's
+    flow less leakage. The others are the speed of each piston over its largest speed under its
+    load. A motion that is slower by this factor keeps the limit. The result is inf if a cylinder
+    moves although it cannot, or if leakage takes the whole flow.
 
     Args:
         m: Arrays of the machine.
