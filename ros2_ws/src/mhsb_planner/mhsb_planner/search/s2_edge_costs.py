@@ -176,9 +176,9 @@ def price_steps(
 def _mark_collisions(t: StepCostModel, i: int, first: int, count: int, middle: FloatArray) -> None:
     """Mark the moves from a posture to the postures of a node that come too near to an obstacle.
 
-    A move is clear if the sum of the clearances at both ends is at least the distance that the arm
-    travels. It is not clear if it leads from a clear posture to one that is too near. All other
-    moves are checked along the way. Moves that are marked already are skipped.
+    A move between clear postures is clear if the sum of their clearances is at least the distance
+    that the arm travels. It is not clear if it leads from a clear posture to one that is too near.
+    All other moves are checked along the way. Moves that are marked already are skipped.
 
     Args:
         t: Postures, clearances and obstacles of the graph. Clearances are negative if a posture is
