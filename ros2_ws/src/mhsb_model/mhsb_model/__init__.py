@@ -24,14 +24,15 @@ if TYPE_CHECKING:
 
 
 def import_on_use(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]:
-    """Make the function `__getattr__` of a package that exports names of its modules.
+    """Make a package's `__getattr__`, which imports each exported name at its first use.
 
     Args:
-        package: Name of the package.
+        package: Name of the package, for error messages.
         modules: Full name of the module that defines an exported name, by that name.
 
     Returns:
-        Function from an exported name to its object. It raises AttributeError for other names.
+        Function that takes an exported name and returns its object. It imports the module that
+        defines the name. It raises AttributeError for other names.
     """
 
     def get_export(name: str) -> Any:

@@ -34,21 +34,25 @@ def brake_along(machine: Machine, trajectory: Trajectory, at_ns: int) -> Traject
 
         q(t) = Q(σ(t)),  σ̇ = 1 − 3u² + 2u³,  u = t/T
 
-    Q is the trajectory, and t the time since `at_ns`. Every posture is one of the trajectory,
-    passed no faster than there. The acceleration Q″σ̇² + Q′σ̈ is continuous, and σ(T) = T/2. T is
-    chosen so that the fastest piston decelerates by at most about `PEAK_DECELERATION`.
+    Q is the trajectory, and t the time since `at_ns`. σ is the time that has passed on Q; it slows
+    down from the rate σ̇ = 1 to 0 within the braking time T. So every posture is one of Q, and no
+    posture is passed faster than on Q. The arm comes to rest at σ(T) = T/2. Position, velocity and
+    acceleration are continuous. T is chosen so that the fastest piston decelerates by at most about
+    `PEAK_DECELERATION`.
 
-    There are three special cases. If the arm stands still at `at_ns`, the result stands still. If
-    the trajectory ends within T after `at_ns`, its remaining part is returned without braking. If
-    less than `MIN_POINT_SPACING_NS` is left of it, each joint brakes on its own (`brake_from`).
+    There are three special cases:
+
+    - If velocity and acceleration of Q are 0 at `at_ns`, the result stands still.
+    - If less than `MIN_POINT_SPACING_NS` is left of Q, each joint brakes on its own (`brake_from`).
+    - If more is left of Q, but no more than T, the result is the rest of Q without braking.
 
     Args:
-        machine: The machine.
+        machine: The machine, for the moment arms of its cylinders.
         trajectory: The motion Q to brake on.
         at_ns: Absolute time at which braking begins [ns].
 
     Returns:
-        The braking motion, with the stamp `at_ns`.
+        The braking motion; its stamp is `at_ns`.
 
     Source:
         Path-velocity decomposition, Siciliano et al., Robotics, section 4.3.
@@ -85,17 +89,20 @@ def retime_along(
 
         q(t) = Q(σ(t)),  q̇ = Q′ σ̇,  q̈ = Q″ σ̇² + Q′ σ̈
 
+    Q is the trajectory, and σ the time that has passed on it. A prime is a derivative with respect
+    to σ, a dot one with respect to the time t since `at_ns`.
+
     Args:
-        trajectory: The motion Q(σ) whose path is followed.
+        trajectory: The motion Q whose path is followed.
         at_ns: Absolute time at which the trajectory is left; σ is 0 there [ns].
-        offset_ns: Times of the result's points after `at_ns`, the first is 0, shape (k,) [ns].
-        path_time: σ at these times, the time passed on the trajectory, shape (k,) [s].
-        path_rate: σ̇ at these times, shape (k,) [-].
-        path_rate_slope: σ̈ at these times, shape (k,) [1/s].
+        offset_ns: Time t of each point of the result, the first is 0, shape (k,) [ns].
+        path_time: σ at these points, shape (k,) [s].
+        path_rate: σ̇ at these points, shape (k,) [-].
+        path_rate_slope: σ̈ at these points, shape (k,) [1/s].
 
     Returns:
-        The slowed motion, with the stamp `at_ns`. Velocity and acceleration of its last point are
-        set to 0.
+        The retimed motion; its stamp is `at_ns`. Velocity and acceleration of its last point are
+        set to 0, whatever the arguments give.
 
     Source:
         Path-velocity decomposition, Siciliano et al., Robotics, section 4.3.
@@ -108,15 +115,15 @@ def retime_along(
 
 
 def cut_before(trajectory: Trajectory, at_ns: int) -> Trajectory | None:
-    """Cut off the part of a trajectory that lies before an absolute time.
+    """Return the part of a trajectory that lies after an absolute time.
 
     Args:
-        trajectory: The motion.
-        at_ns: Absolute time [ns].
+        trajectory: The motion. It is not changed.
+        at_ns: Absolute time at which the result begins [ns].
 
     Returns:
-        The remaining motion, whose times count from `at_ns`; its `stamp_ns` is 0. None if less than
-        `MIN_POINT_SPACING_NS` is left.
+        The remaining motion. Its point times count from `at_ns`, and its `stamp_ns` is 0. None if
+        less than `MIN_POINT_SPACING_NS` is left.
     """
     if trajectory.end_ns - at_ns < MIN_POINT_SPACING_NS:
         return None
@@ -127,14 +134,14 @@ def cut_before(trajectory: Trajectory, at_ns: int) -> Trajectory | None:
 def brake_from(machine: Machine, state: MotionState, at_ns: int) -> Trajectory:
     """Compute a motion that comes to rest from a state whose path is unknown.
 
-    Each joint brakes on its own, all in the same time T:
+    Each joint brakes on its own, and all need the same time T:
 
         q̇ = q̇₀ (1 − 3u² + 2u³) + q̈₀ T (u − 2u² + u³),  u = t/T
 
-    Velocity and acceleration start from the state and end at 0, after a displacement of q̇₀ T/2 +
-    q̈₀ T²/12. T is first that of `_braking_ns`. It is halved until all points keep the joint limits
-    and the workspace, but not below `MIN_BRAKING_NS`. The motion with the last T is returned
-    even if it violates them.
+    q̇₀ and q̈₀ are velocity and acceleration of the state. Each joint moves by q̇₀ T/2 + q̈₀ T²/12.
+    T is first 1.5 times the fastest piston's speed divided by `PEAK_DECELERATION`. It is halved
+    until all points are within the joint limits and the workspace, but it is at least
+    `MIN_BRAKING_NS`. The motion with this least T is returned even if it leaves the limits.
 
     Args:
         machine: The machine.
@@ -142,7 +149,8 @@ def brake_from(machine: Machine, state: MotionState, at_ns: int) -> Trajectory:
         at_ns: Absolute time at which braking begins [ns].
 
     Returns:
-        The braking motion, with the stamp `at_ns`.
+        The braking motion; its stamp is `at_ns`. It stands still if velocity and acceleration of
+        the state are 0.
     """
     if not (state.velocity.any() or state.acceleration.any()):
         return standstill(state.position, at_ns)
@@ -155,15 +163,19 @@ def brake_from(machine: Machine, state: MotionState, at_ns: int) -> Trajectory:
 
 
 def _joint_braking(state: MotionState, at_ns: int, duration_ns: int) -> Trajectory:
-    """Compute the braking motion of `brake_from` for a given duration.
+    """Compute the motion in which each joint brakes on its own, all in a given time T.
+
+        q̇ = q̇₀ (1 − 3u² + 2u³) + q̈₀ T (u − 2u² + u³),  u = t/T
+
+    Limits are not checked.
 
     Args:
-        state: Position, velocity and acceleration at the beginning.
+        state: Position, velocity q̇₀ and acceleration q̈₀ at the beginning.
         at_ns: Absolute time at which braking begins [ns].
         duration_ns: Duration T of the motion [ns].
 
     Returns:
-        The braking motion, with the stamp `at_ns`.
+        The braking motion; its stamp is `at_ns`. Velocity and acceleration of its last point are 0.
     """
     offset = _offsets(duration_ns)
     duration = duration_ns / SECOND_NS
@@ -181,14 +193,15 @@ def _braking_ns(machine: Machine, state: MotionState) -> int:
 
         T = 1.5 max |r q̇| / PEAK_DECELERATION
 
-    The profile 1 − 3u² + 2u³ has its peak slope 1.5/T at the middle.
+    r is the moment arm of a joint, so r q̇ is the speed of its piston. The speed profile 1 − 3u² +
+    2u³ with u = t/T has its largest slope, 1.5/T, in the middle.
 
     Args:
-        machine: The machine.
-        state: State at the beginning.
+        machine: The machine, for the moment arms of its cylinders.
+        state: State at the beginning; its acceleration has no influence.
 
     Returns:
-        Duration, at least `MIN_BRAKING_NS` [ns].
+        Duration T, at least `MIN_BRAKING_NS` [ns].
     """
     arms = machine.moment_arms(state.position)
     fastest = float(np.max(np.abs(arms * state.velocity)))
@@ -196,14 +209,14 @@ def _braking_ns(machine: Machine, state: MotionState) -> int:
 
 
 def _is_within_limits(machine: Machine, position: FloatArray) -> bool:
-    """Return whether all postures are within the joint limits, with their tips in the workspace.
+    """Return whether all postures are within the joint limits and all their tips in the workspace.
 
     Args:
         machine: The machine.
-        position: Joint positions, shape (k, n) [rad or m].
+        position: Joint positions, one posture per row, shape (k, n) [rad or m].
 
     Returns:
-        True if no limit is exceeded.
+        True if no posture exceeds a limit.
     """
     limits, area = machine.arrays, machine.config.workspace
     if np.any(position < limits.joint_min) or np.any(position > limits.joint_max):
@@ -224,19 +237,19 @@ def _offsets(duration_ns: int) -> IntArray:
 
 
 def _find_remaining_point_times(trajectory: Trajectory, at_ns: int) -> IntArray:
-    """Return point times for the part of a trajectory after an absolute time.
+    """Choose the point times for the part of a trajectory after an absolute time.
 
-    They are 0 and the times of the trajectory's own later points, so that the same quintics join
-    them. Points less than `MIN_POINT_SPACING_NS` after `at_ns` are dropped, which changes the first
-    interval slightly. If the first point that is kept is later than `MAX_POINT_SPACING_NS`, another
-    point is inserted half-way to it.
+    They are 0 and the times of the trajectory's own later points, so that the same quintic
+    polynomials join them. There are two exceptions. Points less than `MIN_POINT_SPACING_NS` after
+    `at_ns` are dropped, which changes the first interval slightly. If the first remaining point is
+    more than `MAX_POINT_SPACING_NS` after `at_ns`, another point is inserted half-way to it.
 
     Args:
         trajectory: The motion; it must end at least `MIN_POINT_SPACING_NS` after `at_ns`.
         at_ns: Absolute time [ns].
 
     Returns:
-        Times after `at_ns`, increasing, the first is 0 [ns].
+        Times after `at_ns`, increasing, the first is 0, int64 [ns].
     """
     left = trajectory.stamp_ns + trajectory.offset_ns - at_ns
     left = left[left >= MIN_POINT_SPACING_NS]

@@ -27,12 +27,12 @@ class Command:
 
     @classmethod
     def hold(cls, stamp_ns: int, position: FloatArray, modes: ModeArray) -> Command:
-        """Return a command to stand still.
+        """Return a command to stand still at a position in constant modes.
 
         Args:
             stamp_ns: Absolute time of the command [ns].
             position: Joint positions to hold, shape (n,) [rad or m].
-            modes: Modes in which to hold, shape (n,).
+            modes: Mode in which each actuator holds, shape (n,).
         """
         schedule = ModeSchedule(stamp_ns, np.array([0]), modes[None, :])
         return cls(standstill(position, stamp_ns), schedule)

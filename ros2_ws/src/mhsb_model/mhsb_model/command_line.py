@@ -58,10 +58,11 @@ _interrupt_note: list[str] = []
 
 
 def set_interrupt_note(words: str) -> None:
-    """Set the words that an interrupt of the running command prints from this point on.
+    """Set the words that are printed if the user interrupts the running command from now on.
 
     Args:
-        words: Which results are kept, and where, for instance "out/summary.json has 3 of 10 draws".
+        words: Clause on which results are kept, and where, for instance "out/summary.json has 3 of
+            10 draws". It replaces the words of earlier calls.
     """
     _interrupt_note[:] = [words]
 
@@ -125,20 +126,26 @@ def run(
     name: str | None = None,
     node: bool = False,
 ) -> int:
-    """Parse a command's arguments, run it and turn errors into sentences and exit codes.
+    """Parse a command's arguments, run it, and turn errors into sentences and exit codes.
 
-    `--help` prints the help and ends the process with code 0. An ArgumentError gives code 2,
-    another MhsbError code 1, an interrupt code 130, and a closed output code 141. An OSError gives
-    code 1 if it names a file or the disk is full. Other exceptions are bugs and are not caught.
-    Each of these errors, except a closed output, prints one sentence on standard error.
+    The exit codes are
+
+        0    success, unless the command returns another code
+        1    an MhsbError, or an OSError that names a file or says that the disk is full
+        2    an ArgumentError: the arguments cannot be used
+        130  interrupted (KeyboardInterrupt)
+        141  the reader of the output has closed it (BrokenPipeError); nothing is printed
+
+    The codes 1, 2 and 130 come with one sentence on standard error. Other exceptions are bugs and
+    are raised. `--help` prints the help and raises SystemExit with code 0.
 
     Args:
         command: A function, or a dataclass with a method `run`.
         arguments: Words of the command line; None takes the process's own.
         name: Name of the command in usage and error messages; None takes the name of the started
             file.
-        node: Whether to leave `--ros-args …` to rclpy, which reads them from the process's
-            arguments.
+        node: Whether `--ros-args …` is removed before parsing, since rclpy reads it from the
+            process's own arguments.
 
     Returns:
         The exit code.
@@ -181,13 +188,17 @@ def _drop_output() -> None:
 
 
 def without_ros_arguments(arguments: Sequence[str]) -> list[str]:
-    """Remove the words from `--ros-args` to the next `--`, which is removed too, or to the end.
+    """Remove the arguments that are meant for ROS.
+
+    They begin with `--ros-args` and end with the next `--`, or at the end of the command line. Both
+    markers are removed too.
 
     Args:
         arguments: Words of the command line.
 
     Returns:
-        The remaining words, in their order. If there are several such parts, all are removed.
+        The remaining words in their order, in a new list. If there are several such parts, all are
+        removed.
     """
     own = []
     inside = False
@@ -213,7 +224,9 @@ def _one_line(text: str) -> str:
 def _parse(
     command: Callable[..., int | None] | type[CommandArguments], arguments: list[str], name: str
 ) -> Callable[[], int | None]:
-    """Parse a command's arguments and bind them to the command.
+    """Parse a command's arguments and bind them to the command, without running it.
+
+    `--help` prints the help and raises SystemExit with code 0.
 
     Args:
         command: A function, or a dataclass with a method `run`.
@@ -221,10 +234,10 @@ def _parse(
         name: Name of the command in usage and error messages.
 
     Returns:
-        A function without arguments that runs the command and returns its exit code, or None for 0.
+        A function without arguments that runs the command. It returns the exit code; None means 0.
 
     Raises:
-        UsageError: The arguments cannot be parsed or a number is outside its range.
+        UsageError: The arguments cannot be parsed, or a number is outside its range.
     """
 
     def raise_usage_error(event: parse_errors.ParseErrorEvent) -> None:
@@ -251,14 +264,14 @@ def _parse(
 def _description(command: Callable[..., Any]) -> str:
     """Return the description of a command from its docstring, wrapped to the terminal's width.
 
-    The text ends before the first section, such as `Args:`. Lines are indented by one column,
-    which prevents tyro from joining them again.
+    Sections such as `Args:` and all text after them are left out. Each line begins with a space,
+    which keeps tyro from joining the lines again.
 
     Args:
         command: A function or dataclass.
 
     Returns:
-        The wrapped paragraphs, with one line break between them.
+        The wrapped paragraphs, one below the other without empty lines between them.
     """
     text = SECTION_HEADING.split(inspect.cleandoc(command.__doc__ or ""), maxsplit=1)[0]
     wrap = textwrap.TextWrapper(
@@ -272,15 +285,15 @@ def _description(command: Callable[..., Any]) -> str:
 
 
 def _describe_range_and_default(limits: NumberRange | None, value: str) -> str:
-    """Return the text that the help adds to an argument: its range and default value.
+    """Return the text that the help adds to an argument: its range and its default value.
 
     Args:
         limits: Range of the argument's numbers; None if it has none.
-        value: The default value as text. "None" is left out, since the argument's description says
-            what happens then. An empty text means a repeatable argument.
+        value: The default value as text. The text "None" adds nothing, since the argument's own
+            description says what None does. An empty text adds the word "repeatable".
 
     Returns:
-        Text in parentheses; empty if there is nothing to add.
+        Text in parentheses, such as `(from 0 to 5; default: 1)`. Empty if there is nothing to add.
     """
     default = {"None": "", "": "repeatable"}.get(value, f"default: {value}")
     words = "; ".join(filter(None, (str(limits or ""), default)))
@@ -317,15 +330,15 @@ def _check_ranges(kinds: Mapping[str, Any], values: Mapping[str, Any]) -> None:
 
 
 def _iterate_numbers(value: Any) -> Iterator[float]:
-    """Yield all numbers in a value, also from nested tuples and lists.
+    """Yield all numbers in a value, in their order.
 
-    Booleans and other values are skipped.
+    Numbers in nested tuples and lists are yielded too. Booleans and all other types are skipped.
 
     Args:
         value: Value of an argument.
 
     Yields:
-        Numbers in their order.
+        Numbers, int or float.
     """
     if isinstance(value, list | tuple):
         for each in value:
@@ -366,18 +379,18 @@ def _describe_parse_error(event: parse_errors.ParseErrorEvent, arguments: list[s
 
 
 def _describe_bad_value(argument: Any, message: str, arguments: list[str]) -> str:
-    """Return a sentence that says which values an argument takes and what was given.
+    """Return a sentence that says which values an argument takes and what was given instead.
 
-    The words after the argument's flag count as what was given. If the flag is not on the command
-    line, the last quoted word of tyro's message counts.
+    What was given are the words after the argument's flag on the command line. If there are none,
+    it is the last word that tyro's message quotes.
 
     Args:
         argument: The argument, as tyro describes it.
-        message: tyro's message, which may quote the value.
+        message: tyro's message, which may quote the value; it may be empty.
         arguments: Words of the command line.
 
     Returns:
-        The sentence. Words are cut after MAX_QUOTED_WORD characters.
+        The sentence. Each word is cut after MAX_QUOTED_WORD characters.
     """
     quoted = re.findall(r"'([^']*)'", message)
     given = _tokens_after(argument.lowered.name_or_flags, arguments) or quoted[-1:]
@@ -403,13 +416,14 @@ def _label(argument: Any) -> str:
 
 
 def _describe_values(argument: Any) -> str:
-    """Return which values an argument takes, followed by its description in parentheses.
+    """Return the kind of value that an argument takes, and its description in parentheses.
 
     Args:
         argument: The argument, as tyro describes it.
 
     Returns:
-        For instance "NUMBER (duration [s])".
+        For instance "NUMBER (duration [s])". Without parentheses if the argument has no
+        description.
     """
     metavar = str(argument.lowered.metavar).strip("{}")
     text = argument.field.helptext
@@ -418,14 +432,16 @@ def _describe_values(argument: Any) -> str:
 
 
 def _tokens_after(flags: Sequence[str], arguments: list[str]) -> list[str]:
-    """Return the words after the last use of a flag, up to the next flag.
+    """Return the words between the last use of a flag and the next flag.
+
+    Each word that begins with `--` counts as a flag.
 
     Args:
         flags: All spellings of the flag.
         arguments: Words of the command line.
 
     Returns:
-        The words; empty if the flag was not used or nothing follows.
+        The words; empty if the flag was not used or nothing follows it.
     """
     places = [index for index, word in enumerate(arguments) if word in flags]
     if not places:
@@ -444,16 +460,17 @@ _REGISTRY = tyro.constructors.ConstructorRegistry()
 def _make_arguments_rule(
     kind: tyro.constructors.StructTypeInfo,
 ) -> tyro.constructors.StructConstructorSpec | None:
-    """Make tyro check the ranges of a function's or a dataclass's numbers, and show them.
+    """Tell tyro how to make arguments from a function's parameters or a dataclass's fields.
 
-    A command is only bound to its arguments: errors that it raises must not look like parsing
-    errors.
+    The help shows the range of each argument's numbers, and a number outside of it is refused. A
+    function is not called, only bound to its arguments. So errors that the command raises later
+    cannot be mistaken for parsing errors.
 
     Args:
-        kind: A command, or the type of an argument. A dataclass is a group of options.
+        kind: A command, or the type of an argument. A dataclass becomes a group of options.
 
     Returns:
-        Arguments with their descriptions, and the function that checks and binds their values; None
+        Arguments with their descriptions, and the function that checks and binds their values. None
         if the type is neither a function nor a dataclass.
     """
     target = kind.type
@@ -466,7 +483,17 @@ def _make_arguments_rule(
     }
 
     def bind(**values: Any) -> Any:
-        """Check the ranges of parsed arguments; return the dataclass or the bound function."""
+        """Check the ranges of parsed arguments, and bind them.
+
+        Args:
+            **values: Value of each argument by its name.
+
+        Returns:
+            The created dataclass, or the function bound to its arguments without a call.
+
+        Raises:
+            UsageError: A number is outside its range.
+        """
         _check_ranges(hints, values)
         return target(**values) if isinstance(target, type) else partial(target, **values)
 
@@ -491,16 +518,16 @@ def _with_range_in_help(kind: Any) -> Any:
 
 
 def _parse_finite(words: list[str]) -> float:
-    """Convert the first of several words to a finite number.
+    """Convert a word of the command line to a finite number.
 
     Args:
-        words: Words of the command line; tyro passes one.
+        words: List that tyro passes; only the first word is read.
 
     Returns:
         The number.
 
     Raises:
-        ValueError: It is not a number, or not finite.
+        ValueError: The word is not a number, or the number is infinite or nan.
     """
     number = float(words[0])
     if not math.isfinite(number):

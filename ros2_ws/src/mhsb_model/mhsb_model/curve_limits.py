@@ -71,9 +71,10 @@ class CurveLimits:
 
     @cached_property
     def for_planning(self) -> CurveLimits:
-        """Limits for plans: `PLANNED_SHARE` of acceleration and jerk, and no position limits.
+        """Limits that plans keep, a bit tighter than those that an arm accepts.
 
-        Planners check positions themselves.
+        Acceleration and jerk are `PLANNED_SHARE` of this object's, and the speed is the same.
+        `lower` and `upper` are −inf and inf, since planners check positions themselves.
         """
         everywhere = np.full(len(self.speed), math.inf)
         return replace(
@@ -90,16 +91,22 @@ def derive_curve_limits(
 ) -> CurveLimits:
     """Derive the limits of a trajectory's curve from a machine.
 
-    The equations are in the module's docstring.
+    Positions are limited by the joint limits, and speeds by `fastest`. Acceleration and jerk are
+
+        a_j = p A_j r_j / M_j,    j_j = a_j / t_s,    t_s = 3 / (ζ ω)
+
+    p is the highest supply pressure, boosted or not, and A_j the smaller area of the piston. r_j is
+    the longest moment arm, and M_j the smallest inertia about the joint in the workspace. t_s is
+    the settling time of a valve's spool with natural frequency ω and damping ratio ζ.
 
     Args:
         m: Arrays of the machine, with payload and supply pressure of its file.
         circuit: Frequency and damping of the valves.
-        longest_arms: Longest moment arm of each joint, shape (n,) [m].
-        fastest: `Machine.max_joint_speeds`, shape (n,) [rad/s or m/s].
+        longest_arms: r_j, longest moment arm of each joint, shape (n,) [m]; 1 if the joint slides.
+        fastest: Largest speed that the main pump can give each joint, shape (n,) [rad/s or m/s].
 
     Returns:
-        The limits, with read-only arrays.
+        The limits, with read-only arrays of shape (n,).
     """
     pressure = max(m.supply_pressure, m.max_boost_pressure)
     torque = pressure * np.minimum(m.cap_area, m.rod_area) * longest_arms
@@ -116,19 +123,19 @@ def derive_curve_limits(
 
 
 def least_inertias(m: MachineArrays) -> FloatArray:
-    """Find the smallest inertia M_jj of each joint over the workspace.
+    """Find the smallest inertia M_jj about each joint over the workspace.
 
-    It evaluates a grid of at most about MAX_INERTIA_POSTURES postures over the joint ranges. The
-    first joint stays at its lower limit, since M_jj does not depend on it. Postures count if the
-    tip's distance from the origin is one of the workspace. If no posture of the grid does, all
-    count.
+    M_jj is a diagonal element of the mass matrix. It is evaluated on a grid of about
+    MAX_INERTIA_POSTURES postures over the joint ranges. The first joint stays at its lower limit,
+    since M_jj does not depend on it. Postures are left out if the tip is nearer to the origin than
+    the workspace's least radius or farther than its greatest. If that leaves out all postures, none
+    is left out.
 
     Args:
         m: Arrays of the machine.
 
     Returns:
-        Smallest diagonal elements of the mass matrix, shape (n,) [kg m²], or [kg] for a sliding
-        joint.
+        Smallest M_jj of each joint, shape (n,) [kg m²], or [kg] for a sliding joint.
     """
     n = len(m.joint_min)
     count = max(2, int(MAX_INERTIA_POSTURES ** (1.0 / max(1, n - 1))))

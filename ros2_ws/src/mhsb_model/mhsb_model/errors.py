@@ -14,24 +14,22 @@ class MhsbError(Exception):
     """Base of all errors of the suite; its text is one sentence for the user."""
 
     def __reduce__(self) -> tuple[Callable[..., MhsbError], tuple[Any, ...]]:
-        """Pickle class, sentence and attributes, whatever arguments `__init__` takes."""
+        """Pickle class, sentence and attributes, so that unpickling does not call `__init__`."""
         return _restored, (type(self), self.args, self.__dict__)
 
 
 def _restored(
     kind: type[MhsbError], args: tuple[object, ...], data: Mapping[str, object]
 ) -> MhsbError:
-    """Make an error again from the values that `MhsbError.__reduce__` pickles.
-
-    `__init__` is not called.
+    """Make an error again from its pickled values, without a call of `__init__`.
 
     Args:
         kind: Class of the error.
-        args: `args` of the exception, the sentence first.
+        args: `args` of the exception; the first is the sentence for the user.
         data: All other attributes by name.
 
     Returns:
-        The error.
+        An error of that class with the same sentence and attributes.
     """
     error = kind.__new__(kind)
     error.args = args
@@ -108,16 +106,19 @@ OTHER_UNITS = {
 def suggest_unit(
     values: Sequence[float], unit: str, is_admissible: Callable[[Sequence[float]], bool]
 ) -> str:
-    """Ask whether values that are out of range were meant in another unit.
+    """Suggest another unit for values that are out of range, such as degrees instead of radians.
+
+    Each unit of OTHER_UNITS is tried. It is suggested if the values, read in that unit, are
+    admissible.
 
     Args:
-        values: The values, one or several, in the SI unit.
-        unit: The SI unit.
-        is_admissible: Whether values in the SI unit are within their range.
+        values: One or several values as the user gave them, taken to be in `unit`.
+        unit: SI unit that was expected, such as "rad". An unknown unit gives no suggestion.
+        is_admissible: Function that says whether values in the SI unit are within their range.
 
     Returns:
         Clause to append to a sentence, such as `; in degrees? 17 degrees are 0.2967 rad`. Empty if
-        no other unit brings the values into their range.
+        no other unit makes the values admissible.
     """
     fitting = {
         name: converted
@@ -134,7 +135,18 @@ def suggest_unit(
 
 
 def suggest_unit_of_number(value: float, unit: str, low: float, high: float) -> str:
-    """Return the clause of `suggest_unit` for one number that must be from `low` to `high`."""
+    """Suggest another unit for a number that is out of range, such as degrees instead of radians.
+
+    Args:
+        value: Number as the user gave it, taken to be in `unit`.
+        unit: SI unit that was expected, such as "rad".
+        low: Smallest admissible number in the SI unit.
+        high: Largest admissible number in the SI unit.
+
+    Returns:
+        Clause to append to a sentence, such as `; in degrees? 17 degrees are 0.2967 rad`. Empty if
+        no other unit brings the number into its range.
+    """
     return suggest_unit([value], unit, lambda values: low <= values[0] <= high)
 
 

@@ -74,11 +74,11 @@ def rgb(text: str) -> tuple[float, float, float]:
 def open_figure(path: Path, height: float, width: float = FIGURE_WIDTH) -> Iterator[Figure]:
     """Open a figure to draw on, as a context manager, and write it as PNG when the block ends.
 
-    The file is written under a temporary name and renamed, so it is complete or not changed at all.
-    If the block raises, nothing is written.
+    The file is first written beside the target under a temporary name, then renamed. So the target
+    is never incomplete. If the block raises, nothing is written, and the target stays as it was.
 
     Args:
-        path: File to write.
+        path: File to write; an existing file is replaced.
         height: Height of the figure [in].
         width: Width of the figure [in].
 
@@ -101,7 +101,9 @@ def open_figure(path: Path, height: float, width: float = FIGURE_WIDTH) -> Itera
 
 
 def draw_line(axes: Axes, x: FloatArray, y: FloatArray, **style: Any) -> None:
-    """Draw a line, thinned so that its peaks stay if it has many points.
+    """Draw a line; if it has many points, draw only those that keep its peaks.
+
+    `choose_extreme_points` chooses them for lines of more than MAX_LINE_POINTS points.
 
     Args:
         axes: Axes to draw on.
@@ -114,17 +116,17 @@ def draw_line(axes: Axes, x: FloatArray, y: FloatArray, **style: Any) -> None:
 
 
 def choose_extreme_points(values: FloatArray, max_points: int = MAX_LINE_POINTS) -> IntArray:
-    """Choose the points of a line to draw so that its peaks stay.
+    """Choose the points of a line that have to be drawn so that no peak is lost.
 
-    The line is divided into `max_points`/2 parts with equal numbers of points. The points with the
-    smallest and the largest value of each part are kept.
+    The line is divided into `max_points`/2 parts with about equal numbers of points. From each part
+    the points with the smallest and the largest value are chosen.
 
     Args:
         values: Ordinates of the line, shape (k,).
-        max_points: Largest number of points; a line with no more is kept whole.
+        max_points: Largest number of points to choose. If k is not larger, all points are chosen.
 
     Returns:
-        Indices of the points, increasing.
+        Indices of the chosen points, increasing.
     """
     if len(values) <= max_points:
         return np.arange(len(values))

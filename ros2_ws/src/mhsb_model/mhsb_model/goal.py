@@ -47,7 +47,11 @@ class Goal:
         return cls(stamp_ns, x, z, *y)
 
     def moved_to(self, position: Position) -> Goal:
-        """Return a goal with the same stamp at another position."""
+        """Return a goal with the same stamp at another position.
+
+        Args:
+            position: (x, z), or (x, y, z) for an arm that slews, in `base_link` [m].
+        """
         return Goal.at(self.stamp_ns, position)
 
     @property

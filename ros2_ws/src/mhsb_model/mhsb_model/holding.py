@@ -49,12 +49,15 @@ class HoldingError(MhsbError):
 def holding_modes(machine: Machine, force: FloatArray) -> ModeArray:
     """Choose the modes in which the cylinders hold their loads at rest.
 
+    An actuator holds in mode N (fed by the main pump alone) if the main pump's pressure suffices.
+    Otherwise it holds in mode DB (boosted by its own servo pump).
+
     Args:
-        machine: The machine.
+        machine: The machine, which gives the main pump's pressure and the booster modules.
         force: Piston forces, positive if they resist extension, shape (n,) [N].
 
     Returns:
-        Modes, uint8 of shape (n,): DB if the actuator needs boost to hold, otherwise N.
+        Modes, uint8 of shape (n,).
 
     Raises:
         HoldingError: These modes need more booster modules than the machine has.
@@ -68,10 +71,11 @@ def holding_modes(machine: Machine, force: FloatArray) -> ModeArray:
 
 
 def choose_stop_modes(machine: Machine, force: FloatArray, in_force: ModeArray) -> ModeArray:
-    """Choose the modes in which an arm holds after a stop, which is never refused.
+    """Choose the modes in which an arm holds its loads after a stop; a choice is always made.
 
-    They are the result of `holding_modes` if the booster modules are enough. Otherwise the arm
-    keeps its present modes.
+    An actuator gets mode N (fed by the main pump alone) if the main pump's pressure holds its load,
+    otherwise DB (boosted by its own servo pump). If these modes need more booster modules than the
+    machine has, all actuators keep their present modes.
 
     Args:
         machine: The machine.
@@ -79,7 +83,7 @@ def choose_stop_modes(machine: Machine, force: FloatArray, in_force: ModeArray) 
         in_force: Present modes, shape (n,).
 
     Returns:
-        Modes, uint8 of shape (n,).
+        Modes in a new array, uint8 of shape (n,).
     """
     try:
         return holding_modes(machine, force)
@@ -89,14 +93,17 @@ def choose_stop_modes(machine: Machine, force: FloatArray, in_force: ModeArray) 
 
 @kernel
 def _holding_modes(m: MachineArrays, force: FloatArray) -> ModeArray:
-    """Choose DB for each actuator that needs boost to hold its load, otherwise N.
+    """Choose the mode in which each cylinder holds its load, whatever modules that takes.
+
+    The mode is N (fed by the main pump alone) if the main pump's pressure holds the load, otherwise
+    DB (boosted by the actuator's own servo pump).
 
     Args:
         m: Arrays of the machine.
         force: Piston forces, positive if they resist extension, shape (n,) [N].
 
     Returns:
-        Modes, uint8 of shape (n,); the module budget is not checked.
+        Modes, uint8 of shape (n,). They may need more booster modules than the machine has.
     """
     modes = np.empty(len(force), dtype=np.uint8)
     for j in range(len(force)):

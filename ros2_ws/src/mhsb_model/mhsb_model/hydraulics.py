@@ -78,17 +78,19 @@ def retraction_speed(
 
 @kernel
 def load_pressure(cap: float, rod: float, tank: float, force: float, direction: float) -> float:
-    """Compute the supply pressure that balances the load, without a drop over the valve.
+    """Compute the load pressure: the supply pressure that balances a load at rest.
 
         p_L = (F + a p_T) / A     extending
         p_L = (−F + A p_T) / a    retracting
+
+    The valve is taken to have no pressure drop, and the return side tank pressure.
 
     Args:
         cap: Cap-side area A [m²].
         rod: Rod-side area a [m²].
         tank: Tank pressure p_T [Pa].
         force: Piston force F, positive if it resists extension [N].
-        direction: Extending if > 0, otherwise retracting.
+        direction: Direction of the motion: extending if > 0, otherwise retracting.
 
     Returns:
         Load pressure p_L [Pa]; negative if the load drives the motion strongly enough.
@@ -146,10 +148,13 @@ def compute_speed_from_drop(
 def compute_pressure_without_margin(
     k: float, cap: float, rod: float, tank: float, force: float, speed: float
 ) -> float:
-    """Compute the supply pressure that a cylinder needs at a speed, p_L + m(v).
+    """Compute the supply pressure that a cylinder needs to move at a speed, or to hold its load.
 
-    It is the load pressure plus the drop over the fully open valve. At speed 0 the cylinder holds:
-    the direction is then extension if force > 0, otherwise retraction.
+        p = p_L + m(v)
+
+    p_L is the load pressure, which balances the load at rest, and m(v) the pressure that the fully
+    open valve needs at the speed v. At speed 0 the cylinder holds, and m is 0. The load pressure is
+    then that of extension if force > 0, otherwise that of retraction.
 
     Args:
         k: Valve coefficient K [m³/(s √Pa)].
@@ -168,11 +173,14 @@ def compute_pressure_without_margin(
 
 @kernel
 def opposes_motion(force: float, direction: float) -> bool:
-    """Return whether the load acts against the motion; always False for zero force or direction.
+    """Return whether the load acts against the motion.
 
     Args:
         force: Piston force, positive if it resists extension [N].
-        direction: Sign of the piston speed: > 0 extending, < 0 retracting.
+        direction: Number with the sign of the piston speed: > 0 extending, < 0 retracting.
+
+    Returns:
+        True if the load resists the motion. False if it helps, and for zero force or direction.
     """
     return force * direction > 0.0
 
@@ -187,7 +195,8 @@ def cavitates(
 ) -> np.ndarray:
     """Return whether an overrunning load empties the inlet chamber of a cylinder.
 
-    For a matched valve, whose two metering edges have the same K, this happens at any speed if
+    The valve is a matched one: its two metering edges have the same K. The inlet chamber then
+    empties at any speed if
 
         F < −a³ p_S / A² − a p_T     extending
         F > A³ p_S / a² + A p_T      retracting
@@ -200,10 +209,10 @@ def cavitates(
         supply: Supply pressure p_S [Pa].
         tank: Tank pressure p_T [Pa].
         force: Piston forces F, positive if they resist extension [N].
-        direction: Extending where > 0, otherwise retracting.
+        direction: Direction of each motion: extending if > 0, otherwise retracting (also for 0).
 
     Returns:
-        True if the inlet chamber empties; boolean array of the broadcast shape.
+        Boolean array of the broadcast shape, True if the inlet chamber empties.
     """
     pulled = force < -(rod**3) * supply / cap**2 - rod * tank
     pushed = force > cap**3 * supply / rod**2 + cap * tank
@@ -212,7 +221,13 @@ def cavitates(
 
 @kernel
 def inlet_area(cap: float, rod: float, direction: float) -> float:
-    """Return A_dir, the area that the supply fills: A if direction > 0, otherwise a [m²]."""
+    """Return the piston area on the side that the supply fills [m²].
+
+    Args:
+        cap: Cap-side area A [m²].
+        rod: Rod-side area a [m²].
+        direction: The area is A if it is > 0 (extending), otherwise a.
+    """
     return cap if direction > 0.0 else rod
 
 
@@ -254,13 +269,24 @@ def get_shared_hydraulics(m: MachineArrays) -> SharedHydraulics:
 
 @kernel
 def compute_inertia_margin(oil: SharedHydraulics) -> float:
-    """Return the part of the boost margin that inertia forces may use up [Pa]."""
+    """Return the part of the boost margin that inertia forces may use up [Pa].
+
+    The boost margin is a pressure in reserve beyond what load and valve need.
+    `MARGIN_SHARE_WITHOUT_INERTIA` of it is kept for friction and control.
+
+    Args:
+        oil: Boost margin.
+    """
     return (1.0 - MARGIN_SHARE_WITHOUT_INERTIA) * oil.boost_margin
 
 
 @kernel
 def get_max_supply_pressure(oil: SharedHydraulics, modules: int) -> float:
-    """Return the highest supply pressure of an actuator with this number of booster modules.
+    """Return the highest supply pressure that an actuator can get in a mode.
+
+    Args:
+        oil: Supply pressure and maximum boost pressure.
+        modules: Number of booster modules that the mode gives the actuator.
 
     Returns:
         The maximum boost pressure [Pa]; the main pump's pressure P_S if there are no modules.
@@ -270,11 +296,16 @@ def get_max_supply_pressure(oil: SharedHydraulics, modules: int) -> float:
 
 @kernel
 def get_max_servo_pump_flow(oil: SharedHydraulics, modules: int) -> float:
-    """Return the flow that this number of booster modules gives one actuator.
+    """Return the largest flow that the servo pumps give an actuator in a mode.
+
+    Args:
+        oil: Largest flow Q_SP of one servo pump.
+        modules: Number of booster modules, each with one servo pump, that the mode gives the
+            actuator.
 
     Returns:
-        Number of modules times Q_SP [m³/s]; inf for no modules, since the servo pumps then set no
-        limit.
+        Number of modules times Q_SP [m³/s]. inf for no modules: servo pumps then set no limit,
+        since the main pump feeds the actuator.
     """
     return modules * oil.servo_pump_flow if modules > 0 else math.inf
 
@@ -283,11 +314,13 @@ def get_max_servo_pump_flow(oil: SharedHydraulics, modules: int) -> float:
 def compute_pressure_with_margin(
     oil: SharedHydraulics, k: float, cap: float, rod: float, force: float, speed: float
 ) -> float:
-    """Compute the supply pressure at which a cylinder moves or holds its load.
+    """Compute the supply pressure at which a cylinder moves or holds its load, with a reserve.
 
         p = p_L + m(v) + boost margin
 
-    At speed 0 the cylinder holds; see `compute_pressure_without_margin`.
+    p_L is the load pressure, which balances the load at rest, and m(v) the pressure that the fully
+    open valve needs at the speed v. At speed 0 the cylinder holds. The load pressure is then that
+    of extension if force > 0, otherwise that of retraction.
 
     Args:
         oil: Tank pressure and boost margin.
@@ -295,7 +328,7 @@ def compute_pressure_with_margin(
         cap: Cap-side area A [m²].
         rod: Rod-side area a [m²].
         force: Piston force, positive if it resists extension [N].
-        speed: Piston speed, positive in extension [m/s].
+        speed: Piston speed v, positive in extension [m/s].
 
     Returns:
         Required supply pressure, boost margin included [Pa].
@@ -312,9 +345,12 @@ def cylinder_needs_boost(
 ) -> bool:
     """Return whether a cylinder needs boost to move or hold its load.
 
-    It needs boost if it holds (speed 0) or moves against its load, and the main pump's pressure is
-    below the result of `compute_pressure_with_margin`. Motion that the load helps, or that has no
-    load, never needs boost.
+    Boost is needed if both of these hold:
+
+    - The cylinder holds its load (speed 0), or moves against its load.
+    - The main pump's pressure is below load pressure plus valve drop plus boost margin.
+
+    A motion that the load helps, or that has no load, never needs boost.
 
     Args:
         oil: Pressures of the supply and the tank, and boost margin.
@@ -325,7 +361,7 @@ def cylinder_needs_boost(
         speed: Piston speed, positive in extension [m/s].
 
     Returns:
-        True if the main pump's pressure is not enough.
+        True if boost is needed.
     """
     if speed != 0.0 and not opposes_motion(force, speed):
         return False
@@ -338,11 +374,12 @@ def boosted_supply(
 ) -> float:
     """Compute the pressure to which servo pumps charge the line of a boosted cylinder.
 
-        p = max(P_S, min(p_max, max(p_L(0), p_L(v) + m(v)) + margin))
+        p = max(P_S, min(p_max, max(p_0, p_L + m(v)) + margin))
 
-    p_L(v) is the load pressure in the direction of v, m(v) the drop over the fully open valve, and
-    p_max the maximum boost pressure. p_L(0) is the pressure that holds the load at rest. It is
-    included for both directions of motion, since the load must be carried at every reversal.
+    P_S is the main pump's pressure, and p_max the maximum boost pressure. p_L is the load pressure
+    in the direction of v, and m(v) the drop over the fully open valve. p_0 is the pressure that
+    holds the load at rest. It counts in motion as well, since the load must be carried at every
+    reversal.
 
     Args:
         oil: Pressures of supply and tank, boost margin and maximum boost pressure.
@@ -350,10 +387,10 @@ def boosted_supply(
         cap: Cap-side area A [m²].
         rod: Rod-side area a [m²].
         force: Piston force, positive if it resists extension [N].
-        speed: Piston speed v, positive in extension [m/s].
+        speed: Piston speed v, positive in extension; 0 for holding [m/s].
 
     Returns:
-        Line pressure, at least P_S [Pa].
+        Line pressure, from P_S to p_max [Pa].
     """
     need = compute_pressure_with_margin(oil, k, cap, rod, force, 0.0)
     if speed != 0.0:
@@ -363,18 +400,18 @@ def boosted_supply(
 
 @kernel
 def rail_pressure(oil: SharedHydraulics, line_pressure: FloatArray, modes: ModeArray) -> float:
-    """Return the pressure of the rail, the line that actuators in shared boost (SB) use.
+    """Return the pressure of the rail, the line that all actuators in shared boost (SB) use.
 
-    It is the highest pressure that any actuator in SB needs.
+    It is the highest boosted line pressure of these actuators.
 
     Args:
         oil: The main pump's pressure P_S.
-        line_pressure: Boosted line pressure of each actuator, from `boosted_supply`, shape (n,)
-            [Pa]. Values of actuators that are not on the rail are ignored.
+        line_pressure: Boosted line pressure that each actuator needs, from `boosted_supply`, shape
+            (n,) [Pa]. Values of actuators in other modes are ignored.
         modes: Mode of each actuator, shape (n,).
 
     Returns:
-        Rail pressure, at least P_S [Pa].
+        Rail pressure [Pa]; P_S if no actuator is in SB.
     """
     highest = oil.supply_pressure
     for j in range(len(modes)):
@@ -407,7 +444,7 @@ def select_supply_pressure(
 def compute_orifice_leakage(
     rated_flow: float, rated_pressure: float, tank: float, supply: float
 ) -> float:
-    """Compute the leakage of a valve at a supply pressure, as that of an orifice.
+    """Compute the leakage of a valve at a supply pressure, as through an orifice to the tank.
 
         q = q_leak √((p − p_T) / (P_S − p_T))
 
@@ -418,7 +455,7 @@ def compute_orifice_leakage(
         supply: Present supply pressure p of the valve [Pa].
 
     Returns:
-        Leakage [m³/s]; 0 below the tank pressure.
+        Leakage [m³/s]; 0 if the supply pressure is below the tank pressure.
     """
     return rated_flow * math.sqrt(max(0.0, supply - tank) / (rated_pressure - tank))
 
@@ -433,15 +470,15 @@ def compute_valve_leakage(oil: SharedHydraulics, supply: float) -> float:
 def compute_piston_flow_budget(
     oil: SharedHydraulics, line_pressure: FloatArray, modes: ModeArray
 ) -> float:
-    """Compute the main pump's flow that is left for the pistons after all leakage.
+    """Compute the main pump's flow that is left for the pistons after the leakage of all valves.
 
-    The leakage of a boosted actuator's valve is taken at its boosted supply pressure, all others at
-    P_S.
+    A valve's leakage depends on the supply pressure of its actuator: P_S in mode N, the actuator's
+    own line pressure in DB, and the rail's in SB.
 
     Args:
         oil: Pressures, main pump flow and leakage.
-        line_pressure: Boosted line pressure of each actuator, from `boosted_supply`, shape (n,)
-            [Pa]; ignored for actuators in mode N.
+        line_pressure: Boosted line pressure that each actuator needs, from `boosted_supply`, shape
+            (n,) [Pa]; ignored for actuators in mode N.
         modes: Mode of each actuator, shape (n,).
 
     Returns:
@@ -463,7 +500,7 @@ def compute_piston_flow_budget(
 def required_pressure(m: MachineArrays, j: int, force: float, speed: float) -> float:
     """Compute the supply pressure at which actuator j moves or holds its load.
 
-    It is load pressure, valve drop and boost margin; see `compute_pressure_with_margin`.
+    It is the load pressure, plus the drop over the fully open valve, plus the boost margin.
 
     Args:
         m: Arrays of the machine.
@@ -482,7 +519,9 @@ def required_pressure(m: MachineArrays, j: int, force: float, speed: float) -> f
 def needs_boost(m: MachineArrays, j: int, force: float, speed: float) -> bool:
     """Return whether actuator j needs boost to move or hold its load.
 
-    See `cylinder_needs_boost` for the rule.
+    Boost is needed if the actuator holds or moves against its load, and the main pump's pressure is
+    too low. It is too low if it is below load pressure plus valve drop plus boost margin. A motion
+    that the load helps never needs boost.
 
     Args:
         m: Arrays of the machine.
@@ -491,7 +530,7 @@ def needs_boost(m: MachineArrays, j: int, force: float, speed: float) -> bool:
         speed: Piston speed, positive in extension; 0 for holding [m/s].
 
     Returns:
-        True if the main pump's pressure is not enough.
+        True if boost is needed.
     """
     k, cap, rod = m.valve_coefficient[j], m.cap_area[j], m.rod_area[j]
     return cylinder_needs_boost(get_shared_hydraulics(m), k, cap, rod, force, speed)
@@ -501,14 +540,17 @@ def needs_boost(m: MachineArrays, j: int, force: float, speed: float) -> bool:
 def required_pressures(m: MachineArrays, force: FloatArray, speed: FloatArray) -> FloatArray:
     """Compute the supply pressures at which all actuators move or hold their loads.
 
+    Each is the load pressure, plus the drop over the fully open valve, plus the boost margin.
+
     Args:
         m: Arrays of the machine.
         force: Piston forces of n actuators at k instants, positive if they resist extension, shape
             (k, n) [N].
-        speed: Piston speeds, positive in extension, shape (k, n) [m/s].
+        speed: Piston speeds, positive in extension, shape (k, n) [m/s]; 0 means that the actuator
+            holds.
 
     Returns:
-        Required supply pressures, boost margin included, shape (k, n) [Pa].
+        Required supply pressures, shape (k, n) [Pa].
     """
     pressure = np.empty(force.shape)
     for i in range(force.shape[0]):

@@ -24,9 +24,9 @@ def get_turn_angle(turns: BoolArray, q: FloatArray, j: int) -> float:
     """Return the angle by which joint j turns its link in the plane.
 
     Args:
-        turns: Whether each joint is revolute, shape (n,).
+        turns: Whether each joint is revolute in the arm's plane, shape (n,).
         q: Joint angles [rad], or extensions [m] of sliding joints, shape (n,). Velocities or
-            accelerations work as well.
+            accelerations work as well; the result is then an angular velocity or acceleration.
         j: Index of the joint.
 
     Returns:
@@ -37,12 +37,12 @@ def get_turn_angle(turns: BoolArray, q: FloatArray, j: int) -> float:
 
 @kernel(inline="always")
 def add_extension(slides: BoolArray, retracted_length: FloatArray, q: FloatArray, j: int) -> float:
-    """Return a length along link j that includes the extension of its joint.
+    """Return a length along link j, with the extension of its joint if that slides.
 
     Args:
         slides: Whether each joint is prismatic, shape (n,).
-        retracted_length: The length of each link with its joint at q = 0, shape (n,) [m]: link
-            lengths, or distances of the centres of mass from the joints.
+        retracted_length: That length of each link with its joint at q = 0, shape (n,) [m]. It may
+            be the link's length, or the distance of its centre of mass from the joint.
         q: Joint angles [rad], or extensions [m] of sliding joints, shape (n,).
         j: Index of the link.
 
@@ -76,10 +76,10 @@ def compute_radian_equivalents(m: MachineArrays) -> FloatArray:
 def bound_displacement(
     m: MachineArrays, start: FloatArray, end: FloatArray, turn: float, j: int
 ) -> float:
-    """Return an upper bound on the displacement of the points of link j.
+    """Return an upper bound on how far a move displaces any point of link j.
 
-    The arm moves from `start` to `end`. The displacement is relative to the joint at the beginning
-    of link j, in axes that do not turn. The bound is
+    The displacement is relative to the joint at the beginning of the link, in axes that do not
+    turn. The bound is
 
         L |turn|                            for a joint that turns or slews
         (L + max(0, Δqⱼ)) |turn| + |Δqⱼ|    for a joint that slides by Δqⱼ
@@ -88,10 +88,10 @@ def bound_displacement(
 
     Args:
         m: Arrays of the machine.
-        start: Joint positions at the start, shape (n,) [rad or m].
-        end: Joint positions at the end, shape (n,) [rad or m].
-        turn: Angle by which link j turns in the plane [rad]: the sum of the turns of joints 0 to j,
-            or the sum of their magnitudes if the joints do not move in proportion.
+        start: Joint positions at the start of the move, shape (n,) [rad or m].
+        end: Joint positions at its end, shape (n,) [rad or m].
+        turn: Angle by which link j turns in the plane [rad]: the sum of the turns of joints 0 to j.
+            If the joints do not move in proportion, pass the sum of their magnitudes.
         j: Index of the link.
 
     Returns:
@@ -110,15 +110,15 @@ def tip_position(m: MachineArrays, q: FloatArray) -> tuple[float, float]:
 
         x = Σ Lᵢ cos θᵢ,  z = Σ Lᵢ sin θᵢ
 
-    with the length Lᵢ of link i, extension included, and its angle θᵢ, the sum of the joint angles
-    up to i.
+    Lᵢ is the length of link i with its extension, and θᵢ the sum of all revolute joint angles up to
+    i. The origin is joint 1, or joint 2 if joint 1 slews.
 
     Args:
         m: Arrays of the machine.
         q: Joint angles [rad], or extensions [m] of sliding joints, shape (n,).
 
     Returns:
-        x and z [m].
+        x (forward) and z (up) [m].
     """
     angle = 0.0
     x = 0.0
@@ -167,17 +167,18 @@ def end_link_angle(m: MachineArrays, q: FloatArray) -> float:
 
 @kernel
 def joint_positions(m: MachineArrays, q: FloatArray) -> FloatArray:
-    """Compute the positions of all joints and of the tip.
+    """Compute the positions of all joints and of the tip in the arm's plane.
 
-    A sliding joint is placed at the tip of the link before.
+    The origin is joint 1, or joint 2 if joint 1 slews. A sliding joint is placed at the tip of the
+    link before.
 
     Args:
         m: Arrays of the machine.
         q: Joint positions, shape (n,) [rad or m].
 
     Returns:
-        (x, z) in the arm's plane, shape (n + 1, 2) [m]. Row j is joint j; the first is the origin,
-        the last is the tip.
+        (x, z), shape (n + 1, 2) [m]. Row j is the joint with index j; row 0 is the origin, row n
+        the tip. If joint 1 slews, rows 0 and 1 are both the origin.
     """
     points = np.zeros((len(q) + 1, 2))
     angle = 0.0
@@ -191,17 +192,17 @@ def joint_positions(m: MachineArrays, q: FloatArray) -> FloatArray:
 
 @kernel
 def tip_jacobian(m: MachineArrays, q: FloatArray) -> FloatArray:
-    """Compute the Jacobian of the tip position, J = ∂(x, z)/∂q.
+    """Compute the Jacobian of the tip position in the arm's plane, J = ∂(x, z)/∂q.
 
-    Column j is the tip's offset from joint j, turned by 90° [m/rad]. For a sliding joint it is the
-    unit vector along the link [-], for a slewing joint it is 0.
+    Column j is the tip's offset from joint j, turned by 90° counter-clockwise [m/rad]. For a
+    sliding joint it is the unit vector along the link [-]. For a slewing joint it is 0.
 
     Args:
         m: Arrays of the machine.
         q: Joint positions, shape (n,) [rad or m].
 
     Returns:
-        Jacobian, shape (2, n).
+        Jacobian with the rows x and z, shape (2, n).
     """
     n = len(q)
     points = joint_positions(m, q)

@@ -115,15 +115,16 @@ class Machine:
         """Make a machine from a configuration and check all rules across its values.
 
         Args:
-            config: Validated content of a machine file.
+            config: Content of a machine file that the schema has accepted.
             source: Name of the file, for error messages.
 
         Returns:
             The machine, exactly as configured.
 
         Raises:
-            MachineFileError: Rules are broken. The error lists all that the first failing stage
-                finds: rules across fields, then linkages, then obstacles at joint 1.
+            MachineFileError: Rules are broken. There are three checks: rules across fields,
+                linkages, and obstacles at joint 1. The error lists everything that the first
+                failing check finds.
         """
         problems = check_machine_rules(config)
         if not problems:
@@ -138,8 +139,8 @@ class Machine:
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the configuration instead of the arrays.
 
-        Another process makes the machine again from it. Unpickled arrays would be writable, and
-        kernels are compiled for read-only arrays.
+        Unpickling makes the machine again from the configuration. Unpickled arrays would be
+        writable, but kernels are compiled for read-only arrays.
         """
         return _restored, (
             self.config,
@@ -191,10 +192,12 @@ class Machine:
     def planar_arm(self) -> Machine:
         """Planar part of a slewing arm, without joint 1; the machine itself if it does not slew.
 
-        Postures are chosen for this machine. Joint j of the planar arm is joint j + 1 of this
-        machine. The main pump's largest flow is smaller by the leakage of the slew's valve. That
-        leakage is stored in `arrays.external_leakage` [m³/s], because it still costs energy.
-        Keep-out zones are left out; ground, base and self-collision stay.
+        Planners choose postures for this machine. Its joint j is joint j + 1 of the slewing arm.
+        Three things differ besides:
+
+        - The main pump's largest flow is smaller by the leakage of the slew's valve.
+        - `arrays.external_leakage` is that leakage [m³/s], because it still costs energy.
+        - Keep-out zones are left out; ground, base and self-collision stay.
         """
         if not self.slews:
             return self
@@ -209,18 +212,18 @@ class Machine:
         return replace(plane, arrays=plane.arrays._replace(external_leakage=leakage))
 
     def make_planar_arm_with_shadows(self, first_slew: float, last_slew: float) -> Machine:
-        """Return the arm's planar part with the zones that the plane meets while it slews.
+        """Return the planar part of a slewing arm, with the zones that its plane meets.
 
-        Each zone in space becomes an obstacle in the plane. This shadow contains all points of the
-        plane that are in the zone at any angle between the first and the last one. A posture that
-        keeps clear of the shadows keeps clear of the zones at each of these angles.
+        Each zone in space becomes an obstacle in the plane, its shadow. The shadow contains all
+        points of the plane that are in the zone at any slew angle between the two given ones. A
+        posture clear of the shadows is clear of the zones at each of these angles.
 
         Args:
-            first_slew: First angle of the slew [rad].
-            last_slew: Last angle of the slew [rad]; may be less than the first.
+            first_slew: Slew angle at one end of the range [rad].
+            last_slew: Slew angle at the other end [rad]; may be less than the first.
 
         Returns:
-            `planar_arm` with these shadows as obstacles.
+            `planar_arm` (the arm without joint 1) with these shadows as obstacles.
         """
         shadows = compute_shadows(self.obstacles, self.arrays.slew_offset, first_slew, last_slew)
         return replace(self.planar_arm, shadows=shadows)
@@ -270,8 +273,9 @@ class Machine:
     def servo_preview(self) -> float:
         """Time by which the servo charges a line ahead of its boost [s].
 
-        It is the longest `preview` of all controllers in the machine file, or `DEFAULT_PREVIEW` if
-        none has one: a plan does not depend on which controller will follow it.
+        It is the longest `preview` of all controllers in the machine file, since a plan does not
+        depend on which controller follows it. If no controller in the file has this key, it is
+        `DEFAULT_PREVIEW`.
         """
         parts = self.config.servo.model_dump().values()
         given = [part["preview"] for part in parts if isinstance(part, dict) and "preview" in part]
@@ -279,9 +283,10 @@ class Machine:
 
     @cached_property
     def kept_joints(self) -> tuple[int, ...]:
-        """Indices, from 0, of the joints that the planner `fixed` keeps still: all but two.
+        """Indices, from 0, of the joints that the planner `fixed` keeps still; two others move.
 
-        If the machine file names none, they are all joints from the third on.
+        They come from `motion.kept_joints` of the machine file, which counts from 1. If the list is
+        empty, all joints from the third on are kept.
         """
         named = self.config.motion.kept_joints or range(3, self.joint_count + 1)
         return tuple(sorted(joint - 1 for joint in named))
@@ -294,9 +299,10 @@ class Machine:
 
     @cached_property
     def table_hash(self) -> str:
-        """SHA-256, in hexadecimal, of the machine file's parts that a posture table depends on.
+        """SHA-256 of the parts of the machine file that a posture table depends on, in hexadecimal.
 
-        `FIELDS_OUTSIDE_TABLE_HASH` lists the parts that are left out.
+        A posture table has the best posture for each tip position; it is valid for machines with
+        the same hash. `FIELDS_OUTSIDE_TABLE_HASH` lists the parts that are left out.
         """
         content = self.config.model_dump(mode="json", exclude=FIELDS_OUTSIDE_TABLE_HASH)
         for joint in content["joints"]:  # values left out do not change the hash
@@ -306,26 +312,27 @@ class Machine:
 
     @cached_property
     def planning_hash(self) -> str:
-        """SHA-256 of everything that planner and arm must have in common, in hexadecimal.
+        """Hash of all values that the planner's and the arm's machine file must share.
 
-        It covers kinematics, linkages, joint limits, cylinders, hydraulics and motion limits of the
-        file. It does not depend on name, payload, gains, noise, comments or the order of keys.
+        It is a SHA-256 in hexadecimal. It covers joints, workspace radii, hydraulics and motion
+        limits of the file. It does not depend on name, payload, gains, noise, comments or the order
+        of keys.
         """
         content = self.config.model_dump(mode="json", include=PLANNING_HASH_FIELDS)
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def describe_difference(self, name: str, planning_hash: str) -> str:
-        """Return a sentence if plans for this machine do not fit the arm's machine.
+        """Describe in a sentence that plans for this machine do not fit the machine of the arm.
 
         Only the hashes are compared. So the sentence names both machines and the groups of values
         that may differ, but no single value.
 
         Args:
             name: Name of the arm's machine; the sentence repeats at most 64 characters.
-            planning_hash: `planning_hash` of the arm's machine.
+            planning_hash: `planning_hash` of the arm's machine, in hexadecimal.
 
         Returns:
-            The sentence; empty if the hashes are equal.
+            The sentence; empty if both hashes are equal, so that plans fit.
         """
         if planning_hash == self.planning_hash:
             return ""
@@ -344,22 +351,24 @@ class Machine:
         zones: Zones | None = None,
         module_count: int | None = None,
     ) -> Machine:
-        """Return a copy of the machine with some values replaced; None keeps a value.
+        """Return a copy of the machine with some values replaced.
+
+        None keeps a value. `shadows` and `arrays.external_leakage`, which planar parts of slewing
+        arms have, are not copied.
 
         Args:
             payload: Mass at the tip [kg].
             supply_pressure: Main pump's pressure P_S [Pa].
-            max_piston_speed: V_max of all actuators; an actuator with a lower one of its own keeps
-                it [m/s].
-            zones: Keep-out zones that replace the file's.
+            max_piston_speed: V_max common to all actuators [m/s]. An actuator with a lower limit of
+                its own keeps that.
+            zones: Keep-out zones that replace those of the file.
             module_count: Number of booster modules fitted.
 
         Returns:
-            The copy. It remembers payload and supply pressure of the original file in
-            `file_rating`.
+            The copy. Its `file_rating` has payload and supply pressure of the original file.
 
         Raises:
-            MachineFileError: A value is out of its range.
+            MachineFileError: A value is out of its range, or breaks a rule together with others.
         """
         content = self.config.model_dump()
         if payload is not None:
@@ -378,13 +387,16 @@ class Machine:
         )
 
     def with_values(self, values: Mapping[str, Any]) -> Machine:
-        """Return a copy of the machine with other values in its machine file.
+        """Return a copy of the machine as if its machine file had other values.
+
+        `shadows` and `arrays.external_leakage`, which planar parts of slewing arms have, are not
+        copied.
 
         Args:
             values: New values by their paths, for instance `{"joints.0.link.mass": 5.0}`.
 
         Returns:
-            The copy. It counts as a machine of its own file: its `file_rating` is None.
+            The copy. Its `file_rating` is None: the new values count as those of the file.
 
         Raises:
             ValuePathError: A path does not exist.
@@ -396,14 +408,14 @@ class Machine:
         return self._make_similar_machine(content, f"{self.name} with changes")
 
     def _make_similar_machine(self, content: Any, source: str) -> Machine:
-        """Make a machine from other content by the schema of this machine's file.
+        """Make a machine from other content, checked by the same schema as this machine's file.
 
         Args:
-            content: Sections and values of a machine file.
+            content: Sections and values of a machine file as nested dicts and lists.
             source: Name for error messages.
 
         Returns:
-            The machine, without shadows and rating.
+            The machine. It has no shadows, no external leakage, and `file_rating` is None.
 
         Raises:
             MachineFileError: The content breaks the schema or a rule across values.
@@ -411,7 +423,14 @@ class Machine:
         return _make_validated_machine(content, source, type(self.config))
 
     def value(self, path: str) -> Any:
-        """Return the value at a path in the machine file, for instance `circuit.bulk_modulus`.
+        """Return the value at a path in the machine file.
+
+        Args:
+            path: Keys and list indices, for instance `circuit.bulk_modulus` or
+                `joints.0.link.mass`.
+
+        Returns:
+            A plain value, a list or a dict.
 
         Raises:
             ValuePathError: The path does not exist.
@@ -419,17 +438,17 @@ class Machine:
         return get_value(self.config.model_dump(mode="json"), path)
 
     def list_overriding_paths(self, path: str) -> list[str]:
-        """Return a path of the machine file and the paths of all values that override it.
+        """Return a path of the machine file, and the paths of all values that override its value.
 
-        Single actuators may override some values that are common to all, such as
+        An actuator may have its own value in place of one that is common to all, such as
         `motion.max_piston_speed`.
 
         Args:
             path: Path of the common value.
 
         Returns:
-            The path itself first, then `joints.J.actuator.NAME` of each actuator that has its own
-            value.
+            The path itself, then `joints.J.actuator.NAME` for each actuator that has its own value.
+            J counts from 0.
         """
         return [path, *(
             f"joints.{j}.actuator.{own}"
@@ -441,7 +460,8 @@ class Machine:
     def without_obstacles(self) -> Machine:
         """Return a copy of the machine without any obstacles.
 
-        Keep-out zones, ground, base, self-collision and shadows are dropped. `file_rating` is kept.
+        Keep-out zones, ground, base, self-collision and shadows are dropped. `file_rating` is kept,
+        but `arrays.external_leakage` becomes 0.
         """
         bare = self._make_similar_machine(self.config.model_dump(exclude={"keep_out"}), self.name)
         return replace(bare, file_rating=self.file_rating)
@@ -451,36 +471,43 @@ class Machine:
         return np.array(kinematics.tip_position(self.arrays, q))
 
     def tip_in_base(self, q: FloatArray) -> FloatArray:
-        """Return the tip position in `base_link`.
+        """Compute the position of the tip in `base_link`.
 
         Args:
             q: One posture of shape (n,), or k postures of shape (k, n) [rad or m].
 
         Returns:
-            (x, z), or (x, y, z) if joint 1 slews; shape (2 or 3,), or (k, 2 or 3) for k postures
-            [m].
+            (x, z), or (x, y, z) if joint 1 slews [m]. The shape is (2 or 3,) for one posture, (k, 2
+            or 3) for k postures.
         """
         tips = self.tip_positions(np.atleast_2d(q)).reshape(*np.shape(q)[:-1], 2)
         return slewing.convert_to_base(self.arrays, tips, np.asarray(q)[..., 0])
 
     def convert_to_plane(self, position: Position, preferred_slew: float) -> slewing.PlanarTarget:
-        """Convert a position in `base_link` into the arm's plane.
+        """Convert a position in `base_link` into the arm's plane, and find the slew angle for it.
+
+        A slewing arm moves in a vertical plane that its joint 1 turns. Positions in the plane have
+        their origin at joint 2.
 
         Args:
             position: (x, z), or (x, y, z) if joint 1 slews [m].
-            preferred_slew: Preferred angle of the slew [rad]. If several angles point to the
-                position, the nearest to it is taken.
+            preferred_slew: Preferred angle of the slew [rad]. If several angles within the limits
+                point to the position, the one nearest to it is taken. If the position is on the
+                slew's axis, the preferred angle itself is returned.
 
         Returns:
             Position in the plane, and the slew's angle (None if the arm does not slew).
 
         Raises:
-            OutOfWorkspaceError: The slew cannot turn to the position within its limits.
+            OutOfWorkspaceError: No angle within the slew's limits points to the position.
         """
         return slewing.convert_to_plane(self.arrays, position, preferred_slew)
 
     def convert_to_base(self, tip: FloatArray, slew: FloatArray | float) -> FloatArray:
         """Convert positions in the arm's plane into `base_link`.
+
+        A slewing arm moves in a vertical plane that its joint 1 turns. Positions in the plane have
+        their origin at joint 2.
 
         Args:
             tip: Positions (x, z) in the plane, shape (…, 2) [m].
@@ -493,13 +520,17 @@ class Machine:
         return slewing.convert_to_base(self.arrays, tip, np.asarray(slew))
 
     def project_to_plane(self, position: Position | FloatArray) -> FloatArray:
-        """Project positions in `base_link` onto the arm's plane, turned to each of them.
+        """Convert positions in `base_link` into the arm's plane, turned to each position in turn.
+
+        A slewing arm moves in a vertical plane that its joint 1 turns. The slew's limits are not
+        checked.
 
         Args:
             position: (x, z), or (x, y, z) if joint 1 slews, shape (…, 2 or 3) [m].
 
         Returns:
-            (x, z) in the plane, shape (…, 2) [m].
+            Distance ahead of joint 2 and height in the plane, shape (…, 2) [m]. The positions
+            themselves if the arm does not slew.
         """
         return slewing.project_to_plane(self.arrays, np.asarray(position))
 
@@ -545,18 +576,19 @@ class Machine:
         return kinematics.tip_jacobian(self.arrays, q)
 
     def postures(self, x: float, z: float, psi: FloatArray) -> FloatArray:
-        """Compute postures within the joint limits whose tip is at (x, z).
+        """Compute postures within the joint limits for a tip position and given end-link angles.
 
-        For three revolute joints these are all postures with the given end-link angles. For longer
-        chains and telescopes they are a sample: the additional joints take evenly spaced positions.
+        For three revolute joints the result is complete. For longer chains and telescopes it is a
+        sample, in which the additional joints take evenly spaced positions.
 
         Args:
-            x: Tip position in the arm's plane [m].
-            z: Tip position in the arm's plane [m].
-            psi: End-link angles to try, shape (k,) [rad].
+            x: Tip position in the arm's plane, forward [m].
+            z: Tip position in the arm's plane, up [m].
+            psi: End-link angles to try (sums of all revolute joint angles), shape (k,) [rad].
 
         Returns:
-            Joint positions, shape (found, n) [rad or m]; no rows if there is no posture.
+            Joint positions, shape (found, n) [rad or m]; an angle can have none or several. No rows
+            if there is no posture.
         """
         if self.has_telescope:
             angles = np.asarray(psi, dtype=float)
@@ -636,11 +668,10 @@ class Machine:
 
     @cached_property
     def curve_limits(self) -> CurveLimits:
-        """Position, speed, acceleration and jerk limits of a received trajectory.
+        """Position, speed, acceleration and jerk limits of a received trajectory, for each joint.
 
-        An arm knows its machine file alone. So the limits are derived from payload, supply pressure
-        and joint ranges of the file, even if this machine was `changed`. The equations are in the
-        module `curve_limits`.
+        They are derived from payload, supply pressure and joint ranges of the machine file, even if
+        this machine was `changed`: the arm that receives the trajectory knows only its file.
         """
         rated = Machine(
             self.config, _make_arrays(self.config)._replace(**self._own_file_rating._asdict())
@@ -684,28 +715,30 @@ class Machine:
     def clearance(self, q: FloatArray) -> tuple[float, str]:
         """Compute the distance between the arm and the nearest obstacle in a posture.
 
-        The thickness of the links counts.
+        The links count with their thickness.
 
         Args:
             q: Joint positions, shape (n,) [rad or m].
 
         Returns:
-            Distance [m], negative if the arm is inside the obstacle, and the obstacle's name; inf
-            and "" if there are no obstacles.
+            Distance [m], and the name of the nearest obstacle. The distance is negative if the arm
+            is inside the obstacle. It is inf, and the name is "", if there are no obstacles.
         """
         posture = np.asarray(q, dtype=np.float64)[None, :]
         distance, row = clearance.clearances(self.arrays, self.obstacles.rows, frozen(posture))
         return float(distance[0]), self.obstacles.name(row[0])
 
     def _obstacles_at_joint_1(self) -> list[str]:
-        """Return a sentence for each obstacle that is too close to the beginning of the first link.
+        """Describe each obstacle that is too close to the beginning of the first link.
 
-        The first link begins there in every posture, so the arm could never keep clear. An obstacle
-        is too close if its distance is below the link's radius plus the margin of discrete paths
-        (`Obstacles.path_rows`). Obstacles that concern other links or the tip only are skipped.
+        The first link begins at joint 1 in every posture, so the arm could never keep clear of such
+        an obstacle. An obstacle is too close if its distance from joint 1 is below the link's
+        radius plus the margin of discrete paths. Only obstacles of the first link count, without
+        self-collision. The machine of a slewing arm has none, since its joint 1 has no link in the
+        plane.
 
         Returns:
-            Sentences for error messages; empty if there is no such obstacle.
+            One sentence for each such obstacle, for error messages; empty if there is none.
         """
         rows, problems = self.obstacles.path_rows, []
         for k in range(len(rows)):
@@ -721,14 +754,15 @@ class Machine:
         return problems
 
     def check_in_workspace(self, position: Position) -> None:
-        """Check that the tip may be asked to go to a position.
+        """Check that a position is in the workspace, in which the tip may be asked to work.
 
         Args:
             position: (x, z), or (x, y, z) if joint 1 slews, in `base_link` [m].
 
         Raises:
-            OutOfWorkspaceError: x, the distance from the origin (joint 1, or 2 of a slewing arm) or
-                the slew's angle is outside its limits.
+            OutOfWorkspaceError: x, the distance from the origin, or the slew's angle is outside its
+                limits. The origin is joint 1, or joint 2 of a slewing arm. The sentence suggests
+                another unit if the position fits in it.
         """
         limit = self._describe_workspace_limit(position)
         if limit:
@@ -736,10 +770,13 @@ class Machine:
             raise OutOfWorkspaceError(position, f"{limit}{hint}")
 
     def _describe_workspace_limit(self, position: Sequence[float]) -> str:
-        """Return the rule of the workspace that a position breaks; empty if it keeps all.
+        """Return the first rule of the workspace that a position breaks, as a clause.
 
         Args:
             position: (x, z), or (x, y, z) if joint 1 slews, in `base_link` [m].
+
+        Returns:
+            Clause such as "x must be at least 0.2 m"; empty if the position breaks no rule.
         """
         area, rounding = self.config.workspace, 1e-9
         try:
@@ -759,14 +796,15 @@ class Machine:
 
 
 def find_machine_file(path: str | Path | None = None) -> Path:
-    """Return the path of a machine file, which may be given by the name of a machine of the suite.
+    """Find the machine file for a path or for the name of one of the suite's machines.
 
     Args:
-        path: A path, or a name without a suffix such as `excavator`; None or an empty text is the
-            suite's own arm. If a file of that name exists, it is taken.
+        path: A path, or a name without a suffix such as `excavator`. A name stands for a file of
+            the suite, unless a file of that name exists. None or an empty text stands for the
+            suite's own arm.
 
     Returns:
-        Path of the file. It need not exist if a path was given.
+        Path of the file. It need not exist if a path, or an unknown name, was given.
     """
     if not path:
         return find_config_file(MACHINE_FILE)
@@ -783,18 +821,18 @@ def load_machine(
     """Load a machine from a YAML file and check that plans can be made for it.
 
     Args:
-        path: The machine file, or the name of a machine of the suite such as `excavator`; None or
+        path: The machine file, or the name of a machine of the suite such as `excavator`. None or
             an empty text loads the suite's own arm.
-        schema: Schema of the file. `MachineConfig` leaves the gains of controllers to whoever uses
-            them; `mhsb_control.load_machine` checks them, too.
+        schema: Schema of the file. `MachineConfig` does not check the gains of controllers; the
+            schema of `mhsb_control.load_machine` does.
 
     Returns:
         The machine, exactly as in the file.
 
     Raises:
-        MachineFileError: The file cannot be read, breaks rules, has too few joints, or gives an
-            actuator a speed above the common V_max. It lists all problems of the first check that
-            fails.
+        MachineFileError: The file cannot be read or breaks rules. It has too few joints, or gives
+            an actuator a higher speed than the common V_max. The error lists all problems of the
+            first check that fails.
     """
     file = find_machine_file(path)
     try:
@@ -823,11 +861,12 @@ def load_machine(
 def _restored(
     config: MachineConfig, idle_leakage: float, shadows: Obstacles, rating: FileRating | None
 ) -> Machine:
-    """Make a machine again from the values that `Machine.__reduce__` pickles.
+    """Make a machine again from the values that were pickled.
 
     Args:
         config: Content of the machine file.
-        idle_leakage: Leakage of valves that do not belong to the n joints [m³/s].
+        idle_leakage: `arrays.external_leakage`: leakage of valves that do not belong to the n
+            joints [m³/s].
         shadows: `Machine.shadows`.
         rating: `Machine.file_rating`.
 
@@ -861,11 +900,11 @@ def _make_validated_machine(content: Any, source: str, schema: type[MachineConfi
 
 
 def _collect_actuator_values(config: MachineConfig, name: str) -> FloatArray:
-    """Return a value of each actuator: its own, or the common one if it has none.
+    """Return one value for each actuator: its own, or the common one of the file if it has none.
 
     Args:
         config: Content of the machine file.
-        name: Name of a value in section `actuator` that `COMMON_PATHS` has.
+        name: Key in section `actuator` of a joint, one of those in `COMMON_PATHS`.
 
     Returns:
         Values in SI units, shape (n,).

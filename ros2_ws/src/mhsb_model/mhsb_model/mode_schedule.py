@@ -75,29 +75,33 @@ class ModeSchedule:
     def shifted(self, delta_ns: int) -> ModeSchedule:
         """Return this schedule with a stamp that is `delta_ns` later [ns].
 
-        `last_switch_ns` stays as it is.
+        All rows move with the stamp, but `last_switch_ns` does not change, since it is an absolute
+        time.
         """
         return ModeSchedule(
             self.stamp_ns + delta_ns, self.offset_ns, self.modes, self.last_switch_ns
         )
 
     def modes_at(self, time_ns: int) -> ModeArray:
-        """Return the modes in force at an absolute time [ns], shape (actuators,).
+        """Return the mode of each actuator at an absolute time, shape (actuators,).
 
-        Before the stamp they are the modes of the first row.
+        Before the stamp these are the modes of the first row, after the last row those of the last.
+
+        Args:
+            time_ns: Absolute time [ns].
         """
         row = int(np.searchsorted(self.offset_ns, time_ns - self.stamp_ns, "right")) - 1
         return self.modes[max(row, 0)]
 
     def modes_at_many(self, time_ns: IntArray) -> ModeArray:
-        """Return the modes in force at several absolute times.
+        """Return the mode of each actuator at several absolute times.
 
         Args:
             time_ns: Absolute times in any order, shape (times,) [ns].
 
         Returns:
-            Mode codes, uint8 of shape (times, actuators). Before the stamp they are the modes of
-            the first row, after the last row its modes.
+            Mode codes, uint8 of shape (times, actuators). Before the stamp these are the modes of
+            the first row, after the last row those of the last.
         """
         since = np.asarray(time_ns, dtype=np.int64) - self.stamp_ns
         rows = np.searchsorted(self.offset_ns, since, "right") - 1
@@ -106,12 +110,15 @@ class ModeSchedule:
     def find_last_switches(self, time_ns: int) -> IntArray:
         """Return the time of each actuator's last mode switch up to an absolute time.
 
+        A switch at exactly that time counts.
+
         Args:
             time_ns: Absolute time [ns].
 
         Returns:
-            Absolute times, shape (actuators,) [ns]. Without a switch in this schedule they are
-            `last_switch_ns`, or `LONG_AGO_NS` if that is None.
+            Absolute times, shape (actuators,) [ns]. An actuator that has not switched in this
+            schedule gets its value in `last_switch_ns`, or `LONG_AGO_NS` if `last_switch_ns` is
+            None.
         """
         at_ns = self.stamp_ns + self.offset_ns[1:]
         before = np.full(self.modes.shape[1], LONG_AGO_NS)

@@ -68,9 +68,9 @@ MODES_BY_RANK = sorted(Mode, key=lambda mode: MODE_PROPERTIES[mode].rank)
 
 
 def stronger(one: ModeArray, other: ModeArray) -> ModeArray:
-    """Return, for each actuator, the mode of higher rank of two mode combinations.
+    """Return, for each actuator, the stronger of its modes in two mode combinations.
 
-    The order from the weakest to the strongest is N, DB, SB.
+    The order from the weakest to the strongest mode is N, DB, SB.
 
     Args:
         one: Mode codes, shape (n,) or broadcastable.
@@ -83,10 +83,12 @@ def stronger(one: ModeArray, other: ModeArray) -> ModeArray:
 
 
 def strongest(modes: ModeArray) -> ModeArray:
-    """Return the mode of highest rank in each mode combination.
+    """Return the strongest mode that occurs in each mode combination.
+
+    The order from the weakest to the strongest mode is N, DB, SB.
 
     Args:
-        modes: Mode combinations, uint8 of shape (…, n).
+        modes: Mode combinations with one mode per actuator, uint8 of shape (…, n).
 
     Returns:
         Modes, uint8 of shape (…).
@@ -111,7 +113,7 @@ def modules_in_use(pattern: Sequence[int] | ModeArray, modules_per_mode: Sequenc
 
     Args:
         pattern: Mode of each actuator.
-        modules_per_mode: Modules that one actuator in mode N, DB or SB occupies.
+        modules_per_mode: Modules that one actuator occupies in mode N, DB and SB, in this order.
     """
     return sum(modules_per_mode[mode] for mode in pattern)
 
@@ -119,16 +121,17 @@ def modules_in_use(pattern: Sequence[int] | ModeArray, modules_per_mode: Sequenc
 def mode_patterns(
     actuator_count: int, module_count: int, modules_per_mode: Sequence[int]
 ) -> ModeArray:
-    """List all mode combinations within the module budget.
+    """List all mode combinations that the booster modules of a machine allow.
 
     Args:
         actuator_count: Number of actuators n.
         module_count: Number of booster modules fitted.
-        modules_per_mode: Modules that one actuator in mode N, DB or SB occupies.
+        modules_per_mode: Modules that one actuator occupies in mode N, DB and SB, in this order.
 
     Returns:
-        Mode combinations, uint8 of shape (combinations, n), read-only. They are in lexicographic
-        order of the mode codes, all-N first, so an index is stable for a given budget.
+        Mode combinations, uint8 of shape (combinations, n), read-only. Row 0 is all N; the rows are
+        in lexicographic order of the mode codes 0 N, 1 DB, 2 SB. So the index of a combination is
+        always the same for the same arguments.
     """
     allowed = [
         pattern
@@ -148,20 +151,21 @@ def assign_modules(
 ) -> IntArray:
     """Assign booster modules to the actuators of a mode combination.
 
-    Module j belongs to actuator j; modules beyond the actuators are spare. Each boosted actuator
-    first gets its own module. Actuator 1, then actuator 2 and so on, then gets as many further
-    modules as it needs. They are taken from the spare ones first, then from idle modules that
-    belong to other actuators, always in the order of their indices. Lost modules are never used.
+    Module j belongs to actuator j. Modules beyond the number of actuators are spare. First each
+    boosted actuator gets its own module, unless that is lost. Then the actuators, in their order,
+    get as many further modules as their modes need. Spare modules are taken first, then idle
+    modules that belong to other actuators, both in the order of their indices. Lost modules are
+    never used.
 
     Args:
         pattern: Mode of each actuator.
         module_count: Number of booster modules fitted.
-        modules_per_mode: Modules that one actuator in mode N, DB or SB needs.
+        modules_per_mode: Modules that one actuator needs in mode N, DB and SB, in this order.
         lost: Indices, from 0, of modules that have failed.
 
     Returns:
-        Index of the actuator that each module serves, shape (module_count,); −1 if the module is
-        idle.
+        Index of the actuator that each module serves, int64 of shape (module_count,); −1 if the
+        module is idle.
 
     Raises:
         ValueError: The mode combination needs more modules than are left.

@@ -60,11 +60,11 @@ _final_actions: list[Callable[[], None]] = []
 
 
 def configure_memory_release() -> None:
-    """Configure glibc to return the memory of large arrays to the system once they are freed.
+    """Configure glibc to return the memory of large arrays to the system as soon as they are freed.
 
-    By default glibc takes ever larger arrays from its heaps, one heap for each thread. A long
-    search then leaves holes in these heaps. With `MALLOC_OPTIONS`, large arrays have memory of
-    their own, and there are at most two heaps. Nothing happens with another C library.
+    It sets the limits in `MALLOC_OPTIONS`. Large arrays then have memory of their own, and all
+    threads share at most two heaps. By default each thread has its own heap, and a long search
+    leaves holes in them. Nothing happens with another C library.
     """
     library = ctypes.CDLL(None)
     if hasattr(library, "mallopt"):
@@ -73,24 +73,27 @@ def configure_memory_release() -> None:
 
 
 def make_command_entry(module: str) -> Callable[[], int]:
-    """Make the entry point of a command; SIGINT ends it silently with code 130.
+    """Make the entry point of a command that can be interrupted at any time.
 
-    The entry point sets up signals, imports the module and calls its `main`. During the import
-    SIGINT ends the process at once. In `main` it raises KeyboardInterrupt. SIGHUP is turned into
-    SIGTERM, unless it was ignored before.
+    The entry point sets up signals, imports the module and calls its `main`. SIGINT during the
+    import ends the process at once, silently and with code 130. SIGINT during `main` raises
+    KeyboardInterrupt; if `main` does not catch it, the code is 130 too. SIGHUP acts as SIGTERM,
+    unless it was ignored before.
 
     Args:
         module: Name of a module with a function `main` that returns the exit code.
 
     Returns:
-        The entry point, which returns the exit code.
+        The entry point, which returns the exit code. It ends the process with a sentence and code 1
+        if a required package is missing.
     """
 
     def enter() -> int:
         """Set up signals, then import the module and run its `main`.
 
         Returns:
-            The exit code of `main`, or 130 if it was interrupted.
+            The exit code of `main`, or 130 if it was interrupted. The process ends with code 1 if a
+            required package is missing.
         """
         signal.signal(signal.SIGINT, _exit_interrupted)
         if not _hang_up_is_ignored():
@@ -110,23 +113,24 @@ def make_command_entry(module: str) -> Callable[[], int]:
 
 
 def make_node_entry(module: str) -> Callable[[], NoReturn]:
-    """Make the entry point of a node, which each of `END_SIGNALS` ends with code 0.
+    """Make the entry point of a node that SIGINT, SIGTERM and SIGHUP end with code 0.
 
-    The entry point starts the thread that watches for signals and then calls
-    `configure_memory_release`. It imports the module, calls its `main` and ends the process with
-    that exit code, without cleaning up the interpreter.
+    The entry point starts a thread that watches for these signals, and calls
+    `configure_memory_release`. Then it imports the module and calls its `main`. At the end it exits
+    with the code of `main`, without cleaning up the interpreter.
 
     Args:
         module: Name of a module with a function `main` that returns the exit code.
 
     Returns:
-        The entry point, which does not return.
+        The entry point, which does not return. It ends the process with a sentence and code 1 if a
+        required package is missing.
     """
 
     def enter() -> NoReturn:
         """Set up signals, then run the module's `main` and end the process with its exit code.
 
-        `configure_memory_release` is called before the module is imported. The process ends without
+        It calls `configure_memory_release` before it imports the module. The process ends without
         the interpreter's clean-up.
         """
         _start_signal_thread()
@@ -140,9 +144,11 @@ def make_node_entry(module: str) -> Callable[[], NoReturn]:
 
 @contextmanager
 def missing_packages_explained() -> Iterator[None]:
-    """End the process with one sentence and exit code 1 if ROS or an extra is not installed.
+    """Context manager that explains a missing package of ROS or of the extra `view`.
 
-    Any other missing module is a bug and not caught.
+    If the block raises ModuleNotFoundError for such a package, the process ends with code 1. One
+    sentence on standard error then says how to install it. Other missing modules are bugs, and the
+    error is raised.
     """
     try:
         yield
@@ -159,10 +165,11 @@ def missing_packages_explained() -> Iterator[None]:
 
 @contextmanager
 def grace_period(seconds: float = DEFAULT_GRACE_PERIOD) -> Iterator[None]:
-    """Give the node some time to end by itself if a signal arrives in the block.
+    """Context manager in which a node may take some time to end by itself after a signal.
 
-    Outside of such a block, the signal ends the process at once. Blocks may be nested; the longest
-    time counts.
+    If SIGINT, SIGTERM or SIGHUP arrives in the block, the node is ended after the given time.
+    Outside of such a block it is ended at once. Blocks may be nested or run in several threads; the
+    longest time counts.
 
     Args:
         seconds: Time from the signal to the forced end [s].
@@ -176,10 +183,10 @@ def grace_period(seconds: float = DEFAULT_GRACE_PERIOD) -> Iterator[None]:
 
 @contextmanager
 def signals_blocked() -> Iterator[None]:
-    """Block `END_SIGNALS` while a child process is started.
+    """Context manager that blocks SIGINT, SIGTERM and SIGHUP while a child process is started.
 
-    The child inherits the block. Signals that reach it early wait until its entry point unblocks
-    them.
+    The child inherits the block. A signal to the child then waits until the child unblocks it. This
+    process's own mask is restored at the end of the block.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, END_SIGNALS)
     try:
@@ -194,10 +201,11 @@ def signalled() -> bool:
 
 
 def register_final_action(action: Callable[[], None]) -> None:
-    """Register a function that is called before a signal forcibly ends the node.
+    """Register a function that runs before a signal forcibly ends this node.
 
-    It runs in the thread that watches for signals, if the main thread has not ended the process
-    within the `grace_period`. It must be fast; exceptions are ignored.
+    It runs only if the main thread has not ended the process within the `grace_period` after the
+    signal. It runs in the thread that watches for signals. It must be fast; its exceptions are
+    ignored.
 
     Args:
         action: Function without arguments, for instance one that removes shared memory.
@@ -206,21 +214,25 @@ def register_final_action(action: Callable[[], None]) -> None:
 
 
 def forward_to_tools(name: str) -> Callable[[], NoReturn]:
-    """Make an entry point that replaces its process by a command of mhsb_tools.
+    """Make an entry point that replaces its process by an executable of the package mhsb_tools.
 
-    The command is searched for in `lib/mhsb_tools` under the prefixes of AMENT_PREFIX_PATH, in
-    their order. mhsb_tools is not imported, so that lower packages need not depend on it. The
-    process's own arguments are passed on.
+    The entry point looks for the executable in `lib/mhsb_tools` below each path in
+    AMENT_PREFIX_PATH, in their order. It passes on the process's own arguments. mhsb_tools is not
+    imported, so that lower packages need not depend on it.
 
     Args:
         name: Name of the executable.
 
     Returns:
-        The entry point. If the command is not installed, it ends with a sentence and exit code 1.
+        The entry point, which does not return. If the executable is not found, it ends the process
+        with a sentence and exit code 1.
     """
 
     def enter() -> NoReturn:
-        """Find the executable and replace this process by it."""
+        """Find the executable of mhsb_tools and replace this process by it.
+
+        If it is not found, the process ends with a sentence and exit code 1.
+        """
         prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
         folders = [os.path.join(prefix, "lib", "mhsb_tools") for prefix in prefixes if prefix]
         found = shutil.which(name, path=os.pathsep.join(folders)) if folders else None
@@ -235,10 +247,10 @@ def forward_to_tools(name: str) -> Callable[[], NoReturn]:
 
 
 def run_named(entries: Mapping[str, Any]) -> NoReturn:
-    """Run one of a package's executables, named by the first argument, and exit with its code.
+    """Run the entry point that the first command-line argument names, and exit with its code.
 
-    This serves `python -m PACKAGE.executables NAME ARGUMENTS`, which acts like `ros2 run PACKAGE
-    NAME ARGUMENTS`. NAME is moved to `sys.argv[0]`.
+    `python -m PACKAGE.executables NAME ARGUMENTS` thus acts like `ros2 run PACKAGE NAME ARGUMENTS`.
+    NAME becomes `sys.argv[0]`.
 
     Args:
         entries: Entry points by name, usually the `globals()` of the calling module.
@@ -265,11 +277,12 @@ def _unblock_signals() -> None:
 
 
 def _start_signal_thread() -> None:
-    """Start the thread that ends this node after a signal, and unblock `END_SIGNALS`.
+    """Start the thread that ends this node after SIGINT, SIGTERM or SIGHUP.
 
-    Python's signal handlers do nothing. Instead, Python writes each signal's number into a pipe
-    that the thread reads, so the main thread may be busy. SIGHUP keeps being ignored if it was
-    before.
+    The Python handlers of these signals do nothing. Instead, Python writes each signal's number
+    into a pipe, which the thread reads. So a signal takes effect even while the main thread is
+    busy. SIGHUP stays ignored if it was ignored before. At last the signals are unblocked, in case
+    the parent process had blocked them.
     """
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
@@ -286,11 +299,12 @@ def _ignore_signal(number: int, frame: object) -> None:
 
 
 def _wait_for_signal(reader: int) -> None:
-    """Wait for the first signal, then end this process.
+    """Wait for the first signal, then end this process with code 0.
 
-    It waits for the longest time of all `grace_period` blocks under way, so that the node can end
-    by itself. SIGHUP is sent on as SIGTERM, since ROS reacts to that only. After the wait it calls
-    the registered functions and exits with code 0.
+    After the signal, `signalled` returns True. SIGHUP is sent on as SIGTERM, since ROS reacts to
+    SIGTERM only. Then the longest of the present `grace_period` times passes, in which the main
+    thread can end the process by itself. Finally the functions of `register_final_action` are
+    called, and the process exits.
 
     Args:
         reader: File descriptor of the pipe into which Python writes signal numbers.

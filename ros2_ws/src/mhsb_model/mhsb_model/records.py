@@ -68,14 +68,14 @@ class Records(Protocol[RecordType]):
 
 
 def record_dtype(kind: type[Record]) -> np.dtype[np.void]:
-    """Return the dtype of a class of records: its fields in order, without gaps.
+    """Return the structured dtype of a class of records: its fields in order, without gaps.
 
     Args:
-        kind: Class whose annotations are the fields, each `float`, `int`, `Int32` or a class of
-            records.
+        kind: Subclass of `Record` whose annotations are the fields. Each is `float`, `int`, `Int32`
+            or another subclass of `Record`, which becomes a nested dtype.
 
     Returns:
-        Structured dtype.
+        Structured dtype with the class's field names.
     """
     hints = get_type_hints(kind)
     return np.dtype(
@@ -87,10 +87,10 @@ def record_dtype(kind: type[Record]) -> np.dtype[np.void]:
 
 
 def create_records(kind: type[RecordType], count: int) -> Records[RecordType]:
-    """Create records whose fields are all 0.
+    """Create a structured array of records whose fields are all 0.
 
     Args:
-        kind: Class of the records.
+        kind: Subclass of `Record` that declares the fields.
         count: Number of records.
 
     Returns:
@@ -101,10 +101,10 @@ def create_records(kind: type[RecordType], count: int) -> Records[RecordType]:
 
 
 def create_record(values: RecordType) -> Records[RecordType]:
-    """Create one record with the values of an instance of its class.
+    """Copy an instance of a settings class into a structured array, which kernels can read.
 
     Args:
-        values: Instance of a class of records that is a dataclass.
+        values: Instance of a dataclass that is a subclass of `Record`.
 
     Returns:
         Array of the dtype `record_dtype(type(values))`, of shape (1,).

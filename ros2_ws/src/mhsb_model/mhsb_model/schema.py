@@ -247,13 +247,13 @@ def _check_joint_kind(kind: Any) -> Any:
     """Refuse a joint kind that does not exist, with a message that lists the valid ones.
 
     Args:
-        kind: Value of the key `kind` of a joint that `_joint_tag` takes as revolute.
+        kind: Value of the key `kind` of a joint that is neither prismatic nor a slew.
 
     Returns:
         "revolute".
 
     Raises:
-        ValueError: The kind is anything else.
+        ValueError: The kind is anything but "revolute".
     """
     if kind != "revolute":
         raise ValueError(f"{kind!r} is not one of {', '.join(JOINT_KINDS)}")
@@ -313,15 +313,14 @@ class SlewJoint(Section):
 
 
 def _joint_tag(content: Any) -> str:
-    """Return the kind of joint with which pydantic shall validate the content.
-
-    Anything other than "prismatic" or "slew" is validated as revolute, which reports a wrong kind.
+    """Return the kind of joint as which pydantic shall validate a joint's content.
 
     Args:
         content: A joint as read from the file, or a joint object.
 
     Returns:
-        "revolute", "prismatic" or "slew".
+        "prismatic" or "slew" if the content has this kind. Otherwise "revolute", whose validation
+        then reports a wrong kind.
     """
     kind = content.get("kind") if isinstance(content, dict) else getattr(content, "kind", None)
     return kind if kind in ("prismatic", "slew") else "revolute"

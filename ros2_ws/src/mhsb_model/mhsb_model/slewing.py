@@ -37,16 +37,21 @@ class PlanarTarget(NamedTuple):
 
 
 def convert_to_plane(m: MachineArrays, position: Position, preferred_slew: float) -> PlanarTarget:
-    """Convert a position in `base_link` into the arm's plane.
+    """Convert a position in `base_link` into the arm's plane, and find the slew angle for it.
+
+    A slewing arm moves in a vertical plane that its joint 1 turns. Positions in the plane have
+    their origin at joint 2.
 
     Args:
         m: Arrays of the machine.
         position: (x, z), or (x, y, z) if joint 1 slews [m].
-        preferred_slew: Preferred angle of the slew [rad]. Of the angles within limits that point to
-            the position, the nearest to it is taken. On the slew's axis it is returned itself.
+        preferred_slew: Preferred angle of the slew [rad]. If several angles within the limits point
+            to the position, the one nearest to it is taken. If the position is on the slew's axis,
+            the preferred angle itself is returned.
 
     Returns:
-        Position in the plane, and the slew's angle (None if the arm does not slew).
+        Position in the plane, and the slew's angle. If the arm does not slew, the position is
+        unchanged and the angle is None.
 
     Raises:
         OutOfWorkspaceError: No angle within the slew's limits points to the position.
@@ -73,14 +78,18 @@ def convert_to_plane(m: MachineArrays, position: Position, preferred_slew: float
 
 
 def project_to_plane(m: MachineArrays, position: FloatArray) -> FloatArray:
-    """Project positions in `base_link` onto the arm's plane, turned to each of them.
+    """Convert positions in `base_link` into the arm's plane, turned to each position in turn.
+
+    A slewing arm moves in a vertical plane that its joint 1 turns. The slew's angle is not
+    computed, and its limits are not checked.
 
     Args:
         m: Arrays of the machine.
         position: (x, z), or (x, y, z) if joint 1 slews, shape (…, 2 or 3) [m].
 
     Returns:
-        (x', z') in the plane, shape (…, 2) [m]; the input itself if the arm does not slew.
+        Distance x' ahead of joint 2 and height z' in the plane, shape (…, 2) [m]. The input itself
+        if the arm does not slew.
     """
     if not m.slews:
         return position
@@ -91,6 +100,9 @@ def project_to_plane(m: MachineArrays, position: FloatArray) -> FloatArray:
 def convert_to_base(m: MachineArrays, tip: FloatArray, slew: FloatArray) -> FloatArray:
     """Convert positions in the arm's plane into `base_link`.
 
+    A slewing arm moves in a vertical plane that its joint 1 turns. Positions in the plane have
+    their origin at joint 2.
+
     Args:
         m: Arrays of the machine.
         tip: Positions (x', z') in the plane, shape (…, 2) [m].
@@ -98,7 +110,7 @@ def convert_to_base(m: MachineArrays, tip: FloatArray, slew: FloatArray) -> Floa
             slew.
 
     Returns:
-        (x, y, z), shape (…, 3) [m]; the input itself if the arm does not slew.
+        (x, y, z), shape (…, 3) [m]. If the arm does not slew, the input itself, shape (…, 2).
     """
     if not m.slews:
         return tip

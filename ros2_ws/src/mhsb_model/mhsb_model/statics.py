@@ -65,7 +65,12 @@ def chain_of(m: MachineArrays) -> Chain:
 
 @kernel(inline="always")
 def replace_payload(c: Chain, payload: float) -> Chain:
-    """Return a chain with the given mass [kg] at its tip and the links of another chain."""
+    """Return a copy of a chain with another payload.
+
+    Args:
+        c: Links and payload; not changed.
+        payload: New mass at the tip [kg].
+    """
     return Chain(
         c.turns,
         c.slides,
@@ -101,24 +106,24 @@ def link_directions(turns: BoolArray, q: FloatArray, cosine: FloatArray, sine: F
 def chain_gravity_torques(
     c: Chain, q: FloatArray, cosine: FloatArray, sine: FloatArray, torque: FloatArray
 ) -> None:
-    """Compute the joint torques that hold a chain against gravity.
+    """Compute the joint torques that hold a chain of links against gravity.
 
         τⱼ = g Σ mᵢ (xᵢ − xⱼ)    joint that turns [N m]
         τⱼ = g sin θⱼ Σ mᵢ       joint that slides [N]
         τⱼ = 0                   joint that slews
 
-    mᵢ and xᵢ are mass and x coordinate of each link's centre of mass and of the payload. xⱼ is the
-    x of joint j, and θⱼ the angle of link j. The sums run over all masses beyond joint j. A torque
-    is positive if the joint must lift. τ is the gradient ∂U/∂q of the potential energy U.
+    The sums run over all masses beyond joint j: links and payload, each with its mass mᵢ and the x
+    coordinate xᵢ of its centre of mass. xⱼ is the x coordinate of joint j, and θⱼ the angle of link
+    j. A torque is positive if the joint must lift.
 
-    Test oracles: U of point masses, and MuJoCo.
+    Test oracles: the gradient of the potential energy of point masses, and MuJoCo.
 
     Args:
         c: Links and payload.
         q: Joint positions, shape (n,) [rad or m].
-        cosine: Cosine of each link's angle, from `link_directions`, shape (n,).
-        sine: Sine of each link's angle, from `link_directions`, shape (n,).
-        torque: Output, written in place, shape (n,) [N m or N].
+        cosine: Cosine of each link's angle in the plane, from `link_directions`, shape (n,).
+        sine: Sine of each link's angle in the plane, from `link_directions`, shape (n,).
+        torque: Output, written in place, shape (n,) [N m], or [N] for a sliding joint.
     """
     moment = 0.0
     mass = c.payload
@@ -133,18 +138,21 @@ def chain_gravity_torques(
 def _add_link_moment(
     c: Chain, q: FloatArray, j: int, cosine: float, moment: float, mass: float
 ) -> tuple[float, float]:
-    """Add link j to the mass, and its first moment, of everything beyond the link.
+    """Add link j to the mass beyond the link, and to the first moment of that mass.
+
+    The first moment of masses about a point is Σ m (x − x_point), with x forward in the arm's
+    plane.
 
     Args:
         c: Links and payload.
         q: Joint positions, shape (n,) [rad or m].
         j: Index of the link.
         cosine: Cosine of the link's angle in the plane.
-        moment: First moment Σ m (x − x at the link's tip) of the masses beyond link j [kg m].
+        moment: First moment of all masses beyond link j, about the link's tip [kg m].
         mass: Mass of everything beyond link j, the payload included [kg].
 
     Returns:
-        First moment about joint j [kg m] and mass [kg], both with link j.
+        First moment about joint j [kg m], and mass [kg], both with link j included.
     """
     center = add_extension(c.slides, c.center, q, j)
     length = add_extension(c.slides, c.length, q, j)
@@ -167,29 +175,30 @@ def inertia_torques(
     work: FloatArray,
     torque: FloatArray,
 ) -> None:
-    """Compute the joint torques of inertia, τ = M(q) q̈ + C(q, q̇) q̇.
+    """Compute the joint torques of inertia, τ = M(q) q̈ + C(q, q̇) q̇, without gravity.
 
-    The method is recursive Newton-Euler. An outward pass computes each link's acceleration and the
-    force and moment that it takes. An inward pass adds up what each link passes on to the link
-    before. With unit vectors e along the link and n across it, the point at distance d along the
-    link has the acceleration a
+    The method is recursive Newton-Euler. An outward pass computes the acceleration of each link,
+    and the force and moment that the link needs for it. An inward pass adds up the forces and
+    moments of all links beyond each joint. A point at the distance d along a link has the
+    acceleration
 
         a = p̈ + d (ω̇ n − ω² e)                      joint that turns
         a = p̈ + d (ω̇ n − ω² e) + 2 ω q̇ n + q̈ e     joint that slides (Coriolis)
 
-    Here p̈ is the acceleration of the tip of the link before; ω and ω̇ are the link's angular
-    velocity and acceleration. If joint 1 slews, its torque and its centrifugal effect on all others
-    are included. Tests compare the result with the mass matrix and its derivatives, and with
-    MuJoCo's qfrc_inverse.
+    e is the unit vector along the link, and n the one across it. p̈ is the acceleration of the tip
+    of the link before. ω and ω̇ are the link's angular velocity and acceleration. If joint 1 slews,
+    its torque and its centrifugal effect on all others are included.
+
+    Test oracles: the mass matrix and its derivatives, and MuJoCo's qfrc_inverse.
 
     Args:
         c: Links and payload.
         motion: Positions q, velocities q̇ and accelerations q̈ of the joints at one instant.
-        cosine: Cosine of each link's angle, from `link_directions`, shape (n,).
-        sine: Sine of each link's angle, from `link_directions`, shape (n,).
-        work: Scratch, shape (INERTIA_WORK, n) or more rows; INERTIA_WORK rows are overwritten.
-        torque: Output, written in place, without gravity, shape (n,) [N m], or [N] for a sliding
-            joint.
+        cosine: Cosine of each link's angle in the plane, from `link_directions`, shape (n,).
+        sine: Sine of each link's angle in the plane, from `link_directions`, shape (n,).
+        work: Working memory with at least INERTIA_WORK rows, shape (…, n). The first INERTIA_WORK
+            rows are overwritten.
+        torque: Output, written in place, shape (n,) [N m], or [N] for a sliding joint.
 
     Source:
         R. Featherstone, Rigid Body Dynamics Algorithms, section 5.3.
@@ -236,26 +245,26 @@ def _add_slew_torques(
     work: FloatArray,
     torque: FloatArray,
 ) -> None:
-    """Compute the slew's inertia torque and add the slew's effect to the other joints.
+    """Compute the slew's inertia torque, and add the slew's centrifugal effect to the other joints.
 
     Lagrange's equations for slender links give
 
         I = I₀ + Σ m ρ² + Σ J cos²φ
         τ₁ = I q̈₁ + İ q̇₁
-        τⱼ = … − ½ ∂I/∂qⱼ q̇₁²
+        τⱼ = τⱼ,before − ½ ∂I/∂qⱼ q̇₁²,   j > 1
 
-    I₀ is the platform's inertia, and ρ the distance of each mass m from the slew's axis. φ is the
-    angle of each link from the horizontal, and J its inertia. "…" is what `torque` contains before
-    the call.
+    I is the inertia of the arm about the slew's axis, and I₀ that of the platform. ρ is the
+    distance of each mass m from the axis. φ is the angle of each link from the horizontal, and J
+    its inertia about its centre of mass.
 
     Args:
         c: Links and payload.
         motion: Positions q, velocities q̇ and accelerations q̈ of the joints at one instant.
-        cosine: Cosine of each link's angle, shape (n,).
-        sine: Sine of each link's angle, shape (n,).
-        work: Scratch, first row overwritten, shape (INERTIA_WORK, n) or more rows.
-        torque: Torques of `inertia_torques`, changed in place, shape (n,) [N m or N]. Element 0 is
-            replaced by τ₁; the centrifugal term is added to all others.
+        cosine: Cosine of each link's angle in the plane, shape (n,).
+        sine: Sine of each link's angle in the plane, shape (n,).
+        work: Working memory with n columns; the first row is overwritten.
+        torque: Torques of the arm without slewing, changed in place, shape (n,) [N m or N]. Element
+            0 is replaced by τ₁; the centrifugal term is added to all others.
     """
     q, qd, qdd = motion
     n, square = len(torque), qd[0] * qd[0]
@@ -296,17 +305,20 @@ def compute_motion_torques(
     static_torque: FloatArray,
     torque: FloatArray,
 ) -> None:
-    """Compute the torques for gravity alone and for the whole motion, τ = M q̈ + C q̇ + g.
+    """Compute the joint torques for gravity alone, and those for the whole motion.
+
+        τ = M(q) q̈ + C(q, q̇) q̇ + g(q)
+
+    g are the gravity torques, positive if a joint must lift.
 
     Args:
         c: Links and payload.
         q: Joint positions, shape (n,) [rad or m].
         qd: Joint velocities, shape (n,) [rad/s or m/s].
         qdd: Joint accelerations, shape (n,) [rad/s² or m/s²].
-        work: Scratch, overwritten, shape (MOTION_WORK, n) or more rows.
-        static_torque: Output, written in place: gravity torques g, shape (n,) [N m], or [N] for a
-            sliding joint.
-        torque: Output, written in place: total torques τ, gravity included, shape (n,) [N m or N].
+        work: Working memory with at least MOTION_WORK rows, shape (…, n), overwritten.
+        static_torque: Output, written in place: g, shape (n,) [N m], or [N] for a sliding joint.
+        torque: Output, written in place: τ, gravity included, shape (n,) [N m or N].
     """
     cosine, sine = work[INERTIA_WORK], work[INERTIA_WORK + 1]
     link_directions(c.turns, q, cosine, sine)
@@ -318,15 +330,13 @@ def compute_motion_torques(
 
 @kernel(borrows=True)
 def gravity_torque(m: MachineArrays, q: FloatArray, torque: FloatArray) -> None:
-    """Compute the joint torques that hold a machine against gravity.
-
-    `chain_gravity_torques` has the equations. The links' directions are computed here.
+    """Compute the joint torques that hold a machine with its payload against gravity.
 
     Args:
         m: Arrays of the machine.
         q: Joint positions, shape (n,) [rad or m].
-        torque: Output, written in place, positive if the joint must lift, shape (n,) [N m], or [N]
-            for a sliding joint.
+        torque: Output, written in place, shape (n,) [N m], or [N] for a sliding joint. It is
+            positive if the joint must lift, and 0 for a slew.
     """
     chain, angle = chain_of(m), 0.0
     for j in range(len(q)):
@@ -343,12 +353,14 @@ def gravity_torque(m: MachineArrays, q: FloatArray, torque: FloatArray) -> None:
 
 @kernel(borrows=True)
 def piston_forces(m: MachineArrays, q: FloatArray, force: FloatArray) -> None:
-    """Compute the piston forces that hold a machine against gravity, F = τ / r.
+    """Compute the piston forces that hold a machine with its payload against gravity, F = τ / r.
+
+    τ is the gravity torque of a joint, and r the moment arm of its cylinder.
 
     Args:
         m: Arrays of the machine.
         q: Joint positions, shape (n,) [rad or m].
-        force: Output, written in place, shape (n,) [N]. F > 0 resists extension.
+        force: Output, written in place, shape (n,) [N]; positive if the load resists extension.
     """
     gravity_torque(m, q, force)
     for j in range(len(q)):
@@ -357,12 +369,12 @@ def piston_forces(m: MachineArrays, q: FloatArray, force: FloatArray) -> None:
 
 @kernel(borrows=True)
 def piston_forces_in(m: MachineArrays, posture: FloatArray, force: FloatArray) -> None:
-    """Compute the piston forces that hold a machine in each of several postures.
+    """Compute the piston forces that hold a machine with its payload in each of several postures.
 
     Args:
         m: Arrays of the machine.
         posture: Postures, shape (k, n) [rad or m].
-        force: Output, written in place, shape (k, n) [N]. F > 0 resists extension.
+        force: Output, written in place, shape (k, n) [N]; positive if the load resists extension.
     """
     for k in range(len(posture)):
         piston_forces(m, posture[k], force[k])
@@ -374,9 +386,10 @@ def mass_matrix(m: MachineArrays, q: FloatArray) -> FloatArray:
 
         M(q) = Σ mᵢ JᵢᵀJᵢ + Iᵢ eᵢᵀeᵢ
 
-    Jᵢ is the Jacobian of the centre of mass of link i; eᵢ has 1 for each joint that turns link i in
-    the plane. A slew moves all masses perpendicular to the plane. So its row and column are 0
-    except for the diagonal element, the inertia I in `_add_slew_torques`.
+    mᵢ and Iᵢ are mass and inertia of link i (the payload has no inertia of its own). Jᵢ is the
+    Jacobian of its centre of mass. eᵢ has a 1 for each joint that turns link i in the plane. A slew
+    moves all masses perpendicular to the plane. So the slew's row and column are 0 except for the
+    diagonal element, the inertia of the whole arm about the slew's axis.
 
     Args:
         m: Arrays of the machine.

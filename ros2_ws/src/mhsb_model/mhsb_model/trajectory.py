@@ -129,7 +129,12 @@ class Trajectory:
         return self.stamp_ns + self.duration_ns
 
     def shifted(self, delta_ns: int) -> Trajectory:
-        """Return this motion with a stamp that is `delta_ns` later [ns]."""
+        """Return this motion at a later time.
+
+        Args:
+            delta_ns: Time that is added to the stamp [ns]; the points keep their distance from the
+                stamp.
+        """
         return Trajectory(
             self.stamp_ns + delta_ns,
             self.offset_ns,
@@ -139,13 +144,13 @@ class Trajectory:
         )
 
     def with_rest(self, rest_ns: int) -> Trajectory:
-        """Return this motion followed by a rest at its last position.
+        """Return this motion followed by a standstill at its last position.
 
-        The rest has points with zero velocity and acceleration, at most `MAX_POINT_SPACING_NS`
-        apart.
+        During the standstill there are points with zero velocity and acceleration, at most
+        `MAX_POINT_SPACING_NS` apart.
 
         Args:
-            rest_ns: Duration of the rest [ns].
+            rest_ns: Duration of the standstill [ns].
 
         Returns:
             A longer trajectory with the same stamp.
@@ -162,10 +167,10 @@ class Trajectory:
         )
 
     def sample(self, time_ns: int) -> MotionState:
-        """Return the state at an absolute time.
+        """Return the state of the motion at an absolute time.
 
-        Before the first point it is the first point's state. After the end it is the last position
-        at rest.
+        Before the first point it is the state of the first point. After the last point it is the
+        last position with zero velocity and acceleration.
 
         Args:
             time_ns: Absolute time [ns].
@@ -174,16 +179,17 @@ class Trajectory:
         return MotionState(q[0], qd[0], qdd[0])
 
     def sample_many(self, time_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Evaluate the curve at several absolute times.
+        """Evaluate the motion at several absolute times.
 
-        Before the first point the first point's state is returned. After the end it is the last
-        position with zero velocity and acceleration.
+        Before the first point it has the state of the first point. After the last point it has the
+        last position with zero velocity and acceleration.
 
         Args:
             time_ns: Absolute times in any order, shape (times,) [ns].
 
         Returns:
-            Positions [rad or m], velocities and accelerations, each of shape (times, n).
+            Positions [rad or m], velocities and accelerations, each of shape (times, n), aligned
+            with `time_ns`.
         """
         since = np.asarray(time_ns, dtype=np.int64) - self.stamp_ns
         ended = since > self.duration_ns
@@ -216,14 +222,15 @@ class Trajectory:
         return _sample_midpoint_states(time, self.position, self.velocity, self.acceleration)
 
     def sample_offsets(self, offset_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Evaluate the curve at times after the stamp.
+        """Evaluate the motion at times after its stamp. It needs at least two points.
 
         Args:
-            offset_ns: Times after the stamp, between the first and the last point, shape (times,)
-                [ns]. The trajectory needs at least two points.
+            offset_ns: Times after the stamp in any order, none beyond the last point, shape
+                (times,) [ns].
 
         Returns:
-            Positions, velocities and accelerations, each of shape (times, n).
+            Positions [rad or m], velocities and accelerations, each of shape (times, n), aligned
+            with `offset_ns`.
         """
         rows = np.searchsorted(self.offset_ns[1:-1], offset_ns, "right")
         begin = self.offset_ns[rows]
@@ -232,11 +239,12 @@ class Trajectory:
     def _sample_shares(
         self, rows: IntArray, shares: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Evaluate the curve once for each pair of an interval and a share of its duration.
+        """Evaluate the motion once for each pair of an interval and a share of its duration.
 
         Args:
-            rows: Index of the interval for each instant, shape (k,).
-            shares: Share of that interval's duration, 0 … 1, shape (k,).
+            rows: Index of the interval for each of k samples, shape (k,). Interval i lasts from
+                point i to point i + 1.
+            shares: Share of that interval's duration at which the sample lies, 0 … 1, shape (k,).
 
         Returns:
             Positions, velocities and accelerations, each of shape (k, n).
@@ -271,17 +279,17 @@ def quintic_hermite(
 
         q(s) = q₀ + v₀ s + ½ a₀ s² + c₃ s³ + c₄ s⁴ + c₅ s⁵
 
-    The coefficients c₃, c₄, c₅ follow from the state at s = h. Python callers may pass arrays,
-    which broadcast; kernels pass single numbers.
+    q₀, v₀ and a₀ are the state at s = 0. The coefficients c₃, c₄ and c₅ follow from the state at s
+    = h. Python callers may pass arrays, which broadcast; kernels pass single numbers.
 
     Args:
         s: Time since the start of the interval [s].
-        h: Duration of the interval [s].
+        h: Duration of the interval, above 0 [s].
         start: Position, velocity and acceleration at s = 0.
         end: Position, velocity and acceleration at s = h.
 
     Returns:
-        q, dq/ds and d²q/ds² at s.
+        Position q, velocity dq/ds and acceleration d²q/ds² at s.
     """
     q0, v0, a0 = start
     q1, v1, a1 = end
@@ -308,16 +316,17 @@ def sample_states_at_shares(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Evaluate a trajectory once for each pair of an interval and a share of its duration.
 
-    Tests compare it with `Trajectory.sample_many`.
+    Between two points the trajectory is the quintic polynomial that joins their states. Tests
+    compare the result with `Trajectory.sample_many`.
 
     Args:
-        time: Times of the points, shape (points,) [s].
+        time: Times of the points, increasing, shape (points,) [s].
         position: Joint positions at the points, shape (points, n).
         velocity: Joint velocities at the points, shape (points, n).
         acceleration: Joint accelerations at the points, shape (points, n).
-        rows: Index of the interval for each instant, shape (k,). Interval i lasts from point i to
-            point i + 1.
-        shares: Share of that interval's duration, 0 … 1, shape (k,).
+        rows: Index of the interval for each of k samples, shape (k,). Interval i lasts from point i
+            to point i + 1.
+        shares: Share of that interval's duration at which the sample lies, 0 … 1, shape (k,).
 
     Returns:
         Positions, velocities and accelerations, each of shape (k, n).
@@ -340,10 +349,11 @@ def _sample_midpoint_states(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Evaluate a trajectory half-way in time between neighbouring points.
 
-    It is `quintic_hermite` at s = h/2, simplified. Tests compare both.
+    Between two points the trajectory is the quintic polynomial that joins their states. At the
+    midpoint its equation simplifies; tests compare the result with `quintic_hermite`.
 
     Args:
-        time: Times of the points, shape (points,) [s].
+        time: Times of the points, increasing, shape (points,) [s].
         position: Joint positions at the points, shape (points, n).
         velocity: Joint velocities at the points, shape (points, n).
         acceleration: Joint accelerations at the points, shape (points, n).

@@ -15,13 +15,13 @@ ModeArray = NDArray[np.uint8]
 
 
 def frozen(array: NDArray) -> NDArray:
-    """Copy an array into a read-only, C-contiguous one.
+    """Copy an array into a read-only, C-contiguous array.
 
     Args:
         array: Any array; it is not changed.
 
     Returns:
-        A copy with its own memory that cannot be written to.
+        A new array of the same dtype with its own memory, which refuses assignments.
     """
     copy = np.array(array, order="C")
     copy.setflags(write=False)

@@ -170,7 +170,11 @@ class GoalVerdict:
         return Goal(self.goal_stamp_ns, self.goal_x, self.goal_z, self.goal_y)
 
     def __post_init__(self) -> None:
-        """Raise ValueError unless exactly the verdicts that accept a goal have a plan."""
+        """Check that a verdict has a plan exactly if it accepts its goal.
+
+        Raises:
+            ValueError: A verdict OK or AT_GOAL has no plan, or another verdict has one.
+        """
         if self.code.accepted != (self.plan is not None):
             raise ValueError(f"a verdict {self.code} and a plan {self.plan} do not go together")
 

@@ -26,10 +26,13 @@ MOVE_SAMPLES = 8
 def compute_workspace_excess(m: MachineArrays, x: float, z: float) -> float:
     """Compute how far a point lies outside the workspace of a machine.
 
+    The workspace has a least x, a least and a greatest distance from the plane's origin. The origin
+    is joint 1, or joint 2 if joint 1 slews.
+
     Args:
         m: Arrays of the machine.
-        x: Position of the point in the arm's plane [m].
-        z: Position of the point in the arm's plane [m].
+        x: Position of the point in the arm's plane, forward [m].
+        z: Position of the point in the arm's plane, up [m].
 
     Returns:
         Largest violation of the three bounds [m]; negative inside.
@@ -61,11 +64,12 @@ def compute_region_excess(
 def move_stays_in_workspace(m: MachineArrays, start: FloatArray, end: FloatArray) -> bool:
     """Return whether the tip stays in the workspace on a straight move in joint space.
 
-    The tip may be outside the workspace by `WORKSPACE_TOLERANCE`. If it is outside at an end of
-    the move, it may be as far outside all along, plus the tolerance. The farther one of both ends
-    counts. An upper bound on the tip's displacement from the nearer end is tried first. If this
-    bound does not prove that the tip stays inside, `MOVE_SAMPLES` intermediate postures are checked
-    instead.
+    The tip may be outside the workspace by `WORKSPACE_TOLERANCE`. If the tip is farther outside at
+    one of the ends, it may be as far outside during the whole move, plus the tolerance.
+
+    An upper bound on the tip's way is tried first. If it does not prove that the tip stays inside,
+    `MOVE_SAMPLES` postures between the ends are checked. Positions between these samples are then
+    not checked.
 
     Args:
         m: Arrays of the machine.
@@ -73,7 +77,7 @@ def move_stays_in_workspace(m: MachineArrays, start: FloatArray, end: FloatArray
         end: Joint positions at the end, shape (n,) [rad or m].
 
     Returns:
-        True if the tip stays inside, by the bound or at all samples.
+        True if the bound or all samples show that the tip stays inside.
     """
     outermost = -math.inf
     for ends in (start, end):

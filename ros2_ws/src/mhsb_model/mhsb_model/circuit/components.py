@@ -27,7 +27,7 @@ class Components(NamedTuple):
     """Constants of the circuit, and the state and commands of its components.
 
     There are n actuators and m booster modules. A controller writes `valve_command` and
-    `join_command` of the actuators, and `flow_command` and `lend` of the modules.
+    `join_command` of the actuators, and `flow_command` and `to_rail_command` of the modules.
     `circuit.quantities` lists the fields of all records.
     """
 
@@ -48,7 +48,7 @@ class Components(NamedTuple):
 
 
 def describe_components(machine: Machine, substep: float) -> Components:
-    """Build the components of a machine's circuit at rest, healthy and with closed valves.
+    """Build the components of a machine's circuit at rest, without faults and with closed valves.
 
     Module j belongs to actuator j. Modules beyond the number of actuators are spare ones without a
     line.

@@ -37,8 +37,9 @@ BULK_MODULUS_SLOPE = 0.005
 def build_cylinders(machine: Machine) -> Records[CylinderConstants]:
     """Build the records of a machine's cylinders and of the servo valve of each.
 
-    The shortest and the longest cylinder length are those at the two joint limits. A rotary motor
-    (slew) has its own volume added to the dead volume, and `swept` = 0.
+    The shortest and the longest cylinder length are those at the two joint limits. The drive of a
+    slew may be a rotary motor. Its oil volume is added to the dead volume, and does not depend on
+    the position: `swept_volume_factor` is 0.
 
     Args:
         machine: Machine with n actuators.
@@ -74,13 +75,14 @@ def _list_linkages(machine: Machine) -> list[Linkage]:
 
 
 def build_actuators(machine: Machine) -> Records[ActuatorState]:
-    """Build the records of a machine's actuators at rest, healthy and with closed valves.
+    """Build the records of a machine's actuators at rest, without faults and with closed valves.
 
     Args:
         machine: Machine with n actuators.
 
     Returns:
-        ActuatorState[n]; all fields are 0 except `relief` [Pa], `obeys` = 1 and `leakage` = 1.
+        ActuatorState[n]. `relief` is the relief pressure of the chambers [Pa], and
+        `follows_command` and `leakage` are 1. All other fields are 0.
     """
     actuators = create_records(ActuatorState, machine.joint_count)
     actuators["relief"] = machine.chamber_reliefs
@@ -89,17 +91,15 @@ def build_actuators(machine: Machine) -> Records[ActuatorState]:
 
 
 def build_modules(module_home: IntArray) -> Records[ModuleState]:
-    """Build the records of booster modules at rest and healthy.
-
-    Spare modules feed the rail from the start (`to_rail` = 1).
+    """Build the records of booster modules at rest and without faults.
 
     Args:
         module_home: Index of the actuator whose line each module feeds, int64[m]; −1 for a spare
             module.
 
     Returns:
-        ModuleState[m]: all fields are 0 except `strength` = 1, `slowness` = 1 and, for spare
-        modules, `to_rail` = 1.
+        ModuleState[m]. `flow_ratio` and `lag_ratio` are 1, and so is `to_rail` of spare modules,
+        which always feed the rail. All other fields are 0.
     """
     modules = create_records(ModuleState, len(module_home))
     modules["to_rail"] = module_home < 0
@@ -110,16 +110,17 @@ def build_modules(module_home: IntArray) -> Records[ModuleState]:
 def compute_constants(machine: Machine, substep: float) -> Records[CircuitConstants]:
     """Compute the constants of a machine's circuit.
 
-    Flows at a rated pressure drop become coefficients: k = Q/√Δp of an orifice, Q/Δp of a linear
-    valve. Volumes become capacities V/β, and lags become decays e^(−substep/τ).
+    Flows at a rated pressure drop become coefficients: Q/√Δp of an orifice, Q/Δp of a linear valve.
+    Volumes become capacities V/β, and lags τ become decays e^(−substep/τ).
 
-    Viscosity µ and bulk modulus β depend on the temperature difference ΔT from FILE_TEMPERATURE:
+    Viscosity µ and bulk modulus β depend on the difference ΔT of the oil's temperature from
+    FILE_TEMPERATURE:
 
         µ/µ_file = e^(−k_µ ΔT),   β/β_file = e^(−k_β ΔT)
 
-    Viscous friction is proportional to µ, and the laminar flow of the rail's bleed valve to 1/µ.
-    The pressure drop at which an orifice turns laminar is proportional to µ², since it follows from
-    the Reynolds number.
+    k_µ is VISCOSITY_SLOPE, and k_β BULK_MODULUS_SLOPE. Viscous friction is proportional to µ, and
+    the laminar flow of the rail's bleed valve to 1/µ. The pressure drop at which an orifice turns
+    laminar is proportional to µ², since it follows from the Reynolds number.
 
     Components that the machine file leaves out get values that switch them off: bristle stiffness
     0, accumulator volume 0, spool rate inf.

@@ -44,15 +44,16 @@ def compute_orifice_flow(k: float, drop: float, laminar: float) -> tuple[float, 
 def compute_check_valve_flow(k: float, drop: float, laminar: float) -> tuple[float, float]:
     """Compute the flow through a check valve, which opens forwards and is tight backwards.
 
-        Q = orifice(k, Δp) if Δp > 0, else 0
+        Q = k Δp / (Δp² + Δp_c²)^¼ if Δp > 0, else 0
 
-    The returned slope is Q/Δp (the chord) and not dQ/dΔp (the tangent). The tangent is less steep.
-    With the tangent, an implicit integration step may pass Δp = 0 and let oil flow back.
+    Forwards it is an orifice, laminar below Δp_c. The returned slope is Q/Δp (the chord) and not
+    dQ/dΔp (the tangent), which is less steep. With the tangent, an implicit integration step may
+    pass Δp = 0 and let oil flow back.
 
     Args:
         k: Flow coefficient [m³/(s √Pa)].
         drop: Pressure drop Δp in the direction of flow [Pa].
-        laminar: Pressure drop below which the flow is laminar [Pa].
+        laminar: Pressure drop Δp_c below which the flow is laminar [Pa].
 
     Returns:
         Flow Q [m³/s] and slope Q/Δp [m³/(s Pa)]; both are 0 if the valve is shut.
@@ -115,14 +116,17 @@ def advance_servo_pump_flow(
 ) -> float:
     """Compute the flow of a speed-controlled servo pump after one step.
 
-        τ dQ/dt = Q_cmd − Q,  |dQ/dt| ≤ slew,  0 ≤ Q_cmd ≤ largest
+        τ dQ/dt = Q_cmd − Q,   0 ≤ Q_cmd ≤ largest
+
+    It is a first-order lag whose change per step is limited.
 
     Args:
         flow: Flow Q at the start of the step [m³/s].
-        command: Commanded flow Q_cmd; values outside 0 … `largest` are limited to it [m³/s].
+        command: Commanded flow Q_cmd; values outside 0 … `largest` are limited to that range
+            [m³/s].
         largest: Largest flow that the pump can give at present [m³/s].
-        decay: Decay e^(−dt/τ) of the pump's lag over the step.
-        largest_change: Largest change of the flow in the step, slew · dt [m³/s].
+        decay: Decay e^(−dt/τ) of the pump's lag τ over the step dt.
+        largest_change: Largest change of the flow in the step, up or down [m³/s].
 
     Returns:
         Flow at the end of the step [m³/s].
@@ -188,8 +192,9 @@ def advance_pressure_and_cavity(
 ) -> tuple[float, float]:
     """Compute pressure and vapour volume of a node after oil has flowed into it.
 
-    The node holds C (p − p_v) − V_v more oil than fills it at the vapour pressure p_v. If that
-    content is negative, the pressure stays at p_v and vapour fills the missing volume.
+    The node holds C (p − p_v) − V_v more oil than would just fill it at the vapour pressure p_v. If
+    this excess is negative after the step, the pressure is p_v, and vapour fills the missing
+    volume.
 
     Args:
         pressure: Pressure p before [Pa].
@@ -213,10 +218,10 @@ def advance_pressure_and_cavity(
 
 @kernel(inline="always")
 def follow_with_backlash(follower: float, leader: float, width: float) -> float:
-    """Return the position of a follower that a leader moves through backlash.
+    """Compute the position of a follower that a leader moves through backlash.
 
-    The follower stays where it is while the leader is within ±width/2 of it. Otherwise it follows
-    the leader at a distance of width/2. If either position is nan, the leader's is returned.
+    The follower rests while the leader is within ±width/2 of it. Otherwise the leader takes it
+    along at a distance of width/2. If either position is nan, the result is the leader's position.
 
     Args:
         follower: Position of the follower before.
@@ -239,7 +244,7 @@ def follow_with_backlash(follower: float, leader: float, width: float) -> float:
 
 @kernel(inline="always")
 def metered_opening(spool: float, overlap: float, exponent: float = 1.0) -> float:
-    """Return the opening of a servo valve's edges at a spool position.
+    """Compute the opening of a servo valve's edges at a spool position.
 
         sign(x) (max(0, |x| − o)/(1 − o))^n
 
@@ -249,7 +254,7 @@ def metered_opening(spool: float, overlap: float, exponent: float = 1.0) -> floa
         exponent: Exponent n; 1 of a linear valve, larger with metering notches.
 
     Returns:
-        Signed opening, ±1 at full stroke, for which the valve's flow is rated.
+        Signed opening; ±1 at full stroke, where the valve has its rated flow.
 
     Source:
         H. E. Merritt, Hydraulic Control Systems (lap).
@@ -344,12 +349,14 @@ def advance_bristle_deflection(
 
 @kernel(inline="always")
 def advance_first_order_lag(value: float, command: float, decay: float) -> float:
-    """Advance a first-order lag τ dx/dt = u − x, such as a switching valve, by one step.
+    """Advance a first-order lag, such as a switching valve, by one step.
+
+        τ dx/dt = u − x
 
     Args:
         value: State x at the start of the step.
         command: Input u, constant during the step.
-        decay: e^(−dt/τ).
+        decay: e^(−dt/τ) for the duration dt of the step.
 
     Returns:
         State at the end of the step.
@@ -361,13 +368,14 @@ def advance_first_order_lag(value: float, command: float, decay: float) -> float
 def chamber_volumes(cylinder: CylinderConstants, length: float) -> tuple[float, float]:
     """Compute the oil volumes on the cap side and on the rod side of a cylinder.
 
-        V_A = V₀ + A s,   V_B = V₀ + a (s_max − s),   s = length − min_length
+        V_A = V₀ + A (L − L_min),   V_B = V₀ + a (L_max − L)
 
-    They give the capacity C = V/β in dp/dt = (ΣQ − A ds/dt)/C. For a rotary motor both are V₀.
+    V₀ is the dead volume, A and a are the areas of cap side and rod side, and L_min and L_max the
+    lengths at the ends of the stroke. For a rotary motor both volumes are V₀.
 
     Args:
         cylinder: Constants of the cylinder.
-        length: Cylinder length between its pins [m].
+        length: Cylinder length L between its pins [m].
 
     Returns:
         Volume on the cap side and on the rod side [m³].

@@ -47,14 +47,15 @@ def find_cavitating(
 ) -> np.ndarray:
     """Return whether each load empties the inlet chamber of its actuator.
 
-    The line is taken to be at P_S. A boosted line has a higher pressure and fills the chamber
-    better, which is neglected.
+    The supply line is taken to be at the main pump's pressure. A boosted line has a higher pressure
+    and fills the chamber better, which is neglected.
 
     Args:
         machine: Machine with n actuators.
-        force: Load on each piston, positive if it resists extension, shape (k, n) [N].
-        speed: Piston speeds, positive if extending, shape (k, n) [m/s].
-        least_speed: Speed up to which a piston counts as held by its closed valve and never
+        force: Load on each piston at k instants, positive if it resists extension, shape (k, n)
+            [N].
+        speed: Piston speeds at these instants, positive if extending, shape (k, n) [m/s].
+        least_speed: A piston up to this speed counts as held by its closed valve, and never
             cavitates [m/s].
 
     Returns:
@@ -72,17 +73,19 @@ def summarize_cavitation(
     speed: FloatArray,
     least_speed: float = 0.0,
 ) -> tuple[Cavitation, ...]:
-    """Summarize the cavitation of each actuator over a motion.
+    """Summarize for each actuator when and how strongly it cavitates during a motion.
 
-    An instant counts as lasting until the next one, and the last instant as lasting 0 s.
+    A chamber cavitates if the load empties it faster than the supply fills it. Each instant stands
+    for the time up to the next one, and the last one for 0 s.
 
     Args:
         machine: Machine with n actuators.
         time: Instants in ascending order, shape (k,) [s].
-        force: Load on each piston at these instants, positive if it resists extension, shape
-            (k, n) [N].
+        force: Load on each piston at these instants, positive if it resists extension, shape (k, n)
+            [N].
         speed: Piston speeds at these instants, positive if extending, shape (k, n) [m/s].
-        least_speed: Speed up to which a piston counts as held by its closed valve [m/s].
+        least_speed: A piston up to this speed counts as held by its closed valve, and never
+            cavitates [m/s].
 
     Returns:
         One entry for each actuator that cavitates, in the order of the actuators; empty if none

@@ -123,19 +123,20 @@ class CurveExcess:
 
 
 def find_curve_excess(limits: CurveLimits, trajectory: Trajectory) -> CurveExcess | None:
-    """Find the worst excess of a trajectory's curve over its limits.
+    """Find where a trajectory's curve exceeds its limits most.
 
     Only the first quantity with an excess is reported, in the order position, speed, acceleration,
-    jerk. A joint that begins outside its range may return to it, but not move out again. Its
-    position limit is the point nearest to the range that it has reached so far.
+    jerk. A joint that begins outside its range may return to the range, but not move farther out on
+    the way. So its limit is then the nearest position to the range that it has reached so far.
 
     Args:
         limits: Limits of each joint.
-        trajectory: Trajectory with quintic pieces, same joints as `limits`.
+        trajectory: Trajectory with the same joints as `limits`.
 
     Returns:
-        The largest excess of that quantity over all joints, absolute for a position and otherwise
-        relative to the limit. None if the curve keeps all limits.
+        The largest excess of that quantity over all joints and times. Positions are compared by the
+        distance beyond the limit, other quantities by the ratio to the limit. None if the curve
+        keeps all limits.
     """
     found = _compute_excesses(limits, trajectory)
     for quantity in Quantity:
@@ -147,18 +148,19 @@ def find_curve_excess(limits: CurveLimits, trajectory: Trajectory) -> CurveExces
 
 
 def compute_slowing_factor(limits: CurveLimits, trajectory: Trajectory) -> float:
-    """Return how many times slower a curve must be to keep its speed, acceleration and jerk limits.
+    """Compute the factor on a trajectory's duration that makes it keep its rate limits.
 
-    A curve that takes k times as long has 1/k of the speed, 1/k² of the acceleration and 1/k³ of
-    the jerk. k is the largest of the factors that the three limits need. Position limits are not
-    considered.
+    The rate limits are those of speed, acceleration and jerk. With a duration k times as long,
+    speeds fall to 1/k, accelerations to 1/k², and jerks to 1/k³. The result is the least k with
+    which all three limits are kept. Position limits are not considered.
 
     Args:
         limits: Limits of each joint.
-        trajectory: Trajectory with quintic pieces, same joints as `limits`.
+        trajectory: Trajectory with the same joints as `limits`.
 
     Returns:
-        Factor k > 1 on the duration; 0 if the curve keeps all three limits as it is.
+        Factor k > 1, inf if the numbers overflow. If the trajectory already keeps all three limits,
+        the result is 0 (not 1).
     """
     excess = _compute_excesses(limits, trajectory)[EXCESS_ROW].max(axis=1)
     powers = {Quantity.SPEED: 1, Quantity.ACCELERATION: 2, Quantity.JERK: 3}
@@ -167,15 +169,19 @@ def compute_slowing_factor(limits: CurveLimits, trajectory: Trajectory) -> float
 
 
 def _compute_excesses(limits: CurveLimits, trajectory: Trajectory) -> FloatArray:
-    """Compute the worst excess of each quantity and joint of a trajectory.
+    """Compute the worst excess over the limits for each quantity and joint of a trajectory.
+
+    The excess of a position is the distance beyond its limit [rad or m]. That of speed,
+    acceleration and jerk is relative: |value|/limit − 1.
 
     Args:
         limits: Limits of each joint.
-        trajectory: Trajectory with quintic pieces and n joints.
+        trajectory: Trajectory with n joints.
 
     Returns:
-        float64[3, 4, n], indexed by row (EXCESS_ROW, VALUE_ROW, TIME_ROW), `Quantity` and joint.
-        All three rows are 0 where the limit is kept.
+        float64[3, 4, n], indexed by row, `Quantity` and joint. The rows are EXCESS_ROW, VALUE_ROW
+        (position, or magnitude of the quantity) and TIME_ROW (time after the first point [s]). All
+        three are 0 if the limit is kept.
     """
     found = np.zeros((3, len(Quantity), trajectory.joint_count))
     _find_excesses(
@@ -190,7 +196,7 @@ def _compute_excesses(limits: CurveLimits, trajectory: Trajectory) -> FloatArray
 
 
 def describe_curve_problem(machine: Machine, trajectory: Trajectory) -> str | None:
-    """Describe the worst excess of a trajectory over what the machine can follow.
+    """Describe the worst excess of a trajectory over the limits of a machine.
 
     Args:
         machine: Machine whose `curve_limits` apply.
@@ -198,7 +204,7 @@ def describe_curve_problem(machine: Machine, trajectory: Trajectory) -> str | No
 
     Returns:
         A clause that begins with "its trajectory" and names the joint, the time after the first
-        point, the value and the limit. None if the machine can follow the curve.
+        point, the value and the limit. None if the trajectory keeps all limits.
     """
     limits = machine.curve_limits
     excess = find_curve_excess(limits, trajectory)
@@ -237,11 +243,12 @@ def _find_excesses(
     rate_limits: FloatArray,
     excesses: FloatArray,
 ) -> None:
-    """Write the worst excess of each quantity and joint into `excesses`.
+    """Find the worst excess of each quantity and joint, and write it into `excesses`.
 
-    Each piece is checked by `_check_piece`. If its control values overflow, the excess is inf. A
-    joint that begins outside its range may return to it, but not move out again. Its position limit
-    in a piece is the nearest point to the range that the trajectory's points have reached so far.
+    The exact extrema of each quintic piece between two points are compared with the limits. If the
+    numbers of a piece overflow, the excess is inf. A joint that begins outside its range may return
+    to the range, but not move farther out on the way. So its limit is then the nearest position to
+    the range that its points have reached so far.
 
     Test oracle: SciPy's BPoly.
 
@@ -251,8 +258,9 @@ def _find_excesses(
         lower: Least position of each joint, float64[n], [rad or m].
         upper: Greatest position of each joint, float64[n], [rad or m].
         rate_limits: Limits of speed, acceleration and jerk (rows) of each joint, float64[3, n].
-        excesses: Result, float64[3, 4, n], zeros before: rows EXCESS_ROW, VALUE_ROW and TIME_ROW,
-            then `Quantity`, then joint. Written in place; an excess stays 0 if the limit is kept.
+        excesses: Result, float64[3, 4, n], zeros before, written in place. The first index is
+            EXCESS_ROW, VALUE_ROW or TIME_ROW, the second a `Quantity`, the third the joint.
+            Elements stay 0 if the limit is kept.
     """
     position, velocity, acceleration = points
     place, speed, force, jerk = np.empty(6), np.empty(5), np.empty(4), np.empty(3)
@@ -280,9 +288,9 @@ def _write_control_values(
 ) -> None:
     """Write the Bernstein control values of one quintic piece and of its three derivatives.
 
-    The derivatives are computed from the difference q₁ − q₀ and not from the control values of the
-    position: dividing by h would amplify their rounding. The module's docstring has the equations.
-    For a joint that slides, m takes the place of rad.
+    The derivatives are computed from the difference of both positions, not from the control values
+    of the position: dividing by the duration would amplify the rounding of those. For a joint that
+    slides, m takes the place of rad.
 
     Args:
         piece: Piece with its duration. Its control values are written in place.
@@ -319,14 +327,15 @@ def _write_control_values(
 
 @kernel(borrows=True)
 def _record_overflow(piece: QuinticPiece, excesses: FloatArray) -> bool:
-    """Return whether control values of a piece are infinite or nan, and write an excess of inf.
+    """Record an excess of inf if the control values of a piece are infinite or nan.
 
-    Only the first such quantity gets the excess, in the order speed, acceleration, jerk. Nothing is
-    written if all control values are finite.
+    Speed, acceleration and jerk are checked in this order. Only the first of them that overflows
+    gets the excess. Nothing is written if all control values are finite.
 
     Args:
         piece: Piece of the joint's curve.
-        excesses: Worst excesses of the joint so far, float64[3, 4], written in place.
+        excesses: Worst excesses of the joint so far, float64[3, 4], written in place. The first
+            index is EXCESS_ROW, VALUE_ROW or TIME_ROW, the second a `Quantity`.
 
     Returns:
         True if an excess of inf was written.
@@ -351,20 +360,23 @@ def _check_piece(
     rate_limits: FloatArray,
     excesses: FloatArray,
 ) -> None:
-    """Check one piece of a joint's curve against all limits and write its excesses in place.
+    """Check one piece of a joint's curve against all limits, and record its excesses.
 
-    The control values are compared first, since they bound the curve. Extrema are computed only if
-    a control value exceeds its limit. An extremum is at a root of the derivative. The roots of the
-    jerk give the extrema of the acceleration. The roots of the acceleration, found between them,
-    give the extrema of the speed. The roots of the speed give the extrema of the position.
+    The control values are compared first, since the curve stays between the least and the greatest
+    of them. Extrema are computed only if a control value exceeds its limit. The acceleration has
+    its extrema at the roots of the jerk, the speed at those of the acceleration, and the position
+    at those of the speed. So the roots are found in this order, each set between the roots before
+    it.
 
     Args:
         piece: Piece of the joint's curve.
-        breaks: Working memory, float64[3, 6], for values u = 0 … 1 within the piece; overwritten.
+        breaks: Working memory for points u = 0 … 1 of the piece, float64[3, 6]; overwritten.
         low: Lower limit of the position in this piece [rad or m].
         high: Upper limit of the position in this piece [rad or m].
         rate_limits: Limits of speed, acceleration and jerk of the joint, float64[3].
-        excesses: Worst excesses of the joint so far, float64[3, 4], written in place.
+        excesses: Worst excesses of the joint so far, float64[3, 4], written in place if the piece
+            has worse ones. The first index is EXCESS_ROW, VALUE_ROW or TIME_ROW, the second a
+            `Quantity`.
     """
     h, position, jerk = piece.duration, piece.position, piece.jerk
     rounding = POSITION_ROUNDING * max(1.0, abs(position[0]), abs(position[5]))
@@ -416,18 +428,19 @@ def _record_excesses_at(
     slack: float,
     worst: FloatArray,
 ) -> None:
-    """Write the excess of a quantity at given points of a piece if it is the worst so far.
+    """Record the excess of a quantity at given points of a piece if it is the worst so far.
 
-    The excess is relative, |value|/limit − 1. A value counts only if it exceeds the limit by more
-    than `slack`.
+    The quantity is speed, acceleration or jerk, and the excess is |value|/limit − 1. A value counts
+    only if it exceeds the limit by more than `slack`.
 
     Args:
         piece: Piece of the joint's curve.
-        control: Control values of the quantity.
+        control: Bernstein control values of the quantity.
         points: Points of the piece to look at, each u = 0 … 1.
         limit: Limit of the magnitude.
-        slack: Excess that is put down to rounding, in the unit of the limit.
-        worst: Worst excess of the quantity so far, float64[3], written in place.
+        slack: Excess that rounding may cause, in the unit of the limit.
+        worst: Worst excess of the quantity so far, float64[3] in the order EXCESS_ROW, VALUE_ROW,
+            TIME_ROW; written in place.
     """
     for u in points:
         reached = abs(_evaluate_bernstein(control, u))
@@ -438,12 +451,12 @@ def _record_excesses_at(
 
 @kernel(borrows=True)
 def _record_excess(worst: FloatArray, excess: float, value: float, time: float) -> None:
-    """Write an excess into `worst` unless a worse one is already there.
+    """Write an excess into `worst` if it is larger than the one there.
 
     Args:
         worst: Worst excess of a quantity so far, float64[3] in the order EXCESS_ROW, VALUE_ROW,
             TIME_ROW; written in place.
-        excess: Excess over the limit: absolute for a position, else relative.
+        excess: New excess over the limit: absolute for a position, else relative to the limit.
         value: Position, or magnitude of the quantity.
         time: Time after the first point of the trajectory [s].
     """
@@ -475,14 +488,14 @@ def _evaluate_bernstein(control: FloatArray, u: float) -> float:
     """Evaluate a polynomial in Bernstein form.
 
     Args:
-        control: Control values, one more than the degree.
-        u: Position within the piece, 0 … 1.
+        control: Control values (Bernstein coefficients), one more than the degree.
+        u: Argument, 0 … 1.
 
     Returns:
         Value of the polynomial at u.
 
     Source:
-        Farin, Section 5.3 (nested multiplication).
+        Farin, Curves and Surfaces for CAGD, Section 5.3 (nested multiplication).
     """
     degree, rest = len(control) - 1, 1.0 - u
     power, choices, total = 1.0, 1.0, control[0] * rest
@@ -495,12 +508,13 @@ def _evaluate_bernstein(control: FloatArray, u: float) -> float:
 
 @kernel(borrows=True)
 def _write_quadratic_extrema(control: FloatArray, points: FloatArray) -> int:
-    """Write the candidates for the extrema of a quadratic: 0, its vertex, and 1.
+    """Write the points at which a quadratic can have its extrema on 0 … 1.
+
+    These are 0, the vertex if it lies between 0 and 1, and 1.
 
     Args:
-        control: Control values of the quadratic, float64[3].
-        points: Result u = 0 … 1 in ascending order, written in place. The vertex is left out if it
-            is not inside.
+        control: Bernstein control values of the quadratic, float64[3].
+        points: Result in ascending order, written in place; it needs 3 places.
 
     Returns:
         Number of values written, 2 or 3.
@@ -516,15 +530,15 @@ def _write_quadratic_extrema(control: FloatArray, points: FloatArray) -> int:
 
 @kernel(borrows=True)
 def _write_quadratic_roots(control: FloatArray, points: FloatArray) -> int:
-    """Write 0, the roots of a quadratic between 0 and 1, and 1.
+    """Write the roots of a quadratic between 0 and 1, with a 0 before them and a 1 behind them.
 
-    With t = u/(1 − u) the roots follow from c₂t² + 2c₁t + c₀ = 0:
+    With t = u/(1 − u) the roots u follow from c₂t² + 2c₁t + c₀ = 0:
 
-        t = p/c₂ and c₀/p,   p = −c₁ ∓ √(c₁² − c₀c₂)
+        t = p/c₂ and c₀/p,   p = −c₁ − sign(c₁) √(c₁² − c₀c₂)
 
     Args:
-        control: Control values c₀, c₁, c₂ of the quadratic, float64[3].
-        points: Result u = 0 … 1 in ascending order, written in place.
+        control: Bernstein control values c₀, c₁, c₂ of the quadratic, float64[3].
+        points: Result u in ascending order, written in place; it needs 4 places.
 
     Returns:
         Number of values written, 2 to 4.
@@ -551,13 +565,14 @@ def _write_quadratic_roots(control: FloatArray, points: FloatArray) -> int:
 
 @kernel(borrows=True)
 def _write_polynomial_roots(control: FloatArray, breaks: FloatArray, points: FloatArray) -> int:
-    """Write 0, the roots of a polynomial between 0 and 1, and 1.
+    """Write the roots of a polynomial between 0 and 1, with a 0 before them and a 1 behind them.
 
     Args:
-        control: Control values of the polynomial.
-        breaks: 0, the roots of its derivative in ascending order, and 1. The polynomial is monotone
-            between two neighbours.
-        points: Result u = 0 … 1 in ascending order, written in place.
+        control: Bernstein control values of the polynomial.
+        breaks: 0, the roots of the polynomial's derivative in ascending order, and 1. Between two
+            neighbours the polynomial is monotone, so it has at most one root there.
+        points: Result in ascending order, written in place; it needs one place more than `breaks`
+            has.
 
     Returns:
         Number of values written, at least 2.
@@ -581,15 +596,16 @@ def _find_root(
 ) -> float:
     """Find the root of a polynomial in an interval in which it is monotone.
 
-    The method is false position with the Illinois modification, at most ROOT_STEPS iterations.
+    The method is false position with the Illinois modification. It stops after ROOT_STEPS
+    iterations, or if the value is nearly 0.
 
     Args:
-        control: Control values of the polynomial.
+        control: Bernstein control values of the polynomial.
         left: Left end of the interval, u = 0 … 1.
         right: Right end of the interval, u = 0 … 1.
         at_left: Value of the polynomial at the left end.
         at_right: Value at the right end, of the other sign.
-        residue: Magnitude below which a value counts as 0.
+        residue: Magnitude up to which a value counts as 0.
 
     Returns:
         Root u between `left` and `right`.

@@ -14,8 +14,8 @@ PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 def find_config_file(name: str) -> Path:
     """Return the path of a file in the suite's config folder.
 
-    The folder is `config` in this package, which a checkout and a pip installation have. An
-    installed ROS package has it in its share folder.
+    It is first looked for in `config` beside this package's modules, which a checkout and a pip
+    installation have. Then it is looked for in the share folder of the installed ROS package.
 
     Args:
         name: Path relative to the config folder, such as `mhsb_arm3.yaml` or `views/mhsb.rviz`.
@@ -41,19 +41,19 @@ def find_config_file(name: str) -> Path:
 
 
 def find_machine_config_file(name: str, machine: str | None) -> Path:
-    """Return the variant of a config file for a machine, or the general file if it has none.
+    """Return the config file for a machine: its own variant, or the general file if it has none.
 
     The variant of NAME.yaml for machine M is NAME_M.yaml, such as `demo_goals_excavator.yaml`.
 
     Args:
         name: Name of the general file, such as `demo_goals.yaml`.
-        machine: Name of the machine; None if none is given, which finds the general file.
+        machine: Name of the machine; None returns the general file.
 
     Returns:
-        Path of an existing file.
+        Path of an existing file in the suite's config folder.
 
     Raises:
-        MhsbError: The general file is needed and does not exist.
+        MhsbError: Neither the variant nor the general file exists.
     """
     own = Path(name)
     with suppress(MhsbError):

@@ -28,16 +28,17 @@ def check_machine_rules(config: MachineConfig) -> list[str]:
 
 
 def check_actuator_speed_limits(config: MachineConfig) -> list[str]:
-    """Check that no actuator's own speed limit exceeds the machine's V_max.
+    """Check that no actuator's own speed limit exceeds the common limit V_max.
 
-    This check is not part of `check_machine_rules`. A file must obey it, but a run may later be
-    asked for with a lower V_max, which then applies to all actuators.
+    A machine file must keep this rule. It is not part of `check_machine_rules`, since that also
+    checks changed machines: a lower V_max that a caller asks for simply applies to all actuators.
 
     Args:
         config: Content of a machine file.
 
     Returns:
-        One string `path: sentence` for each actuator whose own limit is too large.
+        One string `path: sentence` for each actuator whose own limit is too large; empty if there
+        is none.
     """
     most = config.motion.max_piston_speed
     return [
@@ -51,8 +52,8 @@ def check_actuator_speed_limits(config: MachineConfig) -> list[str]:
 def _workspace_problems(config: MachineConfig) -> list[str]:
     """Check that the workspace's radii are in order and within the arm's reach.
 
-    The least radius must be below the greatest. The reach is the sum of all link lengths and of the
-    telescopes' largest extensions.
+    The least radius must be below the greatest. The greatest must not exceed the reach: the sum of
+    all link lengths and of the telescopes' largest extensions.
 
     Args:
         config: Content of a machine file.
@@ -96,10 +97,11 @@ def _version_problems(config: MachineConfig) -> list[str]:
 
 
 def _check_kept_joints(config: MachineConfig) -> list[str]:
-    """Check that the joints kept by the `fixed` planner leave two joints to reach a tip position.
+    """Check that `motion.kept_joints` leaves two joints to reach a tip position.
 
-    `motion.kept_joints` must name different joints in the arm's plane, so a slew (joint 1) is not
-    allowed. An empty list is allowed.
+    The list has the joints that the `fixed` planner does not move, counted from 1. They must be
+    different ones of the joints in the arm's plane, which a slew (joint 1) is not. Their number
+    must be that of the joints in the plane less two. An empty list is allowed.
 
     Args:
         config: Content of a machine file.
@@ -141,14 +143,15 @@ def _slew_problems(config: MachineConfig) -> list[str]:
 def _zone_problems(config: MachineConfig) -> list[str]:
     """Check that keep-out zones have the form that the machine needs.
 
-    An arm that slews has zones in space: boxes with y limits, cylinders, spheres. An arm that moves
-    in a plane has boxes without y limits and circles.
+    An arm that slews has zones in space: boxes with y limits, upright cylinders and spheres. Any
+    other arm moves in a plane and has boxes without y limits and circles.
 
     Args:
         config: Content of a machine file.
 
     Returns:
-        One string `path: sentence` for each box or kind of zone that does not fit.
+        One string `path: sentence` for each box, and for each other kind of zone, that does not
+        fit.
     """
     keep_out, slews = config.keep_out, config.joints[0].kind == "slew"
     where = "joint 1 slews, and zones are in space" if slews else "this arm moves in x and z alone"
@@ -206,10 +209,10 @@ def _telescope_problems(config: MachineConfig) -> list[str]:
 
 
 def _hydraulic_problems(config: MachineConfig) -> list[str]:
-    """Check tank pressure, modules of each mode, and leakage against the main pump.
+    """Check tank pressure, booster modules of each mode, and leakage.
 
-    The tank pressure must be below the supply pressure. Mode N must use no module, DB and SB at
-    least one. The leakage of all valves must be below the main pump's largest flow.
+    The tank pressure must be below the supply pressure. Mode N must use no booster module, DB and
+    SB at least one. The leakage of all valves together must be below the main pump's largest flow.
 
     Args:
         config: Content of a machine file.
@@ -247,7 +250,7 @@ def _check_start_posture(config: MachineConfig) -> list[str]:
 
     Returns:
         One string `path: sentence` for each position beyond its limits. If the number of positions
-        is wrong, one string for that alone.
+        is wrong, only one string that says so.
     """
     start = config.simulation.start_posture
     if len(start) != len(config.joints):
@@ -266,7 +269,8 @@ def _check_start_posture(config: MachineConfig) -> list[str]:
 def _keep_out_problems(config: MachineConfig) -> list[str]:
     """Check the number of link radii, and that zones and the base have a positive extent.
 
-    There must be no link radius or one for each link in the arm's plane.
+    The file must have no link radius, or one for each link in the arm's plane. In each box,
+    cylinder and the base, each lower limit must be below its upper limit.
 
     Args:
         config: Content of a machine file.

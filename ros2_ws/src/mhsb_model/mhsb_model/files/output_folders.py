@@ -8,7 +8,7 @@ from mhsb_model.errors import MhsbError
 
 
 def make_output_folder(path: Path, purpose: str) -> Path:
-    """Create a folder and its parents unless it exists.
+    """Create a folder for results and all its parents; an existing folder is left as it is.
 
     Args:
         path: Folder.
@@ -20,6 +20,7 @@ def make_output_folder(path: Path, purpose: str) -> Path:
 
     Raises:
         MhsbError: A part of the path exists and is not a folder.
+        OSError: The folder cannot be created for another reason.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -29,7 +30,7 @@ def make_output_folder(path: Path, purpose: str) -> Path:
 
 
 def make_parent_folder(file: Path, purpose: str) -> Path:
-    """Create the parent folder of a file that is going to be written.
+    """Create the parent folder of a file that is going to be written; do not create the file.
 
     Args:
         file: File, which may exist.
@@ -40,7 +41,7 @@ def make_parent_folder(file: Path, purpose: str) -> Path:
         `file`.
 
     Raises:
-        MhsbError: The path is a folder, or its parent cannot be one.
+        MhsbError: The path is a folder, or a part of its parent exists and is not a folder.
     """
     if file.is_dir():
         raise MhsbError(f"{file} is a folder; name a file for {purpose}")

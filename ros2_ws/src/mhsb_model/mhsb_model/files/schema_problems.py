@@ -54,8 +54,8 @@ def describe_validation_errors(
 ) -> list[str]:
     """Describe each problem of a pydantic validation error in one sentence.
 
-    A list that is too short is not reported if a value in it is reported: pydantic does not count
-    values that it refuses.
+    If values of a list are wrong, pydantic also counts the list as too short. This second problem
+    is left out.
 
     Args:
         error: Error that pydantic has raised.
@@ -64,7 +64,7 @@ def describe_validation_errors(
 
     Returns:
         One string `path: sentence` for each problem, with the dotted path in the file. The sentence
-        names the limit, the wrong value and the remedy.
+        says what is wrong, names the limit and the value if there are any, and what to do.
     """
     items = error.errors()
     broken = {item["loc"][:length] for item in items for length in range(len(item["loc"]))}
@@ -79,8 +79,8 @@ def describe_validation_errors(
 def _format_path(loc: Sequence[str | int], model: type[BaseModel], path_prefix: str) -> str:
     """Return the dotted path of a problem in the file.
 
-    Pydantic inserts the kind of a section (such as `revolute`) into its path if several kinds are
-    possible. These parts are left out.
+    If a section can be of several kinds, pydantic inserts the kind (such as `revolute`) into its
+    location. These parts are left out.
 
     Args:
         loc: Location of the problem as pydantic gives it: keys, list indices and kinds.
@@ -88,7 +88,7 @@ def _format_path(loc: Sequence[str | int], model: type[BaseModel], path_prefix: 
         path_prefix: Path of the content if it is part of a larger file, else empty.
 
     Returns:
-        Dotted path; "the file" if it is empty.
+        Path such as `joints.0.link.mass`; "the file" if it is empty.
     """
     named, at = [path_prefix] if path_prefix else [], [model]
     for part in loc:
@@ -102,16 +102,18 @@ def _format_path(loc: Sequence[str | int], model: type[BaseModel], path_prefix: 
 
 
 def _describe_problem(item: Any, model: type[BaseModel]) -> str:
-    """Describe one problem of a validation error: the rule, the value, and the remedy.
+    """Describe one problem of a validation error: the rule, the value, and what to do.
 
-    Error types without an own sentence get pydantic's message in lower case.
+    If the error type has no sentence here, pydantic's message is returned in lower case, followed
+    by the value.
 
     Args:
         item: One entry of pydantic's `ValidationError.errors()`.
         model: Model against which the content was validated.
 
     Returns:
-        Sentence without subject, since the path goes before it.
+        Sentence without subject, such as "must be above 0 kg (is -1); raise it". The caller puts
+        the path before it.
     """
     kind, context = str(item["type"]), item.get("ctx", {})
     section, field = _locate_field(model, item["loc"])
@@ -145,15 +147,15 @@ def _describe_problem(item: Any, model: type[BaseModel]) -> str:
 
 
 def _describe_passed_limit(item: Any, unit: str, value: str) -> str:
-    """Describe a number beyond its limit, and ask whether it was meant in another unit.
+    """Describe a number beyond its limit, and suggest another unit if the number would fit in it.
 
     Args:
         item: One entry of pydantic's `ValidationError.errors()`, of a type in LIMIT_ERRORS.
         unit: Unit of the number, with a space before it; empty if it has none.
-        value: The number in words.
+        value: Text that shows the number, such as ` (is 17.0)`.
 
     Returns:
-        Sentence without subject.
+        Sentence without subject, such as "must be at most 3 rad (is 17.0); lower it".
     """
     key, words, what_to_do = LIMIT_ERRORS[item["type"]]
     limit = item["ctx"][key]
@@ -163,14 +165,14 @@ def _describe_passed_limit(item: Any, unit: str, value: str) -> str:
 
 
 def _describe_wrong_length(item: Any, value: str) -> str:
-    """Describe a list with too many or too few values, or a text with too many characters.
+    """Describe a list or a text of a wrong length.
 
     Args:
         item: One entry of pydantic's `ValidationError.errors()`, of a type in LENGTH_ERRORS.
-        value: The text in words.
+        value: Formatted wrong text, such as ` (is 'abc')`; not used for a list.
 
     Returns:
-        Sentence without subject.
+        Sentence without subject, such as "has 2 values, must have at least 3".
     """
     key, words = LENGTH_ERRORS[item["type"]]
     limit = f"{words} {item['ctx'][key]}"
@@ -180,16 +182,16 @@ def _describe_wrong_length(item: Any, value: str) -> str:
 
 
 def _describe_unknown_key(key: str, keys: Sequence[str]) -> str:
-    """Describe a key that the schema does not have, and suggest the valid ones.
+    """Describe a key that the schema does not have, and suggest valid ones.
 
-    The key's value is not repeated, since it may be anything.
+    The key itself is in the path before the sentence.
 
     Args:
         key: Unknown key.
         keys: Valid keys of the section.
 
     Returns:
-        Sentence that suggests the most similar valid key, or lists all of them.
+        Sentence that suggests the most similar valid key, or lists all of them if none is similar.
     """
     close = difflib.get_close_matches(key, keys, 1)
     if close:
@@ -204,8 +206,8 @@ def _format_value(value: Any) -> str:
         value: Value of any type.
 
     Returns:
-        Text with a leading space. The value is cut after LONGEST_VALUE characters, without a mark.
-        Empty if the value is None, a list, a mapping or anything else than text, number or bool.
+        Text with a leading space, cut after LONGEST_VALUE characters of the value. Empty if the
+        value is neither text nor a number nor a bool.
     """
     if isinstance(value, str):
         return f" (is {value[:LONGEST_VALUE]!r})"
@@ -215,14 +217,14 @@ def _format_value(value: Any) -> str:
 
 
 def _find_unit(field: FieldInfo | None) -> str:
-    """Return the unit at the end of a field's description, such as ` kg` from "mass [kg]".
+    """Return the unit of a field from its description, such as ` kg` from "mass [kg]".
 
     Args:
         field: Field of a model, or None.
 
     Returns:
-        The last expression in square brackets, with a leading space. Empty if there is none or if
-        it is a dash.
+        The last expression in square brackets, with a leading space. Empty if there is none, or if
+        it is a dash for a number without unit.
     """
     units = re.findall(r"\[([^\[\]]+)\]", (field.description or "") if field else "")
     return f" {units[-1]}" if units and units[-1] not in "–-" else ""
@@ -231,7 +233,7 @@ def _find_unit(field: FieldInfo | None) -> str:
 def _locate_field(
     model: type[BaseModel], loc: Sequence[str | int]
 ) -> tuple[list[type[BaseModel]], FieldInfo | None]:
-    """Find the models and the field to which a location in the content belongs.
+    """Find the field to which a location in the content belongs, and the models of its value.
 
     Args:
         model: Model against which the content was validated.
@@ -239,8 +241,8 @@ def _locate_field(
             `revolute`.
 
     Returns:
-        Models of which the value at this location can be an instance (no models for a plain value),
-        and the field that contains the value. For an unknown key: the models of the section around
+        Models of which the value at this location can be an instance, and the field that declares
+        the value. A plain value has no models. For an unknown key: the models of the section around
         it, and None. For an empty location: `model` alone, and None.
     """
     at, field = [model], None
@@ -262,12 +264,12 @@ def _find_models_below(models: Sequence[type[BaseModel]], part: str | int) -> li
     """Return the models of which the value of a key can be an instance.
 
     Args:
-        models: Models of which the section with the key can be an instance.
-        part: Key, or a list index. For an index, `models` itself is returned.
+        models: Models of which the section that contains the key can be an instance.
+        part: Key, or a list index. For an index, `models` is returned.
 
     Returns:
-        Models; empty for plain values and unknown keys. A key that is not declared belongs to the
-        sections that an open model allows.
+        Models; none for a plain value. If no model declares the key, these are the models that an
+        open model allows for further keys, or none.
     """
     if isinstance(part, int):
         return list(models)
@@ -298,13 +300,13 @@ def _select_models_of_kind(
 
 
 def _collect_models(annotation: Any) -> list[type[BaseModel]]:
-    """Collect all models in a type annotation such as `tuple[A | B, ...] | None`.
+    """Collect all pydantic models in a type annotation such as `tuple[A | B, ...] | None`.
 
     Args:
         annotation: Type annotation of a field.
 
     Returns:
-        Models in the order of the annotation, here A and B. Models in their fields are not
+        Models in the order of the annotation, here A and B. Models of their fields are not
         included.
     """
     if inspect.isclass(annotation) and issubclass(annotation, BaseModel):

@@ -25,14 +25,14 @@ class ValuePathError(MhsbError):
 
 
 def get_value(content: Any, path: str) -> Any:
-    """Return the value at a dotted path.
+    """Return the value at a dotted path in nested content.
 
     Args:
         content: Nested dicts and lists.
         path: Keys and list indices, such as `joints.0.link.mass`.
 
     Returns:
-        The value, which may be a section or a list.
+        The value itself, not a copy; it may be a dict or a list.
 
     Raises:
         ValuePathError: A part of the path does not exist.
@@ -43,10 +43,10 @@ def get_value(content: Any, path: str) -> Any:
 
 
 def set_value(content: Any, path: str, value: Any) -> None:
-    """Set the value at a dotted path in place.
+    """Set the value at a dotted path in nested content.
 
-    A section on the way whose value is None is created as an empty dict. The last key may be new in
-    its section: the schema checks it later.
+    If a section on the way is None, it becomes an empty dict first. The last key may be new in its
+    dict; whether it is allowed is not checked here.
 
     Args:
         content: Nested dicts and lists, changed in place.

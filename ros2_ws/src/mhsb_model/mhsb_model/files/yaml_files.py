@@ -67,9 +67,9 @@ class YamlTextError(MhsbError):
 def read_value(text: str) -> Any:
     """Read a short YAML text from a user, such as `[1, 2]`, as a plain value.
 
-    Lists and mappings contain plain values alone; this is checked before the text is loaded. The
-    length of the text is not limited here; the caller does that. Numbers of more than
-    LONGEST_NUMBER characters are refused.
+    A list or a mapping may contain single values only, no lists or mappings. This is checked before
+    the text is loaded. Numbers of more than LONGEST_NUMBER characters are refused. The caller must
+    limit the length of the text.
 
     Args:
         text: The YAML text.
@@ -78,7 +78,7 @@ def read_value(text: str) -> Any:
         The value as None, bool, number, text, date, list or dict.
 
     Raises:
-        YamlTextError: The text is not YAML, has a number that is too long, or is nested.
+        YamlTextError: The text is not YAML, has a number that is too long, or is nested too deeply.
     """
     try:
         depth = 0
@@ -96,11 +96,11 @@ def read_value(text: str) -> Any:
 
 
 def read_yaml(path: Path) -> Any:
-    """Read a YAML file as plain values.
+    """Read a YAML file as plain values, or refuse it without repeating its content.
 
-    The file is refused if it has more than LARGEST_FILE bytes, more than MOST_VALUES values with
-    its anchors written out, or a key twice in a mapping. Error messages do not repeat its content,
-    except plain names of such keys.
+    The file is refused if it has more than LARGEST_FILE bytes, or a key twice in a mapping. It is
+    also refused if it has more than MOST_VALUES values, with anchors counted at each use. Error
+    messages contain no content of the file, except repeated keys that are plain names.
 
     Args:
         path: File in UTF-8.
@@ -152,7 +152,7 @@ def _check_length(node: yaml.Node) -> None:
     """Refuse a number of more than LONGEST_NUMBER characters.
 
     Args:
-        node: YAML node of the number; other nodes are accepted.
+        node: YAML node of the number. Nodes of lists and mappings are always accepted.
 
     Raises:
         ConstructorError: The number is too long.
@@ -163,7 +163,7 @@ def _check_length(node: yaml.Node) -> None:
 
 
 def _read_text(path: Path) -> str:
-    """Read a regular file of at most LARGEST_FILE bytes as text.
+    """Read a regular file of at most LARGEST_FILE bytes as text, without ever blocking.
 
     Args:
         path: File in UTF-8.
@@ -172,8 +172,8 @@ def _read_text(path: Path) -> str:
         Its text.
 
     Raises:
-        YamlFileError: The path is a folder, a pipe or a device, or the file is too large, not UTF-8
-            or cannot be opened.
+        YamlFileError: The path is a folder, a pipe or a device. Or the file is too large, not
+            UTF-8, or cannot be opened.
     """
     try:
         if path.is_dir():
@@ -199,12 +199,12 @@ def _open_without_blocking(path: str, flags: int) -> int:
 
 
 def _count_values(node: yaml.Node, counted: dict[int, int]) -> int:
-    """Count the values in a YAML node, with the content of an anchor counted at each use.
+    """Count the values in a YAML node; the content of an anchor counts at each use.
 
-    Lists and mappings count as one value themselves, and so do keys.
+    Each scalar, list, mapping and key counts as one value.
 
     Args:
-        node: Root of a YAML document.
+        node: YAML node, such as the root of a document.
         counted: Sizes already counted, by the node's `id`; filled in place.
 
     Returns:
@@ -222,14 +222,15 @@ def _count_values(node: yaml.Node, counted: dict[int, int]) -> int:
 def _find_duplicate_keys(node: yaml.Node) -> list[str]:
     """Find keys that occur more than once in a mapping, at any depth of a document.
 
-    YAML would keep only the last value of such a key.
+    YAML would silently keep only the last value of such a key.
 
     Args:
         node: Root of a YAML document.
 
     Returns:
-        One string `path: sentence` for each repetition, with the line numbers of its first and this
-        occurrence. Keys that are not plain names are shown as `…`. Empty if there is none.
+        One string `path: sentence` for each repetition of a key. The sentence has the line numbers
+        of the first occurrence and of the repetition. Keys that are not plain names are shown as
+        `…`. Empty if no key is repeated.
     """
     found, seen = [], set()
     waiting: list[tuple[str, yaml.Node]] = [("", node)]
@@ -257,14 +258,16 @@ def _is_mapping(node: yaml.Node) -> bool:
 
 
 def _describe_yaml_error(error: Exception) -> str:
-    """Describe a PyYAML error by its position and message, without words quoted from the file.
+    """Describe a PyYAML error by its position and message, without words from the file.
+
+    Parts of the message that quote the file are replaced by `…`.
 
     Args:
         error: Error that PyYAML has raised.
 
     Returns:
-        Text such as `line 3, column 5: mapping values are not allowed here`; without
-        position if the error has none.
+        Text such as `line 3, column 5: mapping values are not allowed here`. Without position if
+        the error has none.
     """
     mark = getattr(error, "problem_mark", None)
     problem = str(getattr(error, "problem", None) or "something cannot be read")

@@ -40,23 +40,24 @@ def solve_last_three_joints(
 ) -> bool:
     """Solve the last three joints for a tip position and an end-link angle, without joint limits.
 
-    With the wrist w = tip − L₃(cos ψ, sin ψ):
+        w = (x, z) − L₃ (cos ψ, sin ψ)
+        c = (|w|² − L₁² − L₂²)/(2 L₁ L₂),   q₂ = ±acos c
 
-        c = (wx² + wz² − L₁² − L₂²)/(2 L₁ L₂),   q₂ = ±acos c
-
-    Each angle is shifted by whole turns to be nearest to the middle of its joint's range.
+    w is the wrist, the beginning of the last link. L₁, L₂, L₃ are the lengths of the last three
+    links, and q₂ is the angle of the second of their joints. Whole turns are added to each angle,
+    so that it is within half a turn of the middle of its joint's range.
 
     Args:
-        m: Machine with n ≥ 3 joints, of which the last three are revolute.
-        x: Tip position ahead of the third-last joint, in the frame of the link before it [m].
+        m: Machine in its plane with n ≥ 3 joints, of which the last three are revolute.
+        x: Tip position relative to the third-last joint, along the link before that joint [m].
         z: Tip position across that link [m].
-        psi: End-link angle ψ in the same frame [rad].
+        psi: End-link angle ψ, from the direction of that link [rad].
         elbow: Elbow branch, the sign of q₂: −1 or 1.
         q: Joint angles, float64[n], [rad]. The last three are written in place if there is a
             solution.
 
     Returns:
-        False if the wrist is out of reach.
+        True if there is a solution, False if the wrist is out of reach.
     """
     k = len(q) - 3
     l1, l2, l3 = m.link_length[k], m.link_length[k + 1], m.link_length[k + 2]

@@ -33,18 +33,19 @@ from mhsb_model.types import FloatArray, IntArray, frozen
 
 
 def find_telescope_postures(m: MachineArrays, x: float, z: float, psi: FloatArray) -> FloatArray:
-    """Find postures within limits with the tip at a point, for given end-link angles.
+    """Find postures within limits for a tip position and given end-link angles, with telescopes.
 
-    The extension of each telescope takes INNER_SAMPLES even values, limits included, in all
-    combinations. With two revolute joints, the last telescope is not sampled but computed. With
-    more than three revolute joints, the angles of all but the last three are sampled, too
-    (`tip_postures.find_postures`). The result is exhaustive only if nothing is sampled.
+    Each telescope's extension takes INNER_SAMPLES even values from limit to limit, in all
+    combinations. There are two special cases. If only two joints are revolute, the last telescope
+    is not sampled: its extension follows from the tip position. If more than three joints are
+    revolute, the angles of all but the last three are sampled, too. So the result is complete only
+    if nothing is sampled: with two revolute joints and one telescope.
 
     Args:
-        m: Machine in its plane, with at least one telescope.
+        m: Machine in its plane (without a slew), with at least one telescope.
         x: Tip position forward [m].
         z: Tip position up [m].
-        psi: End-link angles ψ to look at, float64[k], [rad].
+        psi: End-link angles ψ to look at (sums of all revolute joint angles), float64[k], [rad].
 
     Returns:
         Postures in a new array, float64[found, n], [rad or m]; not aligned with `psi`.
@@ -80,23 +81,23 @@ def _find_postures_closed_by_telescope(
     j: int,
     closing_telescope: int,
 ) -> FloatArray:
-    """Find postures of a chain with two revolute joints, closing it with a telescope for each ψ.
+    """Find postures of a chain with two revolute joints, in which a telescope closes the chain.
 
-    The revolute joints have the indices 0 and j. If the closing telescope is beyond both of them,
-    each ψ has up to two solutions, otherwise up to one. Solutions beyond the joint limits are
-    dropped.
+    For each end-link angle ψ the extension of this telescope follows from the tip position. There
+    are up to two solutions if the telescope is beyond both revolute joints, otherwise up to one.
+    Solutions beyond the joint limits are dropped. The first revolute joint has the index 0.
 
     Args:
-        m: Machine in its plane.
+        m: Machine in its plane (without a slew).
         x: Tip position forward [m].
         z: Tip position up [m].
         psi: End-link angles ψ to look at, float64[k], [rad].
-        start: Extensions of all other telescopes, 0 for the other joints, float64[n], [m].
+        start: Extensions of all other telescopes, 0 for all other joints, float64[n], [m].
         j: Index of the second revolute joint.
         closing_telescope: Index of the telescope that closes the chain.
 
     Returns:
-        Postures within limits, float64[found, n], [rad or m].
+        Postures within limits, float64[found, n], [rad or m], in the order of `psi`.
     """
     before = beyond = 0.0
     for k in range(len(start)):
@@ -129,14 +130,14 @@ def _find_postures_closed_by_telescope(
 
 
 def hold_extensions(m: MachineArrays, extension: FloatArray) -> MachineArrays:
-    """Return the shorter chain of revolute joints that is left if all telescopes are held.
+    """Return the chain of revolute joints that is left if all telescopes are held.
 
-    Each telescope becomes a part of the link before it. Inverse kinematics needs the fields
-    `turns`, `slides`, `link_length`, `joint_min` and `joint_max`. Only these belong to the shorter
-    chain. All other fields keep the shape of the whole chain.
+    Each telescope becomes a part of the link before it. The fields `turns`, `slides`,
+    `link_length`, `joint_min` and `joint_max`, which inverse kinematics reads, are those of the
+    shorter chain. All other fields are left as they are, for the whole chain.
 
     Args:
-        m: Machine in its plane.
+        m: Machine in its plane (without a slew).
         extension: Extension of each telescope in joint order, float64[telescopes], [m].
 
     Returns:
@@ -159,10 +160,11 @@ def sample_extensions(m: MachineArrays, held: IntArray, samples: int) -> FloatAr
     Args:
         m: Machine with the joint limits.
         held: Indices of the telescopes, int64[telescopes].
-        samples: Number of extensions of each telescope, limits included.
+        samples: Number of extensions of each telescope, from limit to limit.
 
     Returns:
-        float64[samples ** telescopes, telescopes], [m]; one empty row if there is no telescope.
+        One combination per row, float64[samples ** telescopes, telescopes], [m]. If `held` is
+        empty, one row without columns.
     """
     ends = zip(m.joint_min[held], m.joint_max[held], strict=True)
     grids = np.meshgrid(*(np.linspace(*each, samples) for each in ends), indexing="ij")

@@ -50,22 +50,18 @@ def transform_tip_to_outer_frame(
 ) -> tuple[float, float, float]:
     """Transform the tip position into the frame of the link before the last three joints.
 
-    The inner links have the directions θᵢ = q₁ + … + qᵢ and end at p:
-
-        p = Σ Lᵢ(cos θᵢ, sin θᵢ),   i = 1 … n − 3
-
-    The result is the tip less p, turned back by the direction of the last inner link.
+    This frame has its origin at the third-last joint and its first axis along the link before it.
 
     Args:
         link_length: Length of each link, float64[n], [m].
-        x: Tip position forward [m].
+        x: Tip position forward in the arm's plane [m].
         z: Tip position up [m].
-        q: Posture of a chain of revolute joints, float64[n]; only the first n − 3 angles are
-            read [rad].
+        q: Posture of a chain of revolute joints, float64[n], [rad]. Only the first n − 3 angles are
+            read.
 
     Returns:
-        Tip position relative to the end of the last inner link, along and across this link [m], and
-        the direction of this link [rad]. With three joints: x, z and 0.
+        Tip position along the frame's first and second axis [m], and the angle of its first axis
+        from the x axis [rad]. With three joints: x, z and 0.
     """
     heading = 0.0
     inner = len(q) - 3
@@ -85,15 +81,17 @@ def solve_posture(
 ) -> bool:
     """Compute the posture for a tip position and given free variables, and check its limits.
 
+    A tip position fixes two of n joints. The free variables give the others.
+
     Args:
-        m: Machine in its plane, with n joints.
+        m: Machine in its plane (without a slew), with n joints.
         x: Tip position forward [m].
         z: Tip position up [m].
         free: Free variables, float64[n - 2], [rad or m]. Without telescopes: the first n − 3 joint
-            angles and the end-link angle ψ. With telescopes: the positions, in joint order, of all
-            joints but the last two revolute ones, which close the chain.
-        elbow: Branch. Without telescopes: the sign of the second-last joint's angle, −1 or 1. With
-            telescopes: `side` of `close_chain`.
+            angles, then the end-link angle ψ (the sum of all angles). With telescopes: the
+            positions, in joint order, of all joints except the last two of the revolute ones.
+        elbow: Branch of the solution, −1 or 1. Without telescopes: the sign of the second-last
+            joint's angle. With telescopes: see `side` of `close_chain`.
         q: Posture, float64[n], written in place [rad or m]; partly overwritten if there is none.
 
     Returns:
@@ -114,12 +112,13 @@ def solve_posture(
 def write_inner_angles(m: MachineArrays, combination: int, samples: int, q: FloatArray) -> None:
     """Write one sample of the inner joints' angles into a posture.
 
-    The samples of each of the first n − 3 joints are evenly spaced from limit to limit.
-    `combination` counts their combinations; the first joint changes fastest.
+    The inner joints are all but the last three. Each has `samples` evenly spaced angles from limit
+    to limit, and all combinations of them are numbered. From one number to the next the first
+    joint's angle changes.
 
     Args:
         m: Machine with the joint limits.
-        combination: Index of the combination, 0 … samples^(n − 3) − 1.
+        combination: Number of the combination, 0 … samples^(n − 3) − 1.
         samples: Number of angles of each inner joint, at least 2.
         q: Posture, float64[n]; the first n − 3 angles are written in place [rad].
     """
@@ -131,16 +130,16 @@ def write_inner_angles(m: MachineArrays, combination: int, samples: int, q: Floa
 
 @kernel
 def find_postures(m: MachineArrays, x: float, z: float, psi: FloatArray) -> FloatArray:
-    """Find postures within limits with the tip at a point, for given end-link angles.
+    """Find postures within limits for a tip position and given end-link angles.
 
-    The result is exhaustive for three joints. With more, each inner joint has INNER_SAMPLES evenly
-    spaced angles.
+    With three joints the result is complete. With more, the angles of all but the last three joints
+    are sampled: each takes INNER_SAMPLES evenly spaced values, in all combinations.
 
     Args:
-        m: Machine in its plane, with n revolute joints.
+        m: Machine in its plane (without a slew), with n revolute joints.
         x: Tip position forward [m].
         z: Tip position up [m].
-        psi: End-link angles ψ to look at, float64[k], [rad].
+        psi: End-link angles ψ to look at (sums of all joint angles), float64[k], [rad].
 
     Returns:
         Postures in the order of `psi`, float64[found, n], [rad]; each ψ can have none or several.
@@ -169,18 +168,18 @@ def _combine_links(
 ) -> tuple[float, float, float]:
     """Compute the straight line from the beginning of a link to the end of a later link.
 
-    All joints between both links are held at q. Directions are relative to link `first`, so the
+    All joints after joint `first` are held at q. Directions are relative to link `first`, so the
     angle of joint `first` has no influence.
 
     Args:
-        m: Machine in its plane.
+        m: Machine in its plane (without a slew).
         q: Posture, float64[n], [rad or m].
         first: Index of the first link.
         last: Index after the last link.
 
     Returns:
-        Length of the line [m], its direction [rad], and the direction of the last link, which has
-        the index `last` − 1 [rad].
+        Length of the line [m], its direction [rad], and the direction of the last link, whose index
+        is `last` − 1 [rad].
     """
     heading, ahead, across = 0.0, 0.0, 0.0
     for k in range(first, last):
@@ -210,23 +209,23 @@ class OuterTip(NamedTuple):
 def close_chain(
     m: MachineArrays, x: float, z: float, i: int, j: int, side: int, q: FloatArray
 ) -> bool:
-    """Move joints i < j so that the tip is at a point while all other joints are held.
+    """Move joints i < j so that the tip is at a point, while all other joints stay where they are.
 
     There are up to two solutions; `side` selects one. Joint limits are not checked. Whole turns are
-    added to an angle so that it is as near as possible to the middle of its joint's range.
+    added to each angle, so that it is within half a turn of the middle of its joint's range.
 
     Test oracle: SciPy's root finder on the forward kinematics.
 
     Args:
-        m: Machine in its plane.
+        m: Machine in its plane (without a slew).
         x: Tip position forward [m].
         z: Tip position up [m].
         i: Index of the first joint that moves.
         j: Index of the second joint that moves, j > i.
-        side: Solution, −1 or 1, by the sign that `find_closure_side` returns. If both joints
-            slide, the only solution has side 1.
-        q: Posture, float64[n], [rad or m]; q[i] and q[j] are written in place and may be
-            overwritten without a solution.
+        side: Solution, −1 or 1. `find_closure_side` returns the one that a given posture has. If
+            both joints slide, there is only the solution 1.
+        q: Posture, float64[n], [rad or m]. q[i] and q[j] are written in place; they may be
+            overwritten even if there is no solution.
 
     Returns:
         True if there is a solution.
@@ -247,23 +246,27 @@ def close_chain(
 def _close_with_revolute_joints(
     m: MachineArrays, tip: OuterTip, i: int, j: int, side: int, q: FloatArray
 ) -> bool:
-    """Close the chain with two revolute joints, see `close_chain`.
+    """Close the chain with two revolute joints, while all other joints stay where they are.
 
-    The links from joint i to j, and from j to the tip, are rigid with lengths D₁ and D₂. With the
-    distance t from joint i to the tip, the angle γ between the two follows from
+    The links from joint i to joint j form a rigid body of the length D₁, those from j to the tip
+    one of the length D₂. t is the distance from joint i to the tip, and γ the angle between both
+    bodies:
 
         cos γ = (t² − D₁² − D₂²)/(2 D₁ D₂),   γ = side · acos(cos γ)
 
+    Whole turns are added to each angle, so that it is within half a turn of the middle of its
+    joint's range.
+
     Args:
-        m: Machine in its plane.
+        m: Machine in its plane (without a slew).
         tip: Tip position seen from joint i.
         i: Index of the first joint that moves.
         j: Index of the second joint that moves.
         side: Solution, −1 or 1: the sign of γ.
-        q: Posture, float64[n]; q[i] and q[j] are written in place if there is a solution [rad].
+        q: Posture, float64[n]. q[i] and q[j] are written in place if there is a solution [rad].
 
     Returns:
-        False if the point is out of reach, or D₁ or D₂ is 0.
+        True if there is a solution. False if the point is out of reach, or D₁ or D₂ is 0.
     """
     x, z, heading = tip
     d1, beta1, turn = _combine_links(m, q, i, j)
@@ -284,29 +287,32 @@ def _close_with_revolute_joints(
 def _close_with_prismatic_joints(
     m: MachineArrays, tip: OuterTip, i: int, j: int, side: int, q: FloatArray
 ) -> bool:
-    """Close the chain with two joints of which one or both slide, see `close_chain`.
+    """Close the chain with two joints of which one or both slide; all other joints stay.
 
-    All vectors are in the base frame. With qᵢ = qⱼ = 0, the vector a leads from joint i to joint j,
-    and b from joint j to the tip. e and f are the directions in which the joints slide. t is
-    the vector from joint i to the point:
+    The vectors are in the base frame. t leads from joint i to the point. With qᵢ = qⱼ = 0, a leads
+    from joint i to joint j, and b from joint j to the tip. e and f are unit vectors along which
+    joints i and j slide:
 
-        j slides, i turns   |a + b + qⱼ f| = |t|, then qᵢ turns that vector to t
-        i slides, j turns   |t − a − qᵢ e| = |b|, then qⱼ turns b
+        j slides, i turns   |a + b + qⱼ f| = |t|, then qᵢ turns a + b + qⱼ f to t
+        i slides, j turns   |t − a − qᵢ e| = |b|, then qⱼ turns b to t − a − qᵢ e
         both slide          qᵢ e + qⱼ f = t − a − b
 
-    A joint that turns gets the angle nearest to the middle of its range.
+    Whole turns are added to an angle, so that it is within half a turn of the middle of its joint's
+    range.
 
     Args:
-        m: Machine in its plane.
+        m: Machine in its plane (without a slew).
         tip: Tip position seen from joint i.
         i: Index of the first joint that moves.
         j: Index of the second joint that moves.
-        side: Solution, −1 or 1; only 1 if both joints slide.
-        q: Posture, float64[n], [rad or m]; q[i] and q[j] are overwritten in place, even without a
-            solution.
+        side: Solution, −1 or 1, the sign of the square root in the quadratic equation; only 1 if
+            both joints slide.
+        q: Posture, float64[n], [rad or m]. q[i] and q[j] are overwritten in place, even if there is
+            no solution.
 
     Returns:
-        False if there is no solution, or if both joints slide along the same line.
+        True if there is a solution. False if there is none, or if both joints slide along parallel
+        lines.
     """
     x, z, heading = tip
     q[i] = q[j] = 0.0
@@ -337,18 +343,17 @@ def _close_with_prismatic_joints(
 def _compute_offset(
     m: MachineArrays, q: FloatArray, first: int, last: int, heading: float
 ) -> tuple[float, float, float]:
-    """Compute the vector from one joint to another, and the direction of the last link in between.
+    """Compute the vector from one joint of the chain to a later one, in the base frame.
 
     Args:
-        m: Machine in its plane.
+        m: Machine in its plane (without a slew).
         q: Posture, float64[n], [rad or m].
         first: Index of the first joint.
-        last: Index of the second joint; n for the tip.
+        last: Index of the later joint; n for the tip.
         heading: Direction of the link before the first joint [rad].
 
     Returns:
-        Offset (x, z) in the base frame [m], and the direction of the link before joint
-        `last` [rad].
+        Vector (x, z) [m], and the direction of the link before joint `last` [rad].
     """
     x, z = 0.0, 0.0
     for k in range(first, last):
@@ -365,7 +370,7 @@ def intersect_line_with_circle(
 ) -> tuple[bool, float]:
     """Intersect a straight line with a circle around the origin.
 
-    The line is p + s e with |e| = 1, and R is the circle's radius:
+    The line is p + s e with |e| = 1, R is the circle's radius, and × the cross product:
 
         s = −p·e ± √(R² − (p × e)²)
 
@@ -374,12 +379,12 @@ def intersect_line_with_circle(
         pz: Point p of the line, second coordinate [m].
         ex: Direction e, first coordinate.
         ez: Direction e, second coordinate.
-        squared_radius: Squared radius of the circle [m²].
-        side: Sign of the root, −1 or 1.
+        squared_radius: R² [m²].
+        side: Sign of the square root, −1 or 1.
 
     Returns:
-        Whether the line meets the circle, and s of the selected intersection [m]. Without an
-        intersection, s belongs to the point of the line that is nearest to the origin.
+        Whether the line meets the circle, and s of the selected intersection [m]. If the line
+        misses the circle, s belongs to the point of the line that is nearest to the origin.
     """
     across = px * ez - pz * ex
     under = squared_radius - across * across
@@ -396,14 +401,14 @@ def has_prismatic_joint(m: MachineArrays) -> bool:
 def find_closing_joints(m: MachineArrays) -> tuple[int, int]:
     """Return the indices of the last two revolute joints, which close a chain with telescopes.
 
-    All joints between these two, and all joints beyond the second one, are prismatic. So the links
-    between them form one straight line, and the links beyond the second one another.
+    Only prismatic joints come between them and after them. So the links between them form one
+    straight line, and the links from the second one on form another.
 
     Args:
-        m: Machine in its plane.
+        m: Machine in its plane (without a slew).
 
     Returns:
-        Indices i < j; −1 for a joint that does not exist.
+        Indices i < j. With one revolute joint, i is −1; with none, both are.
     """
     i = j = -1
     for k in range(len(m.slides)):
@@ -422,16 +427,17 @@ def solve_posture_with_held_joints(
     side: int,
     q: FloatArray,
 ) -> bool:
-    """Compute the posture for a tip position with all joints but two held, and check its limits.
+    """Compute the posture for a tip position in which two joints move and all others are held.
 
     Args:
-        m: Machine in its plane, with n joints.
+        m: Machine in its plane (without a slew), with n joints.
         x: Tip position forward [m].
         z: Tip position up [m].
-        moved: Indices i < j of the joints that move.
+        moved: Indices i < j of the two joints that move.
         held_positions: Positions of all other joints in joint order, float64[n - 2], [rad or m].
-        side: Solution, −1 or 1, see `close_chain`.
-        q: Posture, float64[n], overwritten in place [rad or m].
+        side: Which of up to two solutions, −1 or 1, see `find_closure_side`. If both joints slide,
+            there is only 1.
+        q: Posture, float64[n], overwritten in place, even if there is no solution [rad or m].
 
     Returns:
         True if there is such a posture and it is within the joint limits.
@@ -446,23 +452,24 @@ def solve_posture_with_held_joints(
 
 @kernel(borrows=True)
 def find_closure_side(m: MachineArrays, q: FloatArray, i: int, j: int) -> int:
-    """Return on which side of `close_chain` joints i and j close the chain in a posture.
+    """Return which of the two solutions of `close_chain` a posture is, for given joints.
 
-    The result is 1 in these cases, else −1:
+    `close_chain` moves joints i and j so that the tip is at a point. The result is 1 in these
+    cases, else −1:
 
-    - Both turn: the tip is to the left of the line from joint i to joint j.
+    - Both joints turn: the tip is to the left of the line from joint i to joint j.
     - Only j slides: the tip is ahead of joint i, seen along the direction in which j slides.
     - Only i slides: the tip is behind joint j, seen along the direction in which i slides.
     - Both slide: always.
 
     Args:
-        m: Machine in its plane.
+        m: Machine in its plane (without a slew).
         q: Posture, float64[n], [rad or m].
         i: Index of the first joint.
         j: Index of the second joint, j > i.
 
     Returns:
-        −1 or 1.
+        −1 or 1, the argument `side` of `close_chain`.
     """
     heading, x, z, ahead, up = 0.0, 0.0, 0.0, 0.0, 0.0
     ex = ez = fx = fz = 0.0
@@ -495,19 +502,19 @@ def find_nearest_posture(
 ) -> bool:
     """Find a posture with the tip at a point by moving two joints of a given posture.
 
-    All pairs of joints are tried. All other joints stay at their given positions, limited to their
-    ranges. A solution is judged by the largest change of any of its joints from the given posture,
-    in which a metre counts as a radian. The solution with the smallest value is taken.
+    All pairs of joints are tried. The other joints keep their given positions, or the nearest limit
+    if these are outside the limits. The result is the solution whose largest change of any joint is
+    smallest. In this comparison 1 m counts as 1 rad.
 
     Args:
-        m: Machine in its plane.
+        m: Machine in its plane (without a slew).
         x: Tip position forward [m].
         z: Tip position up [m].
         given: Given posture, which may exceed the limits, float64[n], [rad or m].
         q: Result within the limits, float64[n], written in place if there is one [rad or m].
 
     Returns:
-        False if no pair of joints has a solution within the limits.
+        True if a solution within the limits was found.
     """
     n, least = len(q), math.inf
     trial = np.empty(n)

@@ -12,18 +12,18 @@ from typing import Any
 
 
 def bind_kernel(kernel: Any, *arguments: Any, integer_count: int = 0) -> Callable[..., Any]:
-    """Bind the first arguments of a kernel and compile it for their types.
+    """Compile a kernel for the types of its first arguments, and bind these arguments.
 
-    Arrays are not copied, so later changes of their contents count. The result is compiled for the
-    arguments' present types alone, and its calls skip numba's type dispatch.
+    Calls of the result skip numba's type dispatch. Bound arrays are not copied, so later changes of
+    their contents take effect. Bound scalars are fixed.
 
     Args:
         kernel: Kernel to bind.
-        *arguments: Its first arguments.
+        *arguments: Its first arguments, as many as shall be bound.
         integer_count: Number of its remaining arguments, all of which are integers (int64).
 
     Returns:
-        Function that takes the remaining integer arguments.
+        Function that takes the remaining integer arguments and returns the kernel's result.
     """
     from numba import int64, typeof
 

@@ -64,11 +64,12 @@ _log = logging.getLogger(__name__)
 def set_kernel_cache_folder() -> None:
     """Choose the folder in which numba keeps compiled kernels, and set NUMBA_CACHE_DIR to it.
 
-    It must be called before the first kernel is defined. The folder is the one that
-    NUMBA_CACHE_DIR already names. If that is not set, it is `kernel_cache_folder()`, and old
-    folders beside it are deleted. If the folder cannot be written, kernels are kept in a folder
-    among the temporary files, or not at all. A warning about this is logged once for a process and
-    its children.
+    If NUMBA_CACHE_DIR is already set, its folder is taken. Otherwise it is `kernel_cache_folder()`,
+    and old cache folders beside it are deleted. If the folder cannot be written, a folder among the
+    temporary files takes its place. If that cannot be written either, kernels are not kept. A
+    warning about this is logged once for a process and its children.
+
+    It must be called before the first kernel is defined.
     """
     chosen = os.environ.get(CACHE_VARIABLE)
     folder = Path(chosen) if chosen else kernel_cache_folder()
@@ -106,10 +107,10 @@ def kernel_cache_folder() -> Path:
 
 
 def kernel_sources() -> list[Path]:
-    """List all source files of the suite on which compiled kernels depend.
+    """List all source files of the suite that compiled kernels depend on.
 
-    These contain kernels, constants that files with kernels import, or the decorator. Packages that
-    are not installed are skipped.
+    These are files that contain kernels, files from which such files import constants, and the
+    modules that define how kernels are compiled. Packages that are not installed are skipped.
 
     Returns:
         Paths in the order of their module names.
@@ -135,11 +136,13 @@ def kernel_sources() -> list[Path]:
 def find_constant_modules(source: bytes) -> set[str]:
     """Return the names of the suite's modules from which a source file imports constants.
 
+    A name in capitals counts as a constant.
+
     Args:
         source: Content of a Python file.
 
     Returns:
-        Dotted module names. A name in capitals counts as a constant.
+        Dotted module names, such as `mhsb_model.modes`.
     """
     return {
         module.decode()
@@ -164,16 +167,16 @@ def fingerprint(files: list[Path]) -> str:
 
 
 def find_write_problem(folder: Path) -> str | None:
-    """Return why kernels cannot be written into a folder; create the folder if it is missing.
+    """Check whether compiled kernels can be written into a folder; create it if it is missing.
 
-    As a test, a temporary file is written and removed. Free space must be at least MIN_FREE_SPACE,
-    unless the folder has a marker file `complete-…`: then at least some kernels are already there.
+    As a test, a temporary file of the size of PROBE_BYTES is written and removed. The disk must
+    have MIN_FREE_SPACE, unless the folder has a marker file `complete-…` of an earlier compilation.
 
     Args:
         folder: Cache folder.
 
     Returns:
-        Reason in a few words; None if the folder can be used.
+        Reason why the folder cannot be used, in a few words; None if it can be used.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -189,15 +192,15 @@ def find_write_problem(folder: Path) -> str | None:
 def _create_spare_folder(wanted: Path) -> Path:
     """Create a folder for compiled kernels among the temporary files.
 
-    Processes load and run code from it, so it must belong to the user and be closed to others. If
-    possible it is `mhsb-UID/NAME`, which the next start finds again. Otherwise it is a new folder
-    with a random name.
+    Processes run code from this folder, so it must belong to the user and be closed to others. It
+    is `mhsb-UID/NAME` if that can be used; the next start then finds it again. Otherwise it is a
+    new folder with a random name.
 
     Args:
         wanted: Cache folder that cannot be written. Its last part is NAME.
 
     Returns:
-        The spare folder; `wanted` if no folder can be created.
+        The spare folder; `wanted` itself if no folder can be created.
     """
     name = wanted.name
     try:
@@ -213,10 +216,10 @@ def _create_spare_folder(wanted: Path) -> Path:
 
 
 def _delete_old_folders(current: Path) -> None:
-    """Mark a cache folder as used, and delete old folders beside it.
+    """Mark a cache folder as used now, and delete old folders beside it.
 
-    The newest FOLDER_CAPACITY folders and those used within IN_USE are kept. A deleted folder only
-    costs a compilation.
+    The FOLDER_CAPACITY newest folders are kept, and all that were used within the last IN_USE
+    seconds. Deleting a folder that is still needed costs only a compilation. Errors are ignored.
 
     Args:
         current: Cache folder that this process uses.

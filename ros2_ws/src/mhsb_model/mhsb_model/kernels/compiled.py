@@ -43,10 +43,11 @@ class KernelType(types.Dispatcher):
         self._inner = kernel.inner
 
     def get_call_type(self, context: Any, args: tuple, kws: dict) -> Any:
-        """Resolve a call, and compile the inner version for it if necessary (numba's hook).
+        """Resolve a call by another kernel, and compile the called version if necessary.
 
-        Constants among the arguments are replaced by their types, so that one compilation serves
-        all values.
+        Numba calls this method as a hook. Constant arguments count by their type alone, so that one
+        compilation serves all values. The version is compiled with low optimization, since it is
+        optimized again in its caller.
 
         Args:
             context: Numba's typing context.
@@ -81,12 +82,15 @@ def register_kernel_class(kind: type) -> None:
 def create_dispatcher(
     function: Callable[..., Any], options: Mapping[str, Any], *, is_inner: bool
 ) -> Any:
-    """Create the dispatcher of a function, which compiles it at its first call.
+    """Create the numba dispatcher of a function, which compiles the function at its first call.
+
+    Compiled versions are cached in a folder of their own, if the cache folder can be written. They
+    release the interpreter lock. Divisions by 0 give inf or nan as in NumPy.
 
     Args:
         function: Python function.
-        options: Options of `numba.njit` besides the fixed ones.
-        is_inner: Whether it compiles the versions that other kernels call.
+        options: Further options of `numba.njit`.
+        is_inner: Whether only other kernels call it, so that no wrapper for Python is compiled.
 
     Returns:
         `SharedDispatcher`; the function itself if NUMBA_DISABLE_JIT is set.
@@ -106,13 +110,13 @@ def create_dispatcher(
 
 @contextmanager
 def _cache_folder(name: str) -> Iterator[None]:
-    """Context manager in which dispatchers that enable their cache get a subfolder of their own.
+    """Context manager in which new dispatchers keep their cache in a subfolder of their own.
 
-    It sets `numba.config.CACHE_DIR`, which numba reads when a dispatcher enables its cache, and
-    restores it at the end. Within the subfolder numba names a folder by the source file.
+    It sets `numba.config.CACHE_DIR`, which numba reads when a dispatcher enables its cache. At the
+    end it restores the old value.
 
     Args:
-        name: Name of the subfolder of the cache folder.
+        name: Name of the subfolder of the present cache folder.
     """
     folder = config.CACHE_DIR
     config.CACHE_DIR = str(Path(folder) / name)

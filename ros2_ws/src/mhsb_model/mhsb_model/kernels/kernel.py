@@ -34,7 +34,11 @@ class Kernel:
         self._run: Callable[..., Any] = self._run_first
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
-        """Call the compiled function, compiling it first if necessary."""
+        """Call the compiled function; the first call for new argument types compiles it.
+
+        If a compiled version cannot be stored on disk, this is logged, and the version is used from
+        memory.
+        """
         try:
             return self._run(*arguments, **named)
         except OSError as error:  # a further version is compiled, but could not be stored
@@ -42,7 +46,19 @@ class Kernel:
             return self._run(*arguments, **named)
 
     def _run_first(self, *arguments: Any, **named: Any) -> Any:
-        """Run the first call; the next ones go to numba's dispatcher without a detour."""
+        """Run the first call; later calls then go straight to numba's dispatcher.
+
+        The version is compiled, or loaded from the disk, while its file lock is held. So other
+        processes wait instead of compiling it too. If NUMBA_DISABLE_JIT is set, the plain function
+        runs instead.
+
+        Args:
+            *arguments: Positional arguments of the call.
+            **named: Keyword arguments of the call.
+
+        Returns:
+            Result of the function.
+        """
         compiled = self.compiled
         if compiled is self.py_func:
             self._run = self.py_func
@@ -62,10 +78,11 @@ class Kernel:
         return self._create_dispatcher("inner")
 
     def _create_dispatcher(self, name: str) -> Any:
-        """Create one of the two dispatchers, unless another thread has done so.
+        """Create one of the two dispatchers, or return it if another thread has just created it.
 
         Args:
-            name: Name of its property, `compiled` or `inner`.
+            name: Name of the property that keeps the dispatcher, `compiled` (for calls from Python)
+                or `inner` (for calls by other kernels).
 
         Returns:
             Dispatcher; the plain function if NUMBA_DISABLE_JIT is set.
@@ -112,14 +129,15 @@ def kernel(
 ) -> Any:
     """Decorate a function so that numba compiles it at its first call.
 
-    It can be used with or without arguments: `@kernel` or `@kernel(borrows=True)`.
+    The decorator is written with or without arguments: `@kernel` or `@kernel(borrows=True)`.
 
     Args:
-        function: Function to decorate; None if the decorator is used with arguments.
-        plain: Compile only for calls by other kernels. Calls from Python run the plain function.
-        borrows: The function works on existing arrays: it creates and returns none, and calls no
-            kernel that returns one. Numba then does not count references to arrays, which saves
-            0.7 µs for a call with a tuple of fifty arrays.
+        function: Function to decorate; None if the decorator is written with arguments.
+        plain: Compile the function only for calls by other kernels. Calls from Python then run the
+            plain Python function.
+        borrows: Promise that the function only works on existing arrays: it creates and returns no
+            array, and calls no kernel that returns one. Numba then does not count references to
+            arrays, which saves 0.7 µs for a call with a tuple of fifty arrays.
         **options: Further options of `numba.njit`.
 
     Returns:

@@ -17,14 +17,15 @@ from llvmlite.binding import parse_assembly
 
 
 def store_machine_code_alone(dispatcher: Any) -> None:
-    """Let a dispatcher store its versions without bitcode.
+    """Make a dispatcher store its compiled versions without their LLVM bitcode.
 
-    The bitcode is replaced by that of empty functions. They have the names under which numba looks
-    up the machine code. Nothing happens if numba lacks the attributes that this takes.
+    Files are then smaller and load faster. Other kernels cannot be linked with these versions,
+    since the stored bitcode defines empty functions under their names. Nothing changes if numba
+    lacks the attributes that this takes.
 
     Args:
-        dispatcher: Numba dispatcher that caches on disk, changed in place. Its versions must not be
-            called by other kernels.
+        dispatcher: Numba dispatcher that caches on disk, changed in place. Only Python may call its
+            versions.
     """
     try:
         file_format = dispatcher._cache._impl
@@ -33,7 +34,16 @@ def store_machine_code_alone(dispatcher: Any) -> None:
         return
 
     def reduce_without_bitcode(compiled: Any) -> tuple:
-        """Return the data to store for a compile result, as `CompileResult._reduce` does."""
+        """Return the data to store for a compiled version, with empty functions as bitcode.
+
+        If the version does not have the expected form, its data are returned unchanged.
+
+        Args:
+            compiled: Numba's compile result.
+
+        Returns:
+            Tuple in the form of `CompileResult._reduce`.
+        """
         reduced = reduce(compiled)
         try:
             (name, kind, (code, _)), *others = reduced

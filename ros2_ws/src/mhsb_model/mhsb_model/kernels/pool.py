@@ -30,17 +30,17 @@ _log = logging.getLogger(__name__)
 def compile_ahead(
     parts: Sequence[str], report_progress: Callable[[str], None] | None = None
 ) -> None:
-    """Compile all kernels that the given functions call and that are not yet in the cache.
+    """Compile all kernels that the given functions call, as far as they are not in the cache yet.
 
-    The functions are called in worker processes. A marker file in the cache records each part that
-    is complete, so repeated calls return quickly. If the cache cannot be written, nothing is done,
-    and each process compiles what it calls. Parts that fail are logged; a process that needs them
-    compiles them again and reports the error.
+    Worker processes call the functions, one for each processor. A marker file in the cache records
+    each function that has succeeded, so repeated calls return quickly. If the cache cannot be
+    written, nothing is done. If a function fails, this is logged and no error is raised: whoever
+    calls its kernels later compiles them and sees the error.
 
     Args:
-        parts: Functions that call the kernels, as `MODULE:FUNCTION`.
-        report_progress: Called with a line of progress at the start and after each part; None shows
-            a progress bar.
+        parts: Functions without arguments that call the kernels, as `MODULE:FUNCTION`.
+        report_progress: Function that gets a line of text at the start and after each function.
+            None shows a progress bar.
     """
     cache_folder.set_kernel_cache_folder()
     if cache_folder.find_write_problem(Path(os.environ[cache_folder.CACHE_VARIABLE])):
@@ -82,10 +82,10 @@ class _BarProgress:
         self._bar = tqdm(total=total, desc="compiling kernels, once", disable=None)
 
     def update(self, done: int) -> None:
-        """Set the bar to the number of parts that are done, and close it after the last.
+        """Set the bar to the number of functions that are done; close it after the last one.
 
         Args:
-            done: Number of parts that are done.
+            done: Number of functions that are done.
         """
         self._bar.update(done - self._bar.n)
         if done == self._bar.total:
@@ -93,16 +93,17 @@ class _BarProgress:
 
 
 def _find_marker_files(parts: Sequence[str]) -> dict[str, Path]:
-    """Return the marker file of each part; it exists once the part is in the cache.
+    """Return the path of each function's marker file.
 
-    Its name is a hash of the part, all kernel sources, their folder, the Python version and the
-    processor. The folder matters since numba also identifies kernels by it.
+    The file exists once the kernels that the function calls are in the cache. Its name is a hash of
+    the function's name, all kernel sources, their folder, the Python version and the processor. The
+    folder matters, since numba identifies kernels by it, too. NUMBA_CACHE_DIR must be set.
 
     Args:
         parts: Functions as `MODULE:FUNCTION`.
 
     Returns:
-        Path of the marker file by part.
+        Path of the marker file by function, whether or not the file exists.
     """
     from llvmlite import binding
 
@@ -121,10 +122,11 @@ def _call_in_workers(parts: Sequence[str]) -> Iterator[tuple[str, str]]:
     """Call functions in parallel worker processes, one for each available processor.
 
     Args:
-        parts: Functions as `MODULE:FUNCTION`.
+        parts: Functions without arguments, as `MODULE:FUNCTION`.
 
     Yields:
-        Each part as it is done, and the error message; empty if it succeeded.
+        Function and error message, in the order in which the calls end. The message is empty if the
+        call succeeded.
     """
     waiting: queue.SimpleQueue[str] = queue.SimpleQueue()
     done: queue.SimpleQueue[tuple[str, str]] = queue.SimpleQueue()
@@ -137,14 +139,16 @@ def _call_in_workers(parts: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 
 def _serve_queue(waiting: queue.SimpleQueue[str], done: queue.SimpleQueue[tuple[str, str]]) -> None:
-    """Pass functions to a worker process one by one until none is left; runs in a thread.
+    """Pass functions from a queue to one worker process, until the queue is empty.
 
-    The worker is started for the first function. If the worker dies, the present function counts as
-    failed, and the next function gets a new worker. At the end the worker is stopped.
+    It runs in a thread of its own. The worker process is started for the first function. If it
+    dies, the function that it was running counts as failed, and the next function gets a new
+    worker. At the end the worker is stopped.
 
     Args:
         waiting: Functions that are not started yet, as `MODULE:FUNCTION`; shared by all threads.
-        done: Receives each function and its error message; the message is empty if it succeeded.
+        done: Receives each function and its error message; the message is empty if the call
+            succeeded.
     """
     worker = None
     with suppress(queue.Empty):
@@ -162,10 +166,13 @@ def _serve_queue(waiting: queue.SimpleQueue[str], done: queue.SimpleQueue[tuple[
 
 
 def _start_worker() -> subprocess.Popen[str]:
-    """Start a worker process, connected by pipes.
+    """Start a worker process that calls functions by name, connected by pipes.
 
-    The signals that end a process stay blocked in the worker. It ends when its input is closed, and
-    so with this process.
+    SIGINT, SIGTERM and SIGHUP stay blocked in the worker. It ends when its input is closed, and so
+    with this process.
+
+    Returns:
+        The running process, with text pipes to its input and from its output.
     """
     with signals_blocked():
         return subprocess.Popen(

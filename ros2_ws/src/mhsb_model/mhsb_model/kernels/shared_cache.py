@@ -57,19 +57,21 @@ class SharedDispatcher:
             self._check_versions(self._folder)
 
     def prepare_call(self, arguments: tuple) -> None:
-        """Compile or load the version for arguments while holding the lock, without running it.
+        """Compile or load the version for a call's arguments under the kernel's file lock.
 
-        The lock is released before the call itself, so that no process waits for the call.
+        The lock is released before the actual call, so that no other process waits for that.
 
         Args:
-            arguments: Positional arguments of the call. If some are left to their defaults,
-                nothing happens: numba compiles at the call, without the lock.
+            arguments: Positional arguments of the call. Nothing happens if there are fewer than the
+                function has parameters: numba then compiles at the call, without the lock.
         """
         if len(arguments) == self.dispatcher.py_func.__code__.co_argcount:
             self.compile(tuple(map(typeof, arguments)))
 
     def compile(self, types: tuple) -> Any:
-        """Compile or load the version for some types.
+        """Compile the version for some argument types, or load it from the cache.
+
+        The kernel's file lock is held meanwhile.
 
         Args:
             types: Numba types of all arguments.
@@ -80,15 +82,21 @@ class SharedDispatcher:
         return self.run_locked(lambda: self.dispatcher.compile(types))
 
     def run_locked(self, compile_version: Callable[[], Version]) -> Version:
-        """Run a function that compiles or loads a version while holding the kernel's file lock.
+        """Run a function that compiles or loads a version, while the kernel's file lock is held.
 
         If another process holds the lock for longer than LONGEST_WAIT, the function runs without
-        it. If the version cannot be stored, this is logged and the function runs again, which then
-        finds it in memory. If it cannot be read, its files are deleted, and the function compiles
-        it. Errors of numba's compiler are raised.
+        it. It also does if the kernel has no cache folder. If the function fails, it runs once
+        more:
+
+        - If the version was compiled but could not be stored, this is logged. The second run finds
+          the version in memory.
+        - If a stored version could not be read, all stored versions are deleted. The second run
+          compiles.
+
+        Errors of numba's compiler are raised at once.
 
         Args:
-            compile_version: Function without arguments.
+            compile_version: Function without arguments that compiles or loads a version.
 
         Returns:
             Result of the function.
@@ -112,15 +120,23 @@ class SharedDispatcher:
         return result
 
     def log_failed_storing(self, error: Exception) -> None:
-        """Log that kernels cannot be kept, once for a process and its children."""
+        """Log that compiled kernels cannot be kept on disk, once for a process and its children.
+
+        Args:
+            error: Error that has prevented it.
+        """
         if not SharedDispatcher._storing_has_failed and not os.environ.get(LOGGED_VARIABLE):
             _log.warning("compiled kernels cannot be kept in %s: %s", self._folder, error)
         SharedDispatcher._storing_has_failed = True
 
     def _check_versions(self, folder: Path) -> None:
-        """Delete compiled versions that differ from their hashes, so that they are never run.
+        """Delete compiled versions that differ from their recorded hashes.
 
-        A version has no hash if numba stored it outside of `run_locked`. It gets one now.
+        Versions without a recorded hash are trusted, and their hashes are recorded now. Numba has
+        stored them outside of `run_locked`.
+
+        Args:
+            folder: Cache folder of this kernel.
         """
         hashes = {}
         with suppress(OSError):
@@ -134,7 +150,13 @@ class SharedDispatcher:
                 self._store_hashes(folder)
 
     def _store_hashes(self, folder: Path) -> None:
-        """Store the hashes of all versions in a folder."""
+        """Record the hashes of all compiled versions in the kernel's cache folder.
+
+        If the file cannot be written, this is logged.
+
+        Args:
+            folder: Cache folder of this kernel.
+        """
         new = folder / f"{HASHES_NAME}.{os.getpid()}"
         try:
             with new.open("w") as file:
@@ -163,9 +185,10 @@ def _delete_damaged(files: Sequence[Path], reason: str) -> None:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Context manager that locks a file; it waits at most LONGEST_WAIT for another process.
+    """Context manager that locks a file against other processes.
 
-    After that time, or if the file cannot be opened, the block runs without the lock.
+    It waits for the lock for at most LONGEST_WAIT seconds. After that time, or if the file cannot
+    be opened, the block runs without the lock.
 
     Args:
         path: Lock file, created if it is missing.

@@ -14,11 +14,11 @@ import threading
 
 
 def main() -> None:
-    """Call the functions named on the input and answer each, until the input ends.
+    """Call the functions that the standard input names, and print an answer for each.
 
-    An answer is one line: empty for success, else an error message. Whatever the functions print
-    goes to stderr. At the end of the input, or if the parent process has ended, the process exits
-    with code 0.
+    The input has one `MODULE:FUNCTION` per line. An answer is one line: empty for success, else an
+    error message. Output that the functions print goes to stderr instead. At the end of the input,
+    or if nobody reads the answers any more, the process exits with code 0.
     """
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "w")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # prints of the functions go to stderr

@@ -40,14 +40,18 @@ SMALLEST_DISTANCE = 1e-6
 
 
 def list_row_numbers(linkage: FourBar) -> list[float]:
-    """Return the numbers of a four-bar for its row, without the kind of linkage.
+    """Return the numbers that describe a four-bar linkage in the form that kernels take.
+
+    The order is: rocker pivot (x, z) and cylinder pin (x, z) [m]; lengths of rocker and coupler
+    [m]; +1 or −1 for the rocker tip to the left or right of the line from rocker pivot to child
+    pin; child pin (x, z) at q = 0 [m]. Points are in the parent link's frame with the origin at the
+    joint. The kind of linkage, the first number of a row, is not included.
 
     Args:
         linkage: Four-bar of a machine file.
 
     Returns:
-        R, K (x, z each) [m], a, b [m], σ, and C at q = 0 (x, z) [m], with the symbols of the
-        module.
+        Nine numbers.
     """
     return [
         *_cartesian(linkage.rocker_pivot),
@@ -66,14 +70,16 @@ def _cartesian(pin: Pin) -> tuple[float, float]:
 
 @kernel
 def cos_transmission_angle(row: FloatArray, q: float) -> float:
-    """Compute the cosine of the transmission angle μ between rocker and coupler.
+    """Compute the cosine of the transmission angle of a four-bar linkage.
+
+    The transmission angle µ is the angle between rocker and coupler.
 
     Args:
-        row: Numbers of the four-bar, float64[LINKAGE_WIDTH].
+        row: Numbers of the four-bar, from `build_linkage_row`, float64[LINKAGE_WIDTH].
         q: Joint angle [rad].
 
     Returns:
-        cos μ; the linkage cannot be assembled if it is outside [−1, 1].
+        cos µ. If it is outside [−1, 1], the linkage cannot be assembled at this angle.
     """
     a, b = row[5], row[6]
     cx, cz = _child_pin(row, math.cos(q), math.sin(q))
@@ -83,14 +89,17 @@ def cos_transmission_angle(row: FloatArray, q: float) -> float:
 
 @kernel
 def cos_transmission_angles(row: FloatArray, angles: FloatArray) -> FloatArray:
-    """Compute the cosine of the transmission angle μ at several joint angles.
+    """Compute the cosine of a four-bar's transmission angle at several joint angles.
+
+    The transmission angle µ is the angle between rocker and coupler.
 
     Args:
-        row: Numbers of the four-bar, float64[LINKAGE_WIDTH].
+        row: Numbers of the four-bar, from `build_linkage_row`, float64[LINKAGE_WIDTH].
         angles: Joint angles, float64[k], [rad].
 
     Returns:
-        cos μ at each angle, float64[k]; outside [−1, 1] if the linkage cannot be assembled there.
+        cos µ at each angle, float64[k]. If it is outside [−1, 1], the linkage cannot be assembled
+        there.
     """
     found = np.empty(len(angles))
     for k in range(len(angles)):
@@ -100,15 +109,15 @@ def cos_transmission_angles(row: FloatArray, angles: FloatArray) -> FloatArray:
 
 @kernel(inline="always")
 def _child_pin(row: FloatArray, cosine: float, sine: float) -> tuple[float, float]:
-    """Return the child pin C, turned by the joint angle q.
+    """Return the position of a four-bar's pin on the child link, turned by the joint angle q.
 
     Args:
-        row: Numbers of the four-bar, float64[LINKAGE_WIDTH].
+        row: Numbers of the four-bar, from `build_linkage_row`, float64[LINKAGE_WIDTH].
         cosine: cos q.
         sine: sin q.
 
     Returns:
-        C as (x, z) in the parent link's frame [m].
+        (x, z) in the parent link's frame, with the origin at the joint [m].
     """
     return row[8] * cosine - row[9] * sine, row[8] * sine + row[9] * cosine
 
@@ -117,20 +126,24 @@ def _child_pin(row: FloatArray, cosine: float, sine: float) -> tuple[float, floa
 def evaluate_four_bar(
     row: FloatArray, cosine: float, sine: float
 ) -> tuple[float, float, float, float, float]:
-    """Compute rocker, cylinder length, moment arm and its slope at a joint angle.
+    """Compute rocker, cylinder length and moment arm of a four-bar linkage at a joint angle.
 
-    See the module for the symbols. With W = P − R, V = P − C and U = P − K:
+    Points are in the parent link's frame, with the origin at the joint: rocker pivot R, cylinder
+    pin K, child pin C, and rocker tip P, at which the cylinder pushes. With W = P − R (rocker), V =
+    P − C (coupler) and U = P − K (cylinder), rocker length a, coupler length b, transmission angle
+    µ and σ = ±1 (side of P):
 
-        W×V = σ a b sin μ
-        W′ = iωW,   C′ = iC
+        W×V = σ a b sin µ,   ω = C×P / W×V
+        L = |U|,   r = ω W×U / L
         (W×V)′ = ω W·(W − V) − W·C
         ω′ = (ω C·W − C·P − ω (W×V)′) / (W×V)
         r′ = (ω′ W×U + ω² W·(K − R)) / L − r²/L
 
-    A prime is a derivative with respect to q.
+    A prime is a derivative with respect to the joint angle q, and ω the rocker's turn per turn of
+    the joint. If the linkage cannot be assembled, the results are finite but have no meaning.
 
     Args:
-        row: Numbers of the four-bar, float64[LINKAGE_WIDTH].
+        row: Numbers of the four-bar, from `build_linkage_row`, float64[LINKAGE_WIDTH].
         cosine: cos q.
         sine: sin q.
 

@@ -34,9 +34,11 @@ LAST_STEP = 1e-7
 def build_linkage_row(linkage: Linkage, lower: float = 0.0) -> FloatArray:
     """Return the numbers of a linkage in the form in which kernels take them.
 
+    A slew's "cylinder" has a length proportional to its angle.
+
     Args:
         linkage: Linkage of a machine file.
-        lower: Lower limit of a slew [rad], at which its cylinder length counts as 0 m. Other
+        lower: Lower limit of a slew [rad], at which its cylinder length is set to 0 m. Other
             linkages ignore it.
 
     Returns:
@@ -58,14 +60,15 @@ def build_linkage_row(linkage: Linkage, lower: float = 0.0) -> FloatArray:
 
 @kernel(inline="always")
 def evaluate_linkage(linkage: FloatArray, q: float) -> tuple[float, float, float]:
-    """Compute cylinder length, moment arm and its slope at a joint angle.
+    """Compute cylinder length, moment arm and the slope of the moment arm at a joint position.
 
     Args:
-        linkage: Row of the linkage, float64[LINKAGE_WIDTH].
+        linkage: Numbers of the linkage, from `build_linkage_row`, float64[LINKAGE_WIDTH].
         q: Joint angle [rad], or extension of a telescope [m].
 
     Returns:
-        Length L [m], moment arm r = dL/dq [m], and dr/dq [m/rad].
+        Cylinder length L [m], moment arm r = dL/dq [m], and dr/dq [m/rad]. For a telescope r is 1
+        [-] and dr/dq is 0.
     """
     if linkage[0] == LINEAR_LINKAGE:
         return linkage[1] + linkage[2] * q, linkage[2], 0.0
@@ -76,17 +79,18 @@ def evaluate_linkage(linkage: FloatArray, q: float) -> tuple[float, float, float
 def evaluate_linkage_at_cosine(
     linkage: FloatArray, cosine: float, sine: float
 ) -> tuple[float, float, float]:
-    """Compute length, moment arm and its slope from the cosine and sine of the joint angle.
+    """Compute cylinder length, moment arm and its slope from cosine and sine of the angle.
 
-    It is for callers that already know these. A LINEAR_LINKAGE is not allowed.
+    It is for callers that already have cosine and sine. The linkage must be a slider-crank or a
+    four-bar; the result for telescopes and slews would be wrong.
 
     Args:
-        linkage: Row of a slider-crank or four-bar, float64[LINKAGE_WIDTH].
+        linkage: Numbers of the linkage, from `build_linkage_row`, float64[LINKAGE_WIDTH].
         cosine: cos q.
         sine: sin q.
 
     Returns:
-        Length L [m], moment arm r = dL/dq [m], and dr/dq [m/rad].
+        Cylinder length L [m], moment arm r = dL/dq [m], and dr/dq [m/rad].
     """
     if linkage[0] == FOUR_BAR:
         _, _, length, arm, slope = four_bar.evaluate_four_bar(linkage, cosine, sine)
@@ -108,14 +112,15 @@ def moment_arm(linkage: FloatArray, q: float) -> float:
 
 @kernel
 def evaluate_linkage_at_angles(linkage: FloatArray, angles: FloatArray) -> FloatArray:
-    """Compute cylinder length, moment arm and its slope at several joint angles.
+    """Compute cylinder length, moment arm and its slope at several joint positions.
 
     Args:
-        linkage: Row of the linkage, float64[LINKAGE_WIDTH].
+        linkage: Numbers of the linkage, from `build_linkage_row`, float64[LINKAGE_WIDTH].
         angles: Joint angles [rad], or extensions of a telescope [m], float64[k].
 
     Returns:
-        float64[k, 3] with the columns L [m], r = dL/dq [m], dr/dq [m/rad].
+        float64[k, 3] with the columns cylinder length L [m], moment arm r = dL/dq [m], and dr/dq
+        [m/rad].
     """
     found = np.empty((len(angles), 3))
     for k in range(len(angles)):
@@ -127,24 +132,23 @@ def evaluate_linkage_at_angles(linkage: FloatArray, angles: FloatArray) -> Float
 def find_joint_angle(
     linkage: FloatArray, length: float, lower: float, upper: float, guess: float
 ) -> float:
-    """Find the joint angle at which the cylinder has a given length.
+    """Find the joint position at which the cylinder has a given length.
 
-    The moment arm keeps its sign between the limits, so there is at most one such angle. Newton's
-    method starts from `guess`. If a step leaves the interval in which the angle must lie, the
-    interval is halved instead. After a last step of length d < LAST_STEP the error is about d²
-    r′/(2r), with the moment arm r and its slope r′. For a telescope, the extension [m] takes the
-    place of the angle.
+    The moment arm must keep its sign between the limits, so there is at most one such position.
+    Newton's method starts from `guess`. If a step leaves the interval in which the solution must
+    lie, the interval is halved instead. After a last step of length d < LAST_STEP the error is
+    about d² r′/(2r), with the moment arm r and its slope r′.
 
     Args:
-        linkage: Row of the linkage, float64[LINKAGE_WIDTH].
+        linkage: Numbers of the linkage, from `build_linkage_row`, float64[LINKAGE_WIDTH].
         length: Cylinder length [m].
-        lower: Lower limit of the angle [rad].
-        upper: Upper limit of the angle [rad].
-        guess: First estimate of the angle, limited to lower … upper [rad].
+        lower: Lower limit of the joint [rad], or [m] for a telescope.
+        upper: Upper limit of the joint [rad or m].
+        guess: First estimate, limited to lower … upper [rad or m].
 
     Returns:
-        Joint angle [rad]. If no angle within the limits has this length, it is the limit whose
-        length is nearer.
+        Joint position [rad or m]. If no position within the limits has this length, it is the limit
+        whose length is nearer.
     """
     q = min(upper, max(lower, guess))
     below, above = lower - 1.0, upper + 1.0
@@ -165,15 +169,17 @@ def find_joint_angle(
 
 
 def moment_arm_range(linkage: FloatArray, lower: float, upper: float) -> tuple[float, float]:
-    """Return the least and the largest signed moment arm within the joint limits.
+    """Return the least and the largest moment arm, with their signs, within the joint limits.
+
+    They are those on a grid of positions at most 0.1° apart.
 
     Args:
-        linkage: Row of the linkage, float64[LINKAGE_WIDTH].
-        lower: Lower limit of the joint angle [rad].
-        upper: Upper limit of the joint angle [rad].
+        linkage: Numbers of the linkage, from `build_linkage_row`, float64[LINKAGE_WIDTH].
+        lower: Lower limit of the joint [rad or m].
+        upper: Upper limit of the joint [rad or m].
 
     Returns:
-        Least and largest moment arm on a grid of angles at most 0.1° apart [m].
+        Least and largest moment arm r = dL/dq [m].
     """
     arms = evaluate_linkage_at_angles(linkage, angle_grid(lower, upper))[:, 1]
     return float(arms.min()), float(arms.max())

@@ -27,7 +27,8 @@ At zero the four-bar locks and can change from one assembly mode to the other.""
 def linkage_problems(config: MachineConfig) -> list[str]:
     """Check the linkages of all joints against the rules for assembly, moment arm and stroke.
 
-    A linkage that cannot be assembled is not checked further. Slews have no rules.
+    The rules must hold within each joint's limits. If a linkage cannot be assembled, its moment arm
+    and stroke are not checked. Slews have no rules.
 
     Args:
         config: Content of a machine file.
@@ -48,16 +49,16 @@ def linkage_problems(config: MachineConfig) -> list[str]:
 def _assembly_problems(path: str, joint: AnyJoint) -> list[str]:
     """Check that a four-bar can be assembled and stays away from its locking position.
 
-    Only the joint angle at which the transmission angle is nearest to 0 or π is judged. There the
-    lines of rocker and coupler must be at least SMALLEST_TRANSMISSION_ANGLE apart. Linkages of
-    other kinds have no such rule.
+    It locks if rocker and coupler are in one line. Their lines must be at least
+    SMALLEST_TRANSMISSION_ANGLE apart at all angles within the joint's limits. Only the worst angle
+    is reported. Other kinds of linkages have no such rule.
 
     Args:
         path: Path of the joint in the file, such as `joints.0`.
         joint: Joint section of the file.
 
     Returns:
-        One string `path: sentence`, or an empty list.
+        One string `path: sentence` if the rule is broken, else an empty list.
     """
     if not isinstance(joint.linkage, FourBar):
         return []
@@ -86,15 +87,15 @@ def _assembly_problems(path: str, joint: AnyJoint) -> list[str]:
 def _moment_arm_problems(path: str, joint: AnyJoint) -> list[str]:
     """Check that the moment arm keeps its sign and does not become too small.
 
-    Its smallest magnitude within the joint's limits must be at least SMALLEST_ARM_RATIO times its
-    largest magnitude.
+    Within the joint's limits, its smallest magnitude must be at least SMALLEST_ARM_RATIO times its
+    largest.
 
     Args:
         path: Path of the joint in the file, such as `joints.0`.
         joint: Joint section of the file.
 
     Returns:
-        One string `path: sentence`, or an empty list.
+        One string `path: sentence` if the rule is broken, else an empty list.
     """
     row = linkage.build_linkage_row(joint.linkage)
     least, largest = linkage.moment_arm_range(row, joint.limits.lower, joint.limits.upper)
@@ -109,16 +110,17 @@ def _moment_arm_problems(path: str, joint: AnyJoint) -> list[str]:
 
 
 def _stroke_problems(path: str, joint: AnyJoint) -> list[str]:
-    """Check that the cylinder is always shorter than twice its shortest length.
+    """Check that the cylinder always stays shorter than twice its shortest length.
 
-    The barrel holds the whole stroke, so a cylinder can at most double its length.
+    The barrel of a cylinder holds the whole stroke, so the length can at most double.
 
     Args:
         path: Path of the joint in the file, such as `joints.0`.
         joint: Joint section of the file.
 
     Returns:
-        One string `path: sentence`, or an empty list.
+        One string `path: sentence` if the rule is broken within the joint's limits, else an empty
+        list.
     """
     row = linkage.build_linkage_row(joint.linkage)
     lengths = linkage.evaluate_linkage_at_angles(row, _list_angles_within_limits(joint))[:, 0]

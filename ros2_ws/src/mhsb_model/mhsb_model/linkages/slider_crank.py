@@ -22,13 +22,17 @@ SMALLEST_LENGTH = 1e-9
 
 
 def list_row_numbers(linkage: SliderCrank) -> list[float]:
-    """Return the numbers of a slider-crank for its row, without the kind of linkage.
+    """Return the numbers that describe a slider-crank linkage in the form that kernels take.
+
+    u and v are the distances of the pins on the parent and child link from the joint's axis, and θ₀
+    is the angle between them at q = 0. The kind of linkage, the first number of a row, is not
+    included.
 
     Args:
         linkage: Slider-crank of a machine file.
 
     Returns:
-        u² + v², u v cos θ₀ and u v sin θ₀ [m²], with the symbols of the module.
+        u² + v², u v cos θ₀ and u v sin θ₀ [m²].
     """
     u, v = linkage.parent_pin.radius, linkage.child_pin.radius
     ahead = linkage.child_pin.angle - linkage.parent_pin.angle
@@ -39,17 +43,20 @@ def list_row_numbers(linkage: SliderCrank) -> list[float]:
 def evaluate_slider_crank(
     row: FloatArray, cosine: float, sine: float
 ) -> tuple[float, float, float]:
-    """Compute cylinder length, moment arm and its slope at a joint angle.
+    """Compute cylinder length, moment arm and its slope of a slider-crank at a joint angle.
 
-        r = u v sin θ / L,   dr/dq = (u v cos θ − r²) / L
+        L = √(u² + v² − 2 u v cos θ),  r = u v sin θ / L,  dr/dq = (u v cos θ − r²) / L
+
+    u and v are the distances of the cylinder's pins from the joint's axis. θ = θ₀ + q is the angle
+    between them.
 
     Args:
-        row: Numbers of the slider-crank, float64[LINKAGE_WIDTH].
+        row: Numbers of the slider-crank, from `build_linkage_row`, float64[LINKAGE_WIDTH].
         cosine: cos q.
         sine: sin q.
 
     Returns:
-        Length L [m], moment arm r = dL/dq [m], and dr/dq [m/rad].
+        Cylinder length L [m], moment arm r = dL/dq [m], and dr/dq [m/rad].
     """
     along, across = row[2] * cosine - row[3] * sine, row[3] * cosine + row[2] * sine
     length = math.sqrt(max(row[1] - 2.0 * along, SMALLEST_LENGTH * SMALLEST_LENGTH))

@@ -118,17 +118,18 @@ def _point_to_segment(x: float, z: float, segment: LineSegment) -> float:
 def _depth_in_box(segment: LineSegment, box: BoxInPlane) -> float:
     """Compute how deep the deepest point of a segment lies in a box.
 
-    A point's signed distances from the four faces are x_min − x, x − x_max, z_min − z and
-    z − z_max; let d be the largest of them. The result is the least d along the segment. All four
-    are linear along the segment, so the least d is at an end, or where two of them are equal.
+    For each point let d be the largest of x_min − x, x − x_max, z_min − z and z − z_max. Inside the
+    box, −d is the point's distance from the nearest face. The result is the least d along the
+    segment. All four terms are linear along the segment. So the least d is at an end, or where two
+    of them are equal.
 
     Args:
         segment: The segment.
         box: The box.
 
     Returns:
-        Least d [m]. If the segment enters the box, it is the negative depth of its deepest point.
-        Otherwise it is not negative, and only a lower bound on the distance.
+        Least d [m]. If it is negative, the segment enters the box to the depth −d. Otherwise it is
+        only a lower bound on the distance between both.
     """
     (ax, az, bx, bz), (x_min, z_min, x_max, z_max) = segment, box
     at_a = (x_min - ax, ax - x_max, z_min - az, az - z_max)
@@ -157,8 +158,8 @@ def segment_to_box(segment: LineSegment, box: BoxInPlane) -> float:
         box: The box.
 
     Returns:
-        Distance [m]. If the segment enters the box, it is the negative depth of the segment's
-        deepest point, which is that point's distance from the nearest face.
+        Distance [m]. If the segment enters the box, it is negative: minus the distance of the
+        segment's deepest point from the nearest face.
     """
     (ax, az, bx, bz), (x_min, z_min, x_max, z_max) = segment, box
     aside = (
@@ -177,7 +178,9 @@ def segment_to_box(segment: LineSegment, box: BoxInPlane) -> float:
 
 @kernel
 def _compute_side_of_line(px: float, pz: float, line: LineSegment) -> float:
-    """Return a number whose sign says on which side of the line from a to b a point lies.
+    """Return a number whose sign says on which side of a line a point lies.
+
+    The line goes from a to b. The number is the cross product (b − a) × (p − a) for the point p.
 
     Args:
         px: Point, forward [m].
@@ -185,7 +188,7 @@ def _compute_side_of_line(px: float, pz: float, line: LineSegment) -> float:
         line: Two points a and b of the line.
 
     Returns:
-        Cross product (b − a) × (p − a) [m²]; positive on the left, 0 on the line.
+        Cross product [m²]; positive on the left, negative on the right, 0 on the line.
     """
     ax, az, bx, bz = line
     return (bx - ax) * (pz - az) - (bz - az) * (px - ax)
@@ -215,22 +218,22 @@ def segment_to_segment(one: LineSegment, other: LineSegment) -> float:
 
 @kernel(inline="always")
 def _get_link_line(joint: FloatArray, k: int) -> LineSegment:
-    """Return the line of link k between its joint and the next one.
+    """Return the line of a link in the arm's plane, from its joint to the next joint or the tip.
 
     Args:
         joint: Positions (x, z) of all joints and the tip, float64[n + 1, 2], [m].
-        k: Index of the link.
+        k: Index of the link, 0 … n − 1.
     """
     return LineSegment(joint[k, 0], joint[k, 1], joint[k + 1, 0], joint[k + 1, 1])
 
 
 @kernel(inline="always")
 def _get_box(rows: FloatArray, k: int) -> BoxInPlane:
-    """Return the box of row k.
+    """Return the box that a row of the obstacle table describes.
 
     Args:
-        rows: Obstacles, float64[rows, ROW_WIDTH].
-        k: Index of the row.
+        rows: Obstacle table, float64[rows, ROW_WIDTH].
+        k: Index of the row; its kind must be BOX_KIND.
     """
     return BoxInPlane(rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5])
 
@@ -239,18 +242,22 @@ def _get_box(rows: FloatArray, k: int) -> BoxInPlane:
 def row_clearance(
     m: MachineArrays, rows: FloatArray, k: int, q: FloatArray, joint: FloatArray
 ) -> float:
-    """Compute the clearance between one obstacle and the link, or the tip, that its row names.
+    """Compute the clearance between the obstacle and the link, or the tip, of one table row.
+
+    The clearance is the signed distance between the obstacle and the link's line, less the link's
+    radius.
 
     Args:
         m: Machine with n joints.
-        rows: Obstacles, float64[rows, ROW_WIDTH].
+        rows: Obstacle table, float64[rows, ROW_WIDTH]. Column LINK_COLUMN has the index of the
+            link, or n for the tip alone.
         k: Index of the row.
-        q: Posture, float64[n], [rad or m]; only the slew's angle q[0] is used, for zones in space.
+        q: Posture, float64[n], [rad or m]. Only the slew's angle q[0] is read, for zones in space.
         joint: Positions (x, z) of all joints and the tip in this posture, float64[n + 1, 2], [m],
             from `kinematics.joint_positions`.
 
     Returns:
-        Clearance [m]; negative if the link is in the obstacle.
+        Clearance [m]; negative if the link or the tip is in the obstacle.
     """
     part = int(rows[k, LINK_COLUMN])
     if rows[k, KIND_COLUMN] >= SPACE_BOX_KIND:
@@ -274,16 +281,17 @@ def row_clearance(
 def point_clearance(rows: FloatArray, k: int, x: float, z: float) -> float:
     """Compute the clearance of a point in the arm's plane from one obstacle.
 
-    The point counts as a disc with the radius of the link that the row names.
+    The point counts as a disc. Its radius is in column RADIUS_COLUMN of the obstacle's row.
 
     Args:
-        rows: Obstacles, float64[rows, ROW_WIDTH].
-        k: Index of the row, of a box or a circle in the plane.
+        rows: Obstacle table, float64[rows, ROW_WIDTH].
+        k: Index of the row; the obstacle must be a box or a circle in the plane.
         x: Point, forward [m].
         z: Point, up [m].
 
     Returns:
-        Signed distance less the radius of the row's link [m].
+        Signed distance of the point from the obstacle, less the radius [m]; negative if they
+        overlap.
     """
     if rows[k, KIND_COLUMN] == CIRCLE_KIND:
         distance = math.hypot(x - rows[k, 2], z - rows[k, 3]) - rows[k, 4]
@@ -294,21 +302,22 @@ def point_clearance(rows: FloatArray, k: int, x: float, z: float) -> float:
 
 @kernel
 def tip_clearance(rows: FloatArray, links: int, x: float, z: float) -> tuple[float, int]:
-    """Compute the least clearance of the tip from boxes and circles in the plane.
+    """Compute the least clearance of the tip from the boxes and circles in the arm's plane.
 
-    It is an upper bound on the clearance of every posture with the tip at this point. Only those
-    rows count that the last link, or the tip alone, must keep clear of. Zones in space are skipped.
+    No posture with the tip at this point has a larger clearance. Only obstacles of the last link or
+    of the tip alone count. Other links, and zones in space, are skipped.
 
     Args:
-        rows: Obstacles, float64[rows, ROW_WIDTH].
+        rows: Obstacle table, one row for each obstacle and link, float64[rows, ROW_WIDTH].
         links: Number of links of the arm, equal to the number of its joints.
         x: Tip, forward in the arm's plane [m].
         z: Tip, up [m].
 
     Returns:
         Least clearance [m] and the index of its row; inf and −1 if no row counts. The clearance is
-        the signed distance of the point from the obstacle less the radius of the row
-        (RADIUS_COLUMN), which is 0 for the tip alone.
+        the signed distance of the point from the obstacle, less the radius in column RADIUS_COLUMN.
+        That is the radius of the last link, or 0 in a row for the tip alone. In
+        `Obstacles.path_rows` both include a margin.
     """
     least, nearest = math.inf, -1
     for k in range(len(rows)):
@@ -328,13 +337,13 @@ def tip_clearance(rows: FloatArray, links: int, x: float, z: float) -> tuple[flo
 def tip_clearance_in_space(
     rows: FloatArray, links: int, x: float, y: float, z: float
 ) -> tuple[float, int]:
-    """Compute the least clearance of the tip from zones in space.
+    """Compute the least clearance of the tip from the keep-out zones in space.
 
-    It is an upper bound on the clearance of every posture with the tip at this point. Only those
-    rows count that the last link, or the tip alone, must keep clear of.
+    No posture with the tip at this point has a larger clearance. Only zones of the last link or of
+    the tip alone count. Other links, and obstacles in the arm's plane, are skipped.
 
     Args:
-        rows: Obstacles, float64[rows, ROW_WIDTH]; those in the plane are skipped.
+        rows: Obstacle table, one row for each obstacle and link, float64[rows, ROW_WIDTH].
         links: Number of links of the arm, equal to the number of its joints.
         x: Tip in `base_link`, forward [m].
         y: Tip in `base_link`, to the left [m].
@@ -342,9 +351,9 @@ def tip_clearance_in_space(
 
     Returns:
         Least clearance [m] and the index of its row; inf and −1 if no row counts. The clearance is
-        the signed distance of the point from the zone less the radius of the row (RADIUS_COLUMN).
-        In `Obstacles.path_rows` the radius includes the margin. In `Obstacles.rows` it is 0 for the
-        tip alone.
+        the signed distance of the point from the zone, less the radius in column RADIUS_COLUMN.
+        That is the radius of the last link, or 0 in a row for the tip alone. In
+        `Obstacles.path_rows` both include a margin.
     """
     least, nearest = math.inf, -1
     for k in range(len(rows)):
@@ -362,14 +371,17 @@ def clearance(
 ) -> tuple[float, int]:
     """Compute the least clearance of the arm in a posture over all obstacles.
 
+    The clearance of a row is the distance between its obstacle and its link, less the link's
+    radius.
+
     Args:
         m: Machine with n joints.
-        rows: Obstacles, float64[rows, ROW_WIDTH].
+        rows: Obstacle table, one row for each obstacle and link, float64[rows, ROW_WIDTH].
         q: Posture, float64[n], [rad or m].
-        leeway: Distance that is added to the clearance of each row, float64[rows]; usually 0 [m].
+        leeway: Distance that is added to the clearance of each row, float64[rows], [m]; usually 0.
 
     Returns:
-        Least clearance with its leeway, negative in an obstacle [m], and the index of its row; inf
+        Least clearance with its leeway [m], negative in an obstacle, and the index of its row; inf
         and −1 without obstacles.
     """
     joint = joint_positions(m, q)
@@ -387,14 +399,17 @@ def clearances(
 ) -> tuple[FloatArray, IntArray]:
     """Compute the least clearance of the arm in each of several postures.
 
+    The clearance is the distance between a link and an obstacle, less the link's radius.
+
     Args:
         m: Machine with n joints.
-        rows: Obstacles, float64[rows, ROW_WIDTH].
+        rows: Obstacle table, one row for each obstacle and link, float64[rows, ROW_WIDTH].
         posture: Postures, float64[count, n], [rad or m].
 
     Returns:
-        Clearance of each posture, float64[count], [m], and the index of its row, int64[count]; inf
-        and −1 without obstacles.
+        Least clearance of each posture, float64[count], [m], and the index of its row,
+        int64[count]. Clearances are negative in an obstacle. Without obstacles they are inf, and
+        the indices −1.
     """
     least, nearest = np.empty(len(posture)), np.empty(len(posture), dtype=np.int64)
     none = np.zeros(len(rows))
@@ -409,13 +424,14 @@ def compute_leeway(
 ) -> FloatArray:
     """Compute by how much each row's clearance in a posture falls short of a required clearance.
 
-    If this leeway is added to later clearances, an arm that starts in an obstacle can leave it.
+    If an arm starts in an obstacle, this leeway is added to all later clearances. So the arm can
+    leave the obstacle without a collision being reported.
 
     Args:
         m: Machine with n joints.
-        rows: Obstacles, float64[rows, ROW_WIDTH].
+        rows: Obstacle table, one row for each obstacle and link, float64[rows, ROW_WIDTH].
         q: Posture, float64[n], [rad or m].
-        required: Clearance to reach [m].
+        required: Required clearance [m].
 
     Returns:
         max(0, required − clearance) of each row, float64[rows], [m].
@@ -429,12 +445,13 @@ def compute_leeway(
 
 @kernel(borrows=True)
 def bound_reach(m: MachineArrays, start: FloatArray, end: FloatArray) -> float:
-    """Return an upper bound on the distance of the links' lines from the slew's axis in a move.
+    """Return an upper bound on the distance of any link from the slew's axis during a move.
 
-        |a| + Σ_k (L_k + max(q_start,k, q_end,k))    the q only for joints that slide
+        |a| + Σ_k (L_k + max(q_start,k, q_end,k))
 
-    a is the distance of joint 2 from the axis, and L_k the length of link k at q = 0 [m]. The bound
-    holds if no joint leaves the range between its two ends. The links' radii are not included.
+    a is the distance of joint 2 from the axis, and L_k the length of link k at q = 0 [m]. The
+    maximum is added only for joints that slide. The bound holds if each joint stays between its
+    positions at both ends. It is for the lines of the links; their radii are not included.
 
     Args:
         m: Machine that slews.
@@ -456,19 +473,24 @@ def bound_reach(m: MachineArrays, start: FloatArray, end: FloatArray) -> float:
 def bound_travel(
     m: MachineArrays, start: FloatArray, end: FloatArray, along_cylinders: bool
 ) -> float:
-    """Return an upper bound D on the distance that any point of the arm moves between two postures.
+    """Return an upper bound on the distance that any point of the arm moves between two postures.
 
-    The module's docstring has the equation. The points are those on the links' lines.
+        D = (slew's part) + Σ_k L_k |Σ_{j ≤ k} Δq_j|
+
+    L_k is the length of link k, and Δq_j the turn of joint j. If the move is straight in cylinder
+    lengths, joints do not move in proportion, and Σ |Δq_j| takes the place of |Σ Δq_j|. A joint
+    that slides adds its stroke. The slew's part is |Δq_1| times the largest distance from the
+    slew's axis. The points are those on the lines of the links.
 
     Args:
         m: Machine with n joints.
         start: Posture at the start of the move, float64[n], [rad or m].
         end: Posture at its end, float64[n], [rad or m].
-        along_cylinders: Whether the move is straight in cylinder lengths. Joints then do not move
-            in proportion, and the bound is larger. False means that it is straight in joint angles.
+        along_cylinders: True if the move is straight in cylinder lengths, False if it is straight
+            in joint positions.
 
     Returns:
-        Distance D [m].
+        Upper bound D [m].
     """
     turn, farthest = 0.0, 0.0
     if m.slews:
@@ -490,8 +512,8 @@ def _write_midpoint(
         m: Machine with n joints.
         start: First posture, float64[n], [rad or m].
         end: Second posture, float64[n], [rad or m].
-        along_cylinders: Whether each cylinder gets the mean of its two lengths, instead of each
-            joint the mean of its two positions.
+        along_cylinders: True: each cylinder gets the mean of its two lengths. False: each joint
+            gets the mean of its two positions.
         middle: Result, float64[n], written in place [rad or m].
     """
     for j in range(len(start)):
@@ -509,20 +531,25 @@ def move_is_clear(
 ) -> bool:
     """Return whether the arm keeps clear of all obstacles during a move.
 
-    The move is halved until the bound in the module's docstring proves each part clear. A part is
-    not halved further if its ends are clear and no point of the arm moves more than MIN_PART_TRAVEL
-    in it. So an accepted move enters no obstacle by more than MIN_PART_TRAVEL/2. An arm that starts
-    in an obstacle may leave it, but not move deeper into it.
+    A part of the move is proven clear if the clearances at its ends add up to at least the distance
+    that any point of the arm moves in it. The move is halved until all parts are proven clear. A
+    part is not halved further if no point of the arm moves more than MIN_PART_TRAVEL in it; then
+    clear ends are enough. So an accepted move enters no obstacle by more than MIN_PART_TRAVEL/2.
+
+    If the arm starts in an obstacle, it may leave the obstacle but not move deeper into it.
 
     Args:
         m: Machine with n joints.
-        rows: Obstacles, float64[rows, ROW_WIDTH]; `Obstacles.path_rows` for discrete paths.
+        rows: Obstacle table, one row for each obstacle and link, float64[rows, ROW_WIDTH]. For
+            discrete paths pass `Obstacles.path_rows`, whose radii include a margin.
         start: Posture at the start of the move, float64[n], [rad or m].
         end: Posture at its end, float64[n], [rad or m].
-        along_cylinders: Whether the move is straight in cylinder lengths; False for joint angles.
+        along_cylinders: True if the move is straight in cylinder lengths, False if it is straight
+            in joint positions.
 
     Returns:
-        True if the move is clear; False also if MAX_HALVINGS do not suffice to prove it.
+        True if the move is clear. False if it is not, or if MAX_HALVINGS do not suffice to prove
+        it.
     """
     if len(rows) == 0:
         return True

@@ -30,14 +30,15 @@ def compute_point_distance(rows: FloatArray, k: int, x: float, y: float, z: floa
     """Compute the signed distance of a point from a zone in space.
 
     Args:
-        rows: Obstacles, float64[rows, ROW_WIDTH].
-        k: Index of the row, of a box, cylinder or sphere in space.
+        rows: Obstacle table, float64[rows, ROW_WIDTH].
+        k: Index of the row; the obstacle must be a box, cylinder or sphere in space.
         x: Point in `base_link`, forward [m].
         y: Point in `base_link`, to the left [m].
         z: Point in `base_link`, up [m].
 
     Returns:
-        Distance, negative inside the zone [m].
+        Distance from the surface [m], negative inside the zone. The row's link radius is not
+        subtracted.
     """
     kind = rows[k, KIND_COLUMN]
     if kind == SPACE_BOX_KIND:
@@ -63,22 +64,22 @@ def compute_line_distance(
 ) -> float:
     """Compute the least signed distance of a link's line from a zone in space.
 
-    The line from a to b is in the arm's plane, which is turned about the vertical axis of the slew.
-    The distance is convex along the line, so a golden-section search finds the least value.
+    The line from a to b lies in the arm's plane, which the slew turns about the vertical. The
+    distance is convex along the line, so a golden-section search finds the least value.
 
     Test oracles: SciPy's bounded minimisation, and points along the line.
 
     Args:
-        rows: Obstacles, float64[rows, ROW_WIDTH].
-        k: Index of the row, of a box, cylinder or sphere in space.
-        slew: Angle of the arm's plane about the vertical [rad].
-        ra: Distance of the first end from the slew's axis, negative behind it [m].
-        za: Height of the first end [m].
-        rb: Distance of the second end from the slew's axis, negative behind it [m].
-        zb: Height of the second end [m].
+        rows: Obstacle table, float64[rows, ROW_WIDTH].
+        k: Index of the row; the obstacle must be a box, cylinder or sphere in space.
+        slew: Angle of the slew [rad].
+        ra: Distance of a from the slew's axis, negative behind it [m].
+        za: Height of a [m].
+        rb: Distance of b from the slew's axis, negative behind it [m].
+        zb: Height of b [m].
 
     Returns:
-        Distance of the line without the link's radius, negative inside the zone [m].
+        Distance [m], negative if the line enters the zone. The link's radius is not subtracted.
     """
     cosine, sine = math.cos(slew), math.sin(slew)
     low, high = 0.0, 1.0

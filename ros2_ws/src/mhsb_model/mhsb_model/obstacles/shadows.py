@@ -48,21 +48,23 @@ AT_AXIS = 1e-6
 def compute_shadows(
     zones: Obstacles, offset: float, start_angle: float, end_angle: float
 ) -> Obstacles:
-    """Compute the shadows of all zones in space between two slew angles.
+    """Compute the shadows of all zones in space for a range of slew angles.
 
-    A zone has up to two shadows, ahead of the axis and behind it, and none if the plane does not
-    reach it. The sector is widened for the links' radii including the margin of discrete paths,
-    both for `rows` and `path_rows`.
+    A shadow is an obstacle in the arm's plane. It covers the points of the plane that are in the
+    zone at any of these slew angles. A zone has up to two shadows, one ahead of the slew's axis and
+    one behind it, and none if the plane does not reach it. The range of angles is widened a little,
+    so that links with a radius keep clear of zones beside the plane. The radii include the margin
+    of discrete paths for this.
 
     Args:
-        zones: Obstacles of the whole arm; those in its plane are ignored.
+        zones: Obstacles of the slewing arm; those in its plane are ignored.
         offset: Distance of joint 2 ahead of the slew's axis [m].
         start_angle: Slew angle at one end of the turn [rad].
-        end_angle: Slew angle at the other end [rad].
+        end_angle: Slew angle at the other end, in either order [rad].
 
     Returns:
-        Obstacles for `Machine.planar_arm`, in the arm's plane. `names` are all names of `zones`,
-        also of zones without a shadow; there are no rows if no zone has a shadow.
+        Obstacles for the planar part of the arm (`Machine.planar_arm`), without rows if no zone has
+        a shadow. `names` are all names of `zones`, also those without a shadow.
     """
     rows, path_rows = [], []
     low, high = min(start_angle, end_angle), max(start_angle, end_angle)
@@ -82,15 +84,20 @@ def compute_shadows(
 
 
 def _compute_sector_margin(row: FloatArray) -> float:
-    """Return the angle by which the sector is widened so that a link beside a zone counts.
+    """Return the angle by which a slew's range is widened so that zones beside the plane count.
 
-    With the link's radius c and the zone's least distance ρ₀ from the axis, it is asin(c/ρ₀).
+        asin(c/ρ₀)
+
+    A link of radius c also touches zones beside the arm's plane. ρ₀ is the zone's least distance
+    from the slew's axis.
 
     Args:
-        row: Zone in space, float64[ROW_WIDTH], with the radius c in RADIUS_COLUMN.
+        row: Zone in space, a row of the obstacle table, float64[ROW_WIDTH], with c in
+            RADIUS_COLUMN.
 
     Returns:
-        Angle on each side [rad]; π if ρ₀ is at most c or AT_AXIS.
+        Angle on each side [rad]. It is π (the whole turn) if ρ₀ is no larger than c, or no larger
+        than AT_AXIS.
     """
     nearest = compute_distance_range(row, 0.0, WHOLE_TURN)
     if nearest is None or nearest[0] <= max(row[RADIUS_COLUMN], AT_AXIS):
@@ -101,17 +108,18 @@ def _compute_sector_margin(row: FloatArray) -> float:
 def _project_zone(
     row: FloatArray, offset: float, side: float, distances: tuple[float, float]
 ) -> FloatArray:
-    """Compute the obstacle row of a zone's shadow.
+    """Compute the obstacle row of a zone's shadow in the arm's plane.
 
     Args:
-        row: Zone in space, float64[ROW_WIDTH].
+        row: Zone in space, a row of the obstacle table, float64[ROW_WIDTH].
         offset: Distance of joint 2 ahead of the slew's axis [m].
-        side: 1 for the part of the plane ahead of the axis, −1 behind it.
-        distances: Least and greatest distance from the axis of the zone's part in the sector [m];
-            not used for a sphere.
+        side: 1 for the part of the plane ahead of the axis, −1 for the part behind it.
+        distances: Least and greatest distance from the axis of the part of the zone that the plane
+            sweeps [m]; not used for a sphere.
 
     Returns:
-        Circle or box in the plane, float64[ROW_WIDTH]. Its link is numbered without the slew.
+        Row of a circle (for a sphere) or a box in the plane, float64[ROW_WIDTH]. The index of its
+        link is that of the planar arm, one less than in `row`.
     """
     shadow = np.zeros_like(row)
     shadow[[KIND_COLUMN, LINK_COLUMN]] = BOX_KIND, row[LINK_COLUMN] - 1
@@ -128,17 +136,16 @@ def _project_zone(
 
 
 def compute_distance_range(row: FloatArray, low: float, high: float) -> tuple[float, float] | None:
-    """Compute the least and the greatest distance of a zone from the axis in a sector.
+    """Compute the least and the greatest distance from the slew's axis of a zone within a sector.
 
-    Distances are horizontal, from the slew's axis. A ray at the angle θ hits a face at the distance
-    d/cos(θ − θₙ), with the distance d and the normal θₙ of the face. Along a circle the distance
-    has its extrema at the centre's angle and at both tangents. So only the ends of the sector and
-    the angles of `_special_angles` within it are tried.
+    Distances are horizontal. The extrema lie at the ends of the sector, or at special angles of the
+    zone within it: corners and normals of a box, centre and tangents of a circle. Rays at these
+    angles are intersected with the zone.
 
     Args:
-        row: Zone in space, float64[ROW_WIDTH].
+        row: Zone in space, a row of the obstacle table, float64[ROW_WIDTH].
         low: Start of the sector [rad].
-        high: End of the sector, at least `low`, counter-clockwise from it [rad].
+        high: End of the sector, counter-clockwise from `low` and not below it [rad].
 
     Returns:
         Least and greatest distance of the part of the zone in the sector [m]; None if no part of
@@ -156,15 +163,18 @@ def compute_distance_range(row: FloatArray, low: float, high: float) -> tuple[fl
 
 
 def _special_angles(row: FloatArray) -> list[float]:
-    """Return the angles at which the distance of a zone from the axis can have an extremum.
+    """Return the angles at which a zone's distance from the slew's axis can have an extremum.
+
+    The distance is that at which a horizontal ray from the axis enters or leaves the zone, as a
+    function of the ray's angle.
 
     Args:
-        row: Zone in space, float64[ROW_WIDTH].
+        row: Zone in space, a row of the obstacle table, float64[ROW_WIDTH].
 
     Returns:
-        For a box, the angles of its corners and of its faces' normals [rad]. For a cylinder or
-        sphere, seen from above as a circle, its centre's angle and the angles of both tangents. If
-        the axis is inside the circle, centre ± π/2 takes the place of the tangents.
+        For a box, the angles of its corners and of its faces' normals [rad]. A cylinder or a sphere
+        is a circle from above: the angles of its centre and of both tangents. If the axis is inside
+        the circle, centre ± π/2 takes the place of the tangents.
     """
     if row[KIND_COLUMN] == SPACE_BOX_KIND:
         across, along = (
@@ -181,7 +191,11 @@ def _special_angles(row: FloatArray) -> list[float]:
 
 
 def _circle(row: FloatArray) -> tuple[float, float, float]:
-    """Return centre x, y and radius of a cylinder or sphere seen from above [m]."""
+    """Return centre x, y and radius of a cylinder or sphere as seen from above [m].
+
+    Args:
+        row: Zone in space, a row of the obstacle table, float64[ROW_WIDTH].
+    """
     return (
         row[SHAPE_COLUMN],
         row[SHAPE_COLUMN + 1],
@@ -190,10 +204,10 @@ def _circle(row: FloatArray) -> tuple[float, float, float]:
 
 
 def _intersect_ray(row: FloatArray, angle: float) -> tuple[float, float] | None:
-    """Intersect a ray from the axis with a zone seen from above.
+    """Intersect a horizontal ray from the slew's axis with a zone, as seen from above.
 
     Args:
-        row: Zone in space, float64[ROW_WIDTH].
+        row: Zone in space, a row of the obstacle table, float64[ROW_WIDTH].
         angle: Direction of the ray [rad].
 
     Returns:

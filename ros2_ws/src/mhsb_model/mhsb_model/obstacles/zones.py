@@ -72,13 +72,14 @@ in the order of its numbers [m]."""
 
 
 def zone_numbers(slews: bool) -> Mapping[str, tuple[str, ...]]:
-    """Return the kinds of zones that an arm can have, and the numbers that give each kind.
+    """Return the kinds of zones that an arm can have, and the numbers that describe each kind.
 
     Args:
         slews: Whether joint 1 of the arm slews.
 
     Returns:
-        `IN_SPACE` or `IN_PLANE`.
+        Names of the numbers [m] in order, by kind; for instance "circles" gives x, z and radius. It
+        is `IN_SPACE` for an arm that slews, otherwise `IN_PLANE`.
     """
     return IN_SPACE if slews else IN_PLANE
 
@@ -116,14 +117,14 @@ class Zones:
 
     @classmethod
     def from_keep_out(cls, keep_out: KeepOut) -> Zones:
-        """Return the keep-out zones of a machine file.
+        """Return the keep-out zones of a machine file as plain numbers.
 
         Args:
-            keep_out: Section `keep_out` of the file. Ground, base, margin and self-collision are
-                left out.
+            keep_out: Section `keep_out` of the file. Its ground, base, margin and self-collision
+                are not taken.
 
         Returns:
-            Zones as plain numbers.
+            Zones, sorted by kind, and by whether they hold for the tip alone.
         """
 
         def collect_numbers(field: str) -> tuple[Numbers, ...]:
@@ -145,14 +146,14 @@ class Zones:
         return cls(**{field.name: collect_numbers(field.name) for field in fields(cls)})
 
     def with_added(self, **more: Iterable[Sequence[float]]) -> Zones:
-        """Return these zones and further ones.
+        """Return a copy of these zones with further ones behind them.
 
         Args:
-            **more: Further zones by the name of their field, such as `boxes`. Other names are
-                ignored.
+            **more: Further zones, each as numbers [m], by the name of a field of this class, such
+                as `boxes`. Other names are ignored.
 
         Returns:
-            New zones, in which the further ones come last.
+            New zones; in each field the further ones come last.
         """
         own = {field.name: getattr(self, field.name) for field in fields(self)}
         both = {name: (*zones, *map(tuple, more.get(name, ()))) for name, zones in own.items()}
@@ -180,22 +181,24 @@ class Zones:
 def _split_field_name(field: str) -> tuple[HoldsFor, str]:
     """Split the name of a field of `Zones` into what its zones hold for and their kind.
 
-    For example, `tip_boxes` becomes `("tip", "boxes")`, and `boxes` becomes `("arm", "boxes")`.
+    Args:
+        field: For example `tip_boxes` or `boxes`.
+
+    Returns:
+        For these examples `("tip", "boxes")` and `("arm", "boxes")`.
     """
     return ("tip", field.removeprefix("tip_")) if field.startswith("tip_") else ("arm", field)
 
 
 def _list_number_fields(kind: str, zone: Section) -> tuple[str, ...]:
-    """Return the fields of a machine file's zone that give its numbers, in order.
-
-    A box without `y_min` is in the arm's plane.
+    """Return the fields of a zone in a machine file that describe its shape, in their order.
 
     Args:
         kind: Kind of the zone, such as `boxes`.
-        zone: Section of the machine file.
+        zone: Section of the machine file. A box whose `y_min` is None is in the arm's plane.
 
     Returns:
-        Names such as `x_min`.
+        Names such as `x_min`; for a box four if it is in the plane, six if it is in space.
     """
     planar = kind == "circles" or getattr(zone, "y_min", 0.0) is None
     return zone_numbers(not planar)[kind]
@@ -204,15 +207,17 @@ def _list_number_fields(kind: str, zone: Section) -> tuple[str, ...]:
 def _describe_zone_section(kind: str, numbers: Numbers, holds_for: HoldsFor) -> dict[str, Any]:
     """Return one zone in the form in which a machine file lists it.
 
-    Its corners or heights are sorted, so that each `_min` is below its `_max`.
+    The corners of a box, or the heights of a cylinder, are sorted, so that each `_min` is below its
+    `_max`.
 
     Args:
         kind: Kind of the zone, such as `boxes`.
-        numbers: Its numbers [m]; a box with four is in the arm's plane.
+        numbers: Numbers of its shape [m]. A box of four numbers is in the arm's plane, one of six
+            in space.
         holds_for: "arm" or "tip".
 
     Returns:
-        Section of the machine file.
+        Section of the machine file: numbers by key, and `holds_for`.
     """
     planar = kind == "circles" or (kind == "boxes" and len(numbers) == len(IN_PLANE["boxes"]))
     content = dict(zip(zone_numbers(not planar)[kind], numbers, strict=True))
@@ -249,12 +254,11 @@ class Obstacles:
         return self.rows[:, KIND_COLUMN] >= SPACE_BOX_KIND
 
     def combined_with(self, others: Obstacles) -> Obstacles:
-        """Return these obstacles followed by others.
-
-        The names of both are joined to one list. The numbers of the others are shifted accordingly.
+        """Return these obstacles followed by others of the same arm.
 
         Args:
-            others: Obstacles of the same arm.
+            others: Obstacles to append. Their numbers (column COLUMN_COUNT) are raised by the
+                number of these obstacles' names, so that they still index their own names.
 
         Returns:
             New obstacles with all rows and names.
@@ -271,20 +275,23 @@ NO_OBSTACLES = Obstacles(frozen(np.empty((0, ROW_WIDTH))), frozen(np.empty((0, R
 
 
 def build_obstacles(keep_out: KeepOut, joints: int, joints_before_plane: int = 0) -> Obstacles:
-    """Convert the obstacles of a machine file into rows for the kernels.
+    """Convert the obstacles of a machine file into the obstacle table for the kernels.
 
-    An obstacle for the whole arm has a row for each link in the plane; an obstacle for the tip
-    alone has one row. The base has no row for the first link in the plane. Self-collision has a row
-    for each pair of links that are not neighbours.
+    The table has one row for each obstacle and link that must keep clear of each other:
+
+    - An obstacle for the whole arm has a row for each link in the plane.
+    - An obstacle for the tip alone has one row.
+    - The base has no row for the first link in the plane, which is mounted on it.
+    - Self-collision has a row for each pair of links that are not neighbours.
 
     Args:
         keep_out: Section `keep_out` of the machine file.
         joints: Number of joints n.
-        joints_before_plane: Number of joints before the arm's plane: 1 if joint 1 slews, else 0.
+        joints_before_plane: 1 if joint 1 slews, so that its link is not in the plane, else 0.
 
     Returns:
-        Obstacles with rows in the order of the obstacles: zones, ground, base, self-collision.
-        `path_rows` has the file's margin added to the radii.
+        Obstacles with rows in the order zones, ground, base, self-collision. `path_rows` has the
+        file's margin added to the radii.
     """
     links = joints - joints_before_plane
     radius = (*(keep_out.link_radii or links * (0.0,)), 0.0)
@@ -320,14 +327,18 @@ def _list_obstacles(
 ) -> list[tuple[str, list[float]]]:
     """List the obstacles of a machine file with their names and shapes.
 
+    The order is zones, ground, base, self-collision.
+
     Args:
         keep_out: Section `keep_out` of the machine file.
         links: Number of links in the arm's plane.
-        joints_before_plane: Number of joints before the plane: 1 if joint 1 slews, else 0.
+        joints_before_plane: 1 if joint 1 slews, so that its link is not in the plane, else 0.
 
     Returns:
-        For each obstacle its name, and a list: kind, first link in the plane for which it holds
-        (from 0; `links` means the tip alone), numbers of its shape.
+        One pair for each obstacle: its name, and a list. The list has the kind, then a link in the
+        plane (from 0), then the numbers of the shape [m]. The obstacle holds for this link and all
+        later ones. For self-collision it holds for this link alone, and the shape is the index of
+        an earlier link. The number `links` means the tip alone.
     """
     found: list[tuple[str, list[float]]] = []
     named = 1 + joints_before_plane  # number of the first link in the plane
