@@ -11,13 +11,13 @@ from mhsb_model.kernels.kernel import kernel
 def update_assumed_valves(circuit: Components) -> None:
     """Advance the assumed positions of join valves and diverters by one servo step.
 
-    The servo knows the positions from its commands alone. Join valves connect lines to the rail;
-    diverters lead a module's flow to the rail. Both follow their commands as first-order lags.
-    Diverters of modules without an actuator do not move.
+    Join valves connect supply lines to the shared rail; diverters lead a booster module's flow to
+    the rail. Neither has a sensor, so the servo computes both positions from its own commands, as
+    first-order lags. Diverters of spare modules, which have no actuator, do not move.
 
     Args:
-        circuit: The circuit as the servo knows it. Writes `join` of the actuators and
-            `to_rail` of the modules in place, both from 0 (closed) to 1.
+        circuit: The circuit as the servo knows it. Writes `join` of the actuators and `to_rail` of
+            the modules in place, both from 0 (closed) to 1 (open).
     """
     decay = circuit.constants[0].switching_decay
     for j in range(len(circuit.actuators)):

@@ -20,9 +20,9 @@ def compute_coasting_volumes(
 ) -> None:
     """Compute the oil that a coasting pump delivers up to given times, per unit of flow.
 
-    The stop command is sent at time 0. Oil that is delivered before the command acts is not
-    counted. Afterwards the pump keeps its flow for the time t_k, at most `extra_delay`. The flow
-    then decays as a first-order lag:
+    A pump coasts after a stop command, which is sent at time 0 and acts after `delay`. Oil that is
+    delivered before the command acts is not counted. Then the pump keeps its flow Q for the time
+    t_k, at most `extra_delay`. After that its flow decays as a first-order lag:
 
         V/Q = t_k + τ (1 − e^(−(t − t_k)/τ))
         t   = max(time − delay, 0),    t_k = min(t, extra_delay)
@@ -31,8 +31,8 @@ def compute_coasting_volumes(
         lag: τ, time constant of the pump [s].
         delay: Time until the command acts [s].
         extra_delay: Time for which the flow stays constant after that [s].
-        time: Times after the command [s].
-        volumes: V/Q at each time [s], of the same shape as `time`. Written in place.
+        time: Times after the command, float64[k], [s].
+        volumes: Delivered volume V per flow Q at each time, float64[k], [s]. Written in place.
     """
     for k in range(len(time)):
         left = max(time[k] - delay, 0.0)
@@ -52,27 +52,27 @@ def compute_coasting_limit(
 ) -> float:
     """Compute the largest pump flow from which the pump can stop without overfilling its line.
 
-    A pump that is stopped from the flow Q still delivers Q V_c(t), where V_c is `coasting`, plus
-    the oil `pending`. The sum must not exceed the oil that the line has passed on or stored by
-    then:
+    A pump that is stopped from the flow Q still delivers Q V_c(t) of oil, plus the oil `pending`.
+    Up to each time t this must not exceed the oil that the line passes on or stores:
 
         Q V_c(t) + pending ≤ V(t) − flow_uncertainty t + C Δp(t)
 
-    The condition is checked at each point of the reference ahead, and at COASTING_SAMPLES − 1 even
-    times before the first of them. These earlier times matter, since the pressure peaks when the
-    pump has slowed down to the drawn flow.
+    The condition is checked at the coming points of the reference, `spacing` apart, and at
+    COASTING_SAMPLES − 1 even times before the first of them. These earlier times matter, since the
+    pressure peaks when the pump has slowed down to the drawn flow.
 
     Args:
-        volume: V, oil drawn from the line up to each point of the reference, float64[points], [m³].
-            The first value is the volume that the present flow would draw up to point 1. Up to
-            point 1, V is taken as quadratic in time.
-        coasting: V_c, delivered volume per flow at all sampled times from 0,
-            float64[COASTING_SAMPLES + points − 1], [s].
+        volume: V, oil drawn from the line up to each point, float64[points], [m³]. Element k
+            belongs to the time k times `spacing`. Element 0 is the volume that the present flow
+            would draw up to point 1. Up to point 1, V is taken as quadratic in time.
+        coasting: V_c, delivered volume per flow, float64[COASTING_SAMPLES + points − 1], [s]. The
+            first COASTING_SAMPLES times are even from 0 to before point 1, the others are points 1,
+            2, ….
         capacity: C, capacity of the line [m³/Pa].
-        rises: Allowed pressure rise Δp at present, and from point PREVIEW_POINT on [Pa]. Δp is
-            linear in time before that point.
+        rises: Allowed pressure rise Δp at present, and from point PREVIEW_POINT on [Pa]. In between
+            Δp is linear in time.
         pending: Oil that arrives whatever is commanded now [m³].
-        flow_uncertainty: Part of the drawn flow that is uncertain and not counted [m³/s].
+        flow_uncertainty: Uncertain part of the drawn flow, which is not counted [m³/s].
         spacing: Time between two points [s].
 
     Returns:

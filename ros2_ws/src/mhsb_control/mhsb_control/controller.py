@@ -67,17 +67,18 @@ class ServoSignals:
 
     @classmethod
     def at_rest(cls, circuit: Components, modes: ModeArray) -> Self:
-        """Build signals with assumed pressures, idle modules and a reference at zero.
+        """Build signals for an arm of which nothing has been measured yet.
 
-        The pressures are those of idle cylinders without load, with all lines at the main pump's
-        pressure. They stay where no sensor measures them. Lengths are 0.
+        The pressures are those of cylinders at rest without load, with all lines and the rail at
+        the main pump's pressure. They stay if no sensor measures them. Lengths and the reference
+        are 0, and all booster modules are idle.
 
         Args:
             circuit: Circuit as the controller knows it; it is shared, not copied.
             modes: Modes in force, uint8[n].
 
         Returns:
-            Signals with new arrays.
+            Signals with new arrays, except `circuit`.
         """
         actuators, modules = len(circuit.actuators), len(circuit.modules)
         supply, tank = (circuit.constants[f"{each}_pressure"][0] for each in ("supply", "tank"))

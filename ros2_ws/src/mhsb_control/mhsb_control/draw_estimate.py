@@ -70,13 +70,13 @@ class MeasuredLine(NamedTuple):
 
 
 def build_draw_observers(count: int) -> Records[DrawObserver]:
-    """Return zeroed observers, DrawObserver[n + 1].
+    """Return observers of drawn flow in their initial state, all fields 0.
 
     Args:
-        count: Number n of lines. The rail's observer follows them as the last record.
+        count: Number n of lines.
 
     Returns:
-        One record per line, and one for the rail.
+        DrawObserver[n + 1]: one record for each line, and the rail's as the last.
     """
     return create_records(DrawObserver, count + 1)
 
@@ -91,19 +91,19 @@ def update_draw_observer(
     step: float,
     settings: DrawSettings,
 ) -> None:
-    """Update the observer of a line by one step.
+    """Update the observer of the flow that a line draws by one step.
 
         τ ḋ = (supplied − capacity ṗ − Q_c) − d,    τ = observation_delay
 
-    d is the drawn flow less the commanded one, and Q_c the commanded flow behind a first-order lag.
-    If anything but pumps may feed the line, d is set to 0.
+    d is the observed excess: the drawn flow less the commanded one. Q_c is the commanded flow
+    behind a first-order lag. If anything but pumps may feed the line, d is set to 0.
 
     Args:
-        draw: Observer of the line. Writes d and Q_c [m³/s] and the pressure
-            [Pa] in place.
-        line: Pressure of the line and flow that it is supplied with.
-        commanded: Flow A_dir |u| that the piston is commanded to take [m³/s].
-        capacity: c C, estimated capacity of the line [m³/Pa].
+        draw: Observer of the line. Writes `excess_flow` (d), `delayed_command` (Q_c) [m³/s] and
+            `pressure` [Pa] in place.
+        line: Pressure of the line, flow that it is supplied with, and whether pumps alone feed it.
+        commanded: Flow that the piston is commanded to take, not negative [m³/s].
+        capacity: Estimated capacity of the line [m³/Pa].
         lag: Time constant of the lag with which the commanded flow acts [s].
         step: Control period [s].
         settings: Tuned numbers.
@@ -121,10 +121,11 @@ def update_draw_observer(
 
 @kernel
 def compute_draw_shortfall(draw: DrawObserver, target: float, settings: DrawSettings) -> float:
-    """Compute the flow by which a line draws less than commanded.
+    """Compute the flow by which a line draws less than its piston is commanded to take.
 
-    The observed shortfall −d is weighted by the line pressure. The weight is 1 at or above the
-    target, and falls linearly to 0 at `pressure_shortfall_scale` below the target.
+    The observed shortfall is weighted by the line pressure. The weight is 1 at or above the target,
+    and falls linearly to 0 at `pressure_shortfall_scale` below the target, where the line lacks oil
+    anyway.
 
     Args:
         draw: Observer of the line.
@@ -132,7 +133,7 @@ def compute_draw_shortfall(draw: DrawObserver, target: float, settings: DrawSett
         settings: Tuned numbers.
 
     Returns:
-        Shortfall [m³/s], at least 0.
+        Weighted shortfall [m³/s]; 0 if the line draws more than commanded.
     """
     scale = settings.pressure_shortfall_scale
     weight = min(max((draw.pressure - target + scale) / scale, 0.0), 1.0)

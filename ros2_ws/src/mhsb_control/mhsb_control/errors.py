@@ -16,7 +16,7 @@ class UnknownControllerError(ArgumentError):
     """
 
     def __init__(self, name: str, valid: Iterable[str]) -> None:
-        """Build the error with its sentence.
+        """Make the message from the requested name and the valid names.
 
         Args:
             name: The requested name.
@@ -36,11 +36,11 @@ class PressureSensorsError(ArgumentError):
     """
 
     def __init__(self, name: str, machine: str, suitable: Iterable[str]) -> None:
-        """Build the error with its sentence.
+        """Make the message from the controller, the machine and the controllers that suit it.
 
         Args:
             name: The controller.
-            machine: Name of the machine.
+            machine: Name of the machine, which measures no pressures.
             suitable: Names of the registered controllers that read no pressures.
         """
         self.name = name

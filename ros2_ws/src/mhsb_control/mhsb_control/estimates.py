@@ -29,8 +29,8 @@ def collect_estimates(
     """Collect the estimates of all estimators with their standard deviations.
 
     Bulk modulus, valve gain and overlap are functions of the estimated parameters; their variances
-    are propagated to first order. The deviation of the delay is the longest plausible delay less
-    the estimated one.
+    are propagated to first order. The delay has no standard deviation. The longest plausible delay
+    less the estimated delay takes its place.
 
     Args:
         names: Names of the actuators, in the order of the estimators' arrays.
@@ -39,12 +39,13 @@ def collect_estimates(
         lines: Estimates of oil compressibility and leakage.
         drives: Estimates of pump lag and command delay.
         load_settings: Tuned numbers of `load`, with initial standard deviations.
-        pump_settings: Those of `lines` and `drives`.
+        pump_settings: Tuned numbers of `lines` and `drives`, with initial standard deviations.
 
     Returns:
         Estimates with the units of `Estimate`. First are payload, bulk modulus, pump lag and delay,
         with an empty actuator name. Friction, valve gain, overlap and leakage of each actuator
-        follow.
+        follow. An estimate counts as known if its standard deviation is below KNOWN_DEVIATION_RATIO
+        times the initial one.
     """
     spread, oil = np.sqrt(np.diag(load.covariance)), np.sqrt(np.diag(lines.covariance))
     first = load_settings.payload_deviation * float(load.file_payload[0])

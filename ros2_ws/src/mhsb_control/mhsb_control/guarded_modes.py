@@ -18,29 +18,30 @@ def combine_modes(
 ) -> ModeArray:
     """Combine scheduled modes with requested boost, within the number of booster modules.
 
-    Each actuator first gets the stronger of its two modes, in the order N, DB, SB. If these modes
-    need more modules than there are, actuators lose modules one by one until the modules suffice.
-    Within each of these steps, the actuator with the largest reserve comes first:
+    The modes are N (main pump alone), DB (boost by the own servo pump) and SB (boost from the
+    shared rail), from the weakest to the strongest. Each actuator first gets the stronger of its
+    two modes. If these modes need more modules than there are, actuators are lowered one by one
+    until the modules suffice:
 
-    1. A boosted actuator without a request returns to mode N if its reserve exceeds
-        `release_reserve`.
-    2. Shared boost (SB) becomes decoupled boost (DB), so that the actuator keeps one pump.
-    3. An actuator with a request returns to mode N if the schedule does not boost it.
+    1. A boosted actuator without a request goes to N if its reserve exceeds `release_reserve`.
+    2. An actuator in SB goes to DB.
+    3. An actuator with a request goes to N if the schedule does not boost it.
 
-    If all three steps do not suffice, all requests are dropped. Modes of the schedule are then
-    lowered one by one, first SB to DB, then DB to N. This happens if modules have failed.
+    Each of these three steps takes the actuators in the order of falling reserve. If they do not
+    suffice, since modules have failed, all requests are dropped. The scheduled modes are then
+    lowered one by one in the same order, first SB to DB, then DB to N.
 
     Args:
         scheduled: Modes of the schedule, uint8[n].
         requested: Modes that the reference governor requests, uint8[n]; N if it requests nothing.
-        reserve: Supply pressure in mode N less the pressure that each actuator needs [Pa],
-            float64[n].
+        reserve: Supply pressure in mode N less the pressure that each actuator needs, float64[n],
+            [Pa].
         release_reserve: Reserve above which an actuator can do without boost [Pa].
         modules: Number of booster modules that work.
-        per_mode: Number of modules that each mode takes, by mode code.
+        per_mode: Number of modules that one actuator in mode N, DB or SB takes.
 
     Returns:
-        Modes in force, uint8[n].
+        Modes in force in a new array, uint8[n].
     """
     modes = stronger(scheduled, requested)
     spare_first = sorted(range(len(modes)), key=lambda j: -reserve[j])

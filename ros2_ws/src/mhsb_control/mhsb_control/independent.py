@@ -84,13 +84,13 @@ class IndependentController:
     def __init__(self, machine: Machine, signals: ServoSignals, gains: IndependentGains) -> None:
         """Build the servo's records and bind the control kernel to them.
 
-        The integrals of the pumps' pressure loops begin at 0. Modes are not prepared in advance:
-        `preview` is 0. The load is not estimated.
+        The integrals of the pumps' pressure loops begin at 0. `preview` is 0, since this controller
+        does not prepare modes in advance.
 
         Args:
             machine: The machine as its file describes it.
             signals: Arrays that the controller reads and writes in each step.
-            gains: Gains of its section of the machine file.
+            gains: Gains from section `servo.independent` of the machine file.
         """
         self.preview = 0.0
         own_gains = create_records(IndependentParameters, 1)
@@ -115,22 +115,23 @@ class IndependentController:
 def run_independent_step(
     s: ServoArguments, own_gains: Records[IndependentParameters], integrals: FloatArray
 ) -> None:
-    """Run one step of the independent controller.
+    """Run one step of the independent controller: write the commands of all valves and pumps.
 
-    The valve command is u A_dir/(K √Δp_nominal), limited to −1 … 1, with u the demanded piston
-    speed. A line is joined to the rail if its mode is SB or a module of another line serves it.
+    The valve command is u A_dir/(K √Δp_nominal), limited to −1 … 1. u is the demanded piston speed,
+    A_dir the piston area that the supply fills, and K the valve's flow coefficient. A line is
+    joined to the rail if its mode is SB (shared boost), or if a module of another line serves it.
     Each pump in use controls the pressure of its line, or of the rail if the line is joined:
 
         Q_cmd = C k_P (p_target − p) + ∫ C k_I (p_target − p) dt,    0 ≤ Q_cmd ≤ Q_max
 
-    p is the measured pressure, C the capacity of the line or of the rail alone [m³/Pa], and k_P,
-    k_I the gains. The integral stays constant while the pump saturates, and is 0 for an idle pump.
-    The rail's target is the highest target of the joined lines.
+    p is the measured pressure, and C the capacity of the line, or of the rail [m³/Pa]. The rail's
+    target is the highest target of the joined lines. The integral stays constant while the command
+    is at a limit, and is 0 for an idle pump.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `axes` and the commands of
             `actuators` and `modules` in place.
-        own_gains: Δp_nominal, k_P and k_I, IndependentGains[1].
+        own_gains: Δp_nominal [Pa], k_P [1/s] and k_I [1/s²], IndependentParameters[1].
         integrals: Integral parts of the pumps' pressure loops, float64[m], [m³/s]. Written in
             place.
     """

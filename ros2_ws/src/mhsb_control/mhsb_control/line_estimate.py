@@ -183,14 +183,17 @@ class LineEstimates(NamedTuple):
 
 
 def build_line_estimates(count: int, settings: LineSettings = LineSettings()) -> LineEstimates:
-    """Return the initial estimates of lines: c = λ = 1, with their initial standard deviations.
+    """Return the initial estimates of oil compressibility and leakage, with empty oil balances.
+
+    All values are factors on those of the machine file and begin at 1. Their standard deviations
+    are the initial ones of the settings.
 
     Args:
         count: Number n of lines.
         settings: Tuned numbers.
 
     Returns:
-        The estimates, with empty balances.
+        The estimates, in new arrays.
     """
     deviation = np.full(1 + count, settings.leakage_deviation)
     deviation[0] = settings.compressibility_deviation
@@ -212,18 +215,27 @@ def build_line_estimates(count: int, settings: LineSettings = LineSettings()) ->
 def update_line_estimates(s: ServoArguments, lines: LineEstimates, settings: LineSettings) -> None:
     """Add one step to the oil balances of all lines, and update the estimates from full windows.
 
-    A line belongs to the rail's balance if its join valve is open, and its pressure is within
-    `joined_drop` of the rail's. A line has a balance of its own if a pump feeds it and its join
-    valve is shut. The rail's balance is skipped in two cases: no pump feeds it, or a join valve is
-    partly open or open with unequal pressures.
+    A balance compares the oil from the pumps with the oil that lines take, over a window of
+    `window_steps` steps. There are two kinds:
 
-    A full window updates c and λ in two cases. The line pressure is at least `check_valve_margin`
-    above P_S, so that the check valves are closed. Or no piston has moved, and more oil went in
-    than the present estimates explain.
+    - The balance of a line alone. A pump must feed the line, and its join valve (to the rail) must
+      be shut.
+    - The balance of the rail with all lines joined to it. Those have an open join valve and a
+      pressure within `joined_drop` of the rail's. A pump must feed the rail or one of these lines.
+      No join valve may be partly open, or open at a larger pressure difference.
+
+    A full window updates the estimates in two cases:
+
+    - The pressure is at least `check_valve_margin` above the main pump's, so that only servo pumps
+      feed the lines.
+    - No piston has moved, and more oil has gone in than the present estimates explain.
+
+    The estimates are factors on the file's compressibility of the oil and on the leakage of each
+    valve.
 
     Args:
-        s: Signals, circuit, axes and estimates of the servo. Writes `leakage` of all axes [m³/s],
-            as the machine file gives it at the present pressure, in place.
+        s: Signals, circuit, axes and estimates of the servo. Writes `leakage` of all axes in place:
+            the leakage by the machine file at the present pressure [m³/s].
         lines: Estimates and balances, updated in place.
         settings: Tuned numbers.
     """
@@ -276,16 +288,19 @@ def compute_fed_flows(
     fed: FloatArray,
     shut_opening: float,
 ) -> None:
-    """Compute the flows that the pumps feed into each line alone and into the rail.
+    """Compute the flows of the servo pumps into each line and into the rail.
+
+    A module's diverter divides its flow between its own line and the rail. A spare module has no
+    line of its own.
 
     Args:
-        modules: Records of the circuit's modules, [m], with flows and diverter positions.
+        modules: Booster modules with flows and diverter positions, ModuleState[m].
         module_home: Actuator to whose line each module belongs, int64[m]; −1 for a spare.
         serves: Actuator that each module serves, int64[m]; −1 if idle.
-        fed: Written in place, float64[n + 1, 2]; one row for each line, and the rail's last. Column
-            0 is the flow of the pumps [m³/s], idle ones included. Column 1 is 1 if a pump in use
-            feeds the line or rail, else 0.
-        shut_opening: Opening of a diverter below which it counts as shut.
+        fed: Written in place, float64[n + 1, 2], one row for each line and the last for the rail.
+            Column 0 is the flow of all pumps into it, idle ones included [m³/s]. Column 1 is 1 if a
+            pump that is not idle feeds it, else 0.
+        shut_opening: Opening of a diverter up to which it counts as shut, for column 1.
     """
     fed[:] = 0.0
     rail = len(fed) - 1
@@ -311,25 +326,26 @@ def accumulate_balance(
     step: float,
     window_steps: int,
 ) -> bool:
-    """Add one step to a balance of oil, and return whether its window is full.
+    """Add one step to an oil balance, and return whether its window of steps is complete.
 
-    The window starts anew if the set of lines or the state of the check valves has changed. The
-    first step of a window only records the flow of the pumps. The rail's own intake counts only in
-    the balance of the rail.
+    The window starts anew if the set of lines or `manifold_feeds` has changed. The first step of a
+    window only records the flow of the pumps. What the rail itself takes counts only in the balance
+    of the rail.
 
     Args:
-        lines: Reads `intake`, the oil taken in this step. Updates record k of `balances` and row k
-            of `row` in place. The row has the coefficients of c and λ: oil taken by compression,
-            then leakage of each valve, both by the machine file.
-        k: Index of the balance; the last one is the rail's.
+        lines: Estimates and balances of n lines. Reads `intake`, the oil that each line and the
+            rail take in this step. Updates record k of `balances` and row k of `row` in place. This
+            row has the coefficients of the estimated factors: oil taken by compression, then the
+            leakage of each valve, both by the machine file [m³].
+        k: Index of the balance: that of a line alone, or n for the rail with its joined lines.
         members: Lines of the balance, bit j for line j; 0 discards the window.
-        manifold_feeds: 1 if the manifold may feed the lines as well, else 0.
-        flow: Flow of the pumps into these lines [m³/s].
+        manifold_feeds: 1 if the main pump may feed the lines as well, else 0.
+        flow: Flow of the servo pumps into these lines [m³/s].
         step: Control period [s].
         window_steps: Number of steps in a window.
 
     Returns:
-        True in the last step of a window. `row` and `balances` then contain its balance.
+        True in the last step of a window. Record k and row k then contain its balance.
     """
     oil_balance, row, taken = lines.balances[k], lines.row[k], lines.intake
     if (
@@ -379,22 +395,23 @@ def compute_line_intake(
 ) -> None:
     """Compute the oil that a line takes in a step, by compression, leakage and its piston.
 
-    Compression is C Δp of the line, with the capacity C of the machine file. While the reference
-    moves, the oil swept by the piston counts, and the compression in the chamber that the supply
-    fills. This chamber is the cap side if the reference extends, and the rod side if it retracts.
+    Compression is capacity times pressure rise, by the machine file. While the reference moves the
+    piston, two things are added: the oil that the piston sweeps, and the compression in the chamber
+    that the supply fills. This is the cap side if the reference extends, and the rod side if it
+    retracts.
 
     Args:
-        axis: State of the cylinder's control axis. Writes `leakage` [m³/s],
-            as the machine file gives it at the present line pressure, in place.
+        axis: State of the cylinder's control axis. Writes `leakage` in place: the leakage by the
+            machine file at the present line pressure [m³/s].
         cylinder: Areas of the cylinder.
         sensor: Measured length [m] and pressures [Pa] of the actuator.
         c: Constants of the circuit.
         step: Control period [s].
         before: Line, cap-side and rod-side pressure [Pa] and cylinder length [m] in the last step,
             float64[4]. Overwritten with the present values.
-        taken: Overwritten with the oil of this step by compression, leakage and piston, float64[3],
-            [m³]. The swept oil is negative if the piston moves against the reference. It is 0 if
-            the reference speed is 0.
+        taken: Overwritten with the oil that compression, leakage and piston take in this step,
+            float64[3], [m³]. The piston's oil is negative if the piston moves against the
+            reference, and 0 if the reference rests.
     """
     line, cap, rod = sensor.line_pressure, sensor.cap_pressure, sensor.rod_pressure
     axis.leakage, _ = compute_orifice_flow(
@@ -416,13 +433,14 @@ def compute_line_intake(
 def update_line_filter(
     lines: LineEstimates, row: FloatArray, oil: float, spread: float, settings: LineSettings
 ) -> None:
-    """Update c and λ from the balance of a window by a Kalman filter.
+    """Update the estimates of compressibility and leakage from one oil balance (Kalman filter).
 
-        oil = row · (c, λ) + noise
+        oil = row · (c, λ_1, …, λ_n) + noise
 
-    Parameters with a coefficient other than 0 first gain the variance of their random walk, the
-    square of `compressibility_drift` or `leakage_drift`. c is limited to `min_compressibility` …
-    `max_factor` and each λ to `min_leakage` … `max_factor`.
+    c is a factor on the oil's compressibility by the machine file, and λ_j one on the leakage of
+    valve j. Parameters with a coefficient other than 0 first gain the variance of their random
+    walk, the square of `compressibility_drift` or `leakage_drift`. c is limited to
+    `min_compressibility` … `max_factor`, and each λ to `min_leakage` … `max_factor`.
 
     Args:
         lines: Estimates. Writes `estimate`, `covariance` and `gain_work` in place.

@@ -121,14 +121,17 @@ def build_load_estimate(
 ) -> LoadEstimate:
     """Return the initial estimates of the load: the payload of the file, and friction factors 1.
 
+    A friction factor multiplies the friction of an actuator by the machine file.
+
     Args:
         payload: Payload of the machine file [kg].
         count: Number n of actuators.
-        is_estimated: Whether the load is to be estimated. If not, the covariance is 0.
+        is_estimated: Whether the load is to be estimated. If not, the covariance is 0, so that the
+            initial values stay.
         settings: Tuned numbers.
 
     Returns:
-        The estimates.
+        The estimates, in new arrays.
     """
     deviation = np.full(1 + count, settings.friction_deviation)
     deviation[0] = settings.payload_deviation * payload
@@ -155,20 +158,22 @@ def accumulate_load_window(
     friction: float,
     settings: LoadSettings,
 ) -> bool:
-    """Add one step of an actuator to its window, and update the load if the window is full.
+    """Add one step of an actuator to its window, and update the load estimates from a full window.
 
-    A window has `window_steps` steps. `update_load_filter` gets the means of the window.
+    A window has `window_steps` successive steps of steady motion. The estimates of payload and
+    friction are updated from the means of both torques over the window.
 
     Args:
         load: Estimates and windows, updated in place.
         j: Index of the actuator.
         steady: Whether the motion is steady. If not, the window is discarded.
-        torque: r F − τ(m̂) − r φ̂ f(v), measured less expected torque [N m].
-        friction: r f(v), friction torque by the machine file [N m].
+        torque: Measured torque less the torque expected by the present estimates of payload and
+            friction [N m].
+        friction: Friction torque by the machine file [N m].
         settings: Tuned numbers.
 
     Returns:
-        True if the estimates were updated.
+        True if the window was full and the estimates were updated.
     """
     if not steady:
         load.steps[j] = 0.0
@@ -190,19 +195,20 @@ def accumulate_load_window(
 def update_load_filter(
     load: LoadEstimate, j: int, torque: float, friction: float, settings: LoadSettings
 ) -> None:
-    """Update payload and friction from the mean torques of a window, by a Kalman filter.
+    """Update payload and friction from the mean torques of an actuator (Kalman filter).
 
         torque = Y δm + friction δφ_j + noise
 
-    Y is the torque per kilogram of payload [m²/s²], and δm [kg] and δφ_j are the errors of the
-    present estimates. The noise has the standard deviation `torque_deviation`. The payload is
-    limited to 0 … `max_payload_ratio` times the machine file's, and φ to 0 … `max_friction_ratio`.
+    Y is the torque per kilogram of payload [m²/s²]. δm [kg] and δφ_j are the errors of the present
+    estimates: the payload m, and the factor φ_j on the file's friction of actuator j. The noise has
+    the standard deviation `torque_deviation`. Afterwards the payload is limited to 0 …
+    `max_payload_ratio` times the machine file's, and all φ to 0 … `max_friction_ratio`.
 
     Args:
         load: Estimates. Reads `weight` (Y); writes `estimate`, `covariance` and `gain_work` in
             place.
         j: Index of the actuator.
-        torque: Mean of measured less expected torque [N m].
+        torque: Mean of the measured torque less the expected one [N m].
         friction: Mean of the friction torque by the machine file [N m].
         settings: Tuned numbers.
     """

@@ -59,14 +59,14 @@ class ModeGuard:
         reference: ReferencePreview,
         usual_error: float,
     ) -> None:
-        """Bind the reference governor to the signals of a servo.
+        """Build the state of the reference governor, and bind its kernel to the signals of a servo.
 
         Args:
             machine: The machine as its file describes it.
-            signals: Signals of the servo controller.
-            reference: The reference that is slowed.
-            usual_error: Normal distance of the tip from its reference, for an arm of the paper's
-                size [m]. It is scaled with the size of the machine.
+            signals: Signals of the servo controller, which the guard reads in each step.
+            reference: The reference, which the guard slows.
+            usual_error: Distance of the tip from its reference that is normal for an arm of the
+                paper's size [m]. It is scaled with the size of the machine.
         """
         modules = machine.config.hydraulics.modules
         self._per_mode = modules.per_mode
@@ -77,9 +77,9 @@ class ModeGuard:
         self.watch = bind_kernel(run_governor_step, self._state)
 
     def reset(self) -> None:
-        """Restart the filters, drop all boost requests, and set the speed scaling to full speed.
+        """Restart the filters, drop all boost requests, and return the plan to full speed.
 
-        The counts of interventions and the accumulated delay of the reference stay.
+        The counts of interventions are kept, and so is the delay of the reference behind the plan.
         """
         self._state.totals["is_initialized"] = 0.0
         self._state.actuators["requested_mode"] = 0
@@ -91,15 +91,16 @@ class ModeGuard:
     def select_modes(self, scheduled: ModeArray, modules: int) -> ModeArray:
         """Select the modes in force from scheduled modes, boost requests and working modules.
 
-        `combine_modes` decides if the governor requests boost, or if the modules do not suffice.
+        The scheduled modes stay if the guard requests no boost and the booster modules suffice.
+        Otherwise `combine_modes` adds the requested boost, or lowers modes for which modules are
+        missing.
 
         Args:
             scheduled: Modes of the schedule, uint8[n].
             modules: Number of booster modules that work.
 
         Returns:
-            Modes, uint8[n]. The array `scheduled` itself is returned if the governor requests no
-            boost and the modules suffice.
+            Modes, uint8[n]. It is the array `scheduled` itself if nothing changes.
         """
         actuators, per_mode = self._state.actuators, self._per_mode
         requested = actuators["requested_mode"].astype(np.uint8)
@@ -110,16 +111,16 @@ class ModeGuard:
         return combine_modes(scheduled, requested, reserve, release, modules, per_mode)
 
     def record_modes(self, scheduled: ModeArray, prepared: ModeArray, in_force: ModeArray) -> None:
-        """Record the modes of the plan, and count each time that the modes in force leave them.
+        """Record the modes of the plan for the governor, and count deviations from them.
 
-        A count is added if the modes in force differ from `scheduled` and did not at the last call.
+        The number of boosts rises by 1 if the modes in force differ from `scheduled` now, but did
+        not at the last call. While they differ, `sentence` names both.
 
         Args:
             scheduled: Modes that the plan has at present, uint8[n].
             prepared: For each actuator the stronger of the plan's present and next mode, uint8[n].
-                They are copied for the governor.
-            in_force: Modes that are in force, uint8[n]. If they differ from `scheduled`, `sentence`
-                reports both. If they agree, `sentence` no longer speaks of modes.
+                The governor gets a copy of them.
+            in_force: Modes that are in force, uint8[n].
         """
         self._state.scheduled[:] = prepared
         before, self._deviation_text = self._deviation_text, ""
@@ -139,9 +140,9 @@ class ModeGuard:
 
     @property
     def held(self) -> float:
-        """Time for which the rate of the speed scaling has been below `held_rate` [s].
+        """Time for which the plan has been held without a break [s]; 0 if it is not held now.
 
-        It is 0 if the rate is above now.
+        A plan is held while the rate of its speed scaling is below `held_rate`.
         """
         return float(self._state.totals["held"][0])
 
@@ -149,8 +150,8 @@ class ModeGuard:
     def sentence(self) -> str:
         """Text for a person on what the guard does now and why; empty if it does nothing.
 
-        It can have three parts, separated by semicolons. They are: modes that differ from the
-        plan, the reduced rate and its cause, and the delay of the arm behind the plan.
+        It has up to three parts, separated by semicolons: modes that differ from the plan, the
+        reduced rate with its cause, and the delay of the arm behind the plan.
         """
         scaling = self._state.speed_scaling
         rate, delay = scaling["rate"][0], scaling["delay"][0]

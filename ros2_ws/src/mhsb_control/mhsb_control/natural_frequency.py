@@ -19,8 +19,8 @@ def compute_oil_stiffness(machine: Machine, q: FloatArray) -> FloatArray:
 
         k_h = β (A²/V_A + a²/V_B)
 
-    β is the bulk modulus of the oil [Pa]. V_A and V_B are the volumes on both sides of the piston,
-    dead volumes included [m³].
+    β is the bulk modulus of the oil [Pa]. A and a are the piston areas on the cap side and the rod
+    side. V_A and V_B are the oil volumes there, dead volumes included [m³].
 
     Args:
         machine: The machine as its file describes it.
@@ -29,7 +29,8 @@ def compute_oil_stiffness(machine: Machine, q: FloatArray) -> FloatArray:
     Returns:
         Stiffness k_h, float64[n], [N/m].
 
-    Source: H. E. Merritt, Hydraulic Control Systems.
+    Source:
+        H. E. Merritt, Hydraulic Control Systems.
     """
     arrays, oil = machine.arrays, machine.config.circuit
     own, length = build_cylinders(machine), machine.cylinder_lengths(q)
@@ -61,6 +62,7 @@ def compute_joint_frequencies(machine: Machine, q: FloatArray) -> FloatArray:
 def find_lowest_joint_frequencies(machine: Machine) -> FloatArray:
     """Find the lowest natural frequency of each joint over random postures.
 
+    The frequency is that of the joint on the oil of its cylinder, with all other joints locked.
     POSTURE_SAMPLES postures are drawn uniformly from the joint ranges, always with the same seed.
 
     Args:

@@ -59,10 +59,11 @@ class ReferencePreview:
     schedule: ModeSchedule
 
     def __init__(self, values: FloatArray, preview: float) -> None:
-        """Prepare the reference; `follow` has to be called before `update`.
+        """Prepare the reference; call `follow` before the first `update`.
 
         Args:
-            values: Array that `update` writes in place, float64[points, 3, n].
+            values: Array that `update` writes in place, float64[points, 3, n]: positions,
+                velocities and accelerations of n joints at even times from now on.
             preview: Time from now to point `PREVIEW_POINT` [s].
         """
         self._values = values
@@ -74,13 +75,14 @@ class ReferencePreview:
     def follow(self, trajectory: Trajectory, schedule: ModeSchedule, *, planned: bool) -> None:
         """Follow a trajectory with its mode schedule from now on.
 
-        The next `update` reports that the modes have changed. Speed scaling and delay are kept.
+        The values change at the next `update`, which then returns True. Rate and delay of the speed
+        scaling are kept.
 
         Args:
             trajectory: Trajectory to be followed.
             schedule: Its mode schedule.
-            planned: Whether the trajectory is a plan. False for a stop or a hold that the simulator
-                makes itself. `executes_plan` depends on it.
+            planned: Whether the trajectory is a plan. False for a stop or a hold that the arm makes
+                itself; `executes_plan` then returns False.
         """
         self.trajectory = trajectory
         self.schedule = schedule
@@ -97,15 +99,15 @@ class ReferencePreview:
         self._rows[:] = -1  # so that the next update reports the modes as changed
 
     def compute_trajectory_time_ns(self, time_ns: int) -> int:
-        """Return the time at which the trajectory is evaluated.
+        """Return the time at which the trajectory is evaluated for a time of the servo.
 
-        It is `time_ns` less the delay that speed scaling has accumulated.
+        It is earlier by the delay that speed scaling has accumulated.
 
         Args:
             time_ns: Time of the servo [ns].
 
         Returns:
-            Time of the trajectory [ns].
+            Time of the trajectory, on the same clock [ns].
         """
         return time_ns - int(np.rint(self.speed_scaling["delay"][0]))
 
@@ -115,10 +117,12 @@ class ReferencePreview:
         return bool(self.speed_scaling["rests"][0])
 
     def hold(self, time_ns: int, position: FloatArray, modes: ModeArray) -> None:
-        """Hold a posture with constant modes from a given time on, instead of a plan.
+        """Hold a posture with constant modes from now on, in place of a trajectory.
+
+        Like `follow`, it takes effect at the next `update`.
 
         Args:
-            time_ns: Time of the trajectory at which the hold begins [ns].
+            time_ns: Stamp of the standstill [ns].
             position: Joint positions to be held, float64[n], [rad or m].
             modes: Modes during the hold, uint8[n].
         """
@@ -126,24 +130,26 @@ class ReferencePreview:
         self.follow(standstill(position, time_ns), schedule, planned=False)
 
     def executes_plan(self, time_ns: int) -> bool:
-        """Return whether a plan is being executed: not ended, stopped or replaced by a hold.
+        """Return whether the arm is executing a plan, and not a stop or a hold.
 
         Args:
-            time_ns: Time of the servo [ns].
+            time_ns: Present time of the servo [ns].
 
         Returns:
-            True up to the end of a plan's trajectory.
+            True while a plan is followed, up to the end of its trajectory. The delay by speed
+            scaling is taken into account.
         """
         return self._planned and self.compute_trajectory_time_ns(time_ns) <= self.trajectory.end_ns
 
     def update(self, time_ns: int) -> bool:
-        """Evaluate the reference and its modes at a time, and at the points ahead of it.
+        """Evaluate the reference and its modes now and at the points ahead.
 
         Args:
-            time_ns: Time of the servo [ns].
+            time_ns: Present time of the servo [ns].
 
         Returns:
-            True if the modes, at present or ahead, have changed since the last call.
+            True if the row of the mode schedule has changed since the last call, now or at point
+            `PREVIEW_POINT`. Always True at the first call after `follow`.
         """
         now, ahead = self._rows
         self._evaluate(self._spacing_ns, time_ns - self.trajectory.stamp_ns)
@@ -166,13 +172,13 @@ class ReferencePreview:
         return MotionState(position, velocity, acceleration)
 
     def sample_at_full_speed(self, time_ns: int) -> MotionState:
-        """Return the state that the reference would have now at full speed.
+        """Return the present state of the trajectory as it would be without speed scaling.
 
-        The position is that of the present reference. Velocity and acceleration are taken from the
-        trajectory without speed scaling.
+        The position is that of the present reference. Velocity and acceleration are those of the
+        trajectory at this position.
 
         Args:
-            time_ns: Time of the servo [ns].
+            time_ns: Present time of the servo [ns].
 
         Returns:
             State of the trajectory at `compute_trajectory_time_ns(time_ns)`.
@@ -194,24 +200,25 @@ def evaluate_reference(
 ) -> None:
     """Evaluate the reference at present and ahead, and find its modes.
 
-    Between trajectory points the reference is the quintic Hermite interpolant. It has the first
-    point's state before the stamp, and rests at the last point afterwards. A trajectory of one
-    point rests.
+    Between the trajectory's points the reference is a quintic polynomial. Before the stamp it has
+    the first point's state, and after the end it rests at the last point. A trajectory of one point
+    rests.
 
     At the rate s of the speed scaling, velocities are multiplied by s and accelerations by s². The
-    acceleration at present also contains ds/dt times the full-speed velocity. The points ahead are
-    s times the spacing apart on the trajectory. Test oracle: `Trajectory.sample`.
+    present acceleration also gets ds/dt times the velocity at full speed. On the trajectory, the
+    reference points are s times `spacing_ns` apart. Test oracle: `Trajectory.sample`.
 
     Args:
         offset_ns: Times of the trajectory's points after its stamp, int64[k], [ns].
         points: Motion of the joints at these points.
         mode_offset_ns: Times after the stamp from which each row of the mode schedule applies,
             int64[rows], [ns].
-        reference: Reference and its modes. Written in place.
-        speed_scaling: State of the speed scaling, [1]. Writes `rests` in place: 1
-            if the trajectory has ended, else 0.
+        reference: States of the reference points, and rows of the mode schedule now and at point
+            PREVIEW_POINT. Written in place.
+        speed_scaling: State of the speed scaling, SpeedScaling[1]. Reads rate and delay. Writes
+            `rests` in place: 1 if the trajectory has ended, else 0.
         spacing_ns: Time between two reference points at full speed [ns].
-        since_ns: Present time after the stamp [ns], before the delay is subtracted.
+        since_ns: Present time after the stamp [ns]; the delay is subtracted here.
     """
     position, velocity, acceleration = points
     values, rows, full_speed_velocity = reference

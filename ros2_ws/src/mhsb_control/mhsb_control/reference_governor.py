@@ -282,16 +282,18 @@ def build_governor_state(
 ) -> GovernorState:
     """Build the state of the reference governor before its first step.
 
+    The governor requests boost and slows the plan if measured pressures come near their limits.
+
     Args:
         machine: The machine as its file describes it.
-        signals: Signals of the servo controller; their arrays are shared.
+        signals: Signals of the servo controller; their arrays are shared, not copied.
         reference: The reference that is slowed; its speed scaling is shared.
-        usual_error: Normal distance of the tip from its reference, for an arm of the paper's size
-            [m]. It is scaled with the size of the machine.
+        usual_error: Distance of the tip from its reference that is normal for an arm of the paper's
+            size [m]. It is scaled with the size of the machine.
         settings: Tuned numbers.
 
     Returns:
-        The state.
+        The state, with filters that start at the first measurement.
     """
     overall = create_records(GovernorTotals, 1)
     overall["step"] = machine.config.simulation.step
@@ -319,18 +321,21 @@ def build_governor_state(
 def run_governor_step(g: GovernorState) -> bool:
     """Run one step of the governor: compute the reserves, request boost, and set the speed scaling.
 
-    The requested rate is the smallest that the tip error, the reserves and the valve openings
-    allow. By the tip error it is 1 up to one usual error, and falls linearly to 0 at
-    `hold_error_ratio` usual errors. The requested rate is at least `min_rate`, unless the line of a
-    moving actuator has less than `min_driving_pressure` beyond its load pressure. `update_rate`
-    moves the rate towards the requested one. The kernel also counts how often and how long the plan
-    is slowed, and how long it is held.
+    The requested rate is the smallest of three: by the tip error, by the reserves of supply
+    pressure, and by the valve openings. By the tip error it is 1 up to one usual error, and falls
+    linearly to 0 at `hold_error_ratio` usual errors. The tip error does not count the part by which
+    the tip is ahead of its reference.
+
+    The requested rate is at least `min_rate`. It may be 0 only if the line of a moving actuator has
+    less than `min_driving_pressure` beyond its load pressure. `update_rate` then moves the rate
+    towards the requested one. The kernel also counts how often and how long the plan is slowed, and
+    how long it has been held.
 
     Args:
         g: State of the governor. Writes `actuators`, `totals` and `speed_scaling` in place.
 
     Returns:
-        True if the requested modes have changed.
+        True if a requested mode has changed.
     """
     compute_reserves(g)
     scaling, o, changed = g.speed_scaling[0], g.totals[0], False
@@ -359,19 +364,24 @@ def run_governor_step(g: GovernorState) -> bool:
 
 @kernel(borrows=True)
 def compute_reserves(g: GovernorState) -> None:
-    """Filter the measurements, and compute the reserves of all actuators and the tip's error.
+    """Filter the measurements, and compute all actuators' reserves of pressure and the tip's error.
 
-    The needed pressure is p_L + m(v), the load pressure plus the drop over the fully open valve. It
-    is computed for the reference's speed at present and for that at point PREVIEW_POINT. An
-    actuator that does not move needs 0, since its closed valve holds the load. A piston at its end
-    stop needs 0, too. If the tip error exceeds `lift_error_ratio` usual errors, an actuator that
-    has yielded to its load needs at least the holding pressure plus `lifting_pressure`.
+    The needed pressure of an actuator is the load pressure plus the drop over the fully open valve.
+    There are two needs: at the reference's present speed without slowing, and at its speed at point
+    START_PREVIEW_POINT. A need is 0 if the actuator does not move at that speed, since its closed
+    valve then holds the load. Both are 0 if the piston is at an end stop. While the tip error
+    exceeds `lift_error_ratio` usual errors, an actuator that has yielded to its load has to lift
+    it. Its present need is then at least the holding pressure plus `lifting_pressure`.
 
-    `reserve_in_n` is the lowest line pressure of the actuators in mode N, filtered and predicted by
-    `prediction_time` while it falls, less the greater of both needs. In mode N `reserve` equals
-    `reserve_in_n`. In DB and SB `reserve` is the actuator's own line pressure less its present
-    need, filtered with `boosted_smoothing`. `driving_pressure` is the pressure of that line less
-    p_L.
+    Results for each actuator:
+
+    - `reserve_in_n`: the pressure that the main pump leaves in mode N, less the greater of both
+      needs. This pressure is the lowest line pressure of all actuators in mode N, filtered. If it
+      falls, it is predicted by `prediction_time`.
+    - `reserve`: in mode N the same. In DB and SB, the actuator's own line pressure less its present
+      need, filtered with `boosted_smoothing`.
+    - `driving_pressure`: the pressure of the supply less the load pressure of the present motion;
+      inf if the actuator does not move.
 
     Args:
         g: State of the governor. Writes `actuators` (reserves [Pa], deviations [rad or m]) and
@@ -441,8 +451,8 @@ def update_alpha_beta_filter(
         x' = x + h ẋ + α r,    ẋ' = ẋ + (β/h) r,    β = α²/(2 − α)
 
     Args:
-        value: Filtered value x.
-        rate: Rate of change ẋ of that value [unit of the value per second].
+        value: Filtered value x before the step.
+        rate: Its rate of change ẋ before the step [unit of the value per second].
         measured: New measurement.
         step: Time h since the last measurement, above 0 [s].
         alpha: Gain α, above 0 … 1.
@@ -450,7 +460,8 @@ def update_alpha_beta_filter(
     Returns:
         New value x' and new rate ẋ'.
 
-    Source: T. R. Benedict, G. W. Bordner, IRE Trans. Automatic Control AC-7, 1962 (choice of β).
+    Source:
+        T. R. Benedict, G. W. Bordner, IRE Trans. Automatic Control AC-7, 1962 (choice of β).
     """
     away = measured - value - step * rate
     beta = alpha * alpha / (2.0 - alpha)
@@ -461,23 +472,25 @@ def update_alpha_beta_filter(
 def update_boost_request(
     actuator: GovernedActuator, scheduled: bool, step: float, settings: GovernorSettings
 ) -> bool:
-    """Request boost for an actuator or end the request, according to its reserve in mode N.
+    """Request boost for an actuator, or end the request, by its reserve of pressure in mode N.
 
-    The reserve in mode N is `actuator.reserve_in_n`. Boost is requested (mode DB) after the reserve
-    has been below `boost_below` for `boost_after`. The request ends (mode N) after the reserve has
-    been above `release_above` for `release_after`. If the plan boosts the actuator itself, the
-    threshold is `keep_below` in both directions, and a request ends at once. Pressure that is
-    needed only to start a motion is then no reason to keep a boost.
+    The reserve is `actuator.reserve_in_n`. Without a plan's own boost:
+
+    - Boost (mode DB) is requested once the reserve has been below `boost_below` for `boost_after`.
+    - The request ends (mode N) once the reserve has been above `release_above` for `release_after`.
+
+    While the plan boosts the actuator itself, `keep_below` takes the place of both thresholds, and
+    a request ends at once.
 
     Args:
-        actuator: State of the governor for one actuator. Writes
-            `requested_mode` (the requested mode) and `condition_time` [s] in place.
+        actuator: State of the governor for one actuator. Writes `requested_mode` and
+            `condition_time` [s] in place.
         scheduled: Whether the plan boosts this actuator at present, or prepares to.
         step: Control period [s].
         settings: Tuned numbers.
 
     Returns:
-        True if the request has changed.
+        True if the requested mode has changed.
     """
     s = settings
     boosts, reserve = actuator.requested_mode != Mode.N, actuator.reserve_in_n
@@ -499,21 +512,20 @@ def update_boost_request(
 def compute_allowed_rate(
     actuator: GovernedActuator, boosted: bool, settings: GovernorSettings
 ) -> float:
-    """Compute the rate of the speed scaling that an actuator's reserve and valve opening allow.
+    """Compute the rate of the plan that an actuator's reserve and valve opening allow.
 
-    By the reserve, the rate is 1 above `full_rate_reserve` and 0 below `zero_rate_reserve`, linear
-    in between. For a boosted actuator these thresholds are `boosted_full_reserve` and
-    `boosted_zero_reserve`. By the filtered valve opening, the rate is 1 below `full_rate_opening`
-    and 0 above `zero_rate_opening`.
+    By the reserve of pressure, the rate is 1 above `full_rate_reserve` and 0 below
+    `zero_rate_reserve`, and linear in between. For a boosted actuator these thresholds are
+    `boosted_full_reserve` and `boosted_zero_reserve`. By the filtered valve opening, the rate is 1
+    below `full_rate_opening` and 0 above `zero_rate_opening`, and linear in between.
 
     Args:
-        actuator: State of the governor for one actuator. Reads
-            `reserve` and `opening`.
-        boosted: Whether the actuator is in DB or SB.
+        actuator: State of the governor for one actuator. Reads `reserve` [Pa] and `opening`.
+        boosted: Whether the actuator is in a boosted mode, DB or SB.
         settings: Tuned numbers.
 
     Returns:
-        Smaller of both rates, 0 … 1.
+        The smaller of both rates, 0 (standstill) … 1 (full speed).
     """
     s = settings
     full = s.boosted_full_reserve if boosted else s.full_rate_reserve
@@ -529,10 +541,10 @@ def compute_tip_errors(
 ) -> tuple[float, float]:
     """Compute the distance of the tip from its reference, in total and without the part ahead.
 
-    The first value is |J Δq|, to first order in the deviations Δq of the joints. If joint 1 slews,
-    it contains the direction across the arm's plane. The part ahead is that of J Δq along the
-    reference's velocity, if the tip is ahead. The second value omits it, since slowing the
-    plan would not reduce it.
+    The total is |J Δq|, to first order in the deviations Δq of the joints, with the Jacobian J of
+    the tip. If joint 1 slews, it includes the direction across the arm's plane. If J Δq has a
+    component along the reference's velocity, the tip is ahead by this part. The second distance
+    leaves it out, since slowing the plan would not reduce it.
 
     Args:
         c: Links of the arm.
@@ -541,8 +553,8 @@ def compute_tip_errors(
         actuators: GovernedActuator[n]. Reads `deviation` (Δq) [rad or m].
 
     Returns:
-        Total distance [m], and distance without the part ahead [m]. Both are equal if the tip is
-        not ahead.
+        Total distance, and distance without the part ahead [m]. Both are equal if the tip is not
+        ahead.
     """
     angle = deviation = turning = x = z = along = across = 0.0
     distance = c.slew_offset  # from the slew's axis

@@ -34,13 +34,14 @@ class _ServoWithoutOtherSections(Servo):
 
 
 def build_schema(controllers: Mapping[str, type[Controller]]) -> type[MachineConfig]:
-    """Build the schema of a machine file with an optional section for each controller.
+    """Build the schema of a machine file with an optional section of gains for each controller.
 
     Args:
         controllers: Controller classes by the names of their sections in `servo`.
 
     Returns:
-        Subclass of `MachineConfig`. It can be pickled if this module has it by its name.
+        Subclass of `MachineConfig`. To be picklable, it must be assigned to the name
+        `MachineConfigWithGains` of this module.
     """
     sections: dict[str, Any] = {
         name: (controller.gains_section, controller.gains_section())
@@ -88,10 +89,10 @@ def get_controller_class(name: str) -> type[Controller]:
 
 
 def select_controllers(machine: Machine) -> tuple[str, ...]:
-    """Return the names of the controllers that suit the sensors of a machine.
+    """Return the names of the controllers that are made for the sensors of a machine.
 
-    They read pressures if the machine has pressure sensors, and do without if it has none. A
-    controller that reads none runs on every machine, but is made for those without sensors.
+    If the machine has pressure sensors, these are the controllers that read pressures. Otherwise
+    they are the controllers that read none.
 
     Args:
         machine: The machine as its file describes it.
@@ -114,16 +115,17 @@ def reads_pressures(name: str) -> bool:
 
 
 def load_machine(path: str | Path | None = None) -> Machine:
-    """Load a machine from a YAML file and check the gains of all registered controllers as well.
+    """Load a machine from a YAML file; check also the gains of all registered controllers.
 
     Args:
-        path: The machine file; None or an empty text loads the suite's own arm.
+        path: The machine file, or the name of a machine of the suite such as `excavator`. None or
+            an empty text loads the suite's own arm.
 
     Returns:
         The machine. Copies of it with other values are checked in the same way.
 
     Raises:
-        MachineFileError: The file cannot be read or breaks rules; see `mhsb_model.load_machine`.
+        MachineFileError: The file cannot be read, breaks a rule, or has wrong gains.
     """
     return machines.load_machine(path, MachineConfigWithGains)
 
@@ -132,12 +134,12 @@ def read_gains(machine: Machine, name: str) -> Any:
     """Return the gains of a controller from the machine's file.
 
     Args:
-        machine: The machine, loaded with or without a check of its gains.
-        name: Name of a registered controller, which is also that of its section in `servo`.
+        machine: The machine. Its gains need not have been checked before.
+        name: Name of a registered controller, such as "coordinated".
 
     Returns:
-        Instance of the controller's `gains_section`. Keys that the file leaves out have their
-        defaults.
+        Instance of the controller's `gains_section`. Gains that section `servo.NAME` of the file
+        leaves out have their defaults.
 
     Raises:
         UnknownControllerError: No controller has this name.
@@ -153,15 +155,16 @@ def read_gains(machine: Machine, name: str) -> Any:
 
 
 def make_controller(name: str, machine: Machine, signals: ServoSignals) -> Controller:
-    """Make a controller without memory, with the gains of the machine's file.
+    """Make a new controller with the gains of the machine's file.
 
     Args:
-        name: Name of a registered controller.
+        name: Name of a registered controller, such as "coordinated".
         machine: The machine as its file describes it.
-        signals: Arrays that the controller reads and writes in each step, with present readings.
+        signals: Arrays that the controller reads and writes in each step. They must contain present
+            readings.
 
     Returns:
-        The controller.
+        The controller, in its initial state.
 
     Raises:
         UnknownControllerError: No controller has this name.

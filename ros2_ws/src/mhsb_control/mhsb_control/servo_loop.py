@@ -41,13 +41,14 @@ class ServoLoop:
         """Make the controller, the reference and the mode guard; call `follow` before `step`.
 
         Args:
-            controller: Name of a registered controller.
+            controller: Name of a registered controller, such as "coordinated".
             machine: The machine as its file describes it.
-            signals: Signals with the present sensor readings.
+            signals: Signals with the present sensor readings; they are shared with the caller.
 
         Raises:
             UnknownControllerError: No controller has this name.
             MachineFileError: The controller's gains in the machine's file are wrong.
+            PressureSensorsError: The controller reads pressures that the machine does not measure.
         """
         self.signals = signals
         self.lost_modules: tuple[int, ...] = ()
@@ -66,41 +67,47 @@ class ServoLoop:
     def follow(
         self, time_ns: int, trajectory: Trajectory, schedule: ModeSchedule, *, planned: bool = True
     ) -> None:
-        """Follow a trajectory from now on; reference and modes are updated at once.
+        """Follow a trajectory with its mode schedule from now on.
 
-        Whether the trajectory continues the present reference is not checked.
+        The reference and the modes are updated at once. Whether the trajectory continues the
+        present reference is not checked.
 
         Args:
             time_ns: Present time of the servo [ns].
             trajectory: The trajectory.
             schedule: Its mode schedule.
-            planned: Whether it belongs to a plan, not to a stop or a hold.
+            planned: True for a plan, False for a stop or a hold that the arm makes itself.
         """
         self.reference.follow(trajectory, schedule, planned=planned)
         self.update_reference(time_ns)
 
     def update_reference(self, time_ns: int) -> None:
-        """Evaluate the reference at a time, and prepare the modes if they have changed.
+        """Evaluate the reference at a time.
+
+        If the mode schedule has changed modes, now or for the near future, modes and booster
+        modules are set anew.
 
         Args:
-            time_ns: Time of the servo [ns].
+            time_ns: Present time of the servo [ns].
         """
         if self.reference.update(time_ns):
             self.prepare_modes()
 
     def step(self) -> None:
-        """Let the mode guard react, and write the commands for the present sensor readings.
+        """Run the mode guard and the controller for the present sensor readings.
 
-        If the guard's requests have changed, the modes are set anew.
+        The guard may slow the plan or request boost. If its requests have changed, modes and
+        modules are set anew. Then the controller writes its commands into `signals`.
         """
         if self._watch():
             self.prepare_modes()
         self._control()
 
     def run_period(self, time_ns: int) -> None:
-        """Run a control period of a machine whose join valves and diverters are not measured.
+        """Run one control period: update the reference, write the commands, and advance the valves.
 
-        Their positions are advanced by one period, as the commands just written will move them.
+        The valves are join valves and diverters, which are not measured. Their assumed positions
+        are advanced by one period, as the commands just written will move them.
 
         Args:
             time_ns: Time of the sensor readings [ns].
@@ -112,11 +119,15 @@ class ServoLoop:
     def prepare_modes(self) -> None:
         """Set the modes in force and the prepared modes, and assign the booster modules.
 
-        The modes in force come from the schedule; the mode guard raises them if needed. The
-        prepared modes also contain the boost of the modes that come next, if enough modules are
-        free. An actuator does not join the shared rail early while another one is about to leave
-        it, since the rail's pressure would reach that one. The own pump of the joining actuator
-        charges its line until then (mode DB).
+        The modes in force are those of the schedule, changed by the mode guard if needed. The
+        prepared modes, by which the controller charges lines, also contain boost that the schedule
+        begins within `preview`. That boost is left out if not enough modules are free.
+
+        There is one exception. An actuator does not join the shared rail early while another one is
+        about to leave it, since the rail's pressure would reach that one. Until then it is in DB,
+        in which its own pump charges its line.
+
+        It writes `modes`, and in `signals` `modes`, `modes_ahead` and `serves`.
         """
         modules, lost, signals = self._modules, self.lost_modules, self.signals
         planned, planned_ahead = self.reference.modes, self.reference.modes_ahead

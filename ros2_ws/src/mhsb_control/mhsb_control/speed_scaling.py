@@ -87,18 +87,19 @@ def build_full_speed_scaling() -> Records[SpeedScaling]:
 def update_rate(
     scaling: SpeedScaling, requested_rate: float, step: float, settings: ScalingSettings
 ) -> None:
-    """Move the rate towards the requested one over a step, with continuous change.
+    """Move the rate of a plan towards the requested one by a step, with continuous change.
 
         s̈ = ω² (s_req − s) − 2 ω ṡ
 
-    ω is `rate_bandwidth`. |s̈| stays within `max_turn`, ṡ within −`max_slowing` …
-    `max_recovery`, and s within 0 … 1. The delay grows by (1 − s) times the step. If the plan has
-    ended, the rate becomes 1 at once, and the delay decreases by the step, down to 0.
+    s is the rate, s_req the requested one, and ω is `rate_bandwidth`. |s̈| stays within `max_turn`,
+    ṡ within −`max_slowing` … `max_recovery`, and s within 0 … 1. The delay of the reference behind
+    the plan grows by (1 − s) times the step. If the plan has ended, the rate becomes 1 at once, and
+    the delay decreases by the step, down to 0.
 
     Args:
-        scaling: State of the speed scaling. Writes `rate` (s), `change` (ṡ)
-            [1/s] and `delay` [ns] in place.
-        requested_rate: Requested rate, 0 … 1.
+        scaling: State of the speed scaling. Writes `rate` (s), `change` (ṡ) [1/s] and `delay` [ns]
+            in place.
+        requested_rate: Requested rate, 0 (standstill) … 1 (full speed).
         step: Control period [s].
         settings: Tuned numbers.
     """

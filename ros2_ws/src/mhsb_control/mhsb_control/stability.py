@@ -26,7 +26,8 @@ def build_closed_loop_matrix(
 ) -> FloatArray:
     """Build the system matrix of the cascade at a posture, linear, with ideal valves and supply.
 
-    With the errors e of the cylinder lengths, excess forces f, biases d and integrals w,
+    The states are the errors e of the cylinder lengths, excess forces f, biases d (unmodelled
+    forces) and integrals w:
 
         R⁻¹ M R⁻¹ ë = −f
         ḟ = k_h (ė + w) + ω_F (d + k_p k_h/ω_F e − f)
@@ -34,10 +35,12 @@ def build_closed_loop_matrix(
         ẇ = k_i e
 
     R is the diagonal matrix of the moment arms, M the mass matrix, and k_h the stiffness of the oil
-    in each cylinder. `mhsb_control.cascade` defines the gains k_p, ω_F, τ and k_i.
+    in each cylinder [N/m]. The gains are those of position (k_p), force (ω_F) and integral (k_i),
+    and τ is the time constant of the bias.
 
     Args:
-        axes: ControlAxis[n] with the gains.
+        axes: Axes with the gains `position_gain`, `force_bandwidth`, `bias_time` and
+            `integral_gain`, ControlAxis[n].
         loaded: Machine with the actual payload.
         q: Joint positions, float64[n], [rad or m].
 
@@ -66,10 +69,11 @@ def build_closed_loop_matrix(
 
 
 def compute_slowest_decay(machine: Machine, gains: CascadeGains, payload: float) -> float:
-    """Compute the decay rate of the slowest mode of the linear loop, over random postures.
+    """Compute the decay rate of the slowest mode of the linear control loop, over random postures.
 
     POSTURE_SAMPLES postures are drawn uniformly from the joint ranges, always with the same seed.
-    The axes' gains are set for the payload of the machine file, see `build_axis_records`.
+    The controller's gains are set for the payload of the machine file, the arm has the actual
+    payload.
 
     Args:
         machine: The machine as its file describes it.
@@ -77,7 +81,8 @@ def compute_slowest_decay(machine: Machine, gains: CascadeGains, payload: float)
         payload: Actual payload [kg].
 
     Returns:
-        Smallest −Re λ of all eigenvalues λ in all postures [1/s]; negative if an oscillation grows.
+        Smallest −Re λ of all eigenvalues λ in all postures [1/s]; negative if the loop is unstable
+        in a posture.
     """
     axes, loaded = build_axis_records(machine, gains), machine.changed(payload=payload)
     limits = machine.arrays.joint_min, machine.arrays.joint_max
