@@ -50,10 +50,11 @@ def audit_elements(
         count: Number of elements in `net`.
         pressure: Pressure of each node before the substep, the tank's last [Pa].
         change: Change of each pressure in the substep [Pa].
-        c: Constants of the circuit, CircuitConstants. Uses the length `substep` [s] and
-            the efficiency of the servo pumps.
+        c: Constants of the circuit. Reads the duration `substep` [s] and the efficiency of the
+            servo pumps.
         e: Energy counters [J], updated in place.
-        counters: Memory of the same counters as an array, for valves of the registry.
+        counters: The same counters as a flat array, float64[energies]. Registered kinds of valves
+            (`valves.registry`) use it, since they have only the index of their counter.
         volume: Oil counters [m³], updated in place.
     """
     tank, dt = len(pressure) - 1, c.substep
@@ -143,19 +144,18 @@ def audit_node(
 ) -> None:
     """Add the energy and oil that a node has stored in a substep.
 
-    The oil C (after − before) counts as compression. The rest of the inflow counts as filling of
-    the vapour cavity, or as its growth if negative.
+    The oil C (after − before) counts as compression. The rest of the inflow counts as oil that
+    fills the vapour cavity. It is negative if the cavity grows.
 
     Args:
         capacity: Capacity C of the node, oil volume per pressure [m³/Pa].
         inflow: Oil that flowed into the node in the substep [m³].
         change: Pressure change by which the step computed this inflow [Pa].
         before: Pressure before the step [Pa].
-        after: Pressure after the step [Pa]; it differs from before + change at the vapour pressure.
-        e: Energy counters [J]. Adds to `compression` and `cavities` in
-            place.
-        volume: Oil counters [m³]. Adds to `compression` and `cavities` in
-            place.
+        after: Pressure after the step [Pa]. It differs from before + change if the node is at
+            vapour pressure.
+        e: Energy counters [J]. Adds to `compression` and `cavities` in place.
+        volume: Oil counters [m³]. Adds to `compression` and `cavities` in place.
     """
     stored = capacity * (after - before)
     work = stored * 0.5 * (before + after)
@@ -166,10 +166,10 @@ def audit_node(
 
 
 def energy_gap(energies: dict[str, float]) -> float:
-    """Return the energy delivered by the pumps less all energy that is accounted for.
+    """Return the error of the energy balance: energy from the pumps less energy accounted for.
 
-    `main_pump` and `servo_pumps` are delivered. All others but UNBALANCED_ENERGIES are shares of
-    that energy by the place to which it went.
+    `main_pump` and `servo_pumps` are the energy from the pumps. All other counters but
+    UNBALANCED_ENERGIES say where that energy went.
 
     Args:
         energies: Energies by the names of CircuitEnergies [J].
@@ -184,10 +184,9 @@ def energy_gap(energies: dict[str, float]) -> float:
 
 
 def volume_gap(volumes: dict[str, float]) -> float:
-    """Return the oil delivered by the main pump less all oil that is accounted for.
+    """Return the error of the oil balance: oil from the main pump less oil accounted for.
 
-    `main_pump` is delivered. All other volumes are shares of that oil by the place to which it
-    went.
+    `main_pump` is the oil from the pump. All other counters say where that oil went.
 
     Args:
         volumes: Volumes by the names of CircuitVolumes [m³].

@@ -106,8 +106,9 @@ def stamp(
 def solve_in_place(matrix: FloatArray, right: FloatArray, size: int) -> None:
     """Solve a symmetric positive definite linear system by elimination without pivoting.
 
-    Zeros of the matrix are skipped. If actuators meet in a few common nodes that are numbered last,
-    the cost is O(actuators). Only the upper triangle is read.
+    Zeros of the matrix are skipped. So the cost is O(actuators) if the nodes of different actuators
+    are connected only through the common nodes, which are numbered last. Only the upper triangle is
+    read.
 
     Args:
         matrix: The system matrix, float64[≥ size, ≥ size]. Overwritten.
@@ -158,8 +159,11 @@ class Circuit(NamedTuple):
     def advance(self, length: FloatArray, speed: FloatArray, substeps: int) -> None:
         """Advance the circuit in place by some substeps, with given piston motion.
 
+        The pistons displace oil at their speeds. The lengths, which give the chamber volumes, are
+        not updated during the call.
+
         Args:
-            length: Length of each cylinder, float64[n], [m]; constant during the call.
+            length: Length of each cylinder, float64[n], [m].
             speed: Speed of each piston, float64[n], [m/s]; constant during the call.
             substeps: Number of substeps.
         """
@@ -221,11 +225,13 @@ def set_rest_pressures(circuit: Circuit, machine: Machine, q: FloatArray, modes:
 
         p_A A − p_B a = F,    p_A + p_B = p_line + p_T
 
-    with the piston areas A (cap side) and a (rod side), the piston force F of the load, and the
-    pressures of line and tank. A symmetric valve about its centre gives the second equation. If a
-    chamber would fall below tank pressure, both are raised. Lines are at P_S. Boosted lines are at
-    the pressure that holds the load, if that is higher. The rail has the highest pressure of the
-    lines on it. The join valves of actuators on the rail are open.
+    A and a are the piston areas on the cap side and the rod side, and F is the piston force of the
+    load. p_line and p_T are the pressures of line and tank. A symmetric valve about its centre
+    gives the second equation. If a chamber would fall below tank pressure, both are raised.
+
+    Lines are at the main pump's pressure. Boosted lines are at the pressure that holds the load
+    with its margin, if that is higher. The rail has the highest pressure of the lines on it. The
+    join valves of actuators on the rail are open.
 
     Args:
         circuit: Circuit, updated in place: `pressure`, `cavity` and, of the actuators, `force` and
@@ -296,12 +302,13 @@ def move_spool(actuator: ActuatorState, c: CircuitConstants) -> None:
         ẍ + 2 ζ ω ẋ + ω² (x − u) = 0
 
     x is the spool position, −1 … 1, and u the command after the hysteresis. ω is the natural
-    frequency [rad/s] and ζ the damping ratio. |ẋ| stays within the rate limit. A seized spool does
-    not move. A spool that does not obey goes to `runaway` instead of the command.
+    frequency [rad/s] and ζ the damping ratio. |ẋ| stays within the rate limit. A fault can change
+    the motion: a seized spool does not move, and a spool that does not follow its command goes to
+    `runaway`.
 
     Args:
-        actuator: State of one servo valve and cylinder. Writes `pilot`,
-            `spool` and `spool_speed` in place.
+        actuator: State of one servo valve and cylinder. Writes `spool_target` (u), `spool` (x) and
+            `spool_speed` (ẋ) in place.
         c: Constants of the circuit.
     """
     if actuator.seized > 0.0:
@@ -333,11 +340,12 @@ def update_friction(
         F = σ₀ z + σ₁ ż + b v
 
     z is the bristle deflection [m], σ₀ the stiffness [N/m], and σ₁ the damping [N s/m]. b is the
-    viscous friction [N s/m]. Without bristles it is `friction_force`, Coulomb and viscous friction.
+    viscous friction [N s/m]. If the stiffness is 0, it is Coulomb and viscous friction without
+    memory (`friction_force`).
 
     Args:
-        actuator: State of one servo valve and cylinder. Writes
-            `friction` [N] and, with bristles, `bend` [m] in place.
+        actuator: State of one servo valve and cylinder. Writes `friction` [N] and, with bristles,
+            `bristle_deflection` [m] in place.
         speed: Piston speed v [m/s].
         share: Factor on the friction of this cylinder [-].
         c: Constants of the circuit.
@@ -363,10 +371,13 @@ def update_friction(
 
 @kernel(inline="always")
 def connect_supply(circuit: Circuit, count: int) -> int:
-    """Add the elements between manifold, rail and tank, and the valves of the registry.
+    """Add the elements between manifold, rail and tank to the list of elements.
+
+    These are a check valve, relief valves, and the valves of all registered kinds
+    (`valves.registry`), wherever they are placed.
 
     Args:
-        circuit: The circuit. Writes into `net` in place.
+        circuit: The circuit. Writes into `net` (the list of elements) in place.
         count: Number of elements so far.
 
     Returns:
@@ -394,10 +405,10 @@ def connect_supply(circuit: Circuit, count: int) -> int:
 
 @kernel(inline="always")
 def connect_servo_pumps(circuit: Circuit, count: int) -> int:
-    """Advance the servo pumps and diverters by a substep, and add the pumps to its elements.
+    """Advance the servo pumps and diverters by a substep, and list the pumps as elements.
 
     Args:
-        circuit: The circuit. Writes into `net` and `modules` in place.
+        circuit: The circuit. Writes into `net` (the list of elements) and `modules` in place.
         count: Number of elements so far.
 
     Returns:
@@ -435,10 +446,12 @@ def connect_servo_pumps(circuit: Circuit, count: int) -> int:
 
 @kernel(inline="always")
 def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
-    """Advance the valves of an actuator by a substep, and add its elements to those of the substep.
+    """Advance the valves of an actuator by a substep, and add its elements to the list.
+
+    The list has the elements of the present substep with their flows and slopes.
 
     Args:
-        circuit: The circuit. Writes into `net` and `actuators` in place.
+        circuit: The circuit. Writes into `net` (the list of elements) and `actuators` in place.
         j: Index of the actuator.
         count: Number of elements so far.
 
@@ -492,7 +505,8 @@ def displace_oil(circuit: Circuit, j: int, length: float, speed: float) -> None:
     """Add the oil that a piston displaces to its chambers, and set the capacities of their nodes.
 
     Args:
-        circuit: The circuit. Writes inflow and capacity of the actuator's nodes in place.
+        circuit: The circuit. Adds to the inflow of both chambers, and sets the capacity of both and
+            of the supply line, in place.
         j: Index of the actuator.
         length: Length of its cylinder [m].
         speed: Speed of its piston [m/s].
@@ -556,14 +570,15 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
     """Advance the circuit in place by some substeps, with given piston motion.
 
     Each substep moves valves and pumps, linearises every element at the present pressures, and
-    solves for the pressures after it. Energy and oil are audited. Friction and the cylinder forces
-    are computed after the last substep.
+    solves for the pressures after it. Energy and oil are counted. Friction and the cylinder forces
+    are computed after the last substep. The pistons displace oil at their speeds, but the lengths,
+    which give the chamber volumes, are not updated.
 
     Test oracle: SciPy's Radau method on the same equations (test/circuit/test_network.py).
 
     Args:
         circuit: The circuit. Writes pressures, cavities, actuators, modules and counters in place.
-        length: Length of each cylinder, float64[n], [m]; constant during the call.
+        length: Length of each cylinder, float64[n], [m].
         speed: Speed of each piston, float64[n], [m/s]; constant during the call.
         substeps: Number of substeps.
     """

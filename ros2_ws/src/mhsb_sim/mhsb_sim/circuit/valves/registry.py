@@ -28,15 +28,15 @@ VALVE_KINDS: tuple[ValveKind, ...] = (
 
 @kernel(inline="always")
 def compute_valve_flow(kind: int, numbers: FloatArray, drop: float) -> tuple[float, float]:
-    """Compute the flow [m³/s] of a valve and its slope dQ/dΔp [m³/(s Pa)].
+    """Compute the flow of a valve of a registered kind, and its slope dQ/dΔp.
 
     Args:
         kind: Index in `VALVE_KINDS`.
-        numbers: Numbers of the valve.
-        drop: Pressure drop Δp from its start to its end [Pa].
+        numbers: Numbers of the valve's flow equation.
+        drop: Pressure drop Δp from its start node to its end node [Pa].
 
     Returns:
-        Flow from start to end, and its slope; both are 0 for an index without a branch.
+        Flow from start to end [m³/s] and slope [m³/(s Pa)]; both are 0 for an unknown index.
     """
     if kind == 0:
         return rail_bleed.compute_bleed_flow(numbers, drop)
@@ -78,9 +78,10 @@ class PlacedValves(NamedTuple):
 
 
 def place_valves(site: CircuitSite) -> PlacedValves:
-    """Place the valves of all kinds in a circuit, in the order of `VALVE_KINDS`.
+    """Place the valves of all registered kinds in a circuit, in the order of `VALVE_KINDS`.
 
-    Kinds with a section are left out if the machine file does not have it.
+    A kind without a section is always placed. A kind with a section is placed only if the machine
+    file has it in `circuit.valves`.
 
     Args:
         site: Circuit of a machine.
@@ -109,14 +110,15 @@ def place_valves(site: CircuitSite) -> PlacedValves:
 
 
 def _read_sections(machine: str, given: dict[str, dict[str, float]]) -> dict[str, Any]:
-    """Check the sections of valves and return them by the names of their kinds.
+    """Check the sections of valves in a machine file against the schemas of their kinds.
 
     Args:
         machine: Name of the machine, for the error.
         given: Content of `circuit.valves` of its file.
 
     Returns:
-        Instance of the schema of each kind. Keys that the file leaves out have their defaults.
+        Instance of the schema, by the kind's name, for each section in the file. Keys that the
+        section leaves out have their defaults.
 
     Raises:
         MachineFileError: A section names no kind, has an unknown key or a wrong value.
