@@ -69,9 +69,9 @@ class ServoSignals:
     def at_rest(cls, circuit: Components, modes: ModeArray) -> Self:
         """Build signals for an arm of which nothing has been measured yet.
 
-        The pressures are those of cylinders at rest without load, with all lines and the rail at
-        the main pump's pressure. They stay if no sensor measures them. Lengths and the reference
-        are 0, and all booster modules are idle.
+        The cylinders have the pressures of a cylinder at rest without load. All lines and the rail
+        have the main pump's pressure. These values stay if no sensor measures them. Lengths and the
+        reference are 0, and all booster modules are idle.
 
         Args:
             circuit: Circuit as the controller knows it; it is shared, not copied.

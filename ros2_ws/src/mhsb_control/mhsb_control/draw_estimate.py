@@ -124,8 +124,8 @@ def compute_draw_shortfall(draw: DrawObserver, target: float, settings: DrawSett
     """Compute the flow by which a line draws less than its piston is commanded to take.
 
     The observed shortfall is weighted by the line pressure. The weight is 1 at or above the target,
-    and falls linearly to 0 at `pressure_shortfall_scale` below the target, where the line lacks oil
-    anyway.
+    and falls linearly to 0 at `pressure_shortfall_scale` below the target. A line at a lower
+    pressure has too little oil in any case.
 
     Args:
         draw: Observer of the line.

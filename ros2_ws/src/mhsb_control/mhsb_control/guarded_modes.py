@@ -18,10 +18,10 @@ def combine_modes(
 ) -> ModeArray:
     """Combine scheduled modes with requested boost, within the number of booster modules.
 
-    The modes are N (main pump alone), DB (boost by the own servo pump) and SB (boost from the
-    shared rail), from the weakest to the strongest. Each actuator first gets the stronger of its
-    two modes. If these modes need more modules than there are, actuators are lowered one by one
-    until the modules suffice:
+    From the weakest to the strongest, the modes are N (main pump alone), DB (boost by the own servo
+    pump) and SB (boost from the shared rail). Each actuator first gets the stronger of its two
+    modes. If these modes need more modules than there are, actuators are lowered one by one until
+    the modules suffice:
 
     1. A boosted actuator without a request goes to N if its reserve exceeds `release_reserve`.
     2. An actuator in SB goes to DB.

@@ -185,8 +185,8 @@ class LineEstimates(NamedTuple):
 def build_line_estimates(count: int, settings: LineSettings = LineSettings()) -> LineEstimates:
     """Return the initial estimates of oil compressibility and leakage, with empty oil balances.
 
-    All values are factors on those of the machine file and begin at 1. Their standard deviations
-    are the initial ones of the settings.
+    An estimate is a factor on the value of the machine file, and is 1 at first. The initial
+    standard deviations come from the settings.
 
     Args:
         count: Number n of lines.
@@ -337,7 +337,8 @@ def accumulate_balance(
             rail take in this step. Updates record k of `balances` and row k of `row` in place. This
             row has the coefficients of the estimated factors: oil taken by compression, then the
             leakage of each valve, both by the machine file [m³].
-        k: Index of the balance: that of a line alone, or n for the rail with its joined lines.
+        k: Index of the balance. k < n is the balance of line k alone, n that of the rail with its
+            joined lines.
         members: Lines of the balance, bit j for line j; 0 discards the window.
         manifold_feeds: 1 if the main pump may feed the lines as well, else 0.
         flow: Flow of the servo pumps into these lines [m³/s].

@@ -79,7 +79,7 @@ class ModeGuard:
     def reset(self) -> None:
         """Restart the filters, drop all boost requests, and return the plan to full speed.
 
-        The counts of interventions are kept, and so is the delay of the reference behind the plan.
+        The counts of interventions and the delay of the reference behind the plan are kept.
         """
         self._state.totals["is_initialized"] = 0.0
         self._state.actuators["requested_mode"] = 0

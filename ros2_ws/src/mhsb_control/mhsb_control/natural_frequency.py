@@ -62,7 +62,7 @@ def compute_joint_frequencies(machine: Machine, q: FloatArray) -> FloatArray:
 def find_lowest_joint_frequencies(machine: Machine) -> FloatArray:
     """Find the lowest natural frequency of each joint over random postures.
 
-    The frequency is that of the joint on the oil of its cylinder, with all other joints locked.
+    In each posture a joint oscillates on the oil of its cylinder, with all other joints locked.
     POSTURE_SAMPLES postures are drawn uniformly from the joint ranges, always with the same seed.
 
     Args:

@@ -174,7 +174,7 @@ class ReferencePreview:
     def sample_at_full_speed(self, time_ns: int) -> MotionState:
         """Return the present state of the trajectory as it would be without speed scaling.
 
-        The position is that of the present reference. Velocity and acceleration are those of the
+        The position is the present reference position. Velocity and acceleration are taken from the
         trajectory at this position.
 
         Args:

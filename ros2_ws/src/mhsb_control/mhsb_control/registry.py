@@ -110,7 +110,17 @@ def measures_pressures(machine: Machine) -> bool:
 
 
 def reads_pressures(name: str) -> bool:
-    """Return whether a registered controller reads pressures; it does if it does not deny it."""
+    """Return whether a registered controller reads pressures.
+
+    Args:
+        name: Name of the controller.
+
+    Returns:
+        Its attribute `reads_pressures`; True if it does not have one.
+
+    Raises:
+        UnknownControllerError: No controller has this name.
+    """
     return bool(getattr(get_controller_class(name), "reads_pressures", True))
 
 

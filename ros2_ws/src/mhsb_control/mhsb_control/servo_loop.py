@@ -60,7 +60,10 @@ class ServoLoop:
         self._watch = self.guard.watch
 
     def restart(self) -> None:
-        """Replace the controller by a new one without memory."""
+        """Replace the controller by a new one in its initial state.
+
+        Reference, mode guard and modes are not changed.
+        """
         self.controller = self._make_controller()
         self._control = self.controller.update
 
@@ -119,7 +122,7 @@ class ServoLoop:
     def prepare_modes(self) -> None:
         """Set the modes in force and the prepared modes, and assign the booster modules.
 
-        The modes in force are those of the schedule, changed by the mode guard if needed. The
+        The modes in force come from the schedule; the mode guard changes them if needed. The
         prepared modes, by which the controller charges lines, also contain boost that the schedule
         begins within `preview`. That boost is left out if not enough modules are free.
 

@@ -35,12 +35,11 @@ def build_closed_loop_matrix(
         ẇ = k_i e
 
     R is the diagonal matrix of the moment arms, M the mass matrix, and k_h the stiffness of the oil
-    in each cylinder [N/m]. The gains are those of position (k_p), force (ω_F) and integral (k_i),
-    and τ is the time constant of the bias.
+    in each cylinder [N/m]. k_p, ω_F, τ and k_i are the gains of the axes.
 
     Args:
-        axes: Axes with the gains `position_gain`, `force_bandwidth`, `bias_time` and
-            `integral_gain`, ControlAxis[n].
+        axes: ControlAxis[n] with the gains `position_gain` (k_p), `force_bandwidth` (ω_F),
+            `bias_time` (τ) and `integral_gain` (k_i).
         loaded: Machine with the actual payload.
         q: Joint positions, float64[n], [rad or m].
 

@@ -36,7 +36,11 @@ def import_on_use(package: str, modules: Mapping[str, str]) -> Callable[[str], A
     """
 
     def get_export(name: str) -> Any:
-        """Import the module that defines a public name, and return the object of that name."""
+        """Import the module that defines an exported name, and return the object of that name.
+
+        Raises:
+            AttributeError: The package exports no such name.
+        """
         if name not in modules:
             raise AttributeError(f"module '{package}' has no attribute '{name}'")
         return getattr(importlib.import_module(modules[name]), name)

@@ -213,11 +213,19 @@ def without_ros_arguments(arguments: Sequence[str]) -> list[str]:
 
 
 def _print_failure(name: str, error: MhsbError | str, code: int) -> int:
+    """Print a command's name and one sentence on standard error.
+
+    Args:
+        name: Name of the command.
+        error: Error or sentence; line breaks become spaces.
+        code: Exit code, which is returned unchanged.
+    """
     print(f"{name}: {_one_line(str(error))}", file=sys.stderr)
     return code
 
 
 def _one_line(text: str) -> str:
+    """Return a text with each run of white space replaced by one space."""
     return " ".join(text.split())
 
 
@@ -301,7 +309,14 @@ def _describe_range_and_default(limits: NumberRange | None, value: str) -> str:
 
 
 def _get_range(kind: Any) -> NumberRange | None:
-    """Return the range in the metadata of an argument's type, or None."""
+    """Return the range of an argument's numbers from the metadata of its type.
+
+    Args:
+        kind: Type, such as `Annotated[float, NumberRange(0.0, 5.0)]`.
+
+    Returns:
+        The first `NumberRange`; None if there is none.
+    """
     found = (each for each in getattr(kind, "__metadata__", ()) if isinstance(each, NumberRange))
     return next(found, None)
 
@@ -309,13 +324,16 @@ def _get_range(kind: Any) -> NumberRange | None:
 def _check_ranges(kinds: Mapping[str, Any], values: Mapping[str, Any]) -> None:
     """Check that all numbers of all arguments are within their ranges.
 
+    The range is the `NumberRange` in the metadata of an argument's type. Arguments without one are
+    not checked. Numbers in nested lists and tuples are checked, too.
+
     Args:
         kinds: Type of each argument by its name.
         values: Value of each argument by its name.
 
     Raises:
         UsageError: A number is outside its range. The sentence names the first such argument, its
-            range and the number.
+            range and the number. It suggests another unit if the number fits in it.
     """
     for name, value in values.items():
         limits = _get_range(kinds.get(name))
@@ -512,7 +530,14 @@ def _make_arguments_rule(
 
 
 def _with_range_in_help(kind: Any) -> Any:
-    """Return the type of an argument with the rule that its help shows range and default value."""
+    """Make the help show the range and the default value of an argument.
+
+    Args:
+        kind: Type of the argument.
+
+    Returns:
+        The type with a further annotation for tyro.
+    """
     hint = partial(_describe_range_and_default, _get_range(kind))
     return Annotated[kind, tyro.conf.arg(help_behavior_hint=hint)]
 

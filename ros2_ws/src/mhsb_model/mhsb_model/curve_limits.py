@@ -147,13 +147,13 @@ def least_inertias(m: MachineArrays) -> FloatArray:
 
 @kernel
 def _least_inertias(m: MachineArrays, postures: FloatArray, in_workspace: bool) -> FloatArray:
-    """Find the smallest diagonal elements of the mass matrix over given postures.
+    """Find the smallest diagonal elements M_jj of the mass matrix over given postures.
 
     Args:
         m: Arrays of the machine.
         postures: Joint positions, shape (k, n) [rad or m].
-        in_workspace: Whether to skip postures whose tip is nearer to the origin than `min_radius`
-            or farther than `max_radius`.
+        in_workspace: Whether to skip postures whose tip is nearer to the origin than `m.min_radius`
+            or farther than `m.max_radius`.
 
     Returns:
         Smallest M_jj of each joint, shape (n,) [kg m²], or [kg] for a sliding joint; inf if all

@@ -151,6 +151,6 @@ def suggest_unit_of_number(value: float, unit: str, low: float, high: float) -> 
 
 
 def _format_values(values: Sequence[float]) -> str:
-    """Return one value, or several in parentheses, with four significant digits."""
+    """Return numbers with four significant digits, several ones in parentheses with commas."""
     words = ", ".join(f"{value:.4g}" for value in values)
     return words if len(values) == 1 else f"({words})"

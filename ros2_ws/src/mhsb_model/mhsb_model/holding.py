@@ -73,9 +73,9 @@ def holding_modes(machine: Machine, force: FloatArray) -> ModeArray:
 def choose_stop_modes(machine: Machine, force: FloatArray, in_force: ModeArray) -> ModeArray:
     """Choose the modes in which an arm holds its loads after a stop; a choice is always made.
 
-    An actuator gets mode N (fed by the main pump alone) if the main pump's pressure holds its load,
-    otherwise DB (boosted by its own servo pump). If these modes need more booster modules than the
-    machine has, all actuators keep their present modes.
+    The mode of an actuator is N (fed by the main pump alone) if the main pump's pressure holds its
+    load. Otherwise it is DB (boosted by its own servo pump). If these modes need more booster
+    modules than the machine has, all actuators keep their present modes.
 
     Args:
         machine: The machine.
@@ -95,8 +95,8 @@ def choose_stop_modes(machine: Machine, force: FloatArray, in_force: ModeArray) 
 def _holding_modes(m: MachineArrays, force: FloatArray) -> ModeArray:
     """Choose the mode in which each cylinder holds its load, whatever modules that takes.
 
-    The mode is N (fed by the main pump alone) if the main pump's pressure holds the load, otherwise
-    DB (boosted by the actuator's own servo pump).
+    The mode is N (fed by the main pump alone) if the main pump's pressure holds the load. Otherwise
+    it is DB (boosted by the actuator's own servo pump).
 
     Args:
         m: Arrays of the machine.

@@ -102,13 +102,15 @@ def load_pressure(cap: float, rod: float, tank: float, force: float, direction: 
 
 @kernel
 def valve_margin(k: float, cap: float, rod: float, speed: float) -> float:
-    """Compute the pressure that the fully open valve needs beyond the load pressure.
+    """Compute the pressure that the fully open valve needs beyond the load pressure at a speed.
 
         m(v) = v² (A³ + a³) / (K² A)    extending (v > 0)
         m(v) = v² (A³ + a³) / (K² a)    retracting
 
+    Both metering edges of the valve are included.
+
     Args:
-        k: Valve coefficient K [m³/(s √Pa)].
+        k: Valve coefficient K of one metering edge [m³/(s √Pa)].
         cap: Cap-side area A [m²].
         rod: Rod-side area a [m²].
         speed: Piston speed v, positive in extension [m/s].
@@ -153,8 +155,8 @@ def compute_pressure_without_margin(
         p = p_L + m(v)
 
     p_L is the load pressure, which balances the load at rest, and m(v) the pressure that the fully
-    open valve needs at the speed v. At speed 0 the cylinder holds, and m is 0. The load pressure is
-    then that of extension if force > 0, otherwise that of retraction.
+    open valve needs at the speed v. At speed 0 the cylinder holds, and m is 0. p_L is then the load
+    pressure of extension if force > 0, otherwise of retraction.
 
     Args:
         k: Valve coefficient K [m³/(s √Pa)].
@@ -319,8 +321,8 @@ def compute_pressure_with_margin(
         p = p_L + m(v) + boost margin
 
     p_L is the load pressure, which balances the load at rest, and m(v) the pressure that the fully
-    open valve needs at the speed v. At speed 0 the cylinder holds. The load pressure is then that
-    of extension if force > 0, otherwise that of retraction.
+    open valve needs at the speed v. At speed 0 the cylinder holds. p_L is then the load pressure of
+    extension if force > 0, otherwise of retraction.
 
     Args:
         oil: Tank pressure and boost margin.
@@ -428,7 +430,7 @@ def select_supply_pressure(
 
     Args:
         oil: The main pump's pressure P_S.
-        mode: Mode of the actuator: N, DB or SB.
+        mode: Mode of the actuator: N (main pump alone), DB (own servo pump) or SB (shared rail).
         line_pressure: Boosted pressure of the actuator's own line, used in DB [Pa].
         rail: Pressure of the shared rail, used in SB [Pa].
 
@@ -462,7 +464,15 @@ def compute_orifice_leakage(
 
 @kernel
 def compute_valve_leakage(oil: SharedHydraulics, supply: float) -> float:
-    """Compute the leakage [m³/s] of one valve at a supply pressure [Pa]."""
+    """Compute the leakage of one valve at a supply pressure, as through an orifice to the tank.
+
+    Args:
+        oil: Rated leakage, and pressures of supply and tank.
+        supply: Present supply pressure of the valve [Pa].
+
+    Returns:
+        Leakage [m³/s]; 0 if the supply pressure is below the tank pressure.
+    """
     return compute_orifice_leakage(oil.leakage_flow, oil.supply_pressure, oil.tank_pressure, supply)
 
 

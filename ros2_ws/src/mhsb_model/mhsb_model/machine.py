@@ -178,8 +178,8 @@ class Machine:
     def radian_equivalents(self) -> FloatArray:
         """Motion of each joint that counts as 1 rad when joints are compared, shape (n,).
 
-        It is 1 rad, or for a sliding joint its range divided by π [m]; see
-        `kinematics.compute_radian_equivalents`.
+        It is 1 rad for a joint that turns or slews. For a sliding joint it is its range divided by
+        π [m].
         """
         return frozen(kinematics.compute_radian_equivalents(self.arrays))
 
@@ -190,10 +190,10 @@ class Machine:
 
     @cached_property
     def planar_arm(self) -> Machine:
-        """Planar part of a slewing arm, without joint 1; the machine itself if it does not slew.
+        """Planar part of a slewing arm, without joint 1.
 
-        Planners choose postures for this machine. Its joint j is joint j + 1 of the slewing arm.
-        Three things differ besides:
+        For an arm that does not slew it is the machine itself. Planners choose postures for the
+        planar part. Its joint j is joint j + 1 of the slewing arm. Three things differ besides:
 
         - The main pump's largest flow is smaller by the leakage of the slew's valve.
         - `arrays.external_leakage` is that leakage [m³/s], because it still costs energy.
@@ -293,7 +293,11 @@ class Machine:
 
     @cached_property
     def patterns(self) -> ModeArray:
-        """All mode combinations within the module budget, uint8 of shape (combinations, n)."""
+        """All mode combinations that the machine's booster modules allow, one per row.
+
+        uint8 of shape (combinations, n), read-only. Row 0 is all N; the rows are in lexicographic
+        order of the mode codes 0 N, 1 DB, 2 SB.
+        """
         modules = self.config.hydraulics.modules
         return mode_patterns(self.joint_count, modules.count, modules.per_mode)
 
@@ -396,7 +400,7 @@ class Machine:
             values: New values by their paths, for instance `{"joints.0.link.mass": 5.0}`.
 
         Returns:
-            The copy. Its `file_rating` is None: the new values count as those of the file.
+            The copy. Its `file_rating` is None, since the new values count as values of the file.
 
         Raises:
             ValuePathError: A path does not exist.
@@ -552,7 +556,8 @@ class Machine:
             q: Joint positions, shape (n,) [rad or m].
 
         Returns:
-            (x, z), shape (n + 1, 2) [m]. The first row is the origin, the last is the tip.
+            (x, z), shape (n + 1, 2) [m]. Row j is the joint with index j; row 0 is the origin, row
+            n the tip. If joint 1 slews, rows 0 and 1 are both the origin.
         """
         return np.asarray(kinematics.joint_positions(self.arrays, as_frozen(np.asarray(q))))
 
@@ -615,20 +620,20 @@ class Machine:
             q: Joint positions, shape (n,) [rad or m].
 
         Returns:
-            Forces, shape (n,) [N]; positive if they resist extension.
+            Forces, shape (n,) [N]; positive if the load resists extension.
         """
         force = np.empty(self.joint_count)
         statics.piston_forces(self.arrays, np.array(q), force)  # writable copy: one kernel type
         return force
 
     def piston_forces_in(self, postures: FloatArray) -> FloatArray:
-        """Return the piston forces that hold the arm and its payload in several postures.
+        """Return the piston forces that hold the arm and its payload in each of several postures.
 
         Args:
             postures: Joint positions, shape (k, n) [rad or m].
 
         Returns:
-            Forces, shape (k, n) [N]; positive if they resist extension.
+            Forces, shape (k, n) [N]; positive if the load resists extension.
         """
         force = np.empty(postures.shape)
         statics.piston_forces_in(self.arrays, postures, force)
@@ -642,9 +647,16 @@ class Machine:
         return statics.mass_matrix(self.arrays, q)
 
     def moment_arms(self, q: FloatArray) -> FloatArray:
-        """Return the signed moment arms r = dL/dq of all actuators, shape (n,) [m].
+        """Return the signed moment arms r = dL/dq of all actuators.
 
-        Extension turns a joint positively if its r is positive. It is 1 for a sliding joint.
+        L is the length of a joint's cylinder. If r is positive, extension turns the joint in the
+        positive direction.
+
+        Args:
+            q: Joint positions, shape (n,) [rad or m].
+
+        Returns:
+            Moment arms, shape (n,) [m]; 1 [-] for a sliding joint.
         """
         rows = self.arrays.linkage
         return np.array([linkage.moment_arm(rows[j], q[j]) for j in range(self.joint_count)])
@@ -655,7 +667,8 @@ class Machine:
 
             q̇_max = Q_MP / (min(A, a) · min |r|)
 
-        with the smallest moment arm within the joint's limits.
+        Q_MP is the main pump's largest flow, and A and a are the areas of the piston. min |r| is
+        the smallest moment arm within the joint's limits.
         """
         a = self.arrays
         return a.main_pump_flow / (np.minimum(a.cap_area, a.rod_area) * self._moment_arm_ends[0])
@@ -708,7 +721,11 @@ class Machine:
 
     @cached_property
     def obstacles(self) -> Obstacles:
-        """Everything that the arm keeps clear of: the file's obstacles, then the shadows."""
+        """Everything that the arm keeps clear of: obstacles of the file, then the shadows.
+
+        Obstacles of the file are zones, ground, base and the arm itself. Shadows are obstacles in
+        the arm's plane that stand for zones in space.
+        """
         own = build_obstacles(self.config.keep_out, self.joint_count, int(self.slews))
         return own.combined_with(self.shadows) if self.shadows.names else own
 
@@ -879,7 +896,7 @@ def _restored(
 
 
 def _make_validated_machine(content: Any, source: str, schema: type[MachineConfig]) -> Machine:
-    """Make a machine from nested content of a machine file.
+    """Make a machine from nested content of a machine file, after a check by a schema.
 
     Args:
         content: Sections and values as read from YAML or dumped from a configuration.
@@ -887,7 +904,7 @@ def _make_validated_machine(content: Any, source: str, schema: type[MachineConfi
         schema: Schema of the content.
 
     Returns:
-        The machine, without shadows and rating.
+        The machine. It has no shadows, and `file_rating` is None.
 
     Raises:
         MachineFileError: The content breaks the schema or a rule across values.

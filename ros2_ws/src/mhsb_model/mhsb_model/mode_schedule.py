@@ -64,7 +64,7 @@ class ModeSchedule:
 
     @property
     def end_ns(self) -> int:
-        """Absolute time of the last row, from which the holding modes are in force [ns]."""
+        """Absolute time of the last row, whose modes stay in force for good [ns]."""
         return self.stamp_ns + int(self.offset_ns[-1])
 
     @property
@@ -85,7 +85,7 @@ class ModeSchedule:
     def modes_at(self, time_ns: int) -> ModeArray:
         """Return the mode of each actuator at an absolute time, shape (actuators,).
 
-        Before the stamp these are the modes of the first row, after the last row those of the last.
+        Before the stamp the first row counts, and after the last row the last one.
 
         Args:
             time_ns: Absolute time [ns].
@@ -96,12 +96,13 @@ class ModeSchedule:
     def modes_at_many(self, time_ns: IntArray) -> ModeArray:
         """Return the mode of each actuator at several absolute times.
 
+        Before the stamp the first row counts, and after the last row the last one.
+
         Args:
             time_ns: Absolute times in any order, shape (times,) [ns].
 
         Returns:
-            Mode codes, uint8 of shape (times, actuators). Before the stamp these are the modes of
-            the first row, after the last row those of the last.
+            Mode codes, uint8 of shape (times, actuators), aligned with `time_ns`.
         """
         since = np.asarray(time_ns, dtype=np.int64) - self.stamp_ns
         rows = np.searchsorted(self.offset_ns, since, "right") - 1

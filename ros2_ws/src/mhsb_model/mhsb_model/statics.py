@@ -88,13 +88,15 @@ def replace_payload(c: Chain, payload: float) -> Chain:
 
 @kernel
 def link_directions(turns: BoolArray, q: FloatArray, cosine: FloatArray, sine: FloatArray) -> None:
-    """Compute the cosine and the sine of each link's angle in the plane.
+    """Compute the cosine and the sine of each link's angle in the arm's plane.
+
+    The angle θⱼ of link j is the sum of all revolute joint angles up to j.
 
     Args:
         turns: Whether each joint is revolute, shape (n,).
         q: Joint positions, shape (n,) [rad or m].
-        cosine: Output, written in place, shape (n,): cos θⱼ of link j.
-        sine: Output, written in place, shape (n,): sin θⱼ of link j.
+        cosine: Output, written in place, shape (n,): cos θⱼ.
+        sine: Output, written in place, shape (n,): sin θⱼ.
     """
     angle = 0.0
     for j in range(len(q)):
@@ -253,9 +255,9 @@ def _add_slew_torques(
         τ₁ = I q̈₁ + İ q̇₁
         τⱼ = τⱼ,before − ½ ∂I/∂qⱼ q̇₁²,   j > 1
 
-    I is the inertia of the arm about the slew's axis, and I₀ that of the platform. ρ is the
-    distance of each mass m from the axis. φ is the angle of each link from the horizontal, and J
-    its inertia about its centre of mass.
+    I is the inertia of the whole arm about the slew's axis, and I₀ the inertia of the platform
+    alone. ρ is the distance of each mass m from the axis. φ is the angle of each link from the
+    horizontal, and J its inertia about its centre of mass.
 
     Args:
         c: Links and payload.

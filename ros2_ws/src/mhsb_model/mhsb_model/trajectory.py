@@ -213,10 +213,10 @@ class Trajectory:
         return q, qd, qdd
 
     def sample_midpoints(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Evaluate the curve half-way in time between neighbouring points.
+        """Evaluate the motion half-way in time between neighbouring points.
 
         Returns:
-            Positions, velocities and accelerations, each of shape (points − 1, n).
+            Positions [rad or m], velocities and accelerations, each of shape (points − 1, n).
         """
         time = self.offset_ns / SECOND_NS
         return _sample_midpoint_states(time, self.position, self.velocity, self.acceleration)

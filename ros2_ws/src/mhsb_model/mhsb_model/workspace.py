@@ -44,14 +44,14 @@ def compute_workspace_excess(m: MachineArrays, x: float, z: float) -> float:
 def compute_region_excess(
     min_x: float, min_radius: float, max_radius: float, x: float, z: float
 ) -> float:
-    """Compute how far a point lies outside a region with the given bounds.
+    """Compute how far a point lies outside a region with a least x and two radii.
 
     Args:
         min_x: Smallest allowed x [m].
         min_radius: Smallest allowed distance from the origin [m].
         max_radius: Largest allowed distance from the origin [m].
-        x: Position of the point [m].
-        z: Position of the point [m].
+        x: Position of the point, forward [m].
+        z: Position of the point, up [m].
 
     Returns:
         Largest violation of the three bounds [m]; negative inside.

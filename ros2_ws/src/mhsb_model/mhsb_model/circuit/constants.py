@@ -98,8 +98,8 @@ def build_modules(module_home: IntArray) -> Records[ModuleState]:
             module.
 
     Returns:
-        ModuleState[m]. `flow_ratio` and `lag_ratio` are 1, and so is `to_rail` of spare modules,
-        which always feed the rail. All other fields are 0.
+        ModuleState[m]. `flow_ratio` and `lag_ratio` are 1. `to_rail` is 1 for spare modules, which
+        always feed the rail. All other fields are 0.
     """
     modules = create_records(ModuleState, len(module_home))
     modules["to_rail"] = module_home < 0

@@ -254,7 +254,7 @@ def metered_opening(spool: float, overlap: float, exponent: float = 1.0) -> floa
         exponent: Exponent n; 1 of a linear valve, larger with metering notches.
 
     Returns:
-        Signed opening; ±1 at full stroke, where the valve has its rated flow.
+        Signed opening. At full stroke it is ±1, which stands for the valve's rated flow.
 
     Source:
         H. E. Merritt, Hydraulic Control Systems (lap).
@@ -328,7 +328,8 @@ def advance_bristle_deflection(
     Args:
         deflection: Deflection z at the start of the step [m].
         speed: Piston speed v [m/s].
-        steady_friction: Steady friction g at that speed, see `sliding_friction` [N].
+        steady_friction: Friction g in steady motion at that speed, without its viscous part, above
+            0 [N].
         stiffness: Bristle stiffness σ₀ [N/m].
         dt: Duration of the step [s].
 
@@ -370,7 +371,7 @@ def chamber_volumes(cylinder: CylinderConstants, length: float) -> tuple[float, 
 
         V_A = V₀ + A (L − L_min),   V_B = V₀ + a (L_max − L)
 
-    V₀ is the dead volume, A and a are the areas of cap side and rod side, and L_min and L_max the
+    V₀ is the dead volume. A and a are the areas of cap side and rod side. L_min and L_max are the
     lengths at the ends of the stroke. For a rotary motor both volumes are V₀.
 
     Args:
@@ -415,12 +416,13 @@ def spool_transition(
 
         ẍ + 2ζω ẋ + ω²(x − u) = 0
 
-    The state is (x − u, ẋ). With the system matrix S and the identity I, the matrix exponential is
+    The state is (x − u, ẋ). With the system matrix S = [[0, 1], [−ω², −2ζω]] and the identity I,
+    the transition matrix is
 
-        Φ = e^(−ζω dt) [c I + s (S + ζω I)],   ω_d = ω √|1 − ζ²|
-        c = cos(ω_d dt),   s = sin(ω_d dt)/ω_d
+        Φ = e^(S dt) = e^(−ζω dt) [c I + s (S + ζω I)]
+        c = cos(ω_d dt),   s = sin(ω_d dt)/ω_d,   ω_d = ω √|1 − ζ²|
 
-    If ζ > 1, cosh and sinh take the place of cos and sin.
+    If ζ > 1, cosh and sinh take the place of cos and sin. If ζ = 1, c = 1 and s = dt.
 
     Args:
         frequency: Natural frequency ω/2π [Hz].

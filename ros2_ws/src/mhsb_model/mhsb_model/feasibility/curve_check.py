@@ -150,7 +150,7 @@ def find_curve_excess(limits: CurveLimits, trajectory: Trajectory) -> CurveExces
 def compute_slowing_factor(limits: CurveLimits, trajectory: Trajectory) -> float:
     """Compute the factor on a trajectory's duration that makes it keep its rate limits.
 
-    The rate limits are those of speed, acceleration and jerk. With a duration k times as long,
+    The rate limits are the limits of speed, acceleration and jerk. With a duration k times as long,
     speeds fall to 1/k, accelerations to 1/k², and jerks to 1/k³. The result is the least k with
     which all three limits are kept. Position limits are not considered.
 
@@ -363,10 +363,9 @@ def _check_piece(
     """Check one piece of a joint's curve against all limits, and record its excesses.
 
     The control values are compared first, since the curve stays between the least and the greatest
-    of them. Extrema are computed only if a control value exceeds its limit. The acceleration has
-    its extrema at the roots of the jerk, the speed at those of the acceleration, and the position
-    at those of the speed. So the roots are found in this order, each set between the roots before
-    it.
+    of them. Extrema are computed only if a control value exceeds its limit. Each quantity has its
+    extrema at the roots of its derivative. So the roots of jerk, acceleration and speed are found
+    in this order, each set between the roots before it.
 
     Args:
         piece: Piece of the joint's curve.

@@ -100,8 +100,8 @@ def _check_kept_joints(config: MachineConfig) -> list[str]:
     """Check that `motion.kept_joints` leaves two joints to reach a tip position.
 
     The list has the joints that the `fixed` planner does not move, counted from 1. They must be
-    different ones of the joints in the arm's plane, which a slew (joint 1) is not. Their number
-    must be that of the joints in the plane less two. An empty list is allowed.
+    different joints of the arm's plane, to which a slew (joint 1) does not belong. All joints of
+    the plane except two must be in the list. An empty list is allowed.
 
     Args:
         config: Content of a machine file.

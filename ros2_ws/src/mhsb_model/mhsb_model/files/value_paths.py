@@ -11,7 +11,7 @@ class ValuePathError(MhsbError):
     """Error for a path that does not exist; `valid` lists the valid names where it fails."""
 
     def __init__(self, path: str, part: str, valid: list[str]) -> None:
-        """Create the error with a message that lists the valid names.
+        """Make the message from the path, the part that does not exist, and the valid names.
 
         Args:
             path: Whole path, such as `joints.0.link.mass`.
@@ -70,12 +70,12 @@ def set_value(content: Any, path: str, value: Any) -> None:
 
 
 def _resolve_key(content: Any, path: str, part: str) -> Any:
-    """Return the key of a dict or the index of a list that a part of a path names.
+    """Convert one part of a dotted path into a key of a dict or an index of a list.
 
     Args:
-        content: Dict, list or plain value at this place.
+        content: Dict, list or plain value in which the part is looked up.
         path: Whole path, for the error message.
-        part: The part of it to look up in `content`.
+        part: The part of the path, such as `link` or `0`.
 
     Returns:
         `part` itself for a dict, an int for a list.

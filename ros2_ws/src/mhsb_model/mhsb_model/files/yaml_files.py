@@ -45,7 +45,7 @@ class YamlFileError(MhsbError):
     """Error for a file that cannot be read as YAML; `reason` says why, without the path."""
 
     def __init__(self, path: Path, reason: str) -> None:
-        """Create the error of a file.
+        """Make the message from the file and the reason.
 
         Args:
             path: File that cannot be read.
@@ -60,6 +60,11 @@ class YamlTextError(MhsbError):
     """Error for a text that cannot be read as YAML; `reason` says why, without repeating it."""
 
     def __init__(self, reason: str) -> None:
+        """Make the message from the reason.
+
+        Args:
+            reason: Clause that says why the text cannot be read, without repeating the text.
+        """
         self.reason = reason
         super().__init__(f"the text {reason}")
 
@@ -134,12 +139,20 @@ class BoundedLoader(yaml.SafeLoader):
     """YAML loader for plain values that refuses numbers of more than LONGEST_NUMBER characters."""
 
     def construct_bounded_int(self, node: yaml.ScalarNode) -> int:
-        """Convert a node into a whole number; raises ConstructorError if it is too long."""
+        """Convert a node into a whole number.
+
+        Raises:
+            ConstructorError: The number has more than LONGEST_NUMBER characters.
+        """
         _check_length(node)
         return self.construct_yaml_int(node)
 
     def construct_bounded_float(self, node: yaml.ScalarNode) -> float:
-        """Convert a node into a float; raises ConstructorError if it is too long."""
+        """Convert a node into a float.
+
+        Raises:
+            ConstructorError: The number has more than LONGEST_NUMBER characters.
+        """
         _check_length(node)
         return self.construct_yaml_float(node)
 
@@ -194,7 +207,15 @@ def _read_text(path: Path) -> str:
 
 
 def _open_without_blocking(path: str, flags: int) -> int:
-    """Open a file without blocking, even if it is a pipe without a writer."""
+    """Open a file at once, even a pipe that has no writer (an `opener` of `open`).
+
+    Args:
+        path: File to open.
+        flags: Flags of `os.open`, to which O_NONBLOCK is added.
+
+    Returns:
+        File descriptor.
+    """
     return os.open(path, flags | os.O_NONBLOCK)
 
 

@@ -133,8 +133,8 @@ def hold_extensions(m: MachineArrays, extension: FloatArray) -> MachineArrays:
     """Return the chain of revolute joints that is left if all telescopes are held.
 
     Each telescope becomes a part of the link before it. The fields `turns`, `slides`,
-    `link_length`, `joint_min` and `joint_max`, which inverse kinematics reads, are those of the
-    shorter chain. All other fields are left as they are, for the whole chain.
+    `link_length`, `joint_min` and `joint_max`, which inverse kinematics reads, belong to the
+    shorter chain. All other fields still belong to the whole chain.
 
     Args:
         m: Machine in its plane (without a slew).

@@ -91,7 +91,8 @@ def solve_posture(
             angles, then the end-link angle ψ (the sum of all angles). With telescopes: the
             positions, in joint order, of all joints except the last two of the revolute ones.
         elbow: Branch of the solution, −1 or 1. Without telescopes: the sign of the second-last
-            joint's angle. With telescopes: see `side` of `close_chain`.
+            joint's angle. With telescopes: 1 if the tip is to the left of the line from the first
+            to the second of the last two revolute joints, else −1.
         q: Posture, float64[n], written in place [rad or m]; partly overwritten if there is none.
 
     Returns:
@@ -248,9 +249,9 @@ def _close_with_revolute_joints(
 ) -> bool:
     """Close the chain with two revolute joints, while all other joints stay where they are.
 
-    The links from joint i to joint j form a rigid body of the length D₁, those from j to the tip
-    one of the length D₂. t is the distance from joint i to the tip, and γ the angle between both
-    bodies:
+    The links from joint i to joint j form a rigid body of the length D₁. The links from joint j to
+    the tip form one of the length D₂. t is the distance from joint i to the tip, and γ the angle
+    between both bodies:
 
         cos γ = (t² − D₁² − D₂²)/(2 D₁ D₂),   γ = side · acos(cos γ)
 
@@ -435,8 +436,8 @@ def solve_posture_with_held_joints(
         z: Tip position up [m].
         moved: Indices i < j of the two joints that move.
         held_positions: Positions of all other joints in joint order, float64[n - 2], [rad or m].
-        side: Which of up to two solutions, −1 or 1, see `find_closure_side`. If both joints slide,
-            there is only 1.
+        side: Selects one of up to two solutions, −1 or 1. `find_closure_side` returns the one that
+            a posture has. If both joints slide, there is only 1.
         q: Posture, float64[n], overwritten in place, even if there is no solution [rad or m].
 
     Returns:

@@ -71,10 +71,10 @@ register_model(KernelType)(models.OpaqueModel)
 
 @cache
 def register_kernel_class(kind: type) -> None:
-    """Let numba use `KernelType` for the instances of a class and its subclasses.
+    """Tell numba that instances of a class are kernels, which other kernels may call.
 
     Args:
-        kind: Class `Kernel`, whose module this one cannot import.
+        kind: Class `Kernel`; subclasses are included. Its module imports this one, not the reverse.
     """
     typeof_impl.register(kind)(lambda kernel, _: KernelType(kernel))
 

@@ -68,6 +68,12 @@ class _LineProgress:
     """Progress display that passes a line of text to a function."""
 
     def __init__(self, say: Callable[[str], None], total: int) -> None:
+        """Store the function that receives each line, and the total number of functions.
+
+        Args:
+            say: Function that gets a line of text.
+            total: Number of functions to compile.
+        """
         self._say, self._total = say, total
 
     def update(self, done: int) -> None:
@@ -184,14 +190,14 @@ def _start_worker() -> subprocess.Popen[str]:
 
 
 def _call_in_worker(worker: subprocess.Popen[str], part: str) -> str:
-    """Pass one function to a worker and wait for its answer.
+    """Pass one function to a worker process and wait for its answer.
 
     Args:
-        worker: Worker process.
+        worker: Worker process, connected by text pipes.
         part: Function as `MODULE:FUNCTION`.
 
     Returns:
-        Answer with its line end: a single line end for success, else an error message. Empty if the
+        Answer with its line end: only a line end for success, else an error message. Empty if the
         worker has died.
     """
     assert worker.stdin is not None

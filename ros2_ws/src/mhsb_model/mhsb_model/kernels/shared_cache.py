@@ -174,7 +174,12 @@ def _hash_file(file: Path) -> str:
 
 
 def _delete_damaged(files: Sequence[Path], reason: str) -> None:
-    """Delete damaged files of one kernel and log the reason; do nothing if there are none."""
+    """Delete damaged files of one kernel and log the reason.
+
+    Args:
+        files: Damaged files in one folder. If there are none, nothing is logged.
+        reason: Reason in a few words.
+    """
     for file in files:
         file.unlink(missing_ok=True)
     if files:
@@ -208,7 +213,14 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 def _try_lock(descriptor: int) -> bool:
-    """Lock a file unless another process has locked it, and return whether that succeeded."""
+    """Lock a file for this process, without waiting if another process has locked it.
+
+    Args:
+        descriptor: Descriptor of the open file.
+
+    Returns:
+        True if the file is locked now. False if another process has it, or if locking fails.
+    """
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:

@@ -24,9 +24,9 @@ SMALLEST_LENGTH = 1e-9
 def list_row_numbers(linkage: SliderCrank) -> list[float]:
     """Return the numbers that describe a slider-crank linkage in the form that kernels take.
 
-    u and v are the distances of the pins on the parent and child link from the joint's axis, and θ₀
-    is the angle between them at q = 0. The kind of linkage, the first number of a row, is not
-    included.
+    u and v are the distances of both pins, on the parent and the child link, from the joint's axis.
+    θ₀ is the angle between the pins at q = 0. The kind of linkage, the first number of a row, is
+    not included.
 
     Args:
         linkage: Slider-crank of a machine file.

@@ -120,8 +120,8 @@ def _depth_in_box(segment: LineSegment, box: BoxInPlane) -> float:
 
     For each point let d be the largest of x_min − x, x − x_max, z_min − z and z − z_max. Inside the
     box, −d is the point's distance from the nearest face. The result is the least d along the
-    segment. All four terms are linear along the segment. So the least d is at an end, or where two
-    of them are equal.
+    segment. All four terms are linear along the segment. So the least d is at an end, or at a point
+    at which two of the terms are equal.
 
     Args:
         segment: The segment.
@@ -531,10 +531,11 @@ def move_is_clear(
 ) -> bool:
     """Return whether the arm keeps clear of all obstacles during a move.
 
-    A part of the move is proven clear if the clearances at its ends add up to at least the distance
-    that any point of the arm moves in it. The move is halved until all parts are proven clear. A
-    part is not halved further if no point of the arm moves more than MIN_PART_TRAVEL in it; then
-    clear ends are enough. So an accepted move enters no obstacle by more than MIN_PART_TRAVEL/2.
+    D is an upper bound on how far any point of the arm moves in a part of the move. A part is
+    proven clear if the clearances at both of its ends add up to at least D. The move is halved
+    until all parts are proven clear. A part with D up to MIN_PART_TRAVEL is not halved further;
+    clear ends are then enough. So an accepted move enters no obstacle by more than
+    MIN_PART_TRAVEL/2.
 
     If the arm starts in an obstacle, it may leave the obstacle but not move deeper into it.
 

@@ -118,8 +118,8 @@ def _project_zone(
             sweeps [m]; not used for a sphere.
 
     Returns:
-        Row of a circle (for a sphere) or a box in the plane, float64[ROW_WIDTH]. The index of its
-        link is that of the planar arm, one less than in `row`.
+        Row of a circle (for a sphere) or a box in the plane, float64[ROW_WIDTH]. Its link index is
+        one less than in `row`, since the planar arm has no slew.
     """
     shadow = np.zeros_like(row)
     shadow[[KIND_COLUMN, LINK_COLUMN]] = BOX_KIND, row[LINK_COLUMN] - 1

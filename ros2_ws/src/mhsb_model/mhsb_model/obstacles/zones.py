@@ -128,13 +128,13 @@ class Zones:
         """
 
         def collect_numbers(field: str) -> tuple[Numbers, ...]:
-            """Return the zones of `keep_out` that belong to one field of `Zones`.
+            """Return the zones of the machine file that belong to one field of `Zones`.
 
             Args:
-                field: Name of the field, such as `tip_boxes`.
+                field: Name of the field, such as `tip_boxes` or `circles`.
 
             Returns:
-                Numbers of each zone.
+                Numbers of each zone [m], in the order of the file.
             """
             holds_for, kind = _split_field_name(field)
             zones = [zone for zone in getattr(keep_out, kind) if zone.holds_for == holds_for]
@@ -166,7 +166,8 @@ class Zones:
         its `_max`.
 
         Returns:
-            Lists of sections by the names `boxes`, `circles`, `cylinders` and `spheres`.
+            Lists of sections by the keys `boxes`, `circles`, `cylinders` and `spheres`. Each
+            section has `holds_for`, "arm" or "tip".
         """
         content: dict[str, list[dict[str, Any]]] = {}
         for field in fields(self):

@@ -169,7 +169,7 @@ def energy_gap(energies: dict[str, float]) -> float:
     """Return the error of the energy balance: energy from the pumps less energy accounted for.
 
     `main_pump` and `servo_pumps` are the energy from the pumps. All other counters but
-    UNBALANCED_ENERGIES say where that energy went.
+    UNBALANCED_ENERGIES are parts into which that energy has gone.
 
     Args:
         energies: Energies by the names of CircuitEnergies [J].
@@ -186,7 +186,7 @@ def energy_gap(energies: dict[str, float]) -> float:
 def volume_gap(volumes: dict[str, float]) -> float:
     """Return the error of the oil balance: oil from the main pump less oil accounted for.
 
-    `main_pump` is the oil from the pump. All other counters say where that oil went.
+    `main_pump` is the oil from the pump. All other counters are parts into which that oil has gone.
 
     Args:
         volumes: Volumes by the names of CircuitVolumes [m³].

@@ -523,12 +523,19 @@ def displace_oil(circuit: Circuit, j: int, length: float, speed: float) -> None:
 
 @kernel(inline="always")
 def solve_pressure_changes(circuit: Circuit, count: int) -> None:
-    """Solve the implicit step for the change of every pressure, from the elements of a substep.
+    """Solve the implicit step of a substep for the change of every node's pressure.
+
+        (G + C/dt) Δp = inflow
+
+    G is the matrix of the elements' slopes, and C the diagonal matrix of the nodes' capacities. A
+    node with a vapour cavity gets a large capacity, unless the cavity may fill up in this substep.
+    The tank's pressure does not change.
 
     Args:
-        circuit: The circuit. Its inflows [m³/s] are overwritten with the pressure changes [Pa]; the
-            conductance matrix and the capacities as used in the substep are written in place.
-        count: Number of elements.
+        circuit: The circuit. The inflows [m³/s], `nodes[0]`, are overwritten with the pressure
+            changes [Pa]. The conductance matrix and the capacities as used, `nodes[2]`, are written
+            in place.
+        count: Number of elements in `net`.
     """
     net, conductance, cavity = circuit.net, circuit.conductance, circuit.cavity
     inflow, capacity, stiffness = circuit.nodes[0], circuit.nodes[1], circuit.nodes[2]
@@ -547,10 +554,14 @@ def solve_pressure_changes(circuit: Circuit, count: int) -> None:
 
 @kernel(inline="always")
 def apply_pressure_changes(circuit: Circuit) -> None:
-    """Apply the pressure changes of a substep, and audit what each node has stored.
+    """Apply the pressure changes of a substep, and count what each node has stored.
+
+    No pressure falls below the vapour pressure. There vapour fills the missing volume, the cavity
+    of the node.
 
     Args:
-        circuit: The circuit. Writes pressures, cavities and counters in place.
+        circuit: The circuit. Reads the pressure changes in `nodes[0]`. Writes pressures, cavities
+            and counters in place.
     """
     pressure, cavity, c = circuit.pressure, circuit.cavity, circuit.constants[0]
     change, capacity, stiffness = circuit.nodes[0], circuit.nodes[1], circuit.nodes[2]
