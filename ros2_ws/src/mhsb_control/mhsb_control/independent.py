@@ -124,9 +124,9 @@ def run_independent_step(
 
         Q_cmd = C k_P (p_target − p) + ∫ C k_I (p_target − p) dt,    0 ≤ Q_cmd ≤ Q_max
 
-    p is the measured pressure, and C the capacity of the line, or of the rail [m³/Pa]. The rail's
-    target is the highest target of the joined lines. The integral stays constant while the command
-    is at a limit, and is 0 for an idle pump.
+    p is the measured pressure, and p_target the pressure that the actuator needs. The rail's target
+    is the highest target of the joined lines. C is the capacity of the line, or of the rail
+    [m³/Pa]. The integral stays constant while the command is at a limit, and is 0 for an idle pump.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `axes` and the commands of

@@ -321,10 +321,11 @@ def build_governor_state(
 def run_governor_step(g: GovernorState) -> bool:
     """Run one step of the governor: compute the reserves, request boost, and set the speed scaling.
 
-    The requested rate is the smallest of three: by the tip error, by the reserves of supply
-    pressure, and by the valve openings. By the tip error it is 1 up to one usual error, and falls
-    linearly to 0 at `hold_error_ratio` usual errors. The tip error does not count the part by which
-    the tip is ahead of its reference.
+    The governor slows the plan to a requested rate, 0 … 1. This is the smallest rate that the tip
+    error, the reserves of supply pressure and the valve openings allow. By the tip error it is 1 up
+    to one usual error (the distance of tip and reference that is normal). It falls linearly to 0 at
+    `hold_error_ratio` usual errors. The part by which the tip is ahead of its reference does not
+    count.
 
     The requested rate is at least `min_rate`. It may be 0 only if the line of a moving actuator has
     less than `min_driving_pressure` beyond its load pressure. `update_rate` then moves the rate
@@ -367,19 +368,21 @@ def compute_reserves(g: GovernorState) -> None:
     """Filter the measurements, and compute all actuators' reserves of pressure and the tip's error.
 
     The needed pressure of an actuator is the load pressure plus the drop over the fully open valve.
-    There are two needs: at the reference's present speed without slowing, and at its speed at point
-    START_PREVIEW_POINT. A need is 0 if the actuator does not move at that speed, since its closed
-    valve then holds the load. Both are 0 if the piston is at an end stop. While the tip error
-    exceeds `lift_error_ratio` usual errors, an actuator that has yielded to its load has to lift
-    it. Its present need is then at least the holding pressure plus `lifting_pressure`.
+    There are two needs: at the reference's present speed without slowing, and at its speed shortly
+    ahead (point START_PREVIEW_POINT). A need is 0 if the actuator does not move at that speed,
+    since its closed valve then holds the load. Both are 0 if the piston is at an end stop.
+
+    An actuator has to lift its load back if it has yielded to the load and the tip error is above
+    `lift_error_ratio` usual errors. Its present need is then at least the holding pressure plus
+    `lifting_pressure`.
 
     Results for each actuator:
 
     - `reserve_in_n`: the pressure that the main pump leaves in mode N, less the greater of both
       needs. This pressure is the lowest line pressure of all actuators in mode N, filtered. If it
-      falls, it is predicted by `prediction_time`.
-    - `reserve`: in mode N the same. In DB and SB, the actuator's own line pressure less its present
-      need, filtered with `boosted_smoothing`.
+      falls, it is extrapolated by `prediction_time`.
+    - `reserve`: in mode N equal to `reserve_in_n`. In DB and SB it is the actuator's own line
+      pressure less its present need, filtered with `boosted_smoothing`.
     - `driving_pressure`: the pressure of the supply less the load pressure of the present motion;
       inf if the actuator does not move.
 

@@ -184,7 +184,8 @@ def _describe_wrong_length(item: Any, value: str) -> str:
 def _describe_unknown_key(key: str, keys: Sequence[str]) -> str:
     """Describe a key that the schema does not have, and suggest valid ones.
 
-    The key itself is in the path before the sentence.
+    The sentence does not repeat the key; the caller puts the path, which ends with the key, before
+    it.
 
     Args:
         key: Unknown key.
@@ -261,15 +262,15 @@ def _locate_field(
 
 
 def _find_models_below(models: Sequence[type[BaseModel]], part: str | int) -> list[type[BaseModel]]:
-    """Return the models of which the value of a key can be an instance.
+    """Return the pydantic models as which the value of a key may be validated.
 
     Args:
-        models: Models of which the section that contains the key can be an instance.
+        models: Models as which the section that contains the key may be validated.
         part: Key, or a list index. For an index, `models` is returned.
 
     Returns:
         Models; none for a plain value. If no model declares the key, these are the models that an
-        open model allows for further keys, or none.
+        open model allows for undeclared keys, or none.
     """
     if isinstance(part, int):
         return list(models)

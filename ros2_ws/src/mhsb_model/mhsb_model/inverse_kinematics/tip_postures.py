@@ -114,8 +114,8 @@ def write_inner_angles(m: MachineArrays, combination: int, samples: int, q: Floa
     """Write one sample of the inner joints' angles into a posture.
 
     The inner joints are all but the last three. Each has `samples` evenly spaced angles from limit
-    to limit, and all combinations of them are numbered. From one number to the next the first
-    joint's angle changes.
+    to limit. All combinations of these angles are numbered; the first joint's angle changes fastest
+    with the number.
 
     Args:
         m: Machine with the joint limits.

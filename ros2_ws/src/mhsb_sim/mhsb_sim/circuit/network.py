@@ -405,7 +405,9 @@ def connect_supply(circuit: Circuit, count: int) -> int:
 
 @kernel(inline="always")
 def connect_servo_pumps(circuit: Circuit, count: int) -> int:
-    """Advance the servo pumps and diverters by a substep, and list the pumps as elements.
+    """Advance servo pumps and diverters by a substep, and add the pumps to the list of elements.
+
+    Each pump has up to two elements: one feeds the rail, the other its own line.
 
     Args:
         circuit: The circuit. Writes into `net` (the list of elements) and `modules` in place.
