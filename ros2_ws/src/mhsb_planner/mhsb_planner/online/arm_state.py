@@ -57,16 +57,17 @@ class ArmClockEstimator:
     def add_stamp(self, stamp_ns: int, steady_time: float) -> bool:
         """Add a stamp, and return whether it is not earlier than the stamp before.
 
-        All earlier stamps are dropped if the arm's clock has gone back, or has jumped ahead of its
-        expected time by more than `MIN_CLOCK_JUMP`. In each time slot of `STAMP_SPACING` only the
-        least delayed stamp is kept. Stamps older than `SPEED_WINDOW` are dropped.
+        All earlier stamps are dropped if the arm's clock has gone back. They are also dropped if it
+        is more than `MIN_CLOCK_JUMP` ahead of the time expected from the earlier stamps. In each
+        time slot of `STAMP_SPACING` only the least delayed stamp is kept. Stamps older than
+        `SPEED_WINDOW` are dropped.
 
         Args:
             stamp_ns: Stamp by the arm's clock [ns].
             steady_time: Time of receipt by the steady clock [s].
 
         Returns:
-            False if the stamp is earlier than the one before; True otherwise, also after a jump
+            False if the stamp is earlier than the one before. True otherwise, also after a jump
             ahead.
         """
         went_back = self._last is not None and stamp_ns < self._last[1]
@@ -84,9 +85,9 @@ class ArmClockEstimator:
         return not went_back
 
     def keep_last_stamp_only(self) -> None:
-        """Drop all stamps but the last.
+        """Drop all stamps but the last one.
 
-        The caller uses this if the arm's clock is behind the time extrapolated from earlier stamps.
+        The caller does this if it finds that the extrapolated clock is ahead of the arm's clock.
         """
         if self._last is not None:
             self._heard = deque([self._last])
@@ -94,14 +95,14 @@ class ArmClockEstimator:
     def _jumps_ahead(self, stamp_ns: int, steady_time: float) -> bool:
         """Return whether a stamp is more than `MIN_CLOCK_JUMP` ahead of its expected time.
 
-        The expected time is the last stamp, moved on at the clock's estimated speed.
+        The expected time is the last stamp, extrapolated at the estimated speed of the arm's clock.
 
         Args:
             stamp_ns: Stamp by the arm's clock [ns].
             steady_time: Time of receipt by the steady clock [s].
 
         Returns:
-            True if it is; False otherwise, and for the first stamp.
+            True if the stamp is too far ahead. Always False for the first stamp.
         """
         if self._last is None:
             return False
@@ -109,7 +110,11 @@ class ArmClockEstimator:
         return (stamp_ns - last_ns) / SECOND_NS > self.speed * (steady_time - last) + MIN_CLOCK_JUMP
 
     def time_since_last_stamp(self, steady_time: float) -> float:
-        """Return the time since the last stamp [s], infinite if there was none."""
+        """Return the time since the last stamp was received [s]; infinite if there was none.
+
+        Args:
+            steady_time: Present time by the steady clock [s].
+        """
         return float("inf") if self._last is None else steady_time - self._last[0]
 
     @property
@@ -131,15 +136,19 @@ class ArmClockEstimator:
     def convert_duration(self, seconds: float) -> float:
         """Convert a real duration to the arm's clock [s].
 
-        An arm's clock that is slower than real time counts as real time.
+        The duration is multiplied by the estimated speed of the arm's clock, but by at least 1.
+
+        Args:
+            seconds: Duration by the steady clock [s].
         """
         return seconds * max(1.0, self.speed)
 
     def extrapolate_ns(self, steady_time: float) -> int:
         """Extrapolate the arm's clock to the present.
 
-        Each stamp of the last `STAMP_WINDOW` is moved on at the estimated speed. The latest result
-        counts, since it comes from the least delayed stamp.
+        Each stamp that is at most `STAMP_WINDOW` older than the last one is extrapolated at the
+        estimated speed of the clock. The latest result is returned, since it comes from the least
+        delayed stamp.
 
         Args:
             steady_time: Present time by the steady clock [s].
@@ -148,7 +157,7 @@ class ArmClockEstimator:
             Present time by the arm's clock [ns].
 
         Raises:
-            ValueError: No stamp has been heard.
+            ValueError: No stamp has been received.
         """
         if not self._heard:
             raise ValueError("no stamp of the arm has been heard")
@@ -206,10 +215,10 @@ class RestDetector:
         self._since = math.inf
 
     def add_measurement(self, state: MotionState, steady_time: float) -> None:
-        """Add a measurement, and drop those that are older than `REST_TIME`.
+        """Add a measurement, and drop measurements that are older than `REST_TIME`.
 
-        If nothing was heard for more than `OLDEST_STATE`, the series of measurements starts anew.
-        Measurements of all publishers count: if two arms use one name, both must rest.
+        The series of measurements starts anew after a gap of more than `OLDEST_STATE`. Measurements
+        of all publishers are added to one series. So if two arms use one name, both must rest.
 
         Args:
             state: Measured position [rad or m] and velocity [rad/s or m/s] of all joints.
@@ -230,8 +239,9 @@ class RestDetector:
             steady_time: Present time by the steady clock [s].
 
         Returns:
-            True if all three hold: the last measurement is at most `OLDEST_STATE` old, the series
-            has lasted for `REST_TIME`, and the joint speed is below `REST_SPEED`.
+            True if three conditions hold. The last measurement is at most `OLDEST_STATE` old.
+            Measurements have come for at least `REST_TIME`. The joint speed over the last
+            `REST_TIME` is below `REST_SPEED`.
         """
         if not self._heard or steady_time - self._heard[-1][0] > OLDEST_STATE:
             return False
@@ -239,14 +249,15 @@ class RestDetector:
         return last - self._since >= REST_TIME and self._compute_speed() < REST_SPEED
 
     def describe_motion(self, steady_time: float) -> str:
-        """Return a clause on the measured joint speed, for a message that the arm does not rest.
+        """Return a clause that says why the arm does not count as resting.
 
         Args:
             steady_time: Present time by the steady clock [s].
 
         Returns:
-            A clause without capital letter and full stop. It says that nothing was measured within
-            `OLDEST_STATE`, or gives the joint speed beside its limit.
+            A clause without capital letter and full stop. If nothing was measured within
+            `OLDEST_STATE`, it says so. Otherwise it gives the measured joint speed and its limit
+            [rad/s].
         """
         if not self._heard or steady_time - self._heard[-1][0] > OLDEST_STATE:
             return f"nothing was measured of the arm in the last {OLDEST_STATE:g} s (joint_states)"
@@ -254,13 +265,14 @@ class RestDetector:
         return f"a joint of the arm moves at {speed:.3g} rad/s, it rests below {REST_SPEED:g} rad/s"
 
     def _compute_speed(self) -> float:
-        """Return the joint speed over the kept measurements, the smaller of two values [rad/s].
+        """Compute the joint speed over the measurements of the last `REST_TIME`.
 
-        One is the largest measured velocity of any joint. The other is the largest change of any
-        joint's position, divided by `REST_TIME`.
+        Two speeds are compared. One is the largest measured velocity of any joint. The other is the
+        largest change of any joint's position, divided by `REST_TIME`.
 
         Returns:
-            The smaller of both, not negative; in m/s if it belongs to a joint that slides.
+            The smaller of the two speeds, not negative [rad/s]. For a joint that slides it is in
+            m/s.
         """
         by_velocity = max(speed for _, speed, _ in self._heard)
         by_position = float(np.ptp([position for *_, position in self._heard], axis=0).max())
@@ -316,9 +328,10 @@ class ArmState:
     def forget(self) -> None:
         """Drop what depends on the arm's clock, after a clock jump or a reset.
 
-        That are states, the command and the plan in force, the plan delay and the clock estimate.
-        Modes, and the report that no plan is in force, stay: they have no stamp, and the arm may
-        have sent them before the message whose stamp shows the jump.
+        Dropped are the reference, the measured state, this planner's command, the stamp of the plan
+        in force, the plan delay and the clock estimate. The modes stay, since they have no stamp.
+        The report that no plan is in force (`NO_PLAN`) stays, too: it may have come before the
+        stamp that shows the jump.
         """
         self.reference = self.measured = self.own_command = None
         if self.plan_in_force_ns != NO_PLAN:
@@ -327,9 +340,10 @@ class ArmState:
         self.clock_estimator.forget()
 
     def add_reference(self, state: MotionState, stamp_ns: int, steady_time: float) -> None:
-        """Store the reference that the servo follows, with its time by both clocks.
+        """Store the reference that the servo follows, and its stamp.
 
-        If no joint state has come yet, the reference also serves to detect rest.
+        The stamp updates the estimate of the arm's clock. If no joint state has come yet, the
+        reference also serves to detect rest.
 
         Args:
             state: Position, velocity and acceleration of all joints.
@@ -343,11 +357,11 @@ class ArmState:
             self.rest_detector.add_measurement(state, steady_time)
 
     def add_measurement(self, state: MotionState, stamp_ns: int, steady_time: float) -> None:
-        """Store the measured state of the joints, also for the detection of rest.
+        """Store the measured state of the joints, and use it to detect rest.
 
         Args:
             state: Measured position and velocity of all joints; its acceleration is 0.
-            stamp_ns: Stamp by the arm's clock [ns].
+            stamp_ns: Stamp by the arm's clock [ns]; it does not update the estimate of that clock.
             steady_time: Time of receipt by the steady clock [s].
         """
         self.measured = StampedState(state, stamp_ns, steady_time)
@@ -355,20 +369,20 @@ class ArmState:
         self.rest_detector.add_measurement(state, steady_time)
 
     def get_plan_time_ns(self, steady_time: float, ros_ns: int) -> int:
-        """Return the present time of plans [ns].
+        """Return the present time of plans, in which plans are stamped [ns].
 
-        This is the arm's clock less the plan delay, so that plans are stamped in the time in which
-        the arm follows them. If the arm has been silent for more than `OLDEST_STATE`, the ROS clock
-        takes the place of the arm's clock if it is earlier. The ROS clock may come from the arm; it
-        then stands still if the arm does.
+        It is the extrapolated time of the arm's clock less `plan_delay_ns`. If the arm has been
+        silent for more than `OLDEST_STATE`, the earlier one of the extrapolated time and the ROS
+        clock is used. The reason is a ROS clock that the arm itself publishes: it stands still if
+        the arm does.
 
         Args:
             steady_time: Present time by the steady clock [s].
             ros_ns: Present time by the ROS clock [ns].
 
         Returns:
-            Time of plans [ns]. If no stamp has been heard from the arm, it is `ros_ns` without the
-            delay.
+            Time of plans [ns]. If no stamp has come from the arm, it is `ros_ns`, from which no
+            delay is subtracted.
         """
         silence = self.clock_estimator.time_since_last_stamp(steady_time)
         if silence == math.inf:
@@ -389,8 +403,9 @@ class ArmState:
             steady_time: Present time by the steady clock [s].
 
         Returns:
-            Position, velocity and acceleration of all joints. The reference counts if it is at most
-            `OLDEST_STATE` old, else a measurement of at most that age. None without either.
+            Position, velocity and acceleration of all joints. It is the reference if that was
+            received at most `OLDEST_STATE` ago, else a measurement received in that time. None
+            without either.
         """
         for heard in (self.reference, self.measured):
             if heard is not None and self.is_fresh(heard, steady_time):
@@ -413,11 +428,11 @@ class ArmState:
         """Return whether the arm moves under a command of this planner.
 
         Args:
-            now_ns: Present time of plans [ns].
+            now_ns: Present time of plans (arm's clock less the plan delay) [ns].
 
         Returns:
-            True until the end of the last confirmed command. The arm must report that command as in
-            force, or never report any plan in force.
+            True if this planner's last confirmed command has not ended. In addition the arm must
+            report that command as in force, or have reported no plan in force at all.
         """
         own = self.own_command
         confirmed = own is not None and self.plan_in_force_ns in (None, own.stamp_ns)

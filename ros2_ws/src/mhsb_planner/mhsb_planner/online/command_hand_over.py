@@ -74,18 +74,27 @@ class HandOver:
     # --- Stamps and commit horizons --------------------------------------------------------------
 
     def choose_stamp(self, now_ns: int) -> int:
-        """Return the earliest stamp for a new command [ns]; stamps increase."""
+        """Return the earliest stamp for a new command, later than all stamps sent before [ns].
+
+        Args:
+            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
+        """
         return max(now_ns, self._last_stamp_ns + 1)
 
     def is_ahead(self, now_ns: int) -> bool:
-        """Return whether the last stamp is more than `AHEAD_NS` ahead of the time of plans."""
+        """Return whether the last stamp sent is more than `AHEAD_NS` ahead of the time of plans.
+
+        Args:
+            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
+        """
         return self._last_stamp_ns > now_ns + AHEAD_NS
 
     def choose_horizon(self, pending_goal: PendingGoal, settings: Settings) -> CommitHorizon:
-        """Return the commit horizon for a goal in real time.
+        """Return the commit horizon (time until a new plan takes over) for a goal, in real time.
 
         Args:
-            pending_goal: The goal; earlier plans for it that came too late make the horizon longer.
+            pending_goal: The goal. Its `horizon_factor` lengthens the horizon if earlier plans for
+                it came too late.
             settings: Settings for all goals, which bound the horizon.
         """
         return self.horizon_estimator.choose_horizon(
@@ -96,24 +105,27 @@ class HandOver:
         )
 
     def choose_horizon_from_rest(self, commit_horizon: CommitHorizon, settings: Settings) -> float:
-        """Return the part of a commit horizon that a plan from rest needs [s].
+        """Return the commit horizon that a plan needs if it starts from rest [s].
 
-        Such a plan is stamped when it has been made, so only transport and confirmation lie ahead.
+        The commit horizon is the time from the stamp until the plan takes over. A plan from rest is
+        stamped when it is ready, so only transport and confirmation remain.
 
         Args:
-            commit_horizon: Commit horizon of a plan for the same goal in motion.
-            settings: Settings for all goals, which give the lower bound.
+            commit_horizon: Commit horizon of a plan for the same goal in motion; its part for
+                transport is returned.
+            settings: Settings for all goals; `lead_min` is the lower bound of the result.
         """
         return max(commit_horizon.transport_reserve, settings.lead_min)
 
     def choose_braking_horizon(self, tries: int, settings: Settings) -> float:
         """Return the commit horizon of a braking command by the arm's clock [s].
 
-        It is the estimated transport time within the bounds of the settings.
+        The commit horizon is the time from the stamp to the begin of braking. It is the estimated
+        transport time within `lead_min` and `lead_max` of the settings.
 
         Args:
-            tries: Number of braking commands of this stop that were not taken; each makes the
-                horizon longer by `LATE_PLAN_FACTOR`.
+            tries: Number of braking commands of this stop that the arm has not taken. Each
+                multiplies the transport time by `LATE_PLAN_FACTOR`.
             settings: Settings for all goals.
         """
         wanted = LATE_PLAN_FACTOR**tries * self.horizon_estimator.transport_time
@@ -123,12 +135,16 @@ class HandOver:
     def lengthen_horizon(self, pending_goal: PendingGoal, settings: Settings) -> bool:
         """Lengthen the commit horizon of a goal by `LATE_PLAN_FACTOR`, after a plan came too late.
 
+        The commit horizon is the time until a new plan takes over. Writes `horizon_factor` and
+        `late_plans_at_longest_horizon` of the goal.
+
         Args:
-            pending_goal: The goal, whose factor and count of late plans are changed.
+            pending_goal: The goal.
             settings: Settings for all goals.
 
         Returns:
-            False if `MAX_LATE_PLANS` plans have failed at the longest horizon.
+            False if `MAX_LATE_PLANS` plans for the goal have failed at the longest horizon. True if
+            another plan may be tried.
         """
         is_longest = self.choose_horizon(pending_goal, settings).is_longest
         pending_goal.late_plans_at_longest_horizon += is_longest
@@ -138,17 +154,17 @@ class HandOver:
     def stamp_from_rest(
         self, replan: Replan, pending_goal: PendingGoal, settings: Settings, now_ns: int
     ) -> Replan | None:
-        """Give a plan from rest the present time as its stamp.
+        """Give a plan that starts from rest the present time as its stamp.
 
         Args:
-            replan: Plan that starts from rest.
+            replan: The plan.
             pending_goal: Its goal.
             settings: Settings for all goals.
-            now_ns: Present time of plans [ns].
+            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
 
         Returns:
-            The plan with the new stamp; None if the command before still moves then, because the
-            arm's clock is behind.
+            The plan with the new stamp. None if the command before still moves at that stamp,
+            because the arm's clock was set back.
         """
         stamp_ns = self.choose_stamp(now_ns)
         if not replan.may_begin_at(stamp_ns):
@@ -163,16 +179,16 @@ class HandOver:
     # --- From sending to the answer --------------------------------------------------------------
 
     def send(self, sent: UnconfirmedPlan) -> bool:
-        """Send a command, and keep it as unconfirmed.
+        """Send a command, and keep it as unconfirmed (without an answer of the arm).
 
-        The last `SENT_COMMAND_CAPACITY` commands are remembered by stamp.
+        The last `SENT_COMMAND_CAPACITY` commands are remembered by their stamps.
 
         Args:
             sent: The command, with the times of its planning and sending and the request for it.
 
         Returns:
-            True if the command counts as confirmed at once, because the arm never reports its plan
-            in force. The caller then confirms it.
+            True if the arm never reports its plan in force. The caller must then confirm the
+            command at once.
         """
         self._outbox.send(sent.command)
         self._last_stamp_ns = sent.command.stamp_ns
@@ -183,27 +199,29 @@ class HandOver:
         return self._arm_state.plan_in_force_ns is None
 
     def find_new_confirmation(self, stamp_ns: int) -> UnconfirmedPlan | None:
-        """Return the sent command with the stamp of the plan in force.
+        """Return the sent command that the arm has newly taken as its plan in force.
 
         Args:
             stamp_ns: Stamp of the plan in force [ns].
 
         Returns:
-            None if this planner did not send it, or if it was confirmed before.
+            The command with this stamp. None if this planner did not send it, or if it is the last
+            one confirmed.
         """
         sent = self._sent_commands.get(stamp_ns)
         return None if sent is None or sent.command is self._arm_state.own_command else sent
 
     def find_plan_of_command(self, command: Command, settings: Settings) -> Replan | None:
-        """Return the plan from which a command was made, if it was made under these settings.
+        """Return the plan from which a command was made, if plan and settings match.
 
         Args:
             command: Command that a new plan shall continue.
-            settings: Settings of the new plan; they must be the same object.
+            settings: Settings of the new plan. They must be the same object as those of the earlier
+                plan.
 
         Returns:
-            None if this planner did not send the command, if it only brakes, or if the settings
-            differ.
+            The plan. None if this planner did not send the command, if the command only brakes, or
+            if the settings differ.
         """
         sent = self._sent_commands.get(command.stamp_ns)
         if sent is None or sent.command is not command or sent.request is None:
@@ -213,8 +231,8 @@ class HandOver:
     def confirm(self, sent: UnconfirmedPlan) -> None:
         """Store that the arm follows a command, also one that had been given up.
 
-        If the arm reports its plan in force, the time since planning is added to the estimate of
-        the transport time.
+        The command becomes `own_command` of the arm state. If the arm reports its plan in force,
+        the time since planning is added to the estimate of the transport time.
 
         Args:
             sent: The command.
@@ -226,16 +244,16 @@ class HandOver:
             self.horizon_estimator.add_transport_time(self._clock.steady_time() - sent.planned_at)
 
     def is_overdue(self, sent: UnconfirmedPlan, now_ns: int) -> bool:
-        """Return whether an unconfirmed command counts as not taken.
+        """Return whether an unconfirmed command counts as not taken by the arm.
 
         Args:
             sent: The command.
-            now_ns: Present time of plans [ns].
+            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
 
         Returns:
-            True from `LONGEST_WAIT` after sending on, even if the arm's clock stands still. True
-            earlier if `CONFIRMATION_TIMEOUT` has passed both since sending, in real time, and since
-            the change, in the time of plans.
+            True if `LONGEST_WAIT` has passed since sending in real time. Also True if two times
+            exceed `CONFIRMATION_TIMEOUT`: the real time since sending, and the time since the
+            change. The change is the time at which the command leaves the one before.
         """
         waited = self._clock.steady_time() - sent.sent_at
         grace = self._arm_state.clock_estimator.convert_duration(CONFIRMATION_TIMEOUT)
@@ -245,8 +263,8 @@ class HandOver:
     def give_up(self, sent: UnconfirmedPlan, reason: HandOverReason) -> None:
         """Store that the arm has not taken the unconfirmed command.
 
-        A late command lengthens the estimated transport time. A refused stamp resets the estimate
-        of the arm's clock.
+        If the reason is `LATE`, the estimated transport time becomes longer. If it is `STAMP`, the
+        estimate of the arm's clock starts anew from its last stamp.
 
         Args:
             sent: The command.
@@ -261,10 +279,13 @@ class HandOver:
             self._arm_state.clock_estimator.keep_last_stamp_only()
 
     def revoke(self) -> list[PendingGoal]:
-        """Make the unconfirmed plan void: if the arm takes it, the arm is stopped.
+        """Make the unconfirmed plan (sent, without an answer) void.
+
+        If the arm takes a void plan after all, the lifecycle stops the arm.
 
         Returns:
-            Its goal; empty without an unconfirmed plan.
+            The plan's goal in a list. The list is empty without an unconfirmed plan, or for a
+            braking command.
         """
         if self.unconfirmed is not None:
             self.unconfirmed.is_void = True
@@ -274,7 +295,8 @@ class HandOver:
         """Drop all commands and stamps after a clock jump.
 
         Returns:
-            Goal of the plan that was unconfirmed; empty without one, and if a stop has revoked it.
+            Goal of the unconfirmed plan (sent, without an answer) in a list. The list is empty
+            without such a plan, for a braking command, and for a void plan.
         """
         revoked = self.unconfirmed is not None and self.unconfirmed.is_void
         goals = [] if revoked else self.goals

@@ -75,7 +75,7 @@ class CommitHorizonEstimator:
     def add_transport_time(self, seconds: float) -> None:
         """Add the time from the end of planning to the arm's confirmation [s].
 
-        It covers encoding, transport and the receiver.
+        It covers encoding, transport and the work of the receiver.
         """
         self._flight.append(seconds)
 
@@ -86,7 +86,11 @@ class CommitHorizonEstimator:
 
     @property
     def horizon(self) -> float:
-        """Estimated time from a plan's stamp to its change, at which it leaves the old plan [s]."""
+        """Estimated commit horizon: time from a plan's stamp to where it leaves the old plan [s].
+
+        It is a high quantile of the time to the first feasible motion, plus the time reserved for
+        transport and confirmation.
+        """
         return compute_recent_quantile(np.array(self._first_motion)) + self._transport_reserve
 
     @property
@@ -103,22 +107,23 @@ class CommitHorizonEstimator:
     def choose_horizon(
         self, lower_bound: float, upper_bound: float, fixed_horizon: float, horizon_factor: float
     ) -> CommitHorizon:
-        """Return the commit horizon within its bounds, and the part that is reserved for transport.
+        """Choose the commit horizon (time until a new plan takes over) and its part for transport.
 
         Without a fixed horizon it is the estimate times `horizon_factor`, limited to the bounds.
-        The reserved part is the estimated time for transport and confirmation times
-        `horizon_factor`, at most half of the horizon.
+        The part for transport and confirmation is estimated, too, and multiplied by
+        `horizon_factor`. It is at most half of the horizon.
 
         Args:
             lower_bound: Lower bound [s].
             upper_bound: Upper bound [s].
-            fixed_horizon: Horizon to use in place of the estimate, whatever the bounds [s]; 0 for
-                the estimate.
-            horizon_factor: Factor on the estimate, above 1 for a goal whose plans came too late
+            fixed_horizon: Horizon to use instead of the estimate, without regard to the bounds [s];
+                0 for the estimate.
+            horizon_factor: Factor on both estimates; above 1 if plans for the goal came too late
                 before.
 
         Returns:
-            Horizon and reserved part [s], and whether no longer horizon is allowed.
+            Horizon [s], part for transport [s], and `is_longest`: the horizon is fixed or at its
+            upper bound.
         """
         wanted = horizon_factor * self.horizon
         total = fixed_horizon or min(max(wanted, lower_bound), upper_bound)
@@ -127,17 +132,16 @@ class CommitHorizonEstimator:
 
 
 def compute_recent_quantile(samples: FloatArray, quantile: float = DURATION_QUANTILE) -> float:
-    """Return a weighted quantile of samples, in which newer samples count more.
+    """Compute a weighted quantile of samples, in which newer samples count more.
 
-    The weight of a sample with k newer ones is 0.5 ** (k / HALF_LIFE).
+    The weight of a sample is 0.5 ** (k / HALF_LIFE), with k the number of newer samples.
 
     Args:
         samples: Values in order of age, the newest last, shape (n,) with n at least 1.
         quantile: Share of the total weight, 0 to 1.
 
     Returns:
-        The smallest sample for which this sample and all smaller ones together have at least this
-        share of the weight.
+        The smallest sample x for which all samples up to x together have at least this share.
     """
     weight = 0.5 ** (np.arange(len(samples))[::-1] / HALF_LIFE)
     order = np.argsort(samples)

@@ -79,14 +79,15 @@ class Execution:
     dropped_since: tuple[int, ExecutionResult] | None = None
 
     def judge(self, machine: Machine, arm_state: ArmState, now_ns: int) -> ExecutionResult | None:
-        """Return how the execution has ended, judged by the arm's reports.
+        """Judge by the arm's reports whether and how the execution has ended.
 
         The first of these cases that applies decides:
 
-        - The reference comes from several publishers: `ABORTED` at the plan's end.
+        - The reference comes from several publishers: `ABORTED` once the plan has ended.
         - Another plan is in force: `REPLACED`.
-        - The arm holds more than `EARLY_NS` before the plan's end: the plan was dropped. A reported
-          fault gives `ABORTED`; without one, the place of the reference decides after `REASON_NS`.
+        - The arm has begun to hold more than `EARLY_NS` before the plan's end: it has dropped the
+          plan. The outcome is `ABORTED` at once if the arm reports a fault. Otherwise it is known
+          `REASON_NS` later: `STOPPED` or `ABORTED`, by the place of the reference.
         - The plan has ended: the distance of the measured tip from the goal decides.
 
         An arm that never reports its plan in force is assumed to follow the plan. Writes
@@ -95,7 +96,7 @@ class Execution:
         Args:
             machine: Machine by which the tip's place is computed.
             arm_state: Arm state.
-            now_ns: Present time of plans [ns].
+            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
 
         Returns:
             Outcome, sentence and cause; None while the execution goes on.
@@ -117,18 +118,18 @@ class Execution:
         return self._judge_arrival(machine, arm_state, now_ns)
 
     def _judge_dropped_plan(self, arm_state: ArmState, now_ns: int) -> ExecutionResult | None:
-        """Return how the execution ends if the arm holds before the plan's end.
+        """Judge how the execution ends if the arm holds before the plan's end.
 
-        A reported fault aborts the execution at once. Otherwise the first call judges by the place
-        of the reference alone, and stores time and ending in `dropped_since`. That ending is
-        returned once `REASON_NS` have passed since the first call.
+        If the arm reports a fault, the execution is aborted at once. Otherwise the first call
+        chooses the result by the place of the reference. It stores time and result in
+        `dropped_since`. The result is returned once `REASON_NS` have passed since the first call.
 
         Args:
             arm_state: Arm state.
-            now_ns: Present time of plans [ns].
+            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
 
         Returns:
-            Outcome, sentence and cause; None while the arm's report of the reason may still come.
+            Outcome, sentence and cause. None while the arm may still report a fault as the reason.
         """
         if arm_state.fault:
             return ExecutionResult(Outcome.ABORTED, arm_state.fault, Verdict.FAULT)
@@ -138,15 +139,15 @@ class Execution:
         return ending if now_ns - since_ns >= REASON_NS else None
 
     def _judge_by_reference(self, arm_state: ArmState, now_ns: int) -> ExecutionResult:
-        """Judge by the arm's reference whether it was stopped or was restarted elsewhere.
+        """Judge by the arm's reference whether it was stopped, or was restarted elsewhere.
 
         Args:
             arm_state: Arm state.
-            now_ns: Present time of plans [ns].
+            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
 
         Returns:
-            `STOPPED` if the reference of every joint is within `SAME_PLACE` of its planned position
-            at this time. Otherwise, or without a reference, `ABORTED`.
+            `STOPPED` if the reference of every joint is within `SAME_PLACE` of the plan's position
+            at `now_ns`. Otherwise, or without a reference, `ABORTED`.
         """
         planned = self.command.trajectory.sample(now_ns).position
         heard = arm_state.reference
@@ -159,16 +160,16 @@ class Execution:
     ) -> ExecutionResult | None:
         """Judge after the plan's end whether the measured tip has reached the goal or its region.
 
-        Without a measurement the goal counts as reached.
+        If joint states were never measured, the goal counts as reached.
 
         Args:
             machine: Machine by which the tip's place is computed.
             arm_state: Arm state.
-            now_ns: Present time of plans [ns].
+            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
 
         Returns:
-            `REACHED` if the tip is within the tolerance. Otherwise `ABORTED` from `SETTLING_NS`
-            after the plan's end on, and None before.
+            `REACHED` if the tip is within the settings' `reached_tolerance`. Otherwise None up to
+            `SETTLING_NS` after the plan's end, then `ABORTED`.
         """
         goal = self.pending_goal.goal
         if arm_state.measured is None:

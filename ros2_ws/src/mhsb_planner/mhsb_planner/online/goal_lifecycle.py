@@ -92,11 +92,13 @@ class GoalLifecycle:
 
         Args:
             settings: Settings for goals that have none of their own.
-            brake: Makes a braking command from the command in force, the present time of plans [ns]
-                and the commit horizon [s]. It returns that command and the time at which it leaves
-                the one in force [ns].
+            brake: Makes a braking command. Its arguments are the command in force, the earliest
+                stamp of the result by the clock of plans [ns], and the commit horizon (time until
+                braking begins) [s]. It returns the braking command and the time at which braking
+                begins [ns].
             clock: Steady clock and ROS clock.
-            outbox: Carries out what the lifecycle asks for: plan, send, report.
+            outbox: Carries out what the lifecycle decides: make a plan, send a command, send a
+                report.
         """
         self.arm_state = ArmState(settings.machine.joint_count)
         self.execution: Execution | None = None
@@ -140,7 +142,17 @@ class GoalLifecycle:
         )
 
     def get_state(self, pending_goal: PendingGoal) -> GoalState:
-        """Return the state of a goal; the furthest one if further plans for it are made."""
+        """Return the state of a goal in its lifecycle.
+
+        Several plans may be made for one goal. Then `EXECUTING` and `STOPPING` come before
+        `PLANNING`, that before `WAITING`, and that before `REVOKED` and `UNCONFIRMED`.
+
+        Args:
+            pending_goal: The goal.
+
+        Returns:
+            `ENDED`, or the first of these states that applies.
+        """
         if pending_goal.has_ended:
             return GoalState.ENDED
         if self._is_being_executed(pending_goal):
@@ -161,16 +173,16 @@ class GoalLifecycle:
         adjust_settings: Adjustment = keep_settings,
         on_report: Callable[[Report], None] = ignore_report,
     ) -> PendingGoal:
-        """Accept a goal for planning or refuse it, and begin to plan if nothing is in the way.
+        """Accept a goal for planning or refuse it, and begin to plan if nothing prevents it.
 
         Args:
             goal: Where the tip shall go.
             received_at: Time of receipt by the steady clock [s]; None means now.
             adjust_settings: Derives this goal's settings from the settings for all goals.
-            on_report: Called with each report on this goal, in addition to the outbox.
+            on_report: Called with each report on this goal. The outbox gets the reports, too.
 
         Returns:
-            The goal's record, also if it was refused.
+            The goal's record, also if the goal was refused.
         """
         now = self._clock.steady_time()
         came = now if received_at is None else received_at
@@ -185,21 +197,22 @@ class GoalLifecycle:
     def build_trial_request(
         self, goal: Goal, adjust_settings: Adjustment, horizon_factor: float = 1.0
     ) -> PlanRequest:
-        """Build the request for a plan that shall not be executed.
+        """Build the request for a plan that will not be executed.
 
-        The request equals that for a goal that comes now and stands still. Nothing changes in the
-        lifecycle.
+        The request is the one that a goal would get that comes now and does not move. The lifecycle
+        stays unchanged.
 
         Args:
             goal: Where the tip would go.
             adjust_settings: Derives this goal's settings from the settings for all goals.
-            horizon_factor: Factor on the commit horizon.
+            horizon_factor: Factor on the commit horizon (time until a new plan takes over).
 
         Returns:
             Request for the planning worker.
 
         Raises:
-            MhsbError: The goal is out of reach, or no plan can start from the arm's state.
+            MhsbError: The goal is out of reach, its options do not fit, or no plan can start from
+                the arm's state.
         """
         now, now_ns = self._clock.steady_time(), self._now_ns()
         pending_goal = PendingGoal(
@@ -217,10 +230,14 @@ class GoalLifecycle:
     def tick(self) -> None:
         """Handle the passing of time; to be called periodically.
 
-        In this order: an unconfirmed plan that is overdue is given up. A moving goal that has
-        stopped waits for a plan to its exact place. The execution is judged. If the newest goal was
-        cancelled, a stop begins. A stop under way takes its next step. Planning for a waiting goal
-        begins.
+        The steps come in this order:
+
+        1. Give up a sent command that the arm has not confirmed in time.
+        2. If a moving goal has stopped, make it wait for a plan to its exact place.
+        3. End the execution of a goal if the arm's reports say that it is over.
+        4. Begin a stop if the newest goal was cancelled.
+        5. Take the next step of a stop that is under way.
+        6. Begin to plan for a waiting goal.
         """
         sent = self._hand_over.unconfirmed
         if sent is not None and self._hand_over.is_overdue(sent, self._now_ns()):
@@ -234,13 +251,14 @@ class GoalLifecycle:
         self._start_planning()
 
     def _start_planning(self) -> None:
-        """Begin to plan for the waiting goal, if nothing is in the way.
+        """Begin to plan for the waiting goal, if nothing prevents it.
 
-        Nothing happens while a plan is made or unconfirmed, or while the arm is being stopped. The
-        goal waits on while `GoalQueue.must_wait` or no plan can start from the arm's state. If the
-        arm moves under a foreign command, its own ~/stop is called once for each goal. If the plan
-        in force leads to the goal already, the goal takes that plan over. Otherwise a plan is
-        requested.
+        Nothing happens while a plan is made or unconfirmed (sent, without an answer), or while the
+        arm is being stopped. The goal waits on if `GoalQueue.must_wait` says so. It also waits on
+        if no plan can start from the arm's state; `GoalQueue.postpone` may then refuse it. If the
+        arm moves under a command of somebody else, the arm's own ~/stop is called once for each
+        goal. If the plan in force leads to the goal already, the goal takes that plan over.
+        Otherwise a plan is requested.
         """
         queue, pending_goal = self._queue, self._queue.waiting
         is_busy = queue.request or self._hand_over.unconfirmed or self._stop.is_under_way
@@ -268,20 +286,20 @@ class GoalLifecycle:
     ) -> PlanRequest:
         """Build the request for a plan to a goal.
 
-        The arm is at rest if the trajectory of `start` has ended at `now_ns`. The commit horizon
-        then covers only transport and confirmation, because the plan is stamped when it is ready.
-        The deadline is `steady_time` plus the whole commit horizon, less the part that is reserved
-        for transport. The target of a moving goal is extrapolated.
+        The arm rests if the trajectory of `start` has ended at `now_ns`. The commit horizon (time
+        until the new plan takes over) then covers only transport and confirmation, because the plan
+        is stamped when it is ready. The deadline is the same in both cases: `steady_time` plus the
+        horizon for a moving arm, less its part for transport. The target of a moving goal is
+        extrapolated.
 
         Args:
             pending_goal: The goal.
             start: Command that the plan continues.
             steady_time: Present time by the steady clock [s].
-            now_ns: Present time of plans [ns].
+            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
 
         Returns:
-            Request with epoch, target, settings, commit horizon by the arm's clock [s], and
-            deadline by the steady clock.
+            The request. Its commit horizon is by the arm's clock, its deadline by the steady clock.
         """
         hand_over, common_settings = self._hand_over, self.settings
         settings = pending_goal.get_settings(common_settings)
@@ -308,17 +326,18 @@ class GoalLifecycle:
     def _take_over_plan_in_force(self, pending_goal: PendingGoal, now_ns: int) -> bool:
         """Let a goal take over the plan in force if that plan leads to it already.
 
-        This needs an executed plan of this planner whose target is within 0.1 mm of the goal, the
-        same settings, and a goal that does not move. The earlier goal then ends as replaced. The
-        new goal gets the verdict `OK` with `continued` set. If it is the very goal being executed,
-        nothing changes and nothing is reported.
+        Four conditions must hold. The arm still executes a plan of this planner. The plan's target
+        is within 0.1 mm of the goal. Plan and goal have the same settings. The goal does not move.
+        The earlier goal then ends as replaced, and this goal is accepted with `continued` set. If
+        both are the same goal, nothing is reported.
 
         Args:
             pending_goal: The goal.
-            now_ns: Present time of plans [ns]; the plan must not have ended yet.
+            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
 
         Returns:
-            True if the goal needs no plan of its own, also if it is the very goal being executed.
+            True if the goal needs no plan of its own. That includes a goal that is being executed
+            itself.
         """
         execution, now = self.execution, self._clock.steady_time()
         if (
@@ -345,23 +364,26 @@ class GoalLifecycle:
     # --- Plans -----------------------------------------------------------------------------------
 
     def handle_plan_answer(self, request: PlanRequest, answer: Replan | Exception | None) -> None:
-        """Handle the answer to a plan request: send the plan, plan anew, or end the goal.
+        """Handle the answer to a plan request, then begin to plan if a goal waits.
 
-        Nothing happens if the request has been withdrawn or replaced since. If the epoch or the
-        plan in force has changed since the request, the goal is planned anew. A plan is sent; None
-        ends the goal as reached. After a missed deadline the goal is planned again with a longer
-        commit horizon. It is refused after MAX_LATE_PLANS tries at the longest horizon. After a
-        plan or a missed deadline, `horizon_estimator` gets the time that planning took.
+        An answer to a request that has been withdrawn or replaced is ignored; no planning begins
+        then. If the epoch (count of events that make plans void) or the plan in force has changed,
+        the goal is planned for again. Otherwise the answer decides:
 
-        Any other MhsbError has three cases. If the arm executes a plan for this very goal, that
-        plan stays. If the target was extrapolated from a moving goal, the goal's own place becomes
-        the target. Otherwise the goal is refused. Other exceptions refuse it with `INTERNAL`.
-        Finally planning begins if a goal waits.
+        - A plan is sent.
+        - None ends the goal: the arm is there already.
+        - `DeadlineError`: the goal is planned for again with a longer commit horizon (time until a
+          new plan takes over). It is refused after `MAX_LATE_PLANS` tries at the longest horizon.
+        - Another `MhsbError` leaves a plan in force that leads to this very goal. Without such a
+          plan, an extrapolated target of a moving goal is replaced by the goal's own place.
+          Otherwise the goal is refused.
+        - Any other exception refuses the goal with `INTERNAL`.
+
+        After a plan or a `DeadlineError`, the time of planning is added to `horizon_estimator`.
 
         Args:
             request: The request that was answered.
-            answer: The plan, the error that planning raised, or None if the arm is at the goal
-                already.
+            answer: The plan, the error that planning raised, or None.
         """
         queue, pending_goal = self._queue, request.pending_goal
         if request is not queue.request:
@@ -394,11 +416,13 @@ class GoalLifecycle:
         self._start_planning()
 
     def _send_plan(self, request: PlanRequest, replan: Replan, steady_time: float) -> None:
-        """Send a plan, and give its goal a verdict if it has none.
+        """Send a plan, and accept its goal if that has no verdict yet.
 
-        A plan from rest first gets the present time as its stamp; if the old command still moves
-        then, the goal is planned anew. A plan whose change has passed is not sent but counts as too
-        late. Otherwise `attempts`, `plan_stamp_ns` and `lead_ms` of the goal are updated.
+        A plan that starts from rest first gets the present time as its stamp. If the command before
+        still moves at that time, the goal is planned for again instead. A plan counts as too late,
+        and is not sent, if its change has passed. The change is the time at which it leaves the
+        command before. If the plan is sent, `attempts`, `plan_stamp_ns` and `lead_ms` of the goal
+        are updated.
 
         Args:
             request: Request of the plan.
@@ -435,23 +459,30 @@ class GoalLifecycle:
             self._reports.accept(pending_goal, Verdict.OK, sentence, plan)
 
     def _send(self, sent: UnconfirmedPlan) -> None:
-        """Send a command; if the arm never reports its plan in force, it is confirmed at once."""
+        """Send a command.
+
+        If the arm never reports its plan in force, the command is handled as confirmed at once.
+
+        Args:
+            sent: The command with its request.
+        """
         if self._hand_over.send(sent):
             self._handle_confirmation(sent)
 
     def _handle_late_plan(
         self, request: PlanRequest, code: Verdict, sentence: str, replan: Replan | None = None
     ) -> None:
-        """Plan again with a longer commit horizon, or refuse the goal after too many tries.
+        """Plan for a goal again with a longer commit horizon, or end it after too many tries.
 
-        After `MAX_LATE_PLANS` failures at the longest horizon the goal is refused, or aborted if it
-        was accepted.
+        The commit horizon is the time until a new plan takes over. The goal ends after
+        `MAX_LATE_PLANS` failures at the longest horizon.
 
         Args:
             request: Request of the plan that was too late.
-            code: Verdict of a refusal; an accepted goal is aborted with `DEADLINE` instead.
-            sentence: What went wrong; begins the sentence of the refusal.
-            replan: Plan from rest that is only stamped anew and sent again; None to plan anew.
+            code: Verdict if the goal is refused. A goal that was accepted is aborted with
+                `DEADLINE` instead.
+            sentence: What went wrong; the report's sentence begins with it.
+            replan: Plan from rest to be stamped and sent again; None to make a new plan.
         """
         pending_goal, now = request.pending_goal, self._clock.steady_time()
         if not self._hand_over.lengthen_horizon(pending_goal, self.settings):
@@ -470,10 +501,10 @@ class GoalLifecycle:
     def handle_reference(self, state: MotionState, stamp_ns: int) -> None:
         """Store the reference that the servo follows, and begin to plan if a goal waits.
 
-        The order of stamps shows whether several publishers send references; a change of this is
-        logged. A reference is ignored if its stamp is behind and may come from another publisher.
-        If the clock was set back, what is known of the arm is dropped as in `handle_clock_jump`. If
-        no joint state has come yet, the reference also serves to detect rest.
+        The order of the stamps may show that several publishers send references; a change of this
+        is logged. If several publishers are possible, a reference with an earlier stamp is ignored.
+        If the clock was set back, `handle_clock_jump` is called first. If no joint state has come
+        yet, the reference also serves to detect rest.
 
         Args:
             state: Position, velocity and acceleration of all joints.
@@ -493,7 +524,7 @@ class GoalLifecycle:
         self._start_planning()
 
     def handle_joint_state(self, state: MotionState, stamp_ns: int) -> None:
-        """Store the measured state of the joints, also for the detection of rest.
+        """Store the measured state of the joints, and use it to detect rest.
 
         Args:
             state: Measured position and velocity of all joints; its acceleration is 0.
@@ -508,12 +539,12 @@ class GoalLifecycle:
     def handle_plan_in_force(self, stamp_ns: int) -> None:
         """Store which plan the arm has in force, and act on it.
 
-        If it is a command of this planner that was not confirmed before, it is confirmed. Three
-        steps follow for any stamp, also a foreign one. The execution ends if the arm's reports say
-        so. A stop under way takes its next step. Planning begins if a goal waits.
+        If it is a sent command of this planner that was not confirmed before, it is confirmed.
+        After that, for any stamp, the execution is judged, a stop under way takes its next step,
+        and planning begins if a goal waits.
 
         Args:
-            stamp_ns: Stamp of the plan [ns], `NO_PLAN` while the arm holds.
+            stamp_ns: Stamp of the plan [ns]; `NO_PLAN` while the arm holds its position.
         """
         self.arm_state.plan_in_force_ns = stamp_ns
         sent = self._hand_over.find_new_confirmation(stamp_ns)
@@ -526,8 +557,9 @@ class GoalLifecycle:
     def handle_plan_refusal(self, stamp_ns: int, reason: HandOverReason, sentence: str) -> None:
         """Handle the arm's report that it has not taken a plan.
 
-        If that plan is the unconfirmed one, it is given up as `_handle_refused_command` says, and
-        planning begins if a goal waits. A report on any other plan is ignored.
+        Only a report on the unconfirmed command (sent, without an answer) has an effect. The
+        command is given up, its goal is planned for again or ended, and planning begins if a goal
+        waits.
 
         Args:
             stamp_ns: Stamp of the plan [ns].
@@ -542,11 +574,12 @@ class GoalLifecycle:
     def handle_arm_fault(self, sentence: str) -> None:
         """Store the fault that the arm reports; a new fault ends all goals.
 
-        Goals without a verdict are refused with `FAULT`, accepted ones are aborted. An unconfirmed
-        plan becomes void: if the arm takes it, the arm is stopped. A stop under way goes on.
+        Goals without a verdict are refused with `FAULT`, and accepted ones are aborted. An
+        unconfirmed plan (sent, without an answer) becomes void: if the arm takes it after all, the
+        arm is stopped. A stop that is under way takes its next step.
 
         Args:
-            sentence: The fault in words; empty if the arm is healthy.
+            sentence: The fault in words; empty if the arm has none.
         """
         if sentence == self.arm_state.fault:
             return
@@ -566,8 +599,9 @@ class GoalLifecycle:
         A difference is logged when it appears or changes.
 
         Args:
-            difference: One sentence; empty if the files agree. None if the arm does not report its
-                machine: that counts as agreement and is logged the first time.
+            difference: The difference in one sentence; empty if the files agree. None if the arm
+                does not report its machine. None counts as agreement; it is logged if nothing was
+                known before.
         """
         if difference is None and not self.arm_state.is_machine_known:
             self._outbox.warn(
@@ -582,11 +616,12 @@ class GoalLifecycle:
         self.arm_state.plan_delay_ns = delay_ns
 
     def handle_arm_stop(self, stop_ns: int, received_at: float | None = None) -> None:
-        """Handle the arm's report of its last stop, and end the goals that had come until then.
+        """Handle the arm's report of its last stop, and end the goals that came before it.
 
-        A stop that was reported before, or that this planner has called for, is ignored. Otherwise
-        every goal ends as stopped that came before `StopSequence.find_void_time`. If the arm still
-        executes a plan for a goal that ends, the arm is stopped.
+        A stop is ignored if it was reported before, or if this planner has called for it. Otherwise
+        all goals end as stopped that were received up to the time from
+        `StopSequence.find_void_time`. If the arm has taken a plan for such a goal after the stop
+        and executes it, it is stopped again.
 
         Args:
             stop_ns: Time of the stop by the arm's clock [ns]; 0 means never.
@@ -614,10 +649,10 @@ class GoalLifecycle:
         self._continue_stop()
 
     def handle_clock_jump(self, sentence: str) -> None:
-        """Drop what is known of the arm after a clock jump, and plan unconfirmed goals anew.
+        """Drop what is known of the arm after a clock jump, and plan for unfinished goals again.
 
-        The execution ends as aborted. A plan that is being made becomes void, and its goal is
-        planned anew.
+        The goal that is being executed ends as aborted. A goal that is being planned for, or has an
+        unconfirmed plan (sent, without an answer), is planned for again.
 
         Args:
             sentence: What has happened to the clock; logged and reported.
@@ -632,13 +667,16 @@ class GoalLifecycle:
             self._queue.put_back(pending_goal)
 
     def _handle_confirmation(self, sent: UnconfirmedPlan) -> None:
-        """Handle that the arm follows a command, also one that had been given up.
+        """Handle the arm's confirmation that it follows a command, also one that had been given up.
 
-        A confirmed braking command usually finishes the stop. After a plan, the goal executed
-        before ends as replaced, and the execution of the new plan begins; further plans for its
-        goal are withdrawn. If that plan is void by then, the arm is stopped. If settings have
-        changed since the plan's request and an obstacle lies ahead, the arm stops first, and the
-        goal is planned for again.
+        A braking command is stored as confirmed, and the stop is finished if the time of rest is
+        known. If zones have changed since it was made, the rest of its motion is checked for
+        obstacles.
+
+        A plan begins the execution of its goal, and further plans for that goal are withdrawn.
+        Another goal that was being executed ends as replaced. A void plan stops the arm. If
+        settings have changed since the plan's request and an obstacle lies ahead, the arm is
+        stopped, and the goal is then planned for again.
 
         Args:
             sent: The command that the arm has confirmed.
@@ -672,10 +710,17 @@ class GoalLifecycle:
     ) -> None:
         """Handle that the arm has not taken a command and goes on with the one before.
 
-        After a braking or void command the stop goes on. After a plan, the reason decides: the goal
-        is refused on a fault or an invalid plan, and ended by a stop. For any other reason, it ends
-        as superseded if a newer goal waits. Otherwise it is planned again with a longer horizon. A
-        plan from rest is only stamped anew if the arm still stands at the plan's start.
+        After a braking command or a void plan, the stop takes its next step. After another plan the
+        first of these cases decides:
+
+        1. Its goal has ended: nothing happens.
+        2. The reason is in `FINAL_REFUSALS`: the goal ends.
+        3. A newer goal waits: the goal ends as superseded.
+        4. The plan starts from rest and is still valid, and the arm has not refused it for being
+           elsewhere: it is stamped and sent again.
+        5. Otherwise the goal is planned for again with a longer commit horizon.
+
+        Cases 4 and 5 count as a late plan; after too many of them the goal ends.
 
         Args:
             sent: The unconfirmed command.
@@ -705,14 +750,15 @@ class GoalLifecycle:
     def stop(self, done: Callable[[bool, str], None]) -> None:
         """Bring the arm to rest, whatever has set it in motion, and end all goals.
 
-        A stop that is under way goes on, and `done` joins it. Goals that wait or are being planned
-        for end with `STOPPED` at once. An unconfirmed plan becomes void: if the arm takes it, it is
-        stopped, and its goal ends with the stop.
+        If a stop is under way already, it goes on, and `done` is called at its end, too. Goals that
+        wait or are being planned for are ended as stopped at once. An unconfirmed plan (sent,
+        without an answer) becomes void: if the arm takes it, the arm is stopped. The goals of that
+        plan and of the plan in force end when the arm has stopped.
 
         Args:
             done: Called once with success and sentence. Success means that the arm is measured at
-                rest or has confirmed that it brakes; otherwise the sentence says why it may still
-                move.
+                rest or has confirmed a braking command. Otherwise the sentence says why it may
+                still move.
         """
         for pending_goal in self._queue.goals:
             self._reports.end(pending_goal, Verdict.STOPPED, STOP_ASKED)
@@ -724,7 +770,8 @@ class GoalLifecycle:
     def cancel(self, pending_goal: PendingGoal) -> None:
         """Cancel a goal: stop the arm, unless a newer goal has come.
 
-        The goal's `is_cancelled` is set. If a newer goal has come and ends first, such as by a
+        The goal's `is_cancelled` is set. A newer goal keeps the arm from being stopped as long as
+        that goal has not ended. If it ends before the cancelled goal does, for example by a
         refusal, the arm is stopped then.
 
         Args:
@@ -734,21 +781,19 @@ class GoalLifecycle:
         self._stop_for_cancelled_goal()
 
     def _stop_for_cancelled_goal(self) -> None:
-        """Stop the arm if the newest goal that has not ended was cancelled.
+        """Stop the arm and end all goals if the newest goal that has not ended was cancelled.
 
-        Goals count that wait, are being planned for, are unconfirmed or in force. The stop is that
-        of `stop`, which ends all goals. Nothing happens while a stop is under way. A newer goal
-        keeps a cancelled one from stopping the arm at once (`cancel`). Once the newer goal has
-        ended, the arm is stopped here.
+        All goals count: those that wait, are being planned for, have an unconfirmed plan, or are
+        being executed. Nothing happens while a stop is under way.
         """
         newest = next(iter(self._goals_not_ended()), None)
         if newest is not None and newest.is_cancelled and not self._stop.is_under_way:
             self.stop(lambda success, sentence: None)
 
     def change_settings(self, settings: Settings) -> None:
-        """Use other settings for all goals; a plan that is being made is made anew.
+        """Use other settings for all goals; a plan that is being made is made again.
 
-        After a change of zones, the arm is stopped if an obstacle lies across its motion.
+        If zones have changed and an obstacle lies across the motion in force, the arm is stopped.
 
         Args:
             settings: The new settings.
@@ -763,7 +808,8 @@ class GoalLifecycle:
         """Begin a stop if an obstacle lies across the rest of the motion in force.
 
         Args:
-            goal_after_stop: Goal to plan for once the arm has stopped, None for no goal.
+            goal_after_stop: Goal to plan for once the arm has stopped; None for no goal. It is
+                ignored if a stop is under way already.
         """
         if self._stop.begin_for_obstacle(self.settings.machine, goal_after_stop):
             self._continue_stop()
@@ -777,10 +823,13 @@ class GoalLifecycle:
         self._finish_stop(self._stop.find_result())
 
     def _finish_stop(self, result: tuple[bool, str] | None) -> None:
-        """Finish the stop under way: end the execution, and plan for the goal that waits for that.
+        """Finish the stop under way, and plan for the goal that was to be planned for after it.
+
+        If the stop has succeeded, the execution of the plan in force ends. If it has failed, the
+        execution goes on.
 
         Args:
-            result: Success and sentence; None if the stop goes on.
+            result: Success and sentence. None means that the stop is not over: nothing happens.
         """
         if result is None:
             return
@@ -813,18 +862,18 @@ class GoalLifecycle:
     def _accept_plan_end(self) -> None:
         """Declare the goal's own place the target of the plan in force.
 
-        The plan ends a little beyond that place. With this, no further plan is made to the exact
-        place.
+        The plan for a moving goal ends a little beyond the goal's place. This call prevents a
+        further plan to the exact place. Nothing happens if no plan is executed.
         """
         if self.execution is not None:
             self.execution.target = self.execution.pending_goal.goal
 
     def _plan_to_stopped_goal(self) -> None:
-        """Let a moving goal that has stopped wait for a plan to its exact place.
+        """Plan once more for a goal that moved and now stands still.
 
-        It becomes the waiting goal with `needs_exact_place` set, because the plan in force ends a
-        little beyond its place. Nothing happens while the goal moves, while another plan is made or
-        unconfirmed, or while the arm is being stopped.
+        The plan in force ends a little beyond the goal's place. The goal therefore becomes the
+        waiting goal, with `needs_exact_place` set. Nothing happens while the goal moves, while
+        another plan is made or unconfirmed, or while the arm is being stopped.
         """
         execution, now = self.execution, self._clock.steady_time()
         if execution is None or self._stop.is_under_way or self._goals_before_confirmation():
@@ -836,12 +885,15 @@ class GoalLifecycle:
             self._queue.put_back(pending_goal)
 
     def _judge_execution(self) -> None:
-        """End the execution if the arm's reports say so.
+        """End the execution of the goal in force if the arm's reports say that it is over.
 
-        Nothing is judged during a stop, or while another plan for the same goal is made or
-        unconfirmed. Nothing is judged either while the last message of the arm is
-        `REFERENCE_TIMEOUT` to `LONGEST_WAIT` old: the arm is frozen, or its messages are late. A
-        goal that moves is not reached before it stands.
+        Nothing is judged in these cases:
+
+        - A stop is under way.
+        - Another plan for the same goal is wanted, made or unconfirmed.
+        - The last message of the arm is `REFERENCE_TIMEOUT` to `LONGEST_WAIT` old: the arm is
+          frozen, or its messages are late.
+        - The tip is at the goal, but the goal still moves.
         """
         execution, now = self.execution, self._clock.steady_time()
         if execution is None or self._stop.is_under_way:
@@ -861,5 +913,5 @@ class GoalLifecycle:
         self._reports.report_end(pending_goal, *ending)
 
     def _now_ns(self) -> int:
-        """Return the present time of plans [ns]."""
+        """Return the present time of plans: the arm's clock less the delay of slowed plans [ns]."""
         return self.arm_state.get_plan_time_ns(self._clock.steady_time(), self._clock.ros_ns())

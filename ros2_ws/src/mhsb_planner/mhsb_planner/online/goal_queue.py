@@ -91,18 +91,19 @@ class GoalQueue:
     # --- Goals that come and go ------------------------------------------------------------------
 
     def admit(self, pending_goal: PendingGoal, executed: PendingGoal | None) -> bool:
-        """Let a new goal wait, or refuse it at once.
+        """Let a new goal wait for planning, or refuse it at once.
 
-        It is refused if the arm reports a fault or another machine file, or if its place is out of
-        reach. It ends as stopped if it came before the last stop of the arm. A goal that waited
-        before ends as superseded, unless the arm executes a plan for it.
+        It is refused if the arm reports a fault or another machine file, if its place is out of
+        reach, or if its options do not fit. It is refused as stopped if it was received before the
+        last stop of the arm. An older waiting goal ends as superseded, unless the arm executes a
+        plan for it.
 
         Args:
             pending_goal: The new goal.
-            executed: Goal that the arm executes a plan for, None without one.
+            executed: Goal that the arm executes a plan for; None without one.
 
         Returns:
-            Whether it waits.
+            True if the new goal waits; False if it was refused.
         """
         for code, sentence in (
             (Verdict.FAULT, self._arm_state.fault),
@@ -127,10 +128,12 @@ class GoalQueue:
     def check_place(self, pending_goal: PendingGoal) -> None:
         """Raise an MhsbError if the tip can never be at the goal.
 
-        That is the case if the goal lies outside the workspace, or too near to an obstacle.
+        That is the case if the goal lies outside the workspace, or too near to an obstacle. An
+        error is also raised if the goal's own options do not fit.
 
         Args:
-            pending_goal: The goal, whose own settings are computed if they are not known yet.
+            pending_goal: The goal. Its own settings are derived and cached if they are not known
+                yet.
         """
         machine, goal = pending_goal.get_settings(self.settings).machine, pending_goal.goal
         machine.check_in_workspace(goal.position)
@@ -139,8 +142,10 @@ class GoalQueue:
     def put_back(self, pending_goal: PendingGoal) -> None:
         """Let a goal wait for a new plan, or end it as superseded if a newer goal waits.
 
+        Nothing happens if the goal has ended.
+
         Args:
-            pending_goal: The goal; nothing happens if it has ended.
+            pending_goal: The goal. Its `waiting_since` is set to the present time.
         """
         if pending_goal.has_ended:
             return
@@ -151,7 +156,13 @@ class GoalQueue:
         self.waiting = pending_goal
 
     def withdraw(self, pending_goal: PendingGoal) -> None:
-        """Take a goal out: it no longer waits, and an answer for it is ignored."""
+        """Take a goal out of the queue.
+
+        It no longer waits. If a plan for it is being made, the answer will be ignored.
+
+        Args:
+            pending_goal: The goal; nothing happens if it is not in the queue.
+        """
         if self.waiting is pending_goal:
             self.waiting = None
         if self.request is not None and self.request.pending_goal is pending_goal:
@@ -167,16 +178,17 @@ class GoalQueue:
     def must_wait(self, pending_goal: PendingGoal, stamps_are_ahead: bool) -> bool:
         """Return whether the waiting goal must wait before planning for it begins.
 
-        It waits at most `LONGEST_WAIT` for these:
+        It waits until all of these hold, but for at most `LONGEST_WAIT`:
 
-        - the arm receives plans,
-        - it has reported its plan in force, if it sends a reference; that may come a moment later,
-        - it has reported its machine, or its first state is `FIRST_REPORT` ago,
-        - the last stamp sent is no longer ahead of the time of plans.
+        - The arm is connected so that it would receive a plan.
+        - If the arm sends a reference, it has also reported its plan in force.
+        - The arm has reported its machine, or `FIRST_REPORT` has passed since its first state.
+        - The last stamp sent is not ahead of the time of plans.
 
         Args:
             pending_goal: The waiting goal.
-            stamps_are_ahead: Whether the last stamp sent is ahead of the time of plans.
+            stamps_are_ahead: Whether the last stamp sent is ahead of the time of plans (arm's clock
+                less the delay of slowed plans).
         """
         arm, now = self._arm_state, self._clock.steady_time()
         is_half_known = arm.reference is not None and arm.plan_in_force_ns is None
@@ -187,13 +199,14 @@ class GoalQueue:
         ) and now - pending_goal.waiting_since < LONGEST_WAIT
 
     def needs_arm_stop(self, error: MhsbError) -> bool:
-        """Return whether the arm's own ~/stop is to be called so that planning can begin.
+        """Return whether the caller must call the arm's own ~/stop so that planning can begin.
 
         Args:
-            error: Why no plan can start.
+            error: Error for which no plan can start.
 
         Returns:
-            True once for each goal, if the arm moves under a foreign command.
+            True if the arm moves under a command of somebody else, and True was not returned for
+            this goal before.
         """
         foreign = isinstance(error, MovingError) and self._arm_state.plan_in_force_ns != NO_PLAN
         is_needed = foreign and not self._arm_stop_called
@@ -203,12 +216,13 @@ class GoalQueue:
     def postpone(self, pending_goal: PendingGoal, error: MhsbError) -> None:
         """Let the waiting goal wait on because no plan can start, or refuse it.
 
-        It is refused at once if the arm has another machine file, otherwise after `LONGEST_WAIT`.
-        It is not refused during `START_UP` after the planner's start if no state has come.
+        It is refused at once if the arm has another machine file. Otherwise it is refused once it
+        has waited for `LONGEST_WAIT`. If the arm has never sent a state, it also waits until
+        `START_UP` has passed since the planner's start.
 
         Args:
             pending_goal: The waiting goal.
-            error: Why no plan can start.
+            error: Error for which no plan can start.
         """
         now = self._clock.steady_time()
         starts = self._arm_state.first_state_at == math.inf and now - self._started_at < START_UP
@@ -220,18 +234,18 @@ class GoalQueue:
     def choose_target(self, pending_goal: PendingGoal, commit_horizon: float) -> tuple[Goal, float]:
         """Choose the target of a plan for a goal, and return it with the goal's period.
 
-        A moving goal is extrapolated by the commit horizon plus one period. A goal that has
-        stopped, or whose `needs_exact_place` is set, is planned for at its exact place. It keeps
-        its period. The arm then goes there as it followed the goal: a free plan may choose another
-        posture and swing the tip far beyond.
+        A moving goal is extrapolated by the commit horizon plus one period, but only a little way.
+        If the goal has stopped, or its `needs_exact_place` is set, the target is its exact place.
+        The period is still returned then, so that the plan is made as for a moving goal. A plan of
+        the other kind may choose another posture and swing the tip far beyond.
 
         Args:
             pending_goal: The goal.
-            commit_horizon: Commit horizon [s].
+            commit_horizon: Commit horizon (time until the new plan takes over) [s].
 
         Returns:
-            Target, and period of the goal: median time from one of its messages to the next [s].
-            The period is 0 if the last messages give no velocity.
+            Target, and period of the goal: median time between its last messages [s]. If these give
+            no velocity, target and period are the goal itself and 0.
         """
         stream, goal = self.stream, pending_goal.goal
         if not any(stream.velocity):
@@ -245,12 +259,12 @@ class GoalQueue:
 
         Args:
             request: The request.
-            now_ns: Present time of plans [ns].
+            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
 
         Returns:
-            True if the epoch and the plan in force are those at the time of the request. Also True
-            if the plan in force was `start_command`, its end is at most `EARLY_NS` ahead or past,
-            and the arm holds.
+            False if the epoch (count of events that make plans void) has changed since the request.
+            Otherwise True in two cases. The plan in force is the one at the request. Or that plan
+            was `start_command`, has ended or ends within `EARLY_NS`, and the arm now holds.
         """
         start, in_force_ns = request.start_command, self._arm_state.plan_in_force_ns
         has_ended = now_ns >= start.trajectory.end_ns - EARLY_NS

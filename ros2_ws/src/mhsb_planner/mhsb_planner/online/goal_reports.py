@@ -33,25 +33,25 @@ class GoalReports:
     def accept(
         self, pending_goal: PendingGoal, code: Verdict, sentence: str, plan: PlanSummary
     ) -> None:
-        """Send the verdict that a goal is accepted, and set its `has_verdict`.
+        """Send the verdict that a goal is accepted, and set the goal's `has_verdict`.
 
         Args:
             pending_goal: The goal.
             code: `OK` or `AT_GOAL`.
             sentence: The verdict in words.
-            plan: Stamp, energies [J], duration [s] and planning times [ms] of its plan.
+            plan: Stamp, energies [J], duration [s] and planning times [ms] of the goal's plan.
         """
         pending_goal.has_verdict = True
         self._report(pending_goal, GoalVerdict.of(pending_goal.goal, code, sentence, plan))
 
     def report_at_goal(self, pending_goal: PendingGoal) -> None:
-        """End a goal at which the tip is already.
+        """End a goal because the tip is at its place already.
 
-        A goal without a verdict gets `AT_GOAL` with a plan of 0 J. One that was accepted before
-        gets the execution report `reached`.
+        A goal without a verdict is accepted with `AT_GOAL` and a plan of 0 J and 0 s. A goal that
+        was accepted before gets an execution report with the outcome `REACHED` instead.
 
         Args:
-            pending_goal: The goal.
+            pending_goal: The goal; it is marked as ended.
         """
         elapsed = 1e3 * (self._clock.steady_time() - pending_goal.received_at)
         sentence = f"the tip is at {pending_goal.goal.position_text} already"
@@ -63,15 +63,15 @@ class GoalReports:
         pending_goal.has_ended = True
 
     def end(self, pending_goal: PendingGoal, code: Verdict, sentence: str) -> None:
-        """End a goal with a verdict, or with the execution report for it if it was accepted before.
+        """End a goal: with a verdict, or with an execution report if the goal was accepted before.
 
-        Nothing happens if the goal has ended already.
+        Nothing happens if the goal has ended already. An accepted goal ends with the outcome in
+        `OUTCOME_OF_VERDICT`. Codes without an entry there give `ABORTED`, with the code as reason.
 
         Args:
-            pending_goal: The goal. An accepted one ends with the outcome in `OUTCOME_OF_VERDICT`;
-                if aborted, with the code as reason.
+            pending_goal: The goal; it is marked as ended.
             code: Code of the verdict.
-            sentence: Why it ends.
+            sentence: Why the goal ends.
         """
         if pending_goal.has_verdict:
             outcome = OUTCOME_OF_VERDICT.get(code, Outcome.ABORTED)
@@ -82,7 +82,11 @@ class GoalReports:
             self._report(pending_goal, GoalVerdict.of(pending_goal.goal, code, sentence))
 
     def supersede(self, pending_goal: PendingGoal) -> None:
-        """End a goal because a newer one came before the arm took a plan for it."""
+        """End a goal as superseded, because a newer goal came before the arm took a plan for it.
+
+        Args:
+            pending_goal: The older goal. An accepted one gets an execution report (`REPLACED`).
+        """
         sentence = NEWER_GOAL_SENT if pending_goal.has_verdict else NEWER_GOAL
         self.end(pending_goal, Verdict.SUPERSEDED, sentence)
 
@@ -93,15 +97,15 @@ class GoalReports:
         sentence: str,
         reason: Verdict | None = None,
     ) -> None:
-        """Send the execution report of an accepted goal, unless the goal has ended already.
+        """Send the execution report of an accepted goal, and mark the goal as ended.
 
-        The goal is marked as ended.
+        Nothing happens if the goal has ended already.
 
         Args:
             pending_goal: The goal.
             outcome: How its execution has ended.
             sentence: The outcome in words.
-            reason: Verdict code of the cause, None if there is none to report.
+            reason: Verdict code of the cause; None if the report states no cause.
         """
         if pending_goal.has_ended:
             return
@@ -118,10 +122,12 @@ class GoalReports:
         self._report(pending_goal, report)
 
     def _report(self, pending_goal: PendingGoal, report: Report) -> None:
-        """Send a report to the outbox, and to the goal's own listener even if the outbox fails.
+        """Send a report to the outbox, then call the goal's own listener.
+
+        The listener is called even if the outbox raises an error.
 
         Args:
-            pending_goal: The goal whose listener is called.
+            pending_goal: The goal whose `on_report` is called.
             report: Verdict or execution report.
         """
         try:

@@ -56,9 +56,10 @@ class GoalStream:
     def add_goal(self, goal: Goal, received_at: float) -> None:
         """Add a goal to the stream, or begin a new stream with it.
 
-        A new stream begins if more than `LONGEST_PERIOD` has passed since the last goal, or if the
-        goal has moved faster than `MAX_GOAL_SPEED` since. The goals before are then forgotten. A
-        goal that was not received later than the last one is ignored.
+        A new stream begins if more than `LONGEST_PERIOD` has passed since the last goal. It also
+        begins if the goal has moved faster than `MAX_GOAL_SPEED` since then. The earlier goals are
+        then forgotten. A goal is ignored if its time of receipt is not later than that of the last
+        goal.
 
         Args:
             goal: The goal.
@@ -81,10 +82,10 @@ class GoalStream:
 
     @property
     def velocity(self) -> Position:
-        """Least-squares velocity of the goal along each axis of its position [m/s].
+        """Velocity of the goal along each axis of its position, by least squares [m/s].
 
-        All elements are 0 if the goal is slower than `MIN_GOAL_SPEED`. With fewer than three goals
-        it is (0, 0).
+        It has two elements (x, z) or three (x, y, z). All are 0 if the goal is slower than
+        `MIN_GOAL_SPEED`. With fewer than three received goals it is (0, 0).
         """
         if len(self._received) < 3:
             return 0.0, 0.0
@@ -112,8 +113,8 @@ class GoalStream:
         """Move a goal on along the stream's velocity, to the place where a plan for it should end.
 
         Args:
-            goal: The goal that came last.
-            seconds: Time to extrapolate by [s]; shortened so that the goal moves at most
+            goal: The goal that was received last.
+            seconds: Time to extrapolate by [s]. It is shortened if the goal would move by more than
                 `MAX_LOOKAHEAD_DISTANCE`.
 
         Returns:

@@ -33,21 +33,25 @@ class HandOverTimes:
 
 
 def choose_hand_over_times(in_force: Command, now_ns: int, commit_horizon_ns: int) -> HandOverTimes:
-    """Choose the times of a hand-over that begins now or a few milliseconds later.
+    """Choose stamp and change of a command that takes over from another one.
 
-    The change comes `commit_horizon_ns` after the stamp. Points of a trajectory that are closer
-    than `MIN_POINT_SPACING_NS` spoil the quintic between them. If an old point follows the stamp
-    more closely, the stamp moves to that point. If an old point precedes the change more closely,
-    stamp and change move on until it does not. The stamp is at least `MIN_POINT_SPACING_NS` after
-    that of the old command.
+    At its stamp the new command begins, at its change it leaves the old one. The change comes
+    `commit_horizon_ns` after the stamp. Two trajectory points closer than `MIN_POINT_SPACING_NS`
+    make the quintic between them inaccurate. So the stamp is chosen as follows:
+
+    1. It is `now_ns`, but at least `MIN_POINT_SPACING_NS` after the old stamp.
+    2. If an old point follows it by less than this spacing, it moves to that point.
+    3. If an old point precedes the change by less than this spacing, stamp and change are delayed.
+
+    Steps 2 and 3 are repeated until both hold.
 
     Args:
         in_force: Command that is to be replaced.
-        now_ns: Earliest stamp, in the time of plans [ns].
-        commit_horizon_ns: Commit horizon [ns].
+        now_ns: Earliest stamp, by the clock of the old stamp [ns].
+        commit_horizon_ns: Commit horizon (time from stamp to change) [ns].
 
     Returns:
-        Stamp and change, in the time of plans [ns].
+        Stamp and change, by the same clock [ns].
 
     Raises:
         ValueError: The commit horizon is shorter than `MIN_POINT_SPACING_NS`.
@@ -67,21 +71,21 @@ def choose_hand_over_times(in_force: Command, now_ns: int, commit_horizon_ns: in
 def join_commands(in_force: Command, times: HandOverTimes, new: Command) -> Command:
     """Build the command that repeats the one in force up to the change, then follows the new one.
 
-    The old modes stay in force up to the change. If the old trajectory ends before, its last
-    position is held until then.
+    The old modes stay in force up to the change. If the old trajectory ends before the change, its
+    last position is held in between.
 
     Args:
         in_force: Command that is replaced.
-        times: Stamp of the result, and time at which it leaves `in_force`.
-        new: Command that starts with the state of the old trajectory at the change. Its stamp is
-            ignored.
+        times: Stamp of the result, and change (time at which it leaves `in_force`).
+        new: Command for the time from the change on. It starts with the state of the old trajectory
+            there; its stamp is ignored.
 
     Returns:
         Joined command with the stamp `times.stamp_ns`.
 
     Raises:
-        ValueError: Position or velocity of `new` differ from the old ones by more than
-            `MAX_HAND_OVER_JUMP`.
+        ValueError: Position or velocity of `new` differ from the old ones at the change by more
+            than `MAX_HAND_OVER_JUMP`.
     """
     old = in_force.trajectory
     _check_continuity(old.sample(times.change_ns), new.trajectory)
@@ -99,14 +103,14 @@ def join_commands(in_force: Command, times: HandOverTimes, new: Command) -> Comm
 
 
 def _check_continuity(left: MotionState, new: Trajectory) -> None:
-    """Raise ValueError if a trajectory does not start in the state at which the old one is left.
+    """Raise ValueError if a trajectory does not start in a given state.
 
-    Position and velocity of each joint may differ by `MAX_HAND_OVER_JUMP`. Acceleration is not
-    compared.
+    Position and velocity of each joint may differ by at most `MAX_HAND_OVER_JUMP`. Acceleration is
+    not compared.
 
     Args:
-        left: State of the old trajectory at the change.
-        new: The new trajectory; its first point counts.
+        left: State in which the old trajectory is left.
+        new: The new trajectory; its first point is compared.
     """
     jump = max(
         float(np.abs(new.position[0] - left.position).max()),
@@ -117,7 +121,10 @@ def _check_continuity(left: MotionState, new: Trajectory) -> None:
 
 
 def _compute_stamp_delay(points: IntArray, stamp_ns: int, commit_horizon_ns: int) -> int:
-    """Return by how much a stamp must be delayed to keep away from the old points.
+    """Compute by how much a stamp must be delayed to keep away from an old trajectory's points.
+
+    No point may come less than `MIN_POINT_SPACING_NS` after the stamp. No point may come less than
+    that before the change, at which the new command leaves the old one.
 
     Args:
         points: Absolute times of the old trajectory's points, increasing, int64[k], [ns].
@@ -125,7 +132,7 @@ def _compute_stamp_delay(points: IntArray, stamp_ns: int, commit_horizon_ns: int
         commit_horizon_ns: Time from the stamp to the change [ns].
 
     Returns:
-        Delay [ns]; 0 if the stamp can stay. After a delay the check must be repeated.
+        Delay [ns]; 0 if the stamp can stay. A delayed stamp must be checked again.
     """
     after = points[np.searchsorted(points, stamp_ns, "left") :]
     if len(after) > 0 and 0 < after[0] - stamp_ns < MIN_POINT_SPACING_NS:
@@ -138,18 +145,18 @@ def _compute_stamp_delay(points: IntArray, stamp_ns: int, commit_horizon_ns: int
 
 
 def _compute_prefix_times(old: Trajectory, times: HandOverTimes) -> IntArray:
-    """Return the times of the points that repeat the old command, before its change.
+    """Return the times of the points at which a new command repeats the old one.
 
-    They are the stamp and the points of the old trajectory between stamp and change. If the old
-    trajectory ends before the change, its last position is held from there. Evenly spaced points,
-    at most `MAX_POINT_SPACING_NS` apart, then fill the time of the hold.
+    They are the stamp and all points of the old trajectory between stamp and change. If the old
+    trajectory ends before the change, its last position is held. The hold gets evenly spaced
+    points, at most `MAX_POINT_SPACING_NS` apart.
 
     Args:
         old: Trajectory that is repeated.
-        times: Stamp and change.
+        times: Stamp of the new command, and change (time at which it leaves the old one).
 
     Returns:
-        Absolute times, increasing, int64[k], [ns]; the first is the stamp, the change is not
+        Absolute times, increasing, int64[k], [ns]. The first is the stamp; the change is not
         included.
     """
     points = old.stamp_ns + old.offset_ns
@@ -163,14 +170,15 @@ def _compute_prefix_times(old: Trajectory, times: HandOverTimes) -> IntArray:
 
 
 def _join_schedules(old: ModeSchedule, times: HandOverTimes, new: ModeSchedule) -> ModeSchedule:
-    """Join the old mode schedule up to the change with the new one.
+    """Join an old mode schedule up to the change with a new one from the change on.
 
-    The result also has the time of each actuator's last mode switch before the stamp, from `old`.
+    The result also stores when each actuator switched its mode last before the stamp, as `old`
+    knows it.
 
     Args:
         old: Schedule that is in force up to the change.
-        times: Stamp of the result, and change.
-        new: Schedule whose first row begins at the change.
+        times: Stamp of the result, and change (time at which the new command leaves the old one).
+        new: Schedule whose first row begins at the change; its stamp is ignored.
 
     Returns:
         Joined schedule with the stamp `times.stamp_ns`.

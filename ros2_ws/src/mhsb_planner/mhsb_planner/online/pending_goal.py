@@ -63,11 +63,11 @@ class PendingGoal:
     _settings: tuple[Settings, Settings] | None = field(default=None, repr=False)
 
     def get_settings(self, common_settings: Settings) -> Settings:
-        """Return the settings with which this goal is planned.
+        """Return the settings with which this goal is planned for.
 
-        They are derived by `adjust_settings`. The result is cached and stays the same object as
-        long as `common_settings` does. If the goal's own options do not fit later settings for all
-        goals, its previous settings are kept.
+        They are derived from the settings for all goals by `adjust_settings`. The result is cached:
+        it stays the same object as long as `common_settings` is the same object. If later settings
+        for all goals do not fit the goal's own options, its previous settings are kept.
 
         Args:
             common_settings: Settings for all goals.
@@ -76,7 +76,7 @@ class PendingGoal:
             Settings for this goal.
 
         Raises:
-            MhsbError: The goal's options do not fit `common_settings` the first time.
+            MhsbError: The goal's options do not fit `common_settings` at the first call.
         """
         before, own = self._settings or (None, None)
         if own is None or before is not common_settings:
@@ -95,13 +95,13 @@ def summarize_plan(replan: Replan, plan_ms: float, lead_ms: float) -> PlanSummar
     Args:
         replan: The plan.
         plan_ms: Time from receipt of the goal to the plan's publication [ms].
-        lead_ms: Time from receipt of the goal to the plan's change, at which it leaves the plan
-            before [ms].
+        lead_ms: Time from receipt of the goal to the time at which the plan leaves the plan before
+            [ms].
 
     Returns:
-        Stamp [ns], energy in both readings [J], lower bound [J], duration [s] and number of mode
-        switches of the plan. Also its excess over V_max, its time with cavitation [s] and both
-        given times.
+        Stamp [ns], energy by both prices of boosted oil [J], lower bound on the energy [J],
+        duration [s] and number of mode switches. Also the excess over V_max (allowed piston speed)
+        as a share of it, the total time with cavitation [s], and both given times.
     """
     plan = replan.plan
     return PlanSummary(

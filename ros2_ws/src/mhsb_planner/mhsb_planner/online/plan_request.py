@@ -35,7 +35,7 @@ class PlanRequest:
         epoch: Epoch of the lifecycle at the request; the answer is void if it has changed.
         pending_goal: The goal.
         target: Place to which the plan shall lead: the goal, or where a moving goal will be.
-        period: Time after which a moving goal comes again [s]; 0 if it stands.
+        period: Median time between the goal's last messages [s]; 0 if these give no velocity.
         settings: Settings of the plan.
         start_command: Command that the plan continues.
         in_force_ns: Stamp of the plan in force at the request [ns]; None if the arm reports none.
@@ -63,8 +63,8 @@ class PlanRequest:
     def make_plan(self, replanner: Replanner) -> Replan | None:
         """Make the requested plan; runs in the worker's thread.
 
-        The replanner is first changed to the machine of the request, and stays so. Via points that
-        have been passed are left out.
+        The replanner is first changed to the machine of the request, and keeps it. Via points that
+        the tip has passed already, or passes before the new plan takes over, are left out.
 
         Args:
             replanner: Makes the plan.
@@ -74,7 +74,7 @@ class PlanRequest:
             feasible motion was found [s]. None if the arm rests at the goal already.
 
         Raises:
-            MhsbError: `Replanner.replan` fails.
+            MhsbError: No plan could be made; `Planner.plan` lists the errors.
         """
         target, began = self.target, deadline.now()
         replanner.change_machine(self.settings.machine)
@@ -92,12 +92,12 @@ class PlanRequest:
         return replace(replan, improvement_time=spent - replan.plan.seconds["first_motion"])
 
     def _find_via_points_ahead(self) -> tuple[Position, ...]:
-        """Return the via points that are still to be passed.
+        """Return the via points that the new plan still has to pass.
 
-        All of them are still to be passed if the new plan starts from rest, or if the previous plan
-        had other settings. Otherwise the via points of the previous plan count that the tip does
-        not pass before the new plan takes over. So each is passed once between two rests, also if
-        goals follow each other in motion.
+        These are all via points of the settings in two cases: the new plan starts from rest, or no
+        earlier plan with the same settings exists. Otherwise they are the via points of the earlier
+        plan, less those that the tip passes before the new plan takes over. So the tip passes each
+        via point once between two rests, even if goals follow each other in motion.
 
         Returns:
             Via points in `base_link`, each (x, z) or (x, y, z) [m].

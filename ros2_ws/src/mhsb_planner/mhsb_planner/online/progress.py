@@ -32,13 +32,15 @@ class Progress:
         self._summed_ns: int | None = None
 
     def update(self, execution: Execution, now_ns: int) -> None:
-        """Update the elapsed share and the time left, and add the energy since the last update.
+        """Update the elapsed share, the time left and the energy.
 
-        A time before the change or after the end of the plan counts as change or end.
+        A time before the change (where the plan leaves the one before) counts as the change. A time
+        after the plan's end counts as the end. The energy of the time since the last update is
+        added.
 
         Args:
             execution: Execution of the plan in force.
-            now_ns: Present time of plans [ns].
+            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
         """
         command, change_ns = execution.command, execution.change_ns
         end_ns = command.trajectory.end_ns
@@ -58,17 +60,17 @@ def compute_energy_between(
 ) -> Energy:
     """Compute the energy that a command takes between two times, by the midpoint rule.
 
-    Its steps are at most `SPACING_NS` long. Forces include inertia.
+    The steps of the rule are at most `SPACING_NS` long. The cylinder forces include inertia.
 
     Args:
-        machine: Machine whose hydraulics are priced.
+        machine: Machine whose hydraulics give the price of oil.
         command: Joint trajectory and modes.
-        first_ns: Begin, in the time of plans [ns].
-        last_ns: End, after `first_ns`, in the time of plans [ns].
+        first_ns: Begin, by the clock of the command's stamps [ns].
+        last_ns: End, after `first_ns`, by the same clock [ns].
 
     Returns:
-        Energy of this part of the motion [J]: `paper` and `series`, by the two readings of the
-        price of boosted oil, and the parts of `series`.
+        Energy of this part of the motion [J]. `paper` and `series` differ in the price of boosted
+        oil (p_L/η against pumps in series). The other fields are the parts of `series`.
     """
     parts = -(-(last_ns - first_ns) // SPACING_NS)
     edges = np.linspace(first_ns, last_ns, parts + 1).astype(np.int64)

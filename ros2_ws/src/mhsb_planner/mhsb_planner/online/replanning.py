@@ -59,7 +59,7 @@ class Replan:
         """Return whether the plan may begin at another time.
 
         Args:
-            now_ns: The other time, in the time of plans [ns].
+            now_ns: The other time, by the clock of the stamps [ns].
 
         Returns:
             True if the plan starts from rest and the old command has ended at `now_ns`.
@@ -70,14 +70,16 @@ class Replan:
         """Return the same plan with a new stamp.
 
         Args:
-            now_ns: New stamp in the time of plans [ns]; it may come a few milliseconds later.
-            commit_horizon: Commit horizon [s].
+            now_ns: Earliest new stamp, by the clock of the old stamp [ns]. The stamp may come a few
+                milliseconds later.
+            commit_horizon: Time from the stamp until the plan leaves the old command [s].
 
         Returns:
-            Copy of this plan with the command and the change for the new stamp.
+            Copy of this plan with the command and the change (time of leaving) for the new stamp.
 
         Raises:
-            ValueError: The old command still moves at `now_ns`.
+            ValueError: The plan does not start from rest, or the old command still moves at
+                `now_ns`.
         """
         if not self.may_begin_at(now_ns):
             raise ValueError("a plan that leaves a moving command cannot begin at another time")
@@ -98,10 +100,11 @@ class Replanner:
         """Compile and run all code that a plan needs, by planning an example.
 
         Args:
-            kinds: Names of the planners to prepare.
+            kinds: Names of the planners to prepare, such as `table`.
 
         Returns:
-            Command of the example plan; one that holds if no planner found an example.
+            Command of the example plan. If no planner found a plan, it is a command that holds the
+            position.
         """
         warm_up(self._planner, kinds)
         return self._run_example(kinds)
@@ -121,21 +124,24 @@ class Replanner:
     ) -> Replan | None:
         """Plan from the command in force to a goal.
 
+        The new command repeats `in_force` up to the change, one commit horizon after its stamp.
+        There it takes over.
+
         Args:
             in_force: Command that the new one continues.
-            now_ns: Stamp of the new command in the time of plans [ns]; it may come a few
-                milliseconds later.
+            now_ns: Earliest stamp of the new command, by the clock of the old stamp [ns]. The stamp
+                may come a few milliseconds later.
             goal: Goal of the tip in `base_link`, (x, z) or (x, y, z) [m].
-            commit_horizon: Commit horizon [s].
+            commit_horizon: Commit horizon (time from stamp to change) [s].
             options: Options of the plan.
             deadline: Instant by which the plan is wanted.
 
         Returns:
-            The plan with its command. None if the old command rests at the change, with the tip and
-            the end link at the goal already.
+            The plan with its command. None if the old command rests at the change and the goal is
+            reached there, including the wanted angle of the end link.
 
         Raises:
-            MhsbError: `Planner.plan` fails.
+            MhsbError: No plan could be made; `Planner.plan` lists the errors.
         """
         times = choose_hand_over_times(in_force, now_ns, round(commit_horizon * SECOND_NS))
         start = in_force.trajectory.sample(times.change_ns)
@@ -158,16 +164,17 @@ class Replanner:
     def make_braking_command(
         self, in_force: Command, now_ns: int, commit_horizon: float
     ) -> tuple[Command, int]:
-        """Make the command that brakes along the path of the one in force and then holds.
+        """Make the command that brakes along the path of the one in force, then holds.
 
         Args:
             in_force: Command that is braked.
-            now_ns: Stamp of the new command in the time of plans [ns]; it may come a few
-                milliseconds later.
-            commit_horizon: Commit horizon, the time from the stamp to the begin of braking [s].
+            now_ns: Earliest stamp of the result, by the clock of the old stamp [ns]. The stamp may
+                come a few milliseconds later.
+            commit_horizon: Time from the stamp to the begin of braking [s]. The result repeats
+                `in_force` during this time.
 
         Returns:
-            The command, and the absolute time at which it begins to brake [ns].
+            The command, and the time at which it begins to brake, by the same clock [ns].
         """
         times = choose_hand_over_times(in_force, now_ns, round(commit_horizon * SECOND_NS))
         modes = StartModes.read_from(in_force.schedule, times.change_ns)
@@ -179,16 +186,18 @@ class Replanner:
         return brake_along(self._planner.machine, in_force.trajectory, times.change_ns)
 
     def _run_example(self, kinds: Iterable[str]) -> Command:
-        """Plan a move between two neighbouring workspace nodes, and plan it anew on its way.
+        """Plan a move to a neighbouring workspace node, and plan it again on its way.
 
-        Each planner plans from the command of the plan before, first at 1 s and then at 1.5 s. The
-        first call of each function takes long. Errors of planning are suppressed.
+        The purpose is to compile all code, since the first call of each function takes long. Each
+        planner plans twice, at 1 s and at 1.5 s. It starts from the command of the last plan that
+        succeeded. Errors of planning are suppressed.
 
         Args:
             kinds: Names of the planners to run, one after the other.
 
         Returns:
-            Command of the last plan that succeeded; a command that holds if none did.
+            Command of the last plan that succeeded. If none did, it is a command that holds the
+            position.
         """
         graph = self._planner.graph
         patterns = len(graph.table.patterns)

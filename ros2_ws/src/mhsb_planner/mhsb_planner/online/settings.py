@@ -28,17 +28,19 @@ Every change takes new prices of all steps.
 def choose_payload(estimates: Sequence[Estimate], previous_payload: float | None) -> float | None:
     """Choose the payload to plan with, from the arm's estimates.
 
-    An estimate is used if it is positive, marked as known, and accurate. It is accurate if half its
-    95 % interval is at most `MAX_RELATIVE_UNCERTAINTY` of its value. It must also differ from
-    `previous_payload` by more than `MIN_RELATIVE_CHANGE` of that payload, if there is one.
+    Take the first estimate that is named `payload`, marked as known, positive, accurate and new. It
+    is accurate if half its 95 % interval is at most `MAX_RELATIVE_UNCERTAINTY` of its value. It is
+    new if it differs from `previous_payload` by more than `MIN_RELATIVE_CHANGE` of that payload.
+    Without a `previous_payload` every estimate is new.
 
     Args:
-        estimates: Quantities that the arm has estimated, each with value and standard deviation.
-            Only those named `payload` [kg] count.
-        previous_payload: Estimated payload that has been used so far [kg], None if there was none.
+        estimates: Estimates by the arm of any quantity, each with value and standard deviation. The
+            payload is in kg.
+        previous_payload: Estimated payload that plans have used so far [kg]; None if there was
+            none.
 
     Returns:
-        Value of the first estimate that is used [kg]; `previous_payload` if none is.
+        Value of the estimate [kg]; `previous_payload` if no estimate is taken.
     """
     for each in estimates:
         if each.quantity != "payload" or not each.known or each.value <= 0.0:
@@ -82,9 +84,10 @@ class Settings:
 
     @property
     def lost_pumps_clause(self) -> str:
-        """Clause on failed servo pumps that ends the sentence of a refusal.
+        """Clause on failed servo pumps, to be appended to the sentence of a refusal.
 
-        It begins with a semicolon and lists the pumps' numbers. It is empty if no pump has failed.
+        It begins with a semicolon and lists the numbers of the pumps, from 1. It is empty if no
+        pump has failed.
         """
         if not self.lost_servo_pumps:
             return ""

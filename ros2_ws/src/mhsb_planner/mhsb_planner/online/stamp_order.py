@@ -41,8 +41,9 @@ class StampOrder:
         """Begin without a stamp.
 
         Args:
-            several_publishers: Returns a sentence that names the publishers in the ROS graph if
-                there are several, otherwise an empty one. Called when a stamp goes back.
+            several_publishers: Asks the ROS graph. It returns a sentence that names the publishers
+                if there are several, otherwise an empty one. It is called at each step back of the
+                stamps.
         """
         self.publisher_conflict = ""
         self._several_publishers = several_publishers
@@ -53,19 +54,23 @@ class StampOrder:
     def add_stamp(self, stamp_ns: int, steady_time: float) -> Order:
         """Classify the stamp of a message, and update `publisher_conflict`.
 
-        A step back is a stamp earlier than the one before. If the ROS graph shows one publisher,
-        its clock was set back. With several publishers, `DECIDED_AFTER` must pass. A second step
-        back in that time sets `publisher_conflict`. Without one, the next stamp that is still
-        behind the latest means that the clock was set back. `SECOND_PUBLISHER_TIMEOUT` after the
-        last step back, `publisher_conflict` is cleared.
+        A step back is a stamp that is earlier than the stamp of the message before. What it means
+        depends on the publishers that the ROS graph shows:
+
+        - One publisher: its clock was set back, and `publisher_conflict` is cleared.
+        - Several publishers: stamps behind the latest are `MIXED` for `DECIDED_AFTER`. A second
+          step back within this time sets `publisher_conflict`. Without it, the next stamp behind
+          the latest means that the clock was set back.
+
+        `publisher_conflict` is also cleared `SECOND_PUBLISHER_TIMEOUT` after the last step back.
 
         Args:
             stamp_ns: Stamp by the publisher's clock [ns].
             steady_time: Time of receipt by the steady clock [s].
 
         Returns:
-            `FORWARD` if the stamp is not earlier than the latest of all. `BACK` if the clock was
-            set back; the stamp then counts as the latest. `MIXED` if the message is to be ignored,
+            `FORWARD` if the stamp is not earlier than the latest stamp. `BACK` if the clock was set
+            back; this stamp then becomes the latest. `MIXED` if the caller must ignore the message,
             because it may come from another publisher.
         """
         steps_back, self._last_ns = stamp_ns < self._last_ns, stamp_ns
@@ -83,13 +88,14 @@ class StampOrder:
         return Order.BACK
 
     def _has_several_publishers(self, steady_time: float) -> bool:
-        """Record a step back, and return whether the ROS graph shows several publishers.
+        """Store the time of a step back, and return whether the ROS graph shows several publishers.
 
-        Sets `publisher_conflict` if there are several publishers and the step back before was at
-        most `DECIDED_AFTER` ago. Clears it if there is one publisher.
+        A step back is a stamp earlier than the one before. With one publisher, `publisher_conflict`
+        is cleared. With several, it is set if the previous step back was at most `DECIDED_AFTER`
+        ago.
 
         Args:
-            steady_time: Time of receipt by the steady clock [s].
+            steady_time: Time of receipt of this stamp by the steady clock [s].
 
         Returns:
             True if there are several publishers.

@@ -23,9 +23,9 @@ class NoStateError(MhsbError):
         """Compose the sentence.
 
         Args:
-            sentence: Sentence to use in place of the one that nothing has been heard; empty for
-                that one.
-            mismatch: Sentence on publishers whose quality of service does not match, appended if
+            sentence: Sentence of the error. If empty, the sentence says that no fresh state of the
+                arm was received.
+            mismatch: Sentence on publishers whose quality of service does not match; appended if
                 not empty.
         """
         sentence = sentence or (
@@ -46,21 +46,24 @@ class MovingError(MhsbError):
 def find_start_command(arm_state: ArmState, steady_time: float, now_ns: int) -> Command:
     """Return the command that a plan made now has to continue.
 
-    States are fresh if they were received at most `OLDEST_STATE` ago. The first of these that
-    exists decides:
+    A state is fresh if it was received at most `OLDEST_STATE` ago. The first source that exists
+    decides:
 
     1. This planner's last confirmed command, if the arm reports it as in force.
-    2. A fresh reference: the result holds there; an error if it moves.
+    2. A fresh reference that rests: the result holds the arm there. A reference that moves is an
+       error.
     3. This planner's last confirmed command, if the arm never reports a plan in force.
-    4. A fresh measurement: the result holds there; an error if the arm moves.
+    4. A fresh measurement at rest: the result holds the arm there. A measurement in motion is an
+       error.
 
     Args:
         arm_state: Arm state.
         steady_time: Present time by the steady clock [s].
-        now_ns: Present time of plans, the stamp of a hold [ns].
+        now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns]. It is the
+            stamp of a command that holds.
 
     Returns:
-        This planner's own command, or one that holds the position in the modes in force.
+        This planner's own command, or a command that holds the position in the modes in force.
 
     Raises:
         OtherMachineError: The arm has another machine file.
@@ -84,7 +87,7 @@ def find_start_command(arm_state: ArmState, steady_time: float, now_ns: int) -> 
 
 
 def _from_reference(arm_state: ArmState, state: MotionState, now_ns: int) -> Command:
-    """Return a command that holds at a reference that rests.
+    """Return a command that holds the arm at a reference that rests.
 
     Args:
         arm_state: Arm state, which gives the modes in force.
@@ -95,7 +98,7 @@ def _from_reference(arm_state: ArmState, state: MotionState, now_ns: int) -> Com
         The holding command.
 
     Raises:
-        MovingError: Velocity or acceleration of the reference are not exactly 0.
+        MovingError: Any velocity or acceleration of the reference is not exactly 0.
     """
     if state.velocity.any() or state.acceleration.any():
         raise MovingError(
@@ -107,7 +110,7 @@ def _from_reference(arm_state: ArmState, state: MotionState, now_ns: int) -> Com
 
 
 def _from_measured(arm_state: ArmState, state: MotionState, now_ns: int) -> Command:
-    """Return a command that holds at the measured joint positions.
+    """Return a command that holds the arm at the measured joint positions.
 
     Args:
         arm_state: Arm state, which gives the modes in force.

@@ -136,13 +136,14 @@ class StopSequence:
 
         Args:
             arm_state: Arm state.
-            brake: Makes a braking command from the command in force, the present time of plans [ns]
-                and the commit horizon [s]. It returns that command and the time at which it leaves
-                the one in force [ns].
+            brake: Makes a braking command. Its arguments are the command in force, the earliest
+                stamp of the result by the clock of plans [ns], and the commit horizon (time until
+                braking begins) [s]. It returns the braking command and the time at which braking
+                begins [ns].
             clock: Source of the present time.
             outbox: Calls the arm's ~/stop, and writes the log.
             hand_over: Chooses stamp and commit horizon of braking commands, and knows whether a
-                command is unconfirmed.
+                sent command waits for the arm's answer.
         """
         self._arm_state = arm_state
         self._brake = brake
@@ -166,18 +167,19 @@ class StopSequence:
         """Begin a stop, unless one is under way, and return the stop under way.
 
         Args:
-            reason: Why the arm is stopped, as execution reports state it.
+            reason: Why the arm is stopped, as execution reports state it. It is ignored if a stop
+                is under way already.
         """
         self._stop = self._stop or _Stop(reason, self._clock.steady_time())
         return self._stop
 
     def join(self, done: Callable[[bool, str], None], goals: list[PendingGoal]) -> None:
-        """Begin a stop that the planner was asked for, or join the one under way.
+        """Begin a stop that a user has asked for, or join the one under way.
 
         Args:
             done: Called once with success and sentence when the stop is finished.
-            goals: Goals that end with the stop. A goal that was to be planned for after the stop
-                ends with it, too.
+            goals: Goals that end with the stop. If another goal was to be planned for after the
+                stop, it ends with the stop, too.
         """
         stop = self.begin(STOP_ASKED)
         stop.on_finished.append(done)
@@ -189,15 +191,17 @@ class StopSequence:
     def begin_for_obstacle(self, machine: Machine, goal_after_stop: PendingGoal | None) -> bool:
         """Begin a stop if an obstacle lies across the rest of the motion in force.
 
-        Nothing happens if the arm executes no command of this planner. A stop that is under way
-        goes on as one that brakes for the obstacle.
+        If a stop is under way already, it goes on, but now brakes for the obstacle. An earlier
+        confirmed braking command then no longer counts.
 
         Args:
             machine: Machine with the zones in force.
-            goal_after_stop: Goal to plan for once the arm has stopped, None for no goal.
+            goal_after_stop: Goal to plan for once the arm has stopped; None for no goal. It is
+                ignored if a stop is under way already.
 
         Returns:
-            Whether there is an obstacle.
+            True if there is an obstacle. False without one, or if the arm executes no command of
+            this planner.
         """
         own, now_ns = self._arm_state.own_command, self._now_ns()
         if own is None or not self._arm_state.executes_own(now_ns):
@@ -214,13 +218,13 @@ class StopSequence:
         return True
 
     def call_arm_stop(self, on_answer: Callable[[bool, str], None]) -> bool:
-        """Call the arm's own ~/stop once.
+        """Call the arm's own ~/stop once, and remember the call.
 
         Args:
             on_answer: Called with success and sentence when the arm answers.
 
         Returns:
-            False if the service is not there.
+            False if the service is not available.
         """
         if not self._outbox.stop_arm(on_answer):
             return False
@@ -231,17 +235,19 @@ class StopSequence:
     def find_void_time(self, stop_ns: int, received_at: float | None) -> float | None:
         """Return the time up to which goals are void, after the arm's report of its last stop.
 
-        Each own call of ~/stop accounts for one new report, up to `OWN_REPORT` after the last call.
         Goals are void that were received before the report, and at most `OLD_STOP` after the stop.
-        If the planner did not run when the report was sent, the present time counts as its receipt.
+        If the report arrived more than `LATE_REPORT` after the stop, this process was suspended:
+        the present time then counts as the report's receipt. A new report belongs to this planner's
+        own call of ~/stop if that was at most `OWN_REPORT` ago. Each own call accounts for one
+        report.
 
         Args:
             stop_ns: Time of the stop by the arm's clock [ns]; 0 means never.
             received_at: Time of receipt of the report by the steady clock [s]; None means now.
 
         Returns:
-            Time of receipt by the steady clock [s]. None if the stop was reported before, or if
-            this planner has called for it.
+            Latest time of receipt of a void goal, by the steady clock [s]. None if the stop was
+            reported before, or if this planner has called for it.
         """
         now, arm = self._clock.steady_time(), self._arm_state
         if stop_ns in (0, self._last_stop_ns):
@@ -262,11 +268,13 @@ class StopSequence:
     # --- Steps -----------------------------------------------------------------------------------
 
     def take_step(self, settings: Settings) -> UnconfirmedPlan | None:
-        """Take the next step to rest: brake the own plan, or have the arm stop by itself.
+        """Take the next step to bring the arm to rest.
 
-        A braking command is made if the arm executes a plan of this planner and no command is
-        unconfirmed. Each further try has a longer commit horizon. Otherwise the arm's own ~/stop is
-        called until it answers.
+        Nothing happens without a stop. While the arm executes a command of this planner, a braking
+        command is made, unless another command is unconfirmed (sent, without an answer). Each
+        further braking command has a longer commit horizon (time until braking begins). If braking
+        is not possible or was given up, the arm's own ~/stop is called instead. It is called until
+        it answers, at most every `CALL_PERIOD`.
 
         Args:
             settings: Settings for all goals.
@@ -287,15 +295,15 @@ class StopSequence:
         return self._make_braking(stop, own, settings)
 
     def _may_brake(self, stop: _Stop) -> bool:
-        """Return whether a braking command is the next step.
+        """Return whether a braking command can be the next step of a stop.
 
         Args:
             stop: The stop under way.
 
         Returns:
-            True if all of these hold: the arm executes a command of this planner; it has no fault
-            and one publisher; no braking command is confirmed; fewer than `MAX_BRAKING_COMMANDS`
-            were sent; and the stop began at most `BRAKING_TIMEOUT` ago.
+            True if all of these hold. The arm executes a command of this planner. It has no fault
+            and its reference has one publisher. No braking command is confirmed. Fewer than
+            `MAX_BRAKING_COMMANDS` were made. The stop began at most `BRAKING_TIMEOUT` ago.
         """
         arm, waited = self._arm_state, self._clock.steady_time() - stop.started_at
         given_up = stop.tries >= MAX_BRAKING_COMMANDS or waited > BRAKING_TIMEOUT
@@ -304,11 +312,11 @@ class StopSequence:
         return arm.executes_own(self._now_ns())
 
     def _call_until_answered(self, stop: _Stop) -> None:
-        """Call the arm's ~/stop, at most every `CALL_PERIOD` until it has answered.
+        """Call the arm's ~/stop if it has not answered and the last call is `CALL_PERIOD` ago.
 
         Args:
-            stop: The stop. Writes `last_call_at` if ~/stop was called, and `answer` when the arm
-                answers.
+            stop: The stop. Writes `last_call_at` if ~/stop was called, and later `answer` when the
+                arm answers.
         """
 
         def store_answer(success: bool, sentence: str) -> None:
@@ -321,11 +329,12 @@ class StopSequence:
             stop.last_call_at = now
 
     def _make_braking(self, stop: _Stop, own: Command, settings: Settings) -> UnconfirmedPlan:
-        """Make a command that brakes along the path of the own plan, or for the obstacle ahead.
+        """Make a command that brakes along the path of the command in force.
 
-        A command for an obstacle that took more than `LATE_SHARE` of the commit horizon to compute
-        is made again with a longer one. The reason of the stop becomes a sentence on where the arm
-        then rests.
+        If the stop has an obstacle, the braking is chosen to rest before it. The reason of the stop
+        then becomes a sentence on where the arm rests. If computing this takes more than
+        `LATE_SHARE` of the commit horizon (time until braking begins), it is repeated with a longer
+        one.
 
         Args:
             stop: The stop under way.
@@ -363,9 +372,10 @@ class StopSequence:
             sent: The braking command.
 
         Returns:
-            Success and sentence if it is known when the arm rests. That is not known if the
-            reference governor has delayed plans, or if the arm never reports its plan in force.
-            Only a measured rest then finishes the stop. None also without a stop.
+            Success and a sentence on when the arm will rest, which finishes the stop. None if that
+            time is not known: the reference governor has delayed plans, or the arm never reports
+            its plan in force. Only a measured rest then finishes the stop. None also without a
+            stop.
         """
         if sent.obstacle_sentence:
             self._report_obstacle(sent.obstacle_sentence)
@@ -384,9 +394,11 @@ class StopSequence:
         """Return how the stop ends, once the arm rests or cannot be brought to rest.
 
         The stop succeeds if the arm is measured at rest and will stay there, and no command is
-        unconfirmed. It fails if the arm's ~/stop answers without success. It fails after
-        `STOP_TIMEOUT` if the arm has neither confirmed a braking command nor answered, and after
-        `REST_TIMEOUT` in any case.
+        unconfirmed (sent, without an answer). It fails in three cases:
+
+        - The arm's ~/stop answers without success.
+        - After `STOP_TIMEOUT`, the arm has neither confirmed a braking command nor answered ~/stop.
+        - After `REST_TIMEOUT`, it is still not at rest.
 
         Returns:
             Success and sentence; None while the arm may still come to rest, or without a stop.
@@ -419,11 +431,15 @@ class StopSequence:
             waited: Time since the stop began [s].
 
         Returns:
-            True after a confirmed braking command. After an answer of the arm's ~/stop, True if it
-            reports success and the arm executes no command of this planner. With several publishers
-            success suffices. Without an answer, True if three things hold: ~/stop could not be
-            called or `STOP_TIMEOUT` has passed, the arm has one publisher, and it has no plan in
-            force or reports none.
+            True after a confirmed braking command. Without one, the answer of the arm's ~/stop
+            decides:
+
+            - It answered with success: True if the arm executes no command of this planner, or if
+              several publishers send its reference.
+            - It answered without success: False.
+            - It has not answered: True if it could not be called or `STOP_TIMEOUT` has passed. In
+              addition the reference must have one publisher, and no plan may be reported as in
+              force.
         """
         arm = self._arm_state
         if stop.is_braking_confirmed:
@@ -442,19 +458,20 @@ class StopSequence:
         machine: Machine,
         reports: GoalReports,
     ) -> PendingGoal | None:
-        """Finish the stop: answer whoever asked for it, and end the goals that end with it.
+        """Finish the stop: end its goals, then call all functions that wait for it.
 
-        The execution ends as reached if the tip is at the goal, else as stopped.
+        The goal in `execution` ends as reached if the tip is at the goal, else as stopped. It does
+        not end if it is the goal to plan for after the stop.
 
         Args:
-            result: Success and sentence. Success means that the arm rests or has confirmed that it
-                brakes.
+            result: Success and sentence, for the functions that wait. Success means that the arm
+                rests or has confirmed that it brakes.
             execution: Execution that ends with the stop; None without one.
             machine: Machine by which the tip's place is computed.
             reports: Sends execution reports.
 
         Returns:
-            Goal to plan for now that the arm is stopped, or None.
+            Goal to plan for now that the arm is stopped; None for no goal, or without a stop.
         """
         stop = self._stop
         if stop is None:
@@ -478,7 +495,8 @@ class StopSequence:
     def report_waiting(self) -> None:
         """Log that the arm brakes for an obstacle once it has answered the last plan.
 
-        Nothing happens if a braking command for the obstacle was made already.
+        Nothing happens if the stop has a reason already, for example because a braking command was
+        made.
         """
         if self._stop is not None and not self._stop.reason:
             self._report_obstacle(describe_waiting(self._stop.obstacle))
@@ -486,8 +504,8 @@ class StopSequence:
     def _report_obstacle(self, sentence: str) -> None:
         """Make a sentence on an obstacle ahead the reason of the stop, and log it.
 
-        A sentence that equals the last one is not logged again. A stop that was asked for by a user
-        or at the arm keeps its own reason.
+        A stop that was asked for by a user or at the arm keeps its own reason. A sentence that
+        equals the last one is not logged again.
 
         Args:
             sentence: The sentence.
@@ -499,5 +517,5 @@ class StopSequence:
             self._outbox.warn(sentence)
 
     def _now_ns(self) -> int:
-        """Return the present time of plans [ns]."""
+        """Return the present time of plans: the arm's clock less the delay of slowed plans [ns]."""
         return self._arm_state.get_plan_time_ns(self._clock.steady_time(), self._clock.ros_ns())

@@ -51,12 +51,13 @@ def find_verdict_code(error: MhsbError) -> Verdict:
 def compose_acceptance_sentence(replan: Replan, goal: Goal) -> str:
     """Return the sentence of the verdict on an accepted goal.
 
-    It states the place to which the tip goes and the duration. It adds that time ran out before the
-    search was complete, an excess over V_max from `TOLD_EXCESS` on, and the plan's warnings.
+    It states the end of the tip's path and the duration. If they apply, it adds three things: that
+    time ran out before the search was complete; an excess over V_max (allowed piston speed) of at
+    least `TOLD_EXCESS`; and the plan's warnings.
 
     Args:
         replan: The plan.
-        goal: The goal; its place is stated if the plan's path has no steps.
+        goal: The goal. Its place is stated if the plan's path has no steps.
 
     Returns:
         The sentence, without a full stop.

@@ -78,15 +78,17 @@ class ZoneStop:
     ) -> ZoneStop:
         """Measure the clearances of a braking command among the machine's obstacles.
 
+        Clearances are sampled every `LOOK_NS`.
+
         Args:
             machine: Machine with the zones in force.
             command: Command that brakes.
-            change_ns: Absolute time at which it begins to brake [ns].
-            previous_motion: Trajectory in force before, which the command leaves.
-            since_ns: Absolute time at which the obstacle was set [ns].
+            change_ns: Time at which it begins to brake [ns].
+            previous_motion: Trajectory that was in force before this command.
+            since_ns: Time at which the obstacle was set, by the clock of the stamps [ns].
 
         Returns:
-            The command with its clearances. They are sampled every `LOOK_NS`.
+            The command with its clearances.
         """
         motion = command.trajectory
         clearance, row = _compute_clearances(machine, motion, motion.stamp_ns, motion.end_ns)
@@ -104,9 +106,10 @@ class ZoneStop:
 
     @property
     def rank(self) -> tuple[float, float]:
-        """Key by which brakings are compared, the greater the better.
+        """Key by which braking commands are compared; the greatest is the best.
 
-        It consists of the least clearance and the clearance at rest, both rounded [m].
+        It holds the least clearance during the command and the clearance at rest [m]. Both are
+        rounded to `CLEARANCE_DIGITS` decimals.
         """
         return round(self.least_clearance, CLEARANCE_DIGITS), round(
             self.rest_clearance, CLEARANCE_DIGITS
@@ -119,11 +122,15 @@ class ZoneStop:
             obstacle: Name of the obstacle that the motion in force meets.
 
         Returns:
-            A sentence without a full stop. It says one of these: the arm has passed the obstacle;
-            it stops before the obstacle; it stops at the edge, with its distance and the margin
-            [m]; it is in the obstacle already; or it gets into it. The last two state the depth [m]
-            if the arm rests inside. If it passes through, the last states the greatest depth on the
-            way.
+            A sentence without a full stop. It states the first case that applies:
+
+            - The arm touches nothing and has passed the obstacle already.
+            - It touches nothing and stops before the obstacle.
+            - It stops nearer to the obstacle than the margin. Distance and margin are stated [m].
+            - It was in an obstacle at the command's stamp. The depth at rest is stated [m], or that
+              it rests beyond.
+            - It cannot stop before the obstacle. The depth at rest is stated [m]. If it rests
+              beyond, the greatest depth on the way is stated.
         """
         if not self.touches_obstacle and self.passed_clearance < 0.0:
             return (
@@ -157,31 +164,35 @@ class ZoneStop:
 
 
 def find_obstacle_ahead(machine: Machine, in_force: Command, now_ns: int) -> str | None:
-    """Return the name of the first obstacle that the rest of a motion meets.
+    """Return the name of the first obstacle that the rest of a motion touches.
 
     Args:
         machine: Machine with the zones in force.
-        in_force: Command whose motion is checked.
-        now_ns: Absolute time from which on it is checked [ns].
+        in_force: Command whose motion is checked up to its end.
+        now_ns: Time from which on it is checked, by the clock of its stamp [ns].
 
     Returns:
-        Name of the obstacle; None if the motion meets none.
+        Name of the obstacle; None if the motion touches none.
     """
     contact = find_contact_ahead(machine, in_force.trajectory, now_ns)
     return None if contact is None else contact.name
 
 
 def describe_waiting(obstacle: str) -> str:
-    """Return the sentence on an obstacle ahead while an unconfirmed plan delays the braking."""
+    """Return the sentence for the time in which an unconfirmed plan delays the braking.
+
+    Args:
+        obstacle: Name of the obstacle across the motion in force.
+    """
     return f"{obstacle} was set across the way; the arm brakes once it has answered the last plan"
 
 
 def describe_missing_braking(obstacle: str, ending: str) -> str:
-    """Return the sentence for an obstacle ahead if the arm took no braking command.
+    """Return the sentence for the case that the arm took no command that brakes for an obstacle.
 
     Args:
         obstacle: Name of the obstacle.
-        ending: Sentence on how the stop ended.
+        ending: Sentence on how the stop ended instead.
     """
     return f"the arm took no command that brakes for {obstacle}: {ending}"
 
@@ -189,19 +200,23 @@ def describe_missing_braking(obstacle: str, ending: str) -> str:
 def make_braking_for_obstacle(
     machine: Machine, in_force: Command, now_ns: int, commit_horizon: float, since_ns: int
 ) -> ZoneStop:
-    """Make the command that brakes for an obstacle ahead.
+    """Make the command that brakes along the path in force for an obstacle ahead.
+
+    Take the softest braking that touches nothing and rests at least the machine's margin away from
+    every obstacle. If there is none, take the braking with the greatest least clearance, usually
+    the hardest. If several are equal in that, the greatest clearance at rest decides.
 
     Args:
         machine: Machine with the zones in force.
         in_force: Command that the arm executes; it still moves.
-        now_ns: Time of plans from which on the result repeats `in_force` [ns].
-        commit_horizon: Commit horizon, the time until it begins to brake [s].
-        since_ns: Time of plans at which the obstacle was set [ns].
+        now_ns: Earliest stamp of the result, by the clock of plans [ns].
+        commit_horizon: Time from the stamp to the begin of braking [s]. The result repeats
+            `in_force` during this time.
+        since_ns: Time at which the obstacle was set, by the same clock [ns]. It serves to find
+            whether the arm has already passed the obstacle.
 
     Returns:
-        The softest braking that touches nothing and rests at least the machine's margin away from
-        every obstacle. If there is none, the braking with the greatest least clearance, usually the
-        hardest. Of equal ones, the greatest clearance at rest decides.
+        The command with its clearances.
     """
     times = choose_hand_over_times(in_force, now_ns, round(commit_horizon * SECOND_NS))
     tried = []
@@ -215,18 +230,19 @@ def make_braking_for_obstacle(
 
 
 def _generate_brakings(machine: Machine, in_force: Command, at_ns: int) -> Iterator[Command]:
-    """Yield braking commands of a motion, the planned stop first, then ever harder ones.
+    """Yield braking commands of a motion, the softest first.
 
-    Before the first of the harder ones that breaks a limit other than obstacles, the generator
-    ends.
+    The first brakes as planned stops do; the others brake harder and harder. The generator ends
+    before the first harder one that breaks a limit of the machine. Obstacles do not count as
+    limits.
 
     Args:
         machine: Machine with its limits.
         in_force: Command that is braked.
-        at_ns: Absolute time at which braking begins [ns].
+        at_ns: Time at which braking begins, by the clock of the command's stamp [ns].
 
     Yields:
-        Commands with only the braking, without the part before `at_ns`.
+        Commands that begin at `at_ns`.
     """
     modes = StartModes.read_from(in_force.schedule, at_ns)
     soft = fit_braking(machine, brake_along(machine, in_force.trajectory, at_ns), modes)
@@ -248,19 +264,17 @@ def _keeps_limits(machine: Machine, command: Command) -> bool:
 def _compute_clearances(
     machine: Machine, motion: Trajectory, from_ns: int, until_ns: int
 ) -> tuple[FloatArray, IntArray]:
-    """Compute clearances along a stretch of a motion, both its ends included.
-
-    The stretch is sampled every `LOOK_NS`.
+    """Compute clearances along a stretch of a motion, every `LOOK_NS` and at both ends.
 
     Args:
         machine: Machine with the zones in force.
         motion: The motion.
-        from_ns: Absolute begin of the stretch [ns].
-        until_ns: Absolute end of the stretch, not before its begin [ns].
+        from_ns: Begin of the stretch, by the clock of the motion's stamp [ns].
+        until_ns: End of the stretch, not before its begin [ns].
 
     Returns:
-        Clearance at each sample, negative inside an obstacle, float64[k], [m], and row of the
-        nearest obstacle at each sample, int64[k].
+        Clearance at each of k samples, negative inside an obstacle, float64[k], [m]; and row of the
+        nearest obstacle at each sample in `machine.obstacles`, int64[k].
     """
     at_ns = np.append(np.arange(from_ns, until_ns, LOOK_NS), until_ns)
     postures = frozen(motion.sample_many(at_ns)[0])
