@@ -132,7 +132,7 @@ def _collect_parameter_changes(
             leave them as they are.
 
     Returns:
-        Values by parameter name; empty if both are None.
+        Values by parameter name, only of parameters to change; empty if both arguments are None.
     """
     changes = {} if tolerance is None else {"goal_tolerance": tolerance}
     if psi_range is not None:
@@ -151,21 +151,22 @@ def _send_and_wait(
 ) -> CommandResult:
     """Set the planner's parameters, send the goal, and wait for its verdict and its end.
 
-    The steps are: find a planner, set its parameters, get the verdict, and see the motion end. Each
-    step waits at most `timeout`; the last one waits the planned duration longer.
+    The steps are: find a planner, set parameters if any, get the verdict, and wait for the end of
+    the motion. Each step takes at most `timeout`. For the last step the planned duration is added.
 
     Args:
         sender: Node that sends the goal.
         executor: Executor that serves the node.
         place: Goal in `base_link`, (x, z) or (x, y, z) [m].
-        changes: Parameters to set before, by name.
-        wait: Whether to wait for the end of the motion.
+        changes: Parameters to set before the goal is sent, by name.
+        wait: Whether to wait for the end of the motion. A refused goal and a plan without motion
+            are not waited for.
         timeout: Longest time for each step [s].
         say: Prints verdict and execution report as they come.
 
     Returns:
-        Exit code, and the verdict and execution report that came. If one is missing, `trouble` says
-        why. After a refused goal or a plan without motion the end is not waited for.
+        Exit code, and the verdict and execution report that came. If an awaited one is missing,
+        `trouble` says why.
     """
     if not spin_until(executor, lambda: sender.is_matched, timeout):
         return CommandResult(
@@ -215,8 +216,9 @@ def _format_verdict(verdict: GoalVerdict) -> list[str]:
         verdict: The verdict.
 
     Returns:
-        One line with code and sentence. If a plan was published, a second line: duration [s],
-        energy in both readings and its lower bound [J], mode switches, and planning time [ms].
+        One line with code and sentence. If a plan was published, a second line follows. It gives
+        duration [s], energy by both prices of boosted oil and a lower bound on it [J], number of
+        mode switches, and planning time [ms].
     """
     lines = [f"{verdict.code.value}: {verdict.sentence}"]
     plan = verdict.plan

@@ -48,7 +48,8 @@ GOAL_OPTION_NAMES = tuple(
 def decode(node: Node, machine: Machine, texts: Sequence[str]) -> list[Parameter]:
     """Decode the options of a goal into parameters, and check that they can be used together.
 
-    They are checked like a change of the node's parameters. Those stay as they are.
+    The checks are those for a change of the node's parameters. The node's own parameters stay as
+    they are.
 
     Args:
         node: Planner node, which has declared its parameters.
@@ -59,7 +60,8 @@ def decode(node: Node, machine: Machine, texts: Sequence[str]) -> list[Parameter
         One parameter for each option, in the same order.
 
     Raises:
-        RequestError: A text is not an option, or the node would refuse it as a parameter.
+        RequestError: There are more than `MOST_OPTIONS`, a text is not an option, or the node would
+            refuse the values as parameters.
     """
     if len(texts) > MOST_OPTIONS:
         raise RequestError("options", len(texts), f"must be at most {MOST_OPTIONS}")
@@ -70,7 +72,7 @@ def decode(node: Node, machine: Machine, texts: Sequence[str]) -> list[Parameter
 
 
 def _decode(node: Node, text: str) -> Parameter:
-    """Decode one option.
+    """Decode one option of a goal.
 
     Args:
         node: Planner node, which has declared its parameters.
@@ -80,8 +82,8 @@ def _decode(node: Node, text: str) -> Parameter:
         The parameter, with its value converted to the type that the node has declared.
 
     Raises:
-        RequestError: The text is too long or has another form, or the name is not an option. Or the
-            value cannot be read, or has a wrong type or range.
+        RequestError: The text is too long or has another form; its name is not an option of goals;
+            or its value cannot be read, has a wrong type or is out of range.
     """
     if len(text) > LONGEST_OPTION:
         rule = f"must each have at most {LONGEST_OPTION} characters"
@@ -112,10 +114,11 @@ def _convert_to_declared_type(node: Node, name: str, given: Any, text: str) -> A
         text: Value as it was sent, for the error.
 
     Returns:
-        A float, a list of floats or a text. A single float is within the parameter's range.
+        A float, a list of floats or a text. Only a single float has been checked against the
+        declared range.
 
     Raises:
-        RequestError: The value has another type, or a number is out of the parameter's range.
+        RequestError: The value has another type, or a single number is out of the declared range.
     """
     declared = node.get_parameter(name).type_
     if declared is Parameter.Type.DOUBLE and _is_number(given):

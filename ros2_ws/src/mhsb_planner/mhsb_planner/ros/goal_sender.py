@@ -40,11 +40,11 @@ class GoalSender(Node):
     def __init__(self, name: str = "mhsb_goal") -> None:
         """Make a node that publishes goals and subscribes to the planner's status.
 
-        Its name is `<name>_<process id>`, so that several can run at once. `verdicts` and
-        `executions` are empty at first.
+        `verdicts` and `executions` are empty at first.
 
         Args:
-            name: First part of the node's name.
+            name: First part of the node's name. The process id is appended, so that several can run
+                at once.
         """
         super().__init__(f"{name}_{os.getpid()}")
         goal, status = topics.GOAL_POSE, topics.PLAN_STATUS
@@ -81,15 +81,15 @@ class GoalSender(Node):
     def request_verdict(
         self, executor: SingleThreadedExecutor, place: Position, timeout: float
     ) -> GoalVerdict | None:
-        """Send a goal until the planner gives a verdict.
+        """Send a goal, and wait for the planner's verdict on it.
 
-        The goal is sent again, with a new stamp, after every `SEND_AGAIN_AFTER` without an answer.
-        Only a verdict on the last stamp counts.
+        The goal is sent again, with a new stamp, whenever `SEND_AGAIN_AFTER` passes without an
+        answer. Only a verdict on the last stamp is returned.
 
         Args:
             executor: Executor that serves this node.
             place: Goal in `base_link`, (x, z) or (x, y, z) [m].
-            timeout: Longest time to wait [s].
+            timeout: Longest time to wait in all [s].
 
         Returns:
             The verdict; None if none came within `timeout`.
@@ -110,13 +110,13 @@ class GoalSender(Node):
         Args:
             executor: Executor that serves this node.
             values: Values by parameter name.
-            timeout: Longest time to wait for the planner and its answer [s].
+            timeout: Longest time to wait for the planner and its answer together [s].
 
         Returns:
             The planner's sentence on why it refused them; None if they are set.
 
         Raises:
-            TimeoutError: The planner is not there or does not answer in time.
+            TimeoutError: The planner was not found or did not answer in time.
         """
         client = AsyncParameterClient(self, names.PLANNER_NODE)
         end = time.monotonic() + timeout

@@ -67,11 +67,11 @@ class _Server(ActionServer):
     """
 
     def notify_execute(self, goal_handle: Any, execute_callback: Any) -> None:
-        """Run a goal by a callback; without a callback, do nothing yet.
+        """Run a goal's coroutine by a callback; without a callback, do nothing.
 
         Args:
             goal_handle: rclpy's handle of the goal.
-            execute_callback: Writes the result; None if it is not known yet.
+            execute_callback: Function that writes the result; None if the result is not known yet.
         """
         if execute_callback is not None:
             super().notify_execute(goal_handle, execute_callback)
@@ -100,8 +100,8 @@ class _ActionGoal:
     def take_report(self, report: Report) -> None:
         """Write a report of the lifecycle on this goal into its result.
 
-        A refusal, `AT_GOAL` or an execution report also ends the goal. It ends with success after
-        `AT_GOAL` and the outcome `reached`.
+        Every report but the verdict `OK` also ends the goal. The goal ends with success after the
+        verdict `AT_GOAL` or the outcome `REACHED`.
 
         Args:
             report: Verdict or execution report.
@@ -122,7 +122,12 @@ class _ActionGoal:
             self.end(report.outcome is Outcome.REACHED)
 
     def refuse(self, code: Verdict, sentence: str) -> None:
-        """End the goal without success, with a verdict in its result."""
+        """End the goal without success, with a verdict in its result.
+
+        Args:
+            code: Code of the verdict.
+            sentence: The verdict in words.
+        """
         self.result |= {"verdict": str(code), "message": sentence}
         self.end(False)
 
@@ -148,19 +153,19 @@ class MoveTipServer:
     ) -> None:
         """Start to serve the action.
 
-        Raises what rclpy raises if the compiled interface does not fit its libraries.
-
         Args:
             action: Compiled action type MoveTip.
-            node: Planner node, which is also the lifecycle's clock. Its faults record exceptions in
-                callbacks.
+            node: Planner node, which is also the clock. Its faults record exceptions in callbacks.
             machine: Machine of the node.
             decode_goal: Returns the goal of a pose message; raises GoalError or MessageError.
-            lifecycle: Decides on goals that are to be executed.
-            outbox: Runs the planning worker, here for goals that are not to be executed, and
-                encodes plans as messages.
-            make_settings: Returns the settings of plans with some parameters replaced by a goal's
-                own.
+            lifecycle: State machine of goals; decides on goals that are to be executed.
+            outbox: Runs the planning worker for goals that are planned for but not executed, and
+                encodes their plans as messages.
+            make_settings: Returns the settings of plans by the node's parameters; a goal's own
+                parameters, its argument, replace some of them.
+
+        Raises:
+            Exception: The compiled interface does not fit rclpy's libraries; the type is rclpy's.
         """
         self._action = action
         self._node = node
@@ -198,7 +203,7 @@ class MoveTipServer:
         """Begin a goal that rclpy has accepted.
 
         If `MOST_GOALS` goals have no result yet, the goal is refused with `DEADLINE`. An exception
-        in `_begin` is recorded as a fault and ends the goal with `INTERNAL`.
+        in `_begin` is recorded as a fault and refuses the goal with `INTERNAL`.
 
         Args:
             handle: rclpy's handle of the goal.
@@ -219,11 +224,11 @@ class MoveTipServer:
             job.refuse(Verdict.INTERNAL, self._faults.record_fault("a goal of the action", error))
 
     def _begin(self, job: _ActionGoal) -> None:
-        """Decode a goal and its options, then hand it to the lifecycle or queue it for a plan only.
+        """Decode a goal and its options, then hand it to the lifecycle or queue it for a trial plan.
 
-        It is queued if its request has `plan_only`; queued goals are planned for one after the
-        other. A goal whose pose or options cannot be used is
-        refused. A goal with the stamp 0 gets the system time as its stamp.
+        A goal whose request has `plan_only` gets a trial plan, which is not executed. Such goals
+        are planned for one after the other. A goal is refused if its pose or its options cannot be
+        used. The stamp 0 is replaced by the system time.
 
         Args:
             job: The goal. Writes its `pending_goal` if it is handed to the lifecycle.
@@ -253,8 +258,9 @@ class MoveTipServer:
         """Return the function that derives a goal's settings from the settings for all goals.
 
         Args:
-            changes: The goal's own parameters. Without any, the function returns the settings for
-                all goals. With some, it reads the node's present parameters, with these replaced.
+            changes: The goal's own parameters. Without any, the function returns its argument. With
+                some, it ignores its argument: it reads the node's present parameters and replaces
+                these.
         """
         return lambda settings: self._settings_with(changes) if changes else settings
 
@@ -271,9 +277,9 @@ class MoveTipServer:
     def _write_result(self, job: _ActionGoal, handle: Any) -> Any:
         """Set the final state of a goal in rclpy, and return its result.
 
-        The state is succeeded if `job.success`, else canceled if cancelling was requested, else
-        aborted. If the message cannot be made of the fields in `job.result`, a fault is recorded.
-        Then `job.success` becomes False, and the result is the fault's sentence alone.
+        The state is succeeded if `job.success`. Otherwise it is canceled if cancelling was
+        requested, else aborted. If the fields in `job.result` do not fit the message, a fault is
+        recorded and `job.success` becomes False. The result then holds the fault's sentence alone.
 
         Args:
             job: The goal, which has ended.
@@ -298,14 +304,15 @@ class MoveTipServer:
     def _on_cancel(self, handle: Any) -> CancelResponse:
         """Cancel a goal of the action.
 
-        A goal in the lifecycle is cancelled there: the arm is stopped if no newer goal has come. A
-        goal with `plan_only` ends with `STOPPED`, and its plan is dropped.
+        A goal that is to be executed is cancelled in the lifecycle: the arm is stopped if no newer
+        goal has come. A goal that is only to be planned for ends with `STOPPED`, and its plan is
+        dropped.
 
         Args:
             handle: rclpy's handle of the goal.
 
         Returns:
-            `ACCEPT`, or `REJECT` if the goal has ended.
+            `ACCEPT`; `REJECT` if the goal has ended.
         """
         job = next((job for job in self._jobs if job.handle is handle), None)
         if job is None:
@@ -322,7 +329,8 @@ class MoveTipServer:
         """Begin to plan for the next goal that is not to be executed.
 
         Only one such plan is made at a time. So a goal that is to be executed waits for at most one
-        of them. Goals that have ended while they were queued are skipped.
+        of them. Goals that have ended while they were queued are skipped. Nothing happens if a
+        trial plan is being made or none is queued.
         """
         while self._trial_request is None and self._trial_queue:
             job, goal, adjusted = self._trial_queue.popleft()
@@ -332,13 +340,13 @@ class MoveTipServer:
     def _request_trial_plan(
         self, job: _ActionGoal, goal: Goal, adjust_settings: Adjustment, horizon_factor: float = 1.0
     ) -> None:
-        """Request a plan that is not to be executed; refuse the goal if nothing can be planned.
+        """Request a plan that is not to be executed; refuse the goal if no plan can be requested.
 
         Args:
             job: Goal of the action.
             goal: Where the tip would go.
             adjust_settings: Derives the goal's settings from the settings for all goals.
-            horizon_factor: Factor on the commit horizon.
+            horizon_factor: Factor on the commit horizon (time until a new plan would take over).
         """
         try:
             request = self._lifecycle.build_trial_request(goal, adjust_settings, horizon_factor)
@@ -351,8 +359,9 @@ class MoveTipServer:
     def handle_plan_answer(self, request: PlanRequest, answer: Replan | Exception | None) -> bool:
         """Handle an answer of the planning worker if this server has requested the plan.
 
-        Planning for the next goal with `plan_only` begins afterwards. An exception in handling the
-        answer is recorded as a fault and ends the goal with `INTERNAL`.
+        The answer ends the goal, or the goal is planned for again. Then planning for the next goal
+        with `plan_only` begins. An exception in handling the answer is recorded as a fault and
+        refuses the goal with `INTERNAL`.
 
         Args:
             request: The request that was answered.
@@ -360,7 +369,7 @@ class MoveTipServer:
                 already.
 
         Returns:
-            True if this server had requested the plan; otherwise nothing was done.
+            True if this server had requested the plan. False if not; nothing was done then.
         """
         if self._trial_request is None or self._trial_request[0] is not request:
             return False
@@ -378,10 +387,11 @@ class MoveTipServer:
     ) -> None:
         """End a goal that is not to be executed by the answer to its request, or plan again.
 
-        After a missed deadline it is planned again with a commit horizon longer by the factor
-        `LATE_PLAN_FACTOR`. There is no further try if the horizon was at its upper bound, or if the
-        factors multiply to `MOST_STRETCHED`; the verdict is then `NOT_FOUND`. A plan ends the goal
-        with success. Its energies, duration, times and both of its messages go into the result.
+        A plan ends the goal with success. Its energies, duration, times and both of its messages go
+        into the result. After a missed deadline the goal is planned for again. The commit horizon
+        (time until the plan would take over) is then longer by `LATE_PLAN_FACTOR`. The goal is
+        refused with `NOT_FOUND` if the horizon has reached `lead_max`, or the product of the
+        factors `MOST_STRETCHED`.
 
         Args:
             job: The goal.
@@ -428,11 +438,12 @@ class MoveTipServer:
     # --- Feedback --------------------------------------------------------------------------------
 
     def tick(self) -> None:
-        """Publish feedback for goals without a result, every `FEEDBACK_PERIOD`.
+        """Publish feedback for goals without a result, at most every `FEEDBACK_PERIOD`.
 
-        The feedback says whether the goal is `planning`, `moving` or `stopping`. It has the elapsed
-        share of the motion, the time left [s], the arm's modes and the energy so far [J]. The
-        progress of a goal is first updated if its plan is in force.
+        The feedback states `planning`, `moving` or `stopping`. It also has the elapsed share of the
+        motion, the time left [s], the arm's modes and the energy so far [J]. These numbers are
+        updated only for the goal whose plan is in force. If there are many goals, only some get
+        feedback in one call.
         """
         now = self._node.steady_time()
         if not self._jobs or now - self._feedback_sent_at < FEEDBACK_PERIOD:
@@ -458,8 +469,9 @@ class MoveTipServer:
     def _choose_goals_for_feedback(self) -> list[_ActionGoal]:
         """Choose the goals that get feedback in this round.
 
-        All goals get it if there are at most `FEEDBACK_AT_ONCE`. Otherwise the goal in execution
-        and the next `FEEDBACK_AT_ONCE` in turn get it.
+        If there are at most `FEEDBACK_AT_ONCE`, all get it. Otherwise the goal that is being
+        executed gets it in every round. Of the others, `FEEDBACK_AT_ONCE` get it in each round, in
+        turn.
 
         Returns:
             Goals to send feedback for.

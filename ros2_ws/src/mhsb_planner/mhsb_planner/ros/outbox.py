@@ -45,7 +45,7 @@ class RosOutbox:
     """
 
     def __init__(self, node: Node, machine: Machine, frame_prefix: str) -> None:
-        """Create the publishers, the client of the arm's ~/stop and the idle worker.
+        """Create the publishers, the client of the arm's ~/stop, and an idle planning worker.
 
         Args:
             node: Planner node.
@@ -76,8 +76,8 @@ class RosOutbox:
 
         Args:
             replanner: Makes the plans, in the worker's thread.
-            on_answers: Called in the node's thread when plans have been made; `take_answers`
-                returns them.
+            on_answers: Called in the node's thread when requests have been answered; `take_answers`
+                then returns the answers.
         """
         self._replanner = replanner
         self._answered = self._node.create_guard_condition(on_answers)
@@ -85,7 +85,8 @@ class RosOutbox:
     def encode_example(self, example: Command, arm: Machine) -> None:
         """Encode all messages of an example plan once, before a plan is needed.
 
-        This loads the type support of the messages, which takes long. Nothing is published.
+        The first encoding loads the type support of the messages, which takes long. Nothing is
+        published.
 
         Args:
             example: Command to encode.
@@ -105,7 +106,7 @@ class RosOutbox:
         """Queue a request for the worker's thread.
 
         Args:
-            request: The request. Its answer is returned by `take_answers` later.
+            request: The request. `take_answers` returns its answer later.
 
         Raises:
             RuntimeError: `start` has not been called yet.
@@ -116,9 +117,10 @@ class RosOutbox:
         job.add_done_callback(lambda done: self._store_answer(request, done))
 
     def _store_answer(self, request: PlanRequest, job: Future[Replan | None]) -> None:
-        """Store an answer and wake the node; runs in the worker's thread.
+        """Store the answer of the worker to a request, and wake the node.
 
-        An exception that is not an MhsbError is also logged with its traceback.
+        An exception that is not an MhsbError is also logged with its traceback. This runs in the
+        worker's thread.
 
         Args:
             request: The request.
@@ -135,13 +137,11 @@ class RosOutbox:
         self._answered.trigger()
 
     def take_answers(self) -> list[Answer]:
-        """Return the requests that were answered since the last call, with their answers.
-
-        The returned answers are removed from the queue.
+        """Return the answers that have come since the last call, and remove them from the queue.
 
         Returns:
-            Pairs of request and answer in order of time. An answer is the plan, an exception, or
-            None if the arm is at the goal.
+            Pairs of request and answer in time order. An answer is the plan, an exception, or None
+            if the arm is at the goal.
         """
         made = []
         while self._answers:
@@ -151,7 +151,7 @@ class RosOutbox:
     # --- Messages --------------------------------------------------------------------------------
 
     def send(self, command: Command) -> None:
-        """Publish both messages of a command, and keep it for `publish_views`.
+        """Publish both messages of a command, and keep the command for `publish_views`.
 
         Args:
             command: Trajectory and mode schedule.
@@ -164,7 +164,7 @@ class RosOutbox:
     def encode_command(self, command: Command) -> tuple[bytes, bytes]:
         """Encode a command as the bytes of its two messages.
 
-        Direct encoding avoids a Python message object for every point, which would take long.
+        The bytes are written directly. Python message objects for every point would take longer.
 
         Args:
             command: Trajectory and mode schedule.
@@ -178,7 +178,9 @@ class RosOutbox:
         )
 
     def publish_views(self, arm: Machine) -> None:
-        """Publish path and markers of the last command that was sent, once for each command.
+        """Publish path and markers of the last command that was sent.
+
+        Nothing is published if no command was sent since the last call.
 
         Args:
             arm: Machine with the zones to draw.
@@ -195,7 +197,7 @@ class RosOutbox:
 
         Args:
             arm: Machine with the zones to draw.
-            command: Command to draw, or None.
+            command: Command to draw; None for obstacles alone.
         """
         markers = views.make_markers(arm, command, self._prefix, self._now_ns())
         self.publish(topics.MARKERS, markers)
@@ -210,13 +212,15 @@ class RosOutbox:
         self._node.get_logger().warning(sentence)
 
     def stop_arm(self, on_answer: Callable[[bool, str], None]) -> bool:
-        """Call the arm's own ~/stop, which reaches every arm that serves it.
+        """Call the arm's own ~/stop, without waiting for the answer.
+
+        If several arms serve this name, all of them get the call.
 
         Args:
             on_answer: Called in the node's thread with success and sentence of the first answer.
 
         Returns:
-            False if no arm serves ~/stop.
+            False if no arm serves ~/stop; nothing is called then.
         """
         if not self._arm_stop.service_is_ready():
             return False
@@ -235,10 +239,11 @@ class RosOutbox:
         return True
 
     def is_arm_connected(self) -> bool:
-        """Return whether the arm receives both messages of a plan.
+        """Return whether the arm would receive both messages of a plan.
 
-        Messages sent before the match are lost. A killed arm still counts as a subscriber for a
-        while. So each topic needs at least as many subscribers as `reference` has publishers.
+        A message is lost if its publisher has not found the arm's subscription yet. A killed arm
+        still counts as a subscriber for a while. So each topic needs at least as many subscribers
+        as `reference` has publishers.
 
         Returns:
             True if both topics have enough subscribers, at least one.
@@ -250,10 +255,10 @@ class RosOutbox:
         )
 
     def describe_publisher_conflict(self) -> str:
-        """Return a sentence that names the arms that publish `reference` if there are several.
+        """Return a sentence that names the arms that publish `reference`, if there are several.
 
-        `reference` comes from the arm; the planner only subscribes to it. The sentence gives
-        namespace and name of each publishing node, and asks to end all but one.
+        `reference` is the arm's topic; the planner only subscribes to it. The sentence gives
+        namespace and name of each publishing node, and asks the user to end all but one.
 
         Returns:
             The sentence; empty if the ROS graph shows one publisher or none.
@@ -272,7 +277,15 @@ class RosOutbox:
         self._publishers[topic.name].publish(message)
 
     def _views(self, command: Command, arm: Machine) -> tuple[Any, ...]:
-        """Return the tip's path in two frames and the markers of a command, as messages."""
+        """Return the messages for viewers that show a command.
+
+        Args:
+            command: The command.
+            arm: Machine with the zones to draw.
+
+        Returns:
+            The tip's path in `base_link`, the same path in `work_plane`, and markers.
+        """
         return (
             *views.make_paths(self._machine, command, self._prefix),
             views.make_markers(arm, command, self._prefix, command.stamp_ns),

@@ -31,9 +31,10 @@ def compose_diagnostics(
 ) -> DiagnosticArray:
     """Compose the status of the planner node for /diagnostics.
 
-    Its values are the number of verdicts, the plan in force and the estimated commit horizon [s].
-    Further values are the payload [kg], name and hash of the machine, and faults of callbacks. A
-    duplicate node or publisher is also logged, at most every 10 s.
+    Its values are the number of verdicts, the plan in force, and the estimated commit horizon (time
+    until a new plan takes over) [s]. Further values are the payload [kg], name and hash of the
+    machine, and the faults of callbacks. If another node or publisher has the same name or topic,
+    this is also logged, at most every 10 s.
 
     Args:
         node: Planner node.
@@ -45,8 +46,8 @@ def compose_diagnostics(
         faults: Faults of the node's callbacks.
 
     Returns:
-        Message with one status. Its level is WARN if the arm's state is unknown, a duplicate exists
-        or a callback has failed recently.
+        Message with one status. Its level is WARN in three cases: no state of the arm was received
+        lately, there is a duplicate, or a callback has failed recently.
     """
     doubles = describe_duplicates(node, outbox.exclusive_publishers)
     if doubles:
@@ -80,8 +81,8 @@ def _describe_plan_in_force(arm_state: ArmState) -> str:
         arm_state: Arm state.
 
     Returns:
-        "unknown" if the arm reports none, "none, the arm holds", or the stamp and whether the plan
-        is this planner's.
+        "unknown" if the arm reports no plan in force at all, "none, the arm holds" if it reports
+        that it holds. Otherwise the stamp and whether the plan is this planner's.
     """
     if arm_state.plan_in_force_ns is None:
         return "unknown"

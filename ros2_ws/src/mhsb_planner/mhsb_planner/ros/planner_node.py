@@ -97,7 +97,8 @@ class PlannerNode(Node):
     def __init__(self) -> None:
         """Declare parameters, compile the planner, load the posture table, and open all interfaces.
 
-        Goals are subscribed last, so that whoever finds the subscription finds a ready planner.
+        The table is built if there is none, which takes long. Goals are subscribed to last. So
+        whoever finds that subscription finds a planner that is ready.
         """
         super().__init__(names.PLANNER_NODE)
         self.faults = Faults(self, stop=self._stop_unmonitored_arm)
@@ -139,7 +140,8 @@ class PlannerNode(Node):
     def _make_interfaces(self) -> None:
         """Create the service, timers and subscriptions of the node.
 
-        Goals are subscribed last, so that whoever finds the subscription finds a ready planner.
+        Goals are subscribed to last. So whoever finds that subscription finds a planner that is
+        ready.
         """
         self.create_service(
             Trigger,
@@ -174,8 +176,8 @@ class PlannerNode(Node):
         """Serve the action ~/move_tip if its interface was built.
 
         Returns:
-            The server; None if the interface is missing or does not fit, which is logged. Goals
-            then come by topic alone.
+            The server. None if the interface is missing or does not fit; this is logged, and goals
+            can then come by topic alone.
         """
         try:
             from mhsb_interfaces.action import MoveTip
@@ -218,7 +220,14 @@ class PlannerNode(Node):
     # --- Parameters ------------------------------------------------------------------------------
 
     def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
-        """Accept or refuse a set of parameter changes, all or none."""
+        """Accept or refuse a set of parameter changes, all or none.
+
+        Args:
+            changes: Parameters with their new values.
+
+        Returns:
+            Success, or the reason of the refusal.
+        """
         reason = planner_parameters.find_refusal(self, self._machine, changes)
         return SetParametersResult(successful=reason is None, reason=reason or "")
 
@@ -233,10 +242,10 @@ class PlannerNode(Node):
             self._show_markers()
 
     def _take_settings(self) -> None:
-        """Read all parameters, and let the lifecycle use them from now on.
+        """Read all parameters, and let the lifecycle of goals use them from now on.
 
-        The machine is planned without failed servo pumps. The estimated payload is used if the
-        parameter `payload_from` is `estimate`.
+        The machine is planned for without its failed servo pumps. The estimated payload is used if
+        the parameter `payload_from` is `estimate`.
         """
         self._settings = self._make_settings()
         self._lifecycle.change_settings(self._settings)
@@ -248,8 +257,8 @@ class PlannerNode(Node):
             own: A goal's own parameters, which replace the node's.
 
         Returns:
-            Settings with the servo pumps that work. Their payload is the estimated one if
-            `payload_from` is `estimate` and there is an estimate.
+            Settings for the machine without its failed servo pumps. The payload is the estimated
+            one if `payload_from` is `estimate` and there is an estimate.
         """
         return planner_parameters.read_parameters(self, self._machine, own).make_settings(
             self._machine, self._lost_pumps, self._estimated_payload
@@ -258,7 +267,7 @@ class PlannerNode(Node):
     # --- Messages received -----------------------------------------------------------------------
 
     def _on_goal(self, message: PoseStamped, info: dict[str, int]) -> None:
-        """Give a goal to the lifecycle, or publish a verdict that the message cannot be used.
+        """Give a goal to the lifecycle; if the message cannot be used, publish a verdict on it.
 
         An unexpected exception in decoding is recorded as a fault and gives the verdict `INTERNAL`.
 
@@ -279,7 +288,18 @@ class PlannerNode(Node):
             self._lifecycle.add_goal(goal, self._get_receipt_time(info))
 
     def _decode_goal(self, message: PoseStamped) -> Goal:
-        """Return the goal of a message, or raise GoalError or MessageError if it cannot be used."""
+        """Return the goal of a message.
+
+        For an arm that slews, a goal in `work_plane` is converted to `base_link` at the present
+        slew angle.
+
+        Args:
+            message: Message of `goal_pose`, or pose of an action goal.
+
+        Raises:
+            GoalError: The goal cannot be used; the error has goal and verdict code.
+            MessageError: The message cannot be read.
+        """
         turned = self._convert_to_base if self._machine.slews else None
         return goal_pose.decode(message, self._frame_prefix, turned)
 
@@ -343,12 +363,10 @@ class PlannerNode(Node):
         self._lifecycle.handle_modes(modes)
 
     def _on_plan_in_force(self, message: Time) -> None:
-        """Give the stamp of the plan in force to the lifecycle, unless it cannot be used.
-
-        A message that cannot be used is logged and dropped.
+        """Give the stamp of the plan in force to the lifecycle.
 
         Args:
-            message: Message of `plan_in_force`.
+            message: Message of `plan_in_force`. One that cannot be used is logged and dropped.
         """
         try:
             stamp_ns = stamps.from_time(message)
@@ -360,9 +378,9 @@ class PlannerNode(Node):
     def _on_diagnostics(self, message: DiagnosticArray, info: dict[str, int]) -> None:
         """Give the arm's reports on /diagnostics to the lifecycle; ignore other statuses.
 
-        From a report on the arm itself, the lifecycle gets fault, last stop, machine and plan
-        delay. If the failed servo pumps have changed, plans are made without them from now on. From
-        a report that a plan was refused, the lifecycle gets stamp and reason.
+        A report on the arm itself gives fault, last stop, machine and plan delay. It also names the
+        failed servo pumps; if these have changed, plans are made without them from now on. A report
+        that the arm has refused a plan gives the plan's stamp and the reason.
 
         Args:
             message: Message of `/diagnostics`. One with an unreadable report is logged and dropped.
@@ -392,11 +410,11 @@ class PlannerNode(Node):
                 )
 
     def _on_estimates(self, message: JointState) -> None:
-        """Store the payload that the arm has estimated, and plan with it if parameters say so.
+        """Take the payload that the arm has estimated, and plan with it if the parameters say so.
 
-        `choose_payload` decides whether an estimate is taken. Plans use it from now on if the
-        parameter `payload_from` is `estimate`, which is logged. If planning refuses this payload,
-        the one before stays.
+        `choose_payload` decides whether the new estimate replaces the one before. If it does and
+        the parameter `payload_from` is `estimate`, plans use it from now on, and this is logged. If
+        planning refuses this payload, the one before is kept.
 
         Args:
             message: Message of `estimates`. One that cannot be used is logged and dropped.
@@ -423,8 +441,8 @@ class PlannerNode(Node):
     def _get_receipt_time(self, info: dict[str, int]) -> float:
         """Return when a message was received by the steady clock [s].
 
-        The node may have been busy since. The time since receipt is limited to the range from 0 to
-        `LONGEST_WAIT`.
+        The node may have been busy between receipt and callback. This time is limited to the range
+        from 0 to `LONGEST_WAIT`.
 
         Args:
             info: rclpy's information on the message. Its `received_timestamp` is the receipt by the
@@ -436,9 +454,9 @@ class PlannerNode(Node):
     # --- Actions and outputs ---------------------------------------------------------------------
 
     def _stop_unmonitored_arm(self) -> None:
-        """Call the arm's own ~/stop, since the callbacks that monitor the plan fail.
+        """Call the arm's own ~/stop, because the callbacks that monitor the plan fail.
 
-        An error is logged if ~/stop is not there or does not succeed.
+        An error is logged if the service is not available, or later if it does not succeed.
         """
 
         def log_failed_stop(success: bool, sentence: str) -> None:
@@ -462,12 +480,23 @@ class PlannerNode(Node):
             self._take_answer(request, answer)
 
     def _on_answer(self, request: PlanRequest, answer: Replan | Exception | None) -> None:
-        """Give an answer of the planning worker to the action server, or else to the lifecycle."""
+        """Give an answer of the planning worker to whoever has requested the plan.
+
+        That is the action server or, if it does not know the request, the lifecycle.
+
+        Args:
+            request: The request that was answered.
+            answer: The plan, the error that planning raised, or None if the arm is at the goal
+                already.
+        """
         if self._move_tip is None or not self._move_tip.handle_plan_answer(request, answer):
             self._lifecycle.handle_plan_answer(request, answer)
 
     def _on_timer(self) -> None:
-        """Handle answers of planning, let the lifecycle tick, and publish feedback and views."""
+        """Handle answers of planning, let the lifecycle tick, and publish feedback and views.
+
+        Views are path and markers for viewers such as RViz.
+        """
         self._on_answers()  # the executor may lose a guard condition
         self._lifecycle.tick()
         self._publish_guarded()
@@ -475,7 +504,7 @@ class PlannerNode(Node):
     def _publish_feedback_and_views(self) -> None:
         """Publish feedback for action clients, and path and markers for viewers.
 
-        The caller guards this method, so that an exception here does not affect the motion.
+        The caller catches exceptions of this method, so that they do not affect the motion.
         """
         if self._move_tip is not None:
             self._move_tip.tick()
@@ -486,11 +515,9 @@ class PlannerNode(Node):
     ) -> Trigger.Response:
         """Serve ~/stop: bring the arm to rest and end all goals.
 
-        The arm brakes along the path of this planner's plan in force, or is stopped by its own
-        ~/stop.
-
-        The answer comes when the arm rests or has confirmed that it brakes, or when it cannot be
-        stopped.
+        The arm brakes along the path of this planner's plan in force, or its own ~/stop is called.
+        The answer comes when the arm rests, when it has confirmed a braking command, or when it
+        cannot be stopped.
 
         Args:
             request: Empty request.
@@ -505,7 +532,10 @@ class PlannerNode(Node):
         return response
 
     def _publish_diagnostics(self) -> None:
-        """Adapt subscriptions to publishers' quality of service, and publish the node's status."""
+        """Adapt subscriptions to publishers' quality of service, and publish the node's status.
+
+        A quality of service that still does not match is stored in the arm state, for messages.
+        """
         self._matching_subscriptions.update()
         self._lifecycle.arm_state.qos_mismatch = self._matching_subscriptions.problem
         message = planner_diagnostics.compose_diagnostics(

@@ -247,10 +247,10 @@ class PlannerParameters:
 
         Args:
             base: Machine of the file.
-            lost_servo_pumps: Numbers of failed servo pumps, from 1. Each reduces the machine's
-                number of booster modules by one.
-            estimated_payload: Payload that the arm has estimated [kg], None without an estimate. It
-                is used if `payload_from` is `estimate`.
+            lost_servo_pumps: Numbers of failed servo pumps, from 1. Each reduces the number of
+                booster modules by one; only how many there are matters.
+            estimated_payload: Payload that the arm has estimated [kg]; None without an estimate. It
+                replaces the parameter `payload` if `payload_from` is `estimate`.
 
         Returns:
             Settings with the machine of the file, changed by the parameters, and the options.
@@ -270,7 +270,13 @@ class PlannerParameters:
         )
 
     def apply_to_machine(self, base: Machine) -> Machine:
-        """Return the machine of the file with the payload, pressure, V_max and zones given here."""
+        """Return a machine with the payload, supply pressure, V_max and zones of these parameters.
+
+        V_max is the piston speed for which plans are made.
+
+        Args:
+            base: Machine of the file; it stays unchanged.
+        """
         return base.changed(
             payload=self.payload,
             supply_pressure=self.supply_pressure,
@@ -280,13 +286,14 @@ class PlannerParameters:
 
 
 def declare_table_path(node: Node) -> Path | None:
-    """Declare the parameter `table`, and return the path of the posture table.
+    """Declare the read-only parameter `table`, and return the path of the posture table.
 
     Args:
         node: Planner node.
 
     Returns:
-        Path of the file; None for the table in the user's cache.
+        Path of the file; None if the parameter is empty. The table in the user's cache is then
+        used.
     """
     text = "posture table (npz); empty builds one and keeps it"
     value = NodeParameter("table", "", text, read_only=True).declare(node)
@@ -294,21 +301,24 @@ def declare_table_path(node: Node) -> Path | None:
 
 
 def declare_frame_prefix(node: Node) -> str:
-    """Declare the parameter `frame_prefix`, and return the text before the names of frames."""
+    """Declare the read-only parameter `frame_prefix`, and return its value.
+
+    The value is the text that is put before the names of frames.
+    """
     text = "put before base_link and work_plane"
     return str(NodeParameter("frame_prefix", "", text, read_only=True).declare(node))
 
 
 def declare_changeable(node: Node, machine: Machine) -> None:
-    """Declare all parameters that can be changed between plans.
+    """Declare all parameters that can be changed between plans, and check their initial values.
 
     Args:
         node: Planner node.
-        machine: Machine of the file, which gives the defaults of payload, supply pressure, V_max
-            and zones.
+        machine: Machine of the file. It gives the defaults of payload, supply pressure, V_max
+            (planned piston speed) and zones.
 
     Raises:
-        UsageError: The values cannot be used together, such as those given on the command line.
+        UsageError: The initial values, for instance from the command line, cannot be used together.
     """
     arrays = machine.arrays
     for parameter in (
@@ -362,7 +372,11 @@ def read_parameters(
     Args:
         node: Planner node.
         machine: Machine of the file.
-        goal_parameters: A goal's own parameters, which replace the node's.
+        goal_parameters: A goal's own parameters. They replace the node's values in the result; the
+            node keeps its own.
+
+    Raises:
+        RequestError: Angles, region, via points or zones cannot be used.
     """
     return _from_values(machine, _values(node, goal_parameters))
 
@@ -370,14 +384,15 @@ def read_parameters(
 def find_refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str | None:
     """Return why a set of parameter changes is refused.
 
-    The changes are checked together with the present values of all other parameters. Checked are
-    names of planner and readings, ranges, finiteness, and whether planning accepts the options.
-    Nothing is changed.
+    The changes are checked together with the present values of all other parameters. The checks
+    cover allowed names, ranges, finite numbers, bounds that contradict each other, and whether
+    planning accepts the options. Nothing is changed.
 
     Args:
         node: Planner node.
         machine: Machine of the file.
-        changes: Parameters with their new values.
+        changes: Parameters with their new values; other parameters than the changeable ones are
+            ignored.
 
     Returns:
         One sentence on the first problem; None if the changes can be made.
@@ -430,10 +445,11 @@ def find_refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> 
 def _find_number_out_of_range(values: Mapping[str, Any]) -> str | None:
     """Find a number that is out of the range of its parameter in `OWN_RANGES`.
 
-    rclpy does not check these ranges. NaN and infinity pass.
+    rclpy does not check these ranges. NaN, infinity and values that are no numbers are not checked
+    here.
 
     Args:
-        values: Values of all parameters by name.
+        values: Values of all changeable parameters by name.
 
     Returns:
         One sentence on the first number out of its range; None if there is none.
@@ -448,7 +464,13 @@ def _find_number_out_of_range(values: Mapping[str, Any]) -> str | None:
 
 
 def _values(node: Node, changes: Sequence[Parameter]) -> dict[str, Any]:
-    """Return the present values of all changeable parameters by name, replaced by `changes`."""
+    """Return the values of all changeable parameters by name.
+
+    Args:
+        node: Planner node, which gives the present values.
+        changes: Parameters that replace the present values. Those that are not changeable are
+            ignored.
+    """
     values = {name: node.get_parameter(name).value for name in CHANGEABLE_PARAMETERS}
     return values | {change.name: change.value for change in changes if change.name in values}
 
@@ -508,7 +530,9 @@ def _from_values(machine: Machine, values: Mapping[str, Any]) -> PlannerParamete
 
 
 def _combine_angles(exact: float, least: float, greatest: float) -> Angle:
-    """Combine the three parameters of the end link's angle at the goal; NaN means free.
+    """Combine the three parameters of the end link's angle at the goal into one value.
+
+    NaN as a parameter's value means that it is not given.
 
     Args:
         exact: Parameter `goal_psi` [rad].
@@ -516,12 +540,12 @@ def _combine_angles(exact: float, least: float, greatest: float) -> Angle:
         greatest: Parameter `goal_psi_max` [rad].
 
     Returns:
-        One of three: the exact angle [rad], its least and greatest value [rad], or None if the
-        angle is free.
+        The exact angle [rad], or a pair of least and greatest angle [rad]. None if no parameter is
+        given: the angle is free.
 
     Raises:
-        RequestError: Only one bound is given, or bounds are given together with an exact angle. Or
-            the angles cannot be used.
+        RequestError: Only one bound is given, bounds are given together with an exact angle, or the
+            angles are out of range.
     """
     free = [math.isnan(value) for value in (exact, least, greatest)]
     if free[1] != free[2] or not (free[0] or free[1]):
@@ -533,7 +557,7 @@ def _combine_angles(exact: float, least: float, greatest: float) -> Angle:
 
 
 def _convert_pair(name: str, value: Any) -> tuple[float, float] | None:
-    """Return two numbers of a parameter as floats, or None if both are 0.
+    """Convert a parameter of two numbers to floats; two zeros mean that it is not used.
 
     Args:
         name: Name of the parameter, for the error, such as `goal_segment` or `goal_box`.
@@ -543,7 +567,7 @@ def _convert_pair(name: str, value: Any) -> tuple[float, float] | None:
         (x, z) [m]; None if both are 0.
 
     Raises:
-        RequestError: The value is not two numbers.
+        RequestError: The value is not a sequence of two numbers.
     """
     numbers = [] if isinstance(value, str) or not isinstance(value, Sequence) else list(value)
     if len(numbers) != 2 or not all(isinstance(each, (int, float)) for each in numbers):
@@ -567,5 +591,11 @@ def _check_via(machine: Machine, point: Position) -> None:
 
 
 def _describe_point(machine: Machine) -> tuple[int, str]:
-    """Return how many coordinates a point has, and a text that names them for errors."""
+    """Return how many coordinates a point has, and a text that names them for errors.
+
+    The text is, for instance, "x z [m] of a point".
+
+    Args:
+        machine: Machine, which gives the axes.
+    """
     return len(machine.axes), f"{' '.join(machine.axes)} [m] of a point"

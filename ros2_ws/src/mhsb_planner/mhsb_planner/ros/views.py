@@ -64,7 +64,7 @@ ON_ITS_SIDE = Quaternion(x=math.sqrt(0.5), w=math.sqrt(0.5))
 
 
 def make_paths(machine: Machine, command: Command, prefix: str) -> tuple[Path, Path]:
-    """Return the tip's path of a command in both frames.
+    """Return the tip's path of a command as messages, in both frames.
 
     Args:
         machine: Machine that moves.
@@ -72,7 +72,8 @@ def make_paths(machine: Machine, command: Command, prefix: str) -> tuple[Path, P
         prefix: Text before the names of frames.
 
     Returns:
-        Paths in `base_link` and in `work_plane`, with the command's stamp.
+        Path in `base_link`, and path in `work_plane` (the arm's plane laid flat). Both have the
+        command's stamp, and points every `PATH_SPACING_NS`.
     """
     _, postures = _sample_command(command)
     in_base, laid_flat = (
@@ -95,7 +96,8 @@ def make_markers(
 ) -> MarkerArray:
     """Return markers of the obstacles and of a command, in both frames.
 
-    The first marker deletes all that were shown before.
+    The frames are `base_link` and `work_plane` (the arm's plane laid flat). The first marker
+    deletes all markers that were shown before.
 
     Args:
         machine: Machine with the zones to draw.
@@ -118,9 +120,9 @@ def make_markers(
 def _make_obstacle_markers(machine: Machine, header: Header, frame: str) -> Iterable[Marker]:
     """Yield one marker for each zone, for the base and for the ground.
 
-    Shapes are cut off at the distance `SEEN_AROUND` times the sum of the link lengths from the
-    base. Zones in space do not turn with the arm, so they are not drawn in `work_plane`. Links as
-    obstacles of each other are not drawn.
+    Shapes without an end are cut off at `SEEN_AROUND` times the sum of the link lengths from the
+    base. Zones in space do not turn with the arm, so they are not drawn in `work_plane` (the arm's
+    plane laid flat). Links are not drawn as obstacles of other links.
 
     Args:
         machine: Machine with the zones to draw.
@@ -152,12 +154,12 @@ def _make_obstacle_markers(machine: Machine, header: Header, frame: str) -> Iter
 def _set_shape_in_space(marker: Marker, row: FloatArray, half_size: float) -> None:
     """Set type, position and size of the marker of a box, cylinder or sphere in space.
 
-    Boxes are cut off at ± `half_size` in all directions, cylinders in z only.
+    Boxes are cut off at ± `half_size` in all directions, cylinders at ± `half_size` in z only.
 
     Args:
         marker: Marker in `base_link`, written in place.
-        row: Row of the obstacle: its kind and the numbers of its shape [m], in the columns that
-            `obstacles.zones` names.
+        row: Row of the obstacle table: kind of the obstacle, and the numbers of its shape [m].
+            `obstacles.zones` defines the columns.
         half_size: Half size of the drawn region [m].
     """
     x, y, z, *more = row[SHAPE_COLUMN:RADIUS_COLUMN].tolist()
@@ -179,16 +181,16 @@ def _set_shape_in_plane(
 ) -> None:
     """Set type, pose and size of the marker of a box or circle in the arm's plane.
 
-    Boxes are cut off at ± `half_size`. For an arm that slews, ground and base are drawn in
-    `base_link` as boxes that reach equally far on all sides of the slew's axis.
+    Boxes are cut off at ± `half_size`. If the arm slews, all boxes of this kind are ground or base.
+    In `base_link` they are then drawn as boxes around the slew's axis, equally wide in x and y.
 
     Args:
         marker: Marker, written in place.
-        row: Row of the obstacle: its kind and the numbers of its shape [m], in the columns that
-            `obstacles.zones` names.
+        row: Row of the obstacle table: kind of the obstacle, and the numbers of its shape [m].
+            `obstacles.zones` defines the columns.
         half_size: Half size of the drawn region [m].
         machine: Machine of the arm.
-        frame: `base_link` or `work_plane`.
+        frame: `base_link`, or `work_plane` (the arm's plane laid flat).
     """
     flat, shape = frame == WORK_PLANE_FRAME, row[SHAPE_COLUMN : SHAPE_COLUMN + 4]
     if row[KIND_COLUMN] == CIRCLE_KIND:
@@ -213,13 +215,14 @@ def _make_command_markers(
 ) -> Iterable[Marker]:
     """Yield markers of the tip's path, the last posture and the last tip position of a command.
 
-    Each point of the path has the colour of the strongest mode that any actuator has there.
+    The path is coloured by the modes of the actuators. At each point the strongest mode counts:
+    shared boost before decoupled boost before normal.
 
     Args:
         machine: Machine that moves.
         command: Command to draw.
         header: Header of the markers.
-        frame: `base_link` or `work_plane`.
+        frame: `base_link`, or `work_plane` (the arm's plane laid flat).
 
     Yields:
         Three markers in this order: line of the path, line through the joints of the last posture,
@@ -251,7 +254,7 @@ def _sample_command(command: Command) -> tuple[IntArray, FloatArray]:
         command: The command.
 
     Returns:
-        Absolute times, int64[k], [ns], and joint positions at these times, float64[k, n], [rad or
+        k absolute times, int64[k], [ns]; and joint positions at these times, float64[k, n], [rad or
         m].
     """
     trajectory = command.trajectory
@@ -263,15 +266,15 @@ def _sample_command(command: Command) -> tuple[IntArray, FloatArray]:
 
 
 def _compute_tip_points(machine: Machine, postures: FloatArray, frame: str) -> list[Point]:
-    """Return the tip's place in each posture.
+    """Compute the tip's place in each posture.
 
     Args:
         machine: Machine of the arm.
         postures: Joint positions, float64[k, n], [rad or m].
-        frame: `base_link` or `work_plane`.
+        frame: `base_link`, or `work_plane` (the arm's plane laid flat).
 
     Returns:
-        One point for each posture, in this frame [m].
+        k points in this frame, one for each posture [m].
     """
     return _convert_to_points(machine, machine.tip_positions(postures), postures, frame)
 
@@ -281,13 +284,14 @@ def _convert_to_points(
 ) -> list[Point]:
     """Convert places in the arm's plane to points in a frame.
 
-    In `base_link`, the plane of an arm that slews stands at the posture's slew angle.
+    In `base_link`, the plane of an arm that slews stands at the posture's slew angle. In
+    `work_plane`, the plane is laid flat, so that the slew angle does not matter.
 
     Args:
         machine: Machine of the arm.
         in_plane: Places (x, z) in the arm's plane, float64[k, 2], [m].
-        postures: Joint positions, [rad or m]: float64[k, n], one row for each place, or float64[1,
-            n] for all places. Only the slew angle in column 0 counts.
+        postures: Joint positions [rad or m], float64[k, n], one row for each place; or float64[1,
+            n] for all places. Only the slew angle in column 0 is used.
         frame: `base_link` or `work_plane`.
 
     Returns:
@@ -300,13 +304,13 @@ def _convert_to_points(
 
 
 def _marker(header: Header, namespace: str, kind: int, size: float) -> Marker:
-    """Return a marker to be added, with equal size in all directions and id 0.
+    """Return a marker with action ADD, id 0 and equal size in all directions.
 
     Args:
         header: Header of the marker.
         namespace: Namespace of the marker.
         kind: Type of the marker.
-        size: Scale along x, y and z [m]; a line's width.
+        size: Scale along x, y and z [m]; for a line its width.
 
     Returns:
         Marker without a pose and a colour.
@@ -326,7 +330,14 @@ def _header(stamp_ns: int, frame: str, prefix: str) -> Header:
 
 
 def _point(place: FloatArray, frame: str) -> Point:
-    """Return a place (x, z) in the arm's plane as a point of a frame."""
+    """Return a place (x, z) in the arm's plane as a point of a frame, without a slew.
+
+    The point is (x, z, 0) in `work_plane` and (x, 0, z) in `base_link`.
+
+    Args:
+        place: Place (x, z) [m].
+        frame: `base_link` or `work_plane`.
+    """
     x, z = float(place[0]), float(place[1])
     return Point(x=x, y=z, z=0.0) if frame == WORK_PLANE_FRAME else Point(x=x, y=0.0, z=z)
 

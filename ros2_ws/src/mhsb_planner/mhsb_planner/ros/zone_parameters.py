@@ -58,6 +58,8 @@ ZONE_PARAMETERS = {
 def declare_zones(node: Node, machine: Machine) -> None:
     """Declare all zone parameters, with the zones of the machine file as initial values.
 
+    Also zone kinds that the arm cannot have are declared.
+
     Args:
         node: Planner node.
         machine: Machine of the file.
@@ -72,13 +74,13 @@ def declare_zones(node: Node, machine: Machine) -> None:
 def replace_deletions(changes: list[Parameter]) -> list[Parameter]:
     """Replace every deletion of a zone parameter by a change to no zones.
 
-    After a deletion ROS would forget the parameter, and it could not be set again.
+    Otherwise ROS would forget the deleted parameter, and it could not be set again.
 
     Args:
         changes: Parameters that are to be set.
 
     Returns:
-        The changes in the same order; other parameters are unchanged.
+        The changes in the same order; those of other parameters are unchanged.
     """
     return [
         Parameter(change.name, Parameter.Type.DOUBLE_ARRAY, [])
@@ -92,7 +94,7 @@ def make_zones(values: Mapping[str, Any], slews: bool) -> Zones:
     """Return the zones that the parameters describe.
 
     Args:
-        values: Values of at least all zone parameters by name.
+        values: Values by parameter name; all zone parameters must be there.
         slews: Whether joint 1 slews. Zones then have three dimensions, otherwise two.
 
     Returns:
@@ -136,11 +138,11 @@ def _split_zones(name: str, value: Any, slews: bool) -> tuple[Numbers, ...]:
         slews: Whether the arm slews.
 
     Returns:
-        One tuple of numbers for each zone; empty if the arm cannot have this kind.
+        One tuple of numbers for each zone. It is empty if the array is.
 
     Raises:
-        RequestError: The value does not fill whole zones, or it is not empty although the arm
-            cannot have this kind of zone.
+        RequestError: The value is not an array of numbers, or does not fill whole zones. Or the
+            array is not empty, and the arm cannot have this kind of zone.
     """
     kind, there = ZONE_PARAMETERS[name].kind, zone_numbers(slews)
     if kind in there:
