@@ -224,7 +224,7 @@ class MoveTipServer:
             job.refuse(Verdict.INTERNAL, self._faults.record_fault("a goal of the action", error))
 
     def _begin(self, job: _ActionGoal) -> None:
-        """Decode a goal and its options, then hand it to the lifecycle or queue it for a trial plan.
+        """Decode a goal and its options; hand it to the lifecycle or queue it for a trial plan.
 
         A goal whose request has `plan_only` gets a trial plan, which is not executed. Such goals
         are planned for one after the other. A goal is refused if its pose or its options cannot be
