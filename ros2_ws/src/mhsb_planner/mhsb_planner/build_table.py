@@ -96,7 +96,7 @@ def build_table(
 
 
 def _compare_with_progress(arm: Machine, table: PostureTable, entries: int) -> TableComparison:
-    """Compare random table entries with the solver SLSQP, with a progress bar.
+    """Compare random entries of a posture table with the solver SLSQP, with a progress bar.
 
     Args:
         arm: The arm in its plane.
@@ -104,8 +104,8 @@ def _compare_with_progress(arm: Machine, table: PostureTable, entries: int) -> T
         entries: Number of entries to compare.
 
     Returns:
-        The comparison: number of entries, number of those whose polytope is too small, and the
-        least ratio of areas, table over solver.
+        The comparison: number of entries, number of those whose velocity polytope is smaller than
+        the solver's, and the least ratio of areas, table over solver.
     """
     with tqdm(total=entries, unit="entry", desc="judged by SLSQP") as bar:
         return compare_with_slsqp(
@@ -126,9 +126,9 @@ def _json_result(
         judgement: Comparison with SLSQP; None if there was none.
 
     Returns:
-        Keys and values of the JSON object. They are machine and its hash, output file, solver, and
-        grid spacing [m]. Then numbers of nodes, mode patterns and entries, positions (x, z) of
-        infeasible nodes [m], time [s] and the comparison.
+        Values by key: machine and its hash, output file, solver, and grid spacing [m]; numbers of
+        nodes, mode combinations and entries; positions (x, z) of nodes without a posture [m]; time
+        [s]; and the comparison, or None.
     """
     infeasible = table.nodes[~table.feasible] * table.spacing
     return {
@@ -155,8 +155,9 @@ def _describe_result(table: PostureTable, path: Path, seconds: float) -> str:
         seconds: Time that building took [s].
 
     Returns:
-        Lines of text: numbers of nodes, mode patterns and entries with the time; the number of
-        nodes without a posture and their z [m] by x [m]; and the path of the file.
+        Lines of text. The first has the numbers of nodes, mode combinations and entries, and the
+        time. The next ones have the number of nodes without a posture and, for each x [m], their z
+        [m]. The last has the path of the file.
     """
     missing = table.nodes[~table.feasible] * table.spacing
     lines = [

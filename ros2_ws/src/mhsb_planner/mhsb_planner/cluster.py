@@ -61,7 +61,8 @@ class Cluster:
     def connect(cls, address: str) -> Cluster:
         """Connect to a cluster, check its versions, and return it.
 
-        A cluster without workers is accepted with a warning in the log.
+        A cluster without workers is accepted, with a warning in the log. The connection is closed
+        again.
 
         Args:
             address: Address of the scheduler, such as tcp://10.0.0.2:8786.
@@ -70,8 +71,8 @@ class Cluster:
             The cluster.
 
         Raises:
-            ClusterError: The scheduler does not answer, or the scheduler or a worker has other
-                versions of the suite or its libraries or cannot load them.
+            ClusterError: The scheduler does not answer. Or the scheduler or a worker cannot load
+                the suite, or has other versions of it or of its libraries.
         """
         with _connect(address) as client:
             try:
@@ -90,7 +91,15 @@ class Cluster:
         return cls(address)
 
     def create_executor(self, shared: SharedState | None) -> Executor:
-        """Connect and return an executor on the workers, see `OtherComputers`."""
+        """Connect and return an executor on the workers, which disconnects when it is shut down.
+
+        Args:
+            shared: State that becomes the first argument of each task; None: tasks get only their
+                own arguments.
+
+        Raises:
+            ClusterError: The scheduler does not answer.
+        """
         return _ClusterExecutor(self.address, shared)
 
 
@@ -99,6 +108,11 @@ class _ClusterExecutor(Executor):
 
     def __init__(self, address: str, shared: SharedState | None) -> None:
         """Connect to the scheduler and send it the recipe of the shared state, if there is one.
+
+        Args:
+            address: Address of the scheduler.
+            shared: Function and arguments by which each worker makes the state that tasks share;
+                None: tasks get only their own arguments.
 
         Raises:
             ClusterError: The scheduler does not answer.
@@ -112,7 +126,16 @@ class _ClusterExecutor(Executor):
         )
 
     def submit(self, work: Callable[..., Result], /, *args: Any, **named: Any) -> Future[Result]:
-        """Submit the task work(state, *args, **named), or work(*args, **named) without state."""
+        """Submit the task work(state, *args, **named), or work(*args, **named) without a state.
+
+        Args:
+            work: Function of the task.
+            *args: Positional arguments.
+            **named: Named arguments.
+
+        Returns:
+            Future of the result. Cancelling it cancels the task on the cluster.
+        """
         task: Future[Result] = Future()
         part = self._pool.submit(
             _perform_on_worker,
@@ -130,17 +153,25 @@ class _ClusterExecutor(Executor):
         return task
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Wait for all tasks, or cancel them, and close the connection.
+        """Close the executor and its connection.
 
-        They are waited for if `wait` is True and `cancel_futures` is False.
+        Args:
+            wait: Whether to wait for all tasks.
+            cancel_futures: True not to wait in any case; tasks that are left end with the
+                connection.
         """
         self._pool.shutdown(wait and not cancel_futures)
         self._client.close()
 
     def _complete(self, task: Future[Result], part: Future[Result]) -> None:
-        """Copy the result or error of `part`, Dask's future, to `task`, unless that is cancelled.
+        """Copy the result or error of Dask's future to the caller's future.
 
-        Errors of Dask become errors of the suite.
+        Nothing happens if the caller's future was cancelled. Losing the connection becomes a
+        ClusterError, and the loss of several workers with this task a WorkersLostError.
+
+        Args:
+            task: The caller's future.
+            part: Dask's future, which is done.
         """
         from distributed import KilledWorker
 
@@ -159,7 +190,12 @@ class _ClusterExecutor(Executor):
 
 
 def _cancel(part: weakref.ref[Future[Result]], task: Future[Result]) -> None:
-    """Cancel Dask's future, if it exists, if the user's was cancelled."""
+    """Cancel Dask's future if the caller's future was cancelled.
+
+    Args:
+        part: Weak reference to Dask's future; nothing happens if that no longer exists.
+        task: The caller's future, which is done or cancelled.
+    """
     if task.cancelled() and (living := part()) is not None:
         living.cancel()
 
@@ -169,9 +205,13 @@ def _connect(address: str) -> Any:
 
     Log messages of Dask's clients are switched off: the errors raised here say the same.
 
+    Args:
+        address: Address of the scheduler, such as tcp://10.0.0.2:8786.
+
     Raises:
         ClusterAddressError: The text is not an address.
-        ClusterError: The package is missing, or no scheduler answers within CONNECTED_WITHIN.
+        ClusterError: The package is missing, no scheduler answers within CONNECTED_WITHIN, or the
+            address is not that of a scheduler.
     """
     try:
         from distributed import Client
@@ -206,8 +246,10 @@ def _connect(address: str) -> Any:
 def versions_fingerprint() -> str:
     """Compute a fingerprint of the suite's sources and of the libraries on which results depend.
 
+    It is computed once in each process.
+
     Returns:
-        Hexadecimal SHA-256; computed once for each process.
+        SHA-256 in hexadecimal digits. Packages and libraries that are not installed are left out.
     """
     found = hashlib.sha256()
     for library in RESULT_LIBRARIES:
@@ -224,7 +266,18 @@ def versions_fingerprint() -> str:
 def _perform_on_worker(
     address: str, wanted: str, shared: SharedState | None, work: Callable[..., Result], *given: Any
 ) -> Result:
-    """Call `perform` on a worker; raise ClusterError if its fingerprint is not the wanted one."""
+    """Do a task on a worker, if the worker has the same versions as the caller.
+
+    Args:
+        address: Address of the scheduler, for the error.
+        wanted: Fingerprint of the caller's versions.
+        shared: Recipe of the state that tasks share; None: tasks get only their own arguments.
+        work: Function of the task.
+        *given: Its positional arguments as a tuple, and its named arguments as a mapping.
+
+    Raises:
+        ClusterError: The worker's fingerprint differs from `wanted`.
+    """
     if wanted != versions_fingerprint():
         raise ClusterError(address, VERSION_MISMATCH_REASON)
     return perform(shared, work, *given)
@@ -266,7 +319,10 @@ class WorkArguments:
     scheduler: Scheduler = None
 
     def connect(self) -> Jobs:
-        """Return the number of processes or the cluster, see `parse_jobs`.
+        """Return the number of processes, or the cluster after a test of its connection.
+
+        Returns:
+            `jobs` if no scheduler is given; None means one process for each processor.
 
         Raises:
             UsageError: `jobs` is below 1, or both are given.

@@ -37,6 +37,7 @@ class Deadline:
     instant: float
 
     def __post_init__(self) -> None:
+        """Raise ValueError if the instant is NaN."""
         if math.isnan(self.instant):
             raise ValueError("a deadline must be an instant, not NaN")
 
@@ -45,7 +46,8 @@ class Deadline:
         """Return the deadline that lies a given time after now.
 
         Args:
-            seconds: Time [s]; infinite gives NO_DEADLINE, 0 or less a deadline that has passed.
+            seconds: Time [s]. Infinity gives NO_DEADLINE; 0 or less gives a deadline that has
+                passed.
 
         Returns:
             The deadline.
@@ -86,11 +88,11 @@ class Deadline:
             raise DeadlineError(work)
 
     def portions(self, first: int, most: int) -> Iterator[int]:
-        """Yield the sizes of portions of work, until the deadline has passed.
+        """Yield sizes of portions of work until the deadline has passed.
 
-        The consumer does a portion before it requests the next one. The generator measures the time
-        between and adapts the size, so that a portion takes about CLOCK_CHECK_PERIOD. Without a
-        deadline the generator is endless and always yields `most`. After the deadline it ends.
+        The consumer does one portion before it requests the next size. The generator measures this
+        time. It adapts the size so that a portion takes about CLOCK_CHECK_PERIOD. Without a
+        deadline it yields `most` without end.
 
         Args:
             first: Size of the first portion, a number of units such as expanded states.

@@ -16,7 +16,14 @@ def place_text(position: Position) -> str:
 
 
 def _suggest_degrees(angles: Sequence[float]) -> str:
-    """Ask whether end-link angles [rad] were meant in degrees, if any exceeds a whole turn."""
+    """Return a clause that asks whether end-link angles were meant in degrees.
+
+    Args:
+        angles: The angles [rad].
+
+    Returns:
+        The clause; empty if no angle exceeds a whole turn, or if degrees would not fit either.
+    """
     whole_turn = 2.0 * math.pi
     if all(abs(angle) <= whole_turn for angle in angles):
         return ""
@@ -105,7 +112,11 @@ class StartError(MhsbError):
     """
 
     def __init__(self, remarks: str) -> None:
-        """Compose the message from a clause on the joints beyond their limits."""
+        """Compose the message.
+
+        Args:
+            remarks: Clause on which joints are beyond their limits and by how much.
+        """
         self.remarks = remarks
         super().__init__(
             f"{remarks}; no motion was found that only lessens this: bring the joint back into its "

@@ -87,11 +87,12 @@ this process may use.
 def create_executor(jobs: Jobs = None, shared: SharedState | None = None) -> Executor:
     """Create an executor on processes or a cluster.
 
-    With one job, the tasks run in a thread of the calling process. If a process crashes, another
-    one does its task again. A task fails with WorkersLostError after MAX_ATTEMPTS crashes.
+    With one job, the tasks run in a thread of the calling process. If a process crashes, its task
+    is done again in a new process. After MAX_ATTEMPTS crashes the task fails with WorkersLostError.
 
     Args:
-        jobs: Number of processes, or a cluster; None: one process for each processor.
+        jobs: Number of processes, or a cluster. None: one process for each processor that this
+            process may use.
         shared: State that becomes the first argument of each task; None: tasks get only their own
             arguments.
 
@@ -117,8 +118,9 @@ class SharedStateExecutor(AbstractContextManager["SharedStateExecutor[State]"], 
         """Create the executor; each worker makes the state when its first task begins.
 
         Args:
-            jobs: Number of processes, or a cluster; None: one process for each processor.
-            make: Function that makes the state.
+            jobs: Number of processes, or a cluster. None: one process for each processor that this
+                process may use.
+            make: Function that makes the state; picklable for other processes.
             given: Arguments of `make`.
 
         Raises:
@@ -130,9 +132,14 @@ class SharedStateExecutor(AbstractContextManager["SharedStateExecutor[State]"], 
     def submit(
         self, work: Callable[Concatenate[State, P], Result], *args: P.args, **named: P.kwargs
     ) -> Future[Result]:
-        """Submit a task work(state, *args, **named).
+        """Submit the task work(state, *args, **named), with the worker's own state.
 
-        Function, arguments and result must be picklable.
+        Function, arguments and result must be picklable if the work is done in other processes.
+
+        Args:
+            work: Function of the task.
+            *args: Positional arguments after the state.
+            **named: Named arguments.
 
         Returns:
             Future of the result.
@@ -147,16 +154,16 @@ class SharedStateExecutor(AbstractContextManager["SharedStateExecutor[State]"], 
 def results_of(tasks: Iterable[Future[Result]], *, in_order: bool = False) -> Iterator[Result]:
     """Yield the results of tasks.
 
-    If the generator ends early, by an error or by the consumer, tasks that have not begun are
+    If the generator ends early, by an error or by the consumer, the tasks that have not begun are
     cancelled.
 
     Args:
         tasks: Futures.
-        in_order: Whether to yield results in the order of `tasks`; otherwise they come as the tasks
-            are completed.
+        in_order: True to yield results in the order of `tasks`, False to yield them in the order in
+            which the tasks are completed.
 
     Yields:
-        Results of the tasks. If a task failed, its error is raised in place of its result.
+        Results of the tasks. If a task has failed, its error is raised when its turn comes.
     """
     waiting = list(tasks)
     try:
@@ -170,16 +177,17 @@ def results_of(tasks: Iterable[Future[Result]], *, in_order: bool = False) -> It
 def over_ranges(
     work: Callable[[int, int], Result], total: int, size: int, jobs: Jobs = None
 ) -> Generator[Result, None, None]:
-    """Call a function for index ranges that cover 0 … total − 1; yield the results in order.
+    """Call a function for index ranges that cover 0 … total − 1, and yield the results in order.
 
-    The calls run in threads. On a cluster the function is sent to the workers once. Closing the
-    generator cancels calls that have not begun.
+    The calls run in threads of this process, or on a cluster. A cluster gets the function once.
+    Closing the generator cancels calls that have not begun.
 
     Args:
-        work: Function work(begin, end) of a range, which does not contain `end`.
+        work: Function work(begin, end) of the range from `begin` to `end` − 1.
         total: Number of indices.
         size: Number of indices in a range; the last range may be shorter.
-        jobs: Number of threads, or a cluster; None: one thread for each processor.
+        jobs: Number of threads, or a cluster. None: one thread for each processor that this process
+            may use.
 
     Yields:
         Result of each range, in the order of the ranges.
@@ -207,10 +215,10 @@ class _LocalExecutor(ThreadPoolExecutor):
     """
 
     def __init__(self, workers: int, shared: SharedState | None) -> None:
-        """Store the arguments; a thread, and its process, start with their first task.
+        """Store the arguments; threads and processes start with their first tasks.
 
         Args:
-            workers: Number of processes; 1: a thread of this process.
+            workers: Number of processes. With 1, tasks run in a thread of this process instead.
             shared: State that tasks share, made once in each process; None: tasks get only their
                 own arguments.
         """
@@ -221,16 +229,33 @@ class _LocalExecutor(ThreadPoolExecutor):
         self._own = threading.local()
 
     def submit(self, work: Callable[..., Result], /, *args: Any, **named: Any) -> Future[Result]:
-        """Submit the task work(state, *args, **named), or work(*args, **named) without state."""
+        """Submit the task work(state, *args, **named), or work(*args, **named) without a state.
+
+        Args:
+            work: Function of the task.
+            *args: Positional arguments.
+            **named: Named arguments.
+
+        Returns:
+            Future of the result.
+        """
         return super().submit(self._perform, work, args, named)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Stop the threads as `ThreadPoolExecutor` does, then the processes."""
+        """Stop the threads as `ThreadPoolExecutor` does, then end the processes.
+
+        Args:
+            wait: Whether to wait for the threads.
+            cancel_futures: Whether to cancel tasks that have not begun.
+        """
         super().shutdown(wait, cancel_futures=cancel_futures)
         self._processes.close()
 
     def _start_process(self) -> None:
-        """Start a process for the calling thread; it replaces a process that has crashed."""
+        """Start a process for the calling thread.
+
+        It replaces the thread's process before, if that has crashed.
+        """
         spawn = multiprocessing.get_context("spawn")
         process = ProcessPoolExecutor(
             1, spawn, initializer=_set_process_state, initargs=(self._shared,)
@@ -238,11 +263,13 @@ class _LocalExecutor(ThreadPoolExecutor):
         self._own.process = self._processes.enter_context(process)
 
     def _perform_in_process(self, work: Callable[..., Result], *given: Any) -> Result:
-        """Call `perform` in the process of the calling thread, which is replaced if it crashes.
+        """Do a task in the process that belongs to the calling thread.
+
+        If the process crashes, a new one does the task again, with a warning in the log.
 
         Args:
             work: Function of the task.
-            *given: Positional and named arguments of the task, as `perform` takes them.
+            *given: Its positional arguments as a tuple, and its named arguments as a mapping.
 
         Returns:
             Result of the task.
@@ -265,9 +292,16 @@ def perform(
     args: tuple[Any, ...],
     named: dict[str, Any],
 ) -> Result:
-    """Call work(state, *args, **named), or without state if `shared` is None; return its result.
+    """Call the function of a task in the calling thread, and return its result.
 
-    The first task of a thread makes the state.
+    The call is work(state, *args, **named), or work(*args, **named) if `shared` is None. The first
+    task of a thread makes the state.
+
+    Args:
+        shared: Function and arguments that make the state; None: no state.
+        work: Function of the task.
+        args: Positional arguments.
+        named: Named arguments.
     """
     states = () if shared is None else (_states.state_of(shared),)
     return work(*states, *args, **named)
@@ -293,12 +327,20 @@ def _set_process_state(shared: SharedState | None) -> None:
 
 
 def _perform_here(work: Callable[..., Result], *given: Any) -> Result:
-    """Call `perform` with the shared state of this process; `given` is args and named."""
+    """Do a task with the shared state of this process, and return its result.
+
+    Args:
+        work: Function of the task.
+        *given: Its positional arguments as a tuple, and its named arguments as a mapping.
+    """
     return perform(_process_state[0], work, *given)
 
 
 def _worker_count(jobs: int | None) -> int:
-    """Return the number of workers; None stands for one for each usable processor.
+    """Return the number of workers.
+
+    Args:
+        jobs: The number; None: one for each processor that this process may use.
 
     Raises:
         RequestError: The number is below 1.

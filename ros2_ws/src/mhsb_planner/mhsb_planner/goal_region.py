@@ -58,10 +58,11 @@ class _Region:
     """
 
     def __post_init__(self) -> None:
-        """Check all fields: sizes must be above 0, offsets x and z finite.
+        """Check all fields: sizes must be above 0, offsets x and z may have any sign.
 
         Raises:
-            RequestError: A size is not finite, is not above 0, or exceeds MAX_REGION_SIZE.
+            RequestError: A value is not finite, a size is not above 0, or an absolute value exceeds
+                MAX_REGION_SIZE.
         """
         for field in fields(self):
             value = getattr(self, field.name)
@@ -90,9 +91,10 @@ class Disc(_Region):
 
     @property
     def offsets(self) -> FloatArray:
-        """Points to try, as offsets from the goal, shape (k, 2) [m].
+        """Points that planners try, as offsets from the goal, shape (k, 2) [m].
 
-        They are the goal, then 8 points on each of 1 to MOST_RINGS concentric rings.
+        The first is the goal. Then come 8 points on each of several concentric rings, from the
+        inside outwards. There are 1 to MOST_RINGS rings, about REGION_SPACING apart.
         """
         rings = min(MOST_RINGS, math.ceil(self.radius / REGION_SPACING))
         angle = np.arange(8) * math.pi / 4
@@ -130,7 +132,7 @@ class Segment(_Region):
 
     @property
     def offsets(self) -> FloatArray:
-        """Points to try, as offsets from the goal, shape (k, 2) [m].
+        """Points that planners try, as offsets from the goal, shape (k, 2) [m].
 
         They are 5 to MOST_ON_SEGMENT evenly spaced points from the goal to the other end.
         """
@@ -172,10 +174,10 @@ class BoxRegion(_Region):
 
     @property
     def offsets(self) -> FloatArray:
-        """Points to try, as offsets from the goal, shape (k, 2) [m].
+        """Points that planners try, as offsets from the goal, shape (k, 2) [m].
 
-        They are the goal, then the other points of a grid with 3 to MOST_ALONG_BOX points along
-        each side.
+        The first is the goal. Then come the other points of a grid with 3 to MOST_ALONG_BOX points
+        along each side.
         """
         x, z = (self._coordinates(half) for half in (self.half_x, self.half_z))
         grid = np.column_stack([each.ravel() for each in np.meshgrid(x, z)])
@@ -183,7 +185,11 @@ class BoxRegion(_Region):
 
     @staticmethod
     def _coordinates(half: float) -> FloatArray:
-        """Return symmetric coordinates from −half to half along one side, an odd number [m]."""
+        """Return an odd number of evenly spaced coordinates from −half to half [m].
+
+        Args:
+            half: Half of the box's size along one side, above 0 [m].
+        """
         count = min(MOST_ALONG_BOX // 2, math.ceil(half / REGION_SPACING))
         return half * np.arange(-count, count + 1) / count
 
@@ -207,7 +213,7 @@ Region = Disc | Segment | BoxRegion
 def create_region(
     tolerance: float | None, segment: Point | None, box: Point | None
 ) -> Region | None:
-    """Create the region that a user asks for by at most one of three values.
+    """Create the goal region that a user asks for by at most one of three values.
 
     Args:
         tolerance: Radius of a disc [m], or None.
@@ -247,10 +253,10 @@ def tip_positions(goal: Point, region: Region | None) -> FloatArray:
 
 
 def check_angle(psi: Angle) -> None:
-    """Raise an error if an admissible end-link angle is not valid.
+    """Raise an error if an end-link angle that a request asks for is not valid.
 
     Args:
-        psi: Angle, least and greatest angle [rad], or None for any.
+        psi: Angle, pair of least and greatest angle [rad], or None for any.
 
     Raises:
         RequestError: An angle is not finite, its absolute value exceeds WIDEST_ANGLE, or the first
@@ -273,11 +279,11 @@ def angle_range(psi: Angle) -> tuple[float, float] | None:
     """Return the least and greatest admissible end-link angle.
 
     Args:
-        psi: Angle, least and greatest angle [rad], or None for any.
+        psi: Angle, pair of least and greatest angle [rad], or None for any.
 
     Returns:
-        Both angles [rad], equal for one angle. None if any angle is admissible, also if the range
-        is a whole turn or more.
+        Least and greatest angle [rad], equal if one angle is asked for. None if any angle is
+        admissible; that includes a range of a whole turn or more.
     """
     if psi is None or not isinstance(psi, tuple):
         return None if psi is None else (psi, psi)
@@ -296,10 +302,10 @@ def is_goal_met(
     """Return whether tip position and end-link angle are at the goal within tolerances.
 
     Args:
-        goal: Goal (x, z) [m].
+        goal: Goal (x, z) in the arm's plane [m].
         region: Region around the goal; None: only the goal.
-        psi: Admissible end-link angle or range of angles [rad]; None: any.
-        tip: Tip position (x, z) [m].
+        psi: Admissible end-link angle, or pair of least and greatest angle [rad]; None: any.
+        tip: Tip position (x, z) in the arm's plane [m].
         angle: End-link angle [rad]; whole turns do not matter.
         distance_tolerance: Allowed distance of the tip from goal or region [m].
         angle_tolerance: Allowed distance of the angle from the admissible ones [rad].

@@ -123,10 +123,10 @@ KERNEL_PARTS = (
 def compile_planner(
     say: Callable[[str], None] | None = None, parts: Sequence[str] = KERNEL_PARTS
 ) -> None:
-    """Compile the kernels of the planner that are not in the cache yet.
+    """Compile those kernels of the planner that are not in the cache yet.
 
     Args:
         say: Called with lines of progress; None: a progress bar.
-        parts: Import paths of the parts to compile.
+        parts: Import paths ("module:function") of the parts to compile.
     """
     compile_ahead(parts, say)

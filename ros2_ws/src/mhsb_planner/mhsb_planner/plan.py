@@ -106,11 +106,12 @@ class Plan:
     def to_csv(self, file: str | Path) -> Path:
         """Write the timed motion as a CSV file, with a line for each point of the trajectory.
 
-        Columns: time [s]; position, velocity and acceleration of each joint [rad or m, per s and
-        s²]; mode of each actuator (N, DB, SB); planned pressure in its supply line [Pa].
+        The columns are: time [s]; position, velocity and acceleration of each joint [rad or m, per
+        s and s²]; mode of each actuator (N, DB or SB); planned pressure in the supply line of each
+        actuator [Pa].
 
         Args:
-            file: The file, written whole or not at all; missing folders are created.
+            file: The file, written whole or not at all. Missing folders are created.
 
         Returns:
             The file.
@@ -126,9 +127,10 @@ class Plan:
 
     @property
     def gap(self) -> float:
-        """Energy of the motion in the reading `paper` over the lower bound, minus 1 [-].
+        """Relative distance of the motion's energy from the lower bound: E / bound − 1 [-].
 
-        The value is 0 if the bound is 0.
+        E is the energy with boosted oil priced as in the paper (reading `paper`). The value is 0 if
+        the bound is 0.
         """
         return self.energy.paper / self.lower_bound - 1.0 if self.lower_bound > 0.0 else 0.0
 
@@ -148,17 +150,22 @@ class Plan:
         return float(np.abs(np.diff(self.motion.trajectory.position, axis=0)).sum())
 
     def chosen_energy(self, options: PlanOptions) -> float:
-        """Return the energy of the motion in the reading that the options choose [J]."""
+        """Return the energy of the motion by the price of boosted oil that the options choose [J].
+
+        Args:
+            options: Options; `energy_reading` is `paper` or `series`.
+        """
         return self.energy.paper if options.energy_reading == "paper" else self.energy.series
 
     def cost(self, options: PlanOptions) -> float:
-        """Return the cost of the motion, w₁ E + w₂ T + w₃ S + w₄ M.
+        """Compute the cost of the motion, w₁ E + w₂ T + w₃ S + w₄ M.
 
-        E is the energy in the chosen reading [J], T the duration [s], S the number of mode
-        switches, and M the manipulability loss [m].
+        E is the energy in the reading that the options choose [J], T the duration [s], and S the
+        number of mode switches. M is the manipulability loss: area of the velocity polytope lost
+        along the path [m].
 
         Args:
-            options: Options that give the weights and the energy reading.
+            options: Options that give the weights w₁ to w₄ and the energy reading.
 
         Returns:
             The cost [-].
@@ -171,15 +178,15 @@ class Plan:
     def is_cheaper_than(self, other: Plan, options: PlanOptions) -> bool:
         """Return whether this plan costs less than another one.
 
-        If the costs are equal within COST_ROUNDING, energy, duration and joint travel decide in
-        this order.
+        Costs that differ by at most COST_ROUNDING, relatively, count as equal. Then energy,
+        duration and joint travel decide, in this order and with the same rounding.
 
         Args:
             other: The other plan.
             options: Options that give weights and energy reading.
 
         Returns:
-            True if it costs less; False also if all four values are equal.
+            True if this plan is better in the first measure that differs; False if none does.
         """
         for measure in (
             lambda each: each.cost(options),

@@ -13,7 +13,7 @@ from mhsb_model.errors import MhsbError
 
 
 class ProposalOutcome(StrEnum):
-    """What became of a proposal."""
+    """Outcome of a proposal."""
 
     TAKEN = "taken"
     """Its motion became the incumbent."""
@@ -41,7 +41,7 @@ class LogEntry:
     Attributes:
         time: Time since the request [s].
         proposer: Name of the proposer, such as `table`.
-        outcome: What became of the proposal.
+        outcome: Outcome of the proposal.
         path_cost: Cost of the proposed path [-]; NaN if there is none.
         motion: Kind of motion that was asked for, such as `polynomial`; empty if none was.
         motion_cost: Cost of the motion [-]; NaN if there is none.
@@ -87,8 +87,10 @@ class PlanLog:
     def record_failure(self, proposer: str) -> Iterator[None]:
         """Context manager that suppresses an `MhsbError` of a proposer and logs it as NO_PATH.
 
+        Other exceptions pass.
+
         Args:
-            proposer: Name of the proposer.
+            proposer: Name of the proposer in the log.
         """
         try:
             yield

@@ -107,10 +107,12 @@ class Planner:
         self.graph = StepGraph(machine.planar_arm, table)
 
     def change_machine(self, machine: Machine) -> None:
-        """Plan for a changed machine: payload, supply pressure, V_max, zones or booster modules.
+        """Plan for a changed machine from now on.
 
-        Nothing happens if the configuration is the same. Otherwise the graph is made anew. The
-        posture table stays; mode combinations that need more modules than there are, are left out.
+        Payload, supply pressure, V_max (allowed piston speed), zones and number of booster modules
+        may change. Nothing happens if the configuration is the same. Otherwise the step graph is
+        built again. The posture table stays, but mode combinations that need more modules than
+        there are, are left out.
 
         Args:
             machine: The changed machine.
@@ -136,24 +138,25 @@ class Planner:
     ) -> Plan:
         """Plan a motion to a goal.
 
-        A moving start can come to rest in several ways: steering straight to the goal, coasting, or
-        `brake`. They are tried in this order until there is a plan. Without a deadline, equal
-        requests give equal plans.
+        A moving start can come to rest in several ways. They are tried in this order until there is
+        a plan: steering (one curve straight to the goal), coasting (all joints slow down at once),
+        and `brake`. Without a deadline, equal requests give equal plans.
 
         Args:
-            goal: Tip position in `base_link`: (x, z) [m], or (x, y, z) if joint 1 slews. The
-                goal region of the options admits others.
+            goal: Tip position in `base_link`: (x, z) [m], or (x, y, z) if joint 1 slews. The goal
+                region of the options admits others.
             start: State of motion at the start.
-            modes: Modes in force at the start; None: all N for long.
-            brake: Braking along the old path (`mhsb_model.braking`), by which a moving start comes
-                to rest if the other ways give no plan; None: it must steer or coast.
+            modes: Modes in force at the start; None: mode N (main pump alone) of all actuators, for
+                long.
+            brake: Braking along the old path (`mhsb_model.braking`); None: a moving start must
+                steer or coast.
             options: Options of the plan; None: defaults.
-            deadline: Instant at which the search for cheaper motions ends. Compiling does not
-                count: the first plan of a process that has one calls `warm_up` before, and the
-                deadline is that much later.
-            rest: Rest of the plan in force, with stamp 0; None: no plan is in force. If it leads to
+            deadline: Instant at which the search for cheaper motions ends. The first plan of a
+                process that has a deadline first compiles all code; its deadline is later by that
+                time.
+            rest: Rest of the plan in force, with stamp 0; None: no plan is in force. If it ends at
                 the goal, it stays unless another motion is cheaper by WORTH_LEAVING. If it is short
-                and ends near the goal, the motion steers there.
+                and ends near the goal, steering is tried.
             log: Log that is filled in place, also if there is no plan; None: only the plan has it.
 
         Returns:
@@ -203,14 +206,14 @@ class Planner:
         raise self._with_remarks(refused, start)
 
     def _exclude_warm_up(self, kind: str, deadline: Deadline) -> Deadline:
-        """Warm up for a plan with a deadline, unless this process has done so.
+        """Compile and load all code before a plan with a deadline, if this process has not done so.
 
         Args:
             kind: Name of the path planner.
-            deadline: Deadline of the plan; NO_DEADLINE warms up nothing.
+            deadline: Deadline of the plan. With NO_DEADLINE nothing is done.
 
         Returns:
-            The deadline, later by the time that the warm-up took.
+            The deadline, later by the time that this took.
         """
         if deadline.instant == math.inf or (kind, self.machine.slews) in _warmed_up:
             return deadline
@@ -219,11 +222,11 @@ class Planner:
         return deadline.earlier_by(began - time.monotonic())
 
     def _with_remarks(self, error: MhsbError, start: MotionState) -> MhsbError:
-        """Append a clause on problems of the start or the payload to an error's sentence.
+        """Append clauses on problems of the start and of the payload to an error's sentence.
 
         Problems of the start are joints beyond their limits and an obstacle that the arm touches.
-        A payload is named if it may be why there is no path or motion. Nothing is appended if there
-        are no problems, or if the sentence contains the clause already.
+        The payload is named only for a NoPathError or FitError, if the arm cannot carry it. A
+        clause that the sentence contains already is not repeated.
 
         Args:
             error: The error, changed in place.
@@ -250,7 +253,8 @@ class Planner:
 
         Args:
             path: The path.
-            modes: Modes in force at the start; None: all N for long.
+            modes: Modes in force at the start; None: mode N (main pump alone) of all actuators, for
+                long.
             options: Options of the plan; None: defaults.
 
         Returns:
@@ -275,8 +279,9 @@ class Planner:
             options: Options of the plan.
 
         Raises:
-            RequestError: A number is missing or not finite, the goal region is larger than the
-                workspace, or the planner cannot weigh the area.
+            RequestError: Goal, via point or start have a wrong number of values or values that are
+                not finite. Or the goal region is larger than the workspace, or the planner does not
+                exist or cannot weigh the area.
         """
         n, slews = self.machine.joint_count, self.machine.slews
         if len(goal) != 2 + slews or not all(math.isfinite(value) for value in goal):
@@ -311,10 +316,12 @@ class Planner:
     ) -> list[Trajectory | Coasting | Steering | None]:
         """List the ways in which a start can come to rest, the better first.
 
-        Steering leads straight to the goal. It is possible if the rest of the plan in force lasts
-        at most MAX_REMAINING_TIME and ends near the goal. Coasting brings the joints to rest within
-        their limits of acceleration and jerk. It is possible if all joints stay within their
-        ranges; without `brake` it is used in any case. `brake` comes last.
+        1. Steering: one curve straight to the goal. It is possible if the rest of the plan in force
+           lasts at most MAX_REMAINING_TIME and ends near the goal.
+        2. Coasting: the joints come to rest within their limits of acceleration and jerk. It is
+           possible if all joints stay within their ranges. Without `brake` it is listed in any
+           case.
+        3. `brake`, if it is given.
 
         Args:
             goal: Goal of the tip in `base_link` [m].
@@ -341,7 +348,7 @@ class Planner:
     def _ends_at_goal(self, goal: Position, rest: Trajectory, options: PlanOptions) -> bool:
         """Return whether the rest of the plan in force ends at the goal or in its region.
 
-        With via points the answer is False, because it is not known which ones have been passed.
+        The end link must have an admissible angle there, too.
 
         Args:
             goal: Goal of the tip in `base_link` [m].
@@ -349,7 +356,8 @@ class Planner:
             options: Options with goal region, end-link angle and via points.
 
         Returns:
-            True if it does.
+            True if it does. False with via points, because it is not known which ones have been
+            passed.
         """
         return options.is_goal_reached(self.machine, goal, rest.position[-1]) and not options.via
 
@@ -363,13 +371,15 @@ class Planner:
     ) -> PathRequest:
         """Assemble the request for paths.
 
-        If the motion steers to a moving goal and the end-link angle ψ is free, ψ is restricted. It
-        must be within MAX_POSTURE_TURN_RATE times the period of its value at the departure.
+        If the motion steers to a moving goal and the end-link angle ψ is free, ψ is restricted: it
+        may differ from its value at the departure by at most MAX_POSTURE_TURN_RATE times the goal's
+        period.
 
         Args:
             goal: Goal of the tip in `base_link` [m].
             start: State of motion at the start.
-            modes: Modes in force at the start; None: all N for long.
+            modes: Modes in force at the start; None: mode N (main pump alone) of all actuators, for
+                long.
             brake: How the start comes to rest; None: it is at rest.
             options: Options of the plan.
 
@@ -393,8 +403,8 @@ class Planner:
 def warm_up(planner: Planner, kinds: Iterable[str] | None = None) -> None:
     """Compile and load all kernels that a plan needs.
 
-    Plans with a deadline do so by themselves, once in a process. Obstacles are removed for these
-    calls; the planner's machine and graph are restored afterwards.
+    A plan with a deadline does this by itself, once in a process. Obstacles are removed during
+    these calls; afterwards the planner has its machine and graph again.
 
     Args:
         planner: The planner.

@@ -17,8 +17,8 @@ class PlanProgress:
 
     Attributes:
         deadline: Deadline of the whole plan.
-        reserve: Time to keep for turning a path into a motion: the longest that one curve has taken
-            so far [s].
+        reserve: Time to keep for turning a path into a motion: mean time of the curves that were
+            tried for the first motion [s].
         has_motion: True if a motion has been found already.
         is_held_back: True if motions cannot keep up with their paths: S3 has refused a path that
             costs less than the incumbent, or the incumbent takes much longer than its path.
@@ -47,5 +47,8 @@ class PlanProgress:
 
     @property
     def search_deadline(self) -> Deadline:
-        """Deadline of the search: a path found later can no longer be made a motion in time."""
+        """Deadline of the search: `deadline` less `reserve`.
+
+        A path that is found later could no longer be made a motion in time.
+        """
         return self.deadline.earlier_by(self.reserve)

@@ -10,7 +10,7 @@ from typing import Any, TextIO
 
 
 def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:
-    """Write a CSV file with a header line.
+    """Write a CSV file with a header line, completely or not at all.
 
     Args:
         path: The file; missing directories are created.
@@ -40,7 +40,9 @@ def write_json(path: Path, content: Mapping[str, Any] | Sequence[Any]) -> Path:
 
 
 def _write_atomically(path: Path, write: Callable[[TextIO], None]) -> Path:
-    """Write a file under a temporary name and rename it.
+    """Write a file under a temporary name, then rename it.
+
+    If writing fails, the temporary file is removed and an older file stays.
 
     Args:
         path: The file; missing directories are created.

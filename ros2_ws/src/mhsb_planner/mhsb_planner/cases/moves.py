@@ -31,16 +31,16 @@ class Move(NamedTuple):
 
 
 def case_moves(machine: Machine) -> dict[str, Move]:
-    """Return the moves of Cases 1 to 4, each once.
+    """Return the moves of the paper's Cases 1 to 4, without repetition.
 
-    Only cases of the table planner count. If several have equal start and goal, they give one move,
-    with the name and the start posture of the first.
+    Only cases that name the table planner are used. Cases with equal start and goal give one move.
+    It has the name and the start posture of the first of them.
 
     Args:
         machine: The machine.
 
     Returns:
-        Moves by case name; empty if joint 1 slews, because the cases lie in a plane.
+        Moves by case name, such as `1-1`. Empty if joint 1 slews, because the cases lie in a plane.
     """
     if machine.slews:
         return {}
@@ -57,15 +57,15 @@ def case_moves(machine: Machine) -> dict[str, Move]:
 def random_position(machine: Machine, random: np.random.Generator) -> Position:
     """Draw a random point of the workspace.
 
-    Points are uniform over the workspace's area in the plane: between two radii and from its least
-    x on. If the arm slews, the slew angle is uniform over its range.
+    In the arm's plane, the point is uniform over an area. The area lies between two radii around
+    the origin and beyond a least x. If the arm slews, the slew angle is uniform over its range.
 
     Args:
         machine: The machine.
-        random: Source of random numbers.
+        random: Source of random numbers; its state changes.
 
     Returns:
-        Position in `base_link` [m].
+        Position in `base_link`, (x, z) or (x, y, z) [m].
     """
     a, area = machine.arrays, machine.config.workspace
     while True:
@@ -80,10 +80,10 @@ def random_position(machine: Machine, random: np.random.Generator) -> Position:
 def random_moves(planner: Planner, count: int, seed: int = DEFAULT_SEED) -> Iterator[Move]:
     """Yield random moves between nodes of the posture table's grid that have a plan.
 
-    The start posture is the table's posture at a random node, with all actuators in mode N. The
-    goal is another random node; at other points a posture would have to be optimised first (S1). A
-    slewing arm moves between random angles of joint 1. Moves for which planning fails are skipped
-    and do not count.
+    The start posture is the table's posture for mode N (main pump alone) of all actuators at a
+    random node. The goal is another random node. The reason is the table planner: at other points
+    it would first have to optimise a posture. A slewing arm moves between random angles of joint 1.
+    Moves without a plan are skipped and not counted.
 
     Args:
         planner: Planner that must find a plan with its default options.

@@ -42,11 +42,12 @@ class PaperCase:
     initial_j3: float | None = None
 
     def start_posture(self, machine: Machine) -> FloatArray:
-        """Return the posture at rest from which the case is planned.
+        """Compute the posture at rest from which the case is planned.
 
-        The tip is at `start`. With `initial_j3` and the planner `fixed`, joint 3 has that angle.
-        Otherwise it is the posture of largest velocity polytope with all actuators in mode N. If
-        the machine slews, the slew angle is the one nearest to 0 for that tip position.
+        The tip is at `start`. If the planner is `fixed` and `initial_j3` is given, joint 3 has that
+        angle. Otherwise it is the posture of largest velocity polytope (all tip velocities that the
+        pistons allow) with all actuators in mode N (main pump alone). If the machine slews, the
+        slew angle is the one nearest to 0 that puts the tip there.
 
         Args:
             machine: The machine; it may slew.

@@ -27,9 +27,10 @@ class FixedPlanner:
     ) -> Iterator[PathProposal]:
         """Yield the cheapest path over the fixed-joint graph, or the path of the published search.
 
-        The graph (S2) depends on the start, so it is built here. The kept joints have their angles
-        at the start, or joint 3 has `options.initial_j3`. A start slightly beyond its limits is
-        accepted, since noise may cause that. `options.search` chooses the search.
+        In this graph (S2) all joints but two keep their angles, so the graph is built here for the
+        start. The kept joints have the angles of the start, clipped to their limits. If
+        `options.initial_j3` is given, joint 3 is kept at that angle instead. `options.search`
+        chooses the search.
 
         Args:
             graph: Step graph of the posture table; provides machine, table and grid.
@@ -37,8 +38,12 @@ class FixedPlanner:
             progress: Progress of the plan, with the time limit of the search.
 
         Yields:
-            The first path that is found, to the goal or else to another position of its region.
-            Then perhaps the cheapest one to any position of the region.
+            The first path that is found: to the goal or, if the goal has no path, to another
+            position of its region. At the end the cheapest path to any position of the region, if
+            it is another one.
+
+        Raises:
+            MhsbError: There is no path, or none in time.
         """
         machine, j3 = graph.machine, task.options.initial_j3
         kept = fixed_j3.read_kept_angles(

@@ -68,9 +68,10 @@ class IntegratedPlanner:
     def paths(
         self, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
-        """Yield the planner's own paths and, in between, paths of the baselines for comparison.
+        """Yield the planner's own paths and, in between, paths of other searches for comparison.
 
-        `planners.schedule` decides the order.
+        The other searches are those of the baselines (table and fixed-joint planner) and variants
+        of the own search. `planners.schedule` decides the order; with a deadline it differs.
 
         Args:
             graph: Step graph of the posture table; provides machine and table.
@@ -78,11 +79,11 @@ class IntegratedPlanner:
             progress: Progress of the plan.
 
         Yields:
-            Path proposals; `for_comparison` marks all that are not from the planner's main search
-            to the goal or region.
+            Path proposals. `for_comparison` is set unless they come from the own search, with or
+            without leakage, to the goal or its region.
 
         Raises:
-            MhsbError: The own search has failed. Failures of the others are only logged.
+            MhsbError: The own search has failed. Failures of the other searches are only logged.
         """
         search = _create_search(graph.machine, task, progress, task.area)
         proposers = self._create_proposers(search, graph, task, progress)
@@ -96,14 +97,17 @@ class IntegratedPlanner:
     def _create_proposers(
         self, search: IntegratedSearch, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> ProposerSet:
-        """Create the proposers for a request, which do nothing before their first turns.
+        """Create the proposers for a request; none of them does anything before its first turn.
 
-        The proposers of other searches are left out if the request does not call for them:
+        There are always proposers of the own search, of the same search without leakage, and of
+        each baseline. Others are added if the request calls for them:
 
-        - The search with a price on time runs if energy has a weight and goals have no period.
-        - The search without the manipulability term runs if that has a weight.
-        - If there is a goal region, all proposers are created again for a request without it. They
-          come last, because the plan must cost no more than without the region.
+        - If energy has a weight and no motion is to follow (`period` 0): a search with a price on
+          time.
+        - If the manipulability loss has a weight: a search without it, which comes before the
+          baselines.
+        - If there is a goal region: all of these for the same request without the region. They come
+          last. They ensure that the plan costs no more than it would without the region.
 
         Args:
             search: The own search.
@@ -150,11 +154,11 @@ class IntegratedPlanner:
 
         Args:
             graph: Step graph of the posture table.
-            task: The request.
+            task: The request with its goal region.
             progress: Progress of the plan.
 
         Yields:
-            Path proposals.
+            Path proposals; their proposers' names end with "to the goal alone".
         """
         alone = replace(task, options=replace(task.options, goal_region=None))
         for proposal in self.paths(graph, alone, progress):
@@ -181,15 +185,15 @@ def _create_search(
     *,
     leaks: bool = True,
 ) -> IntegratedSearch:
-    """Create an integrated search for a request.
+    """Create an integrated search (path, postures and modes together) for a request.
 
     Args:
         machine: The arm in its plane.
         task: The request.
         progress: Progress of the plan.
-        area: Area term to search with; it may differ from the request's.
+        area: Weight and reference area of the manipulability loss, in place of the request's.
         effort: Limits on the number of states that the search expands; None: defaults.
-        leaks: Whether leakage counts when paths are compared.
+        leaks: True if the search counts the leakage of the valves when it compares paths.
 
     Returns:
         The search, which has not begun.
@@ -219,8 +223,8 @@ def _paths_without_leakage(
 ) -> Iterator[PathProposal]:
     """Yield the paths of an own search that ignores leakage when it compares paths.
 
-    If the slew determines the duration, leakage flows for that duration on every path. These paths
-    are then the cheapest.
+    This suits a request whose slew takes longer than the path. Every path then lasts as long as the
+    slew, so leakage is equal on all paths.
 
     Args:
         machine: The arm in its plane.
@@ -228,7 +232,7 @@ def _paths_without_leakage(
         progress: Progress of the plan.
 
     Yields:
-        Path proposals, with their cost including leakage.
+        Path proposals. The cost that they state includes leakage.
     """
     search = _create_search(machine, task, progress, task.area, leaks=False)
     for path in search.paths():
@@ -239,10 +243,10 @@ def _paths_without_leakage(
 def _path_with_time_price(
     machine: Machine, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
-    """Yield the path that is cheapest if TIME_PRICE is added to the power of the pumps.
+    """Yield the path that is cheapest if each second costs TIME_PRICE [W] more.
 
-    The cost that the path states contains neither this surcharge nor the manipulability term. At
-    most MAX_TIME_PRICED_STATES states are expanded.
+    The search ignores the manipulability loss and expands at most MAX_TIME_PRICED_STATES states.
+    The cost that the path states contains neither the price on time nor that loss.
 
     Args:
         machine: The arm in its plane.
@@ -250,7 +254,10 @@ def _path_with_time_price(
         progress: Progress of the plan.
 
     Yields:
-        One path.
+        One path proposal.
+
+    Raises:
+        MhsbError: There is no path, or none within the limits.
     """
     weights = task.options.weights
     time_price = TIME_PRICE * weights.energy
@@ -264,7 +271,9 @@ def _path_with_time_price(
 def _path_without_area(
     machine: Machine, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
-    """Yield the cheapest path without the manipulability term, which its cost does not contain.
+    """Yield the path that is cheapest if the manipulability loss has no weight.
+
+    The cost that the path states does not contain that loss.
 
     Args:
         machine: The arm in its plane.
@@ -272,7 +281,7 @@ def _path_without_area(
         progress: Progress of the plan.
 
     Yields:
-        One path.
+        One path proposal.
 
     Raises:
         MhsbError: There is no path.
@@ -283,16 +292,20 @@ def _path_without_area(
 def _baseline_paths(
     baseline: PathPlanner, graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
-    """Yield a baseline's paths, each once for every method of S3 that the options allow.
+    """Yield each path of a baseline (planner to compare with), for both methods of S3.
+
+    S3 makes a motion of a path: it fits a polynomial or follows the path. Each path comes first for
+    the method of the planner that the request names, then for the baseline's own. If the options
+    choose the method, each path comes only once.
 
     Args:
         baseline: The baseline.
         graph: Step graph of the posture table.
-        task: The request. If its options name a method, each path comes only once.
+        task: The request.
         progress: Progress of the plan.
 
     Yields:
-        The path for the method of the planner that the request names, then for the baseline's own.
+        Path proposals.
     """
     for proposal in baseline.paths(graph, task, progress):
         yield from propose_in_both_ways(proposal, baseline, task)
@@ -301,17 +314,17 @@ def _baseline_paths(
 def _for_comparison(
     machine: Machine, task: PathRequest, proposals: Iterator[PathProposal]
 ) -> Iterator[PathProposal]:
-    """Mark proposals as made for comparison.
+    """Mark proposals as made for comparison, and complete their costs.
 
-    The weight of the manipulability loss times the loss along the path is added to each cost.
+    If the manipulability loss has a weight, weight times loss along the path is added to each cost.
 
     Args:
         machine: The arm in its plane.
         task: The request.
-        proposals: Proposals whose costs do not contain the area.
+        proposals: Proposals whose costs do not contain the manipulability loss.
 
     Yields:
-        Path proposals, all with `for_comparison` set.
+        The proposals, all with `for_comparison` set.
     """
     for proposal in proposals:
         path = proposal.path

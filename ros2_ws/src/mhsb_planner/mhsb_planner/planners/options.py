@@ -96,9 +96,9 @@ class PlanOptions:
 
         Raises:
             RequestError: One of these does not hold. Angles and via points are finite.
-                `via_tolerance` is above 0 and at most MAX_REGION_SIZE. Weights, `area_weight`
-                included, are at most HIGHEST_WEIGHT and not all 0. `max_speed_excess` is from 0 to
-                HIGHEST_SPEED_EXCESS.
+                `via_tolerance` is above 0 and at most MAX_REGION_SIZE. No weight exceeds
+                HIGHEST_WEIGHT, `area_weight` included, and at least one is not 0. `area_weight` is
+                not negative. `max_speed_excess` is from 0 to HIGHEST_SPEED_EXCESS.
         """
         check_angle(self.goal_psi)
         for point in self.via:
@@ -134,7 +134,7 @@ class PlanOptions:
         return replace(self, via=())
 
     def distance_to_goal(self, machine: Machine, goal: Position, posture: FloatArray) -> float:
-        """Return the distance of the tip from the goal or its region.
+        """Compute the distance of the tip from the goal or its region.
 
         Args:
             machine: The whole arm.
@@ -142,8 +142,9 @@ class PlanOptions:
             posture: Joint positions of the whole arm, shape (n,) [rad or m].
 
         Returns:
-            Root of the sum of two squared distances [m]: in the arm's plane, 0 within the region,
-            and across the plane, which is an arc length around the slew's axis.
+            √(d² + a²) [m]. d is the distance in the arm's plane, 0 within the region. a is the
+            distance across the plane, an arc length around the slew's axis; it is 0 if the arm does
+            not slew.
         """
         place, tip = machine.convert_to_plane(goal, posture[0]), machine.tip_position(posture)
         offset = float(tip[0]) - place.tip[0], float(tip[1]) - place.tip[1]
@@ -152,9 +153,7 @@ class PlanOptions:
         return math.hypot(away, self._distance_from_plane(machine, place, posture))
 
     def is_goal_reached(self, machine: Machine, goal: Position, posture: FloatArray) -> bool:
-        """Return whether tip and end link are at the goal or in its region.
-
-        If they are, no motion is needed.
+        """Return whether a posture has tip and end link at the goal or in its region.
 
         Args:
             machine: The whole arm.
@@ -175,13 +174,14 @@ class PlanOptions:
     def _distance_from_plane(
         self, machine: Machine, place: PlanarTarget, posture: FloatArray
     ) -> float:
-        """Return the arc length from the tip to the vertical plane of a target.
+        """Compute the arc length from the tip to the vertical plane of a target.
 
         The arc lies around the slew's axis.
 
         Args:
             machine: The whole arm.
-            place: Target in cylindrical coordinates; its `slew` is None if the arm does not slew.
+            place: Target as a position in the arm's plane and a slew angle; its `slew` is None if
+                the arm does not slew.
             posture: Joint positions of the whole arm, shape (n,) [rad or m].
 
         Returns:

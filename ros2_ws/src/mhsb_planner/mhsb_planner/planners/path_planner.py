@@ -70,18 +70,18 @@ class PathRequest:
         return x, z
 
     def energy_lower_bound(self, machine: Machine, most_cells: int = MAX_CELLS) -> float:
-        """Return a lower bound on the energy of every plan from the start to the goal.
+        """Compute a lower bound on the energy of every plan from the start to the goal.
 
-        The bound holds for all postures in the arm's plane whose tip is at the goal or in its
-        region. It includes the slew demand.
+        The bound holds for every posture whose tip is at the goal or one of the tried points of its
+        region. It includes the oil and the least time of the slew.
 
         Args:
             machine: The arm in its plane.
-            most_cells: Largest number of additional cells of the branch and bound if the arm is
-                not 3R.
+            most_cells: Largest number of additional cells of the branch and bound, for an arm that
+                has not three revolute joints. More cells give a higher bound.
 
         Returns:
-            The bound [J].
+            The bound [J]; inf if no posture reaches the goal.
         """
         return bound_energy_to_goal(
             machine,
@@ -97,11 +97,10 @@ class PathRequest:
         """Return the request for a path that continues where another path ends.
 
         Args:
-            path: The path before. The new start is at rest in the last posture and the last modes
-                of this path.
+            path: The other path. The new start is at rest in its last posture, with its last modes.
 
         Returns:
-            The request, with the goal and the options unchanged.
+            Copy of this request with the new start. Goal and options are unchanged.
         """
         last = path.modes[-1] if path.steps > 0 else path.start_modes
         start = MotionState.at_rest(path.posture[-1])
@@ -155,13 +154,13 @@ class PathPlanner(Protocol):
     ) -> Iterator[PathProposal]:
         """Yield paths from the departure to the goal: the first early, then cheaper ones.
 
-        The consumer may stop at any time.
+        The consumer may stop at any time. A planner checks `progress.search_deadline` about every
+        millisecond. When it has passed, the planner yields what it has found and ends.
 
         Args:
             graph: The machine, its posture table, and the steps between the table's postures.
             task: The request.
-            progress: Progress of the plan. The planner looks at `search_deadline` about every
-                millisecond; when it has passed, the planner yields what it has and ends.
+            progress: Progress of the plan.
 
         Yields:
             Path proposals.
@@ -177,14 +176,15 @@ class PathPlanner(Protocol):
 def propose_in_both_ways(
     path: PathProposal, baseline: PathPlanner, task: PathRequest
 ) -> Iterator[PathProposal]:
-    """Yield a baseline's path for two methods of S3: the comparing planner's and the baseline's.
+    """Yield a baseline's path for both methods of S3, which makes a motion of a path.
 
-    S3 fits a polynomial or follows the path. If the options choose the method, the path is yielded
-    only once.
+    S3 fits a polynomial or follows the path. The path comes first for the method of the planner
+    that the request names, then for the baseline's own. If the options choose the method, the path
+    comes only once.
 
     Args:
         path: Proposal of the baseline.
-        baseline: The baseline.
+        baseline: The baseline (planner to compare with).
         task: The request.
 
     Yields:

@@ -16,18 +16,19 @@ from mhsb_planner.search.s2_search import Weights
 def insert_rests(
     machine: Machine, path: DiscretePath, step_indices: IntArray, weights: Weights
 ) -> DiscretePath:
-    """Insert a rest of the shortest ramp's duration before given steps of a path.
+    """Insert a rest before given steps of a path.
 
-    A rest is a step without motion, in the modes of the step that follows. It costs its duration T
-    [s] and the leakage of all n valves. With the supply pressure P_S [Pa] and the leakage flow
-    q_leak of one valve [m³/s], that leakage takes
+    A rest is a step without motion, in the modes of the step that follows. It lasts as long as the
+    shortest ramp between rest and motion. It costs its duration T [s] and the leakage of all n
+    valves. With the supply pressure P_S [Pa] and the leakage flow q_leak of one valve [m³/s], that
+    leakage takes
 
         E = P_S n q_leak T    [J]
 
     Args:
         machine: The whole arm.
-        path: The path.
-        step_indices: Indices of the steps before which the arm rests.
+        path: The path; it stays unchanged.
+        step_indices: Indices of the steps before which the arm rests, by the steps of `path`.
         weights: Weights of energy and time, for the cost of the rests.
 
     Returns:

@@ -34,8 +34,8 @@ class Proposer:
 
         Args:
             name: Name of the proposer in the log.
-            proposals: Its proposals. None means that long work lies ahead, so that others may have
-                their turns first.
+            proposals: Source of its proposals. It yields None before work that takes long, so that
+                other proposers can have their turns first.
         """
         self.name = name
         self.last: PathProposal | None = None
@@ -44,17 +44,17 @@ class Proposer:
         self._proposals = proposals
 
     def propose(self) -> PathProposal | None:
-        """Take a turn: ask for the next proposal and store it in `last`.
+        """Take a turn: get the next proposal of the source and store it in `last`.
 
         At the end of the source, `has_ended` becomes True.
 
         Returns:
-            The proposal. If it names no proposer, it gets the name of this one. None if the
-            proposer pauses or has ended.
+            The proposal, with the name of this proposer if it names none. None if the proposer
+            pauses before long work, or has ended.
 
         Raises:
-            MhsbError: The source has failed. The error is also stored in `error`, and `has_ended`
-                becomes True.
+            MhsbError: The source has failed. The error is stored in `error`, `last` becomes None,
+                and `has_ended` True.
         """
         try:
             proposal = next(self._proposals)
@@ -74,10 +74,12 @@ def take_turns(
 ) -> Iterator[PathProposal]:
     """Give the proposers of a schedule their turns, and yield what they propose.
 
+    Failures are logged. They end the proposals of the proposer that failed.
+
     Args:
         schedule: Proposers in the order of their turns.
         progress: Progress of the plan, with the log.
-        main: Proposer whose failure ends everything; None: all failures are only logged.
+        main: Proposer whose failure ends everything; None if no failure does.
 
     Yields:
         The proposals.
@@ -119,7 +121,8 @@ class ProposerSet:
     def turns_without_leakage(self) -> Iterator[Proposer]:
         """Yield `without_leakage` until it has ended, if the slew takes longer than the own path.
 
-        The own path is that of the last turn of `own`. If `own` paused, nothing is yielded.
+        The own path is the proposal of the last turn of `own`. Nothing is yielded if that turn gave
+        none.
         """
         last = self.own.last
         if last is not None and last.path.duration.sum() < self.slew_time:
@@ -134,17 +137,23 @@ class ProposerSet:
 def schedule_without_deadline(
     proposers: ProposerSet, progress: PlanProgress, *, all_at_once: bool
 ) -> Iterator[Proposer]:
-    """Yield proposers in the order for a plan that has time.
+    """Yield proposers in the order for a plan without urgency.
 
-    The own search comes first. After each of its turns, the next baseline proposes all its paths
-    if one of three conditions holds. There is no motion yet, the own search pauses, or half of the
-    time to a deadline is gone. Remaining baselines and later proposers follow at the end.
+    The own search has turns until it has ended. After each of its turns, the next baseline (planner
+    to compare with) proposes all its paths, if one of three conditions holds:
+
+    - There is no motion yet.
+    - The own search pauses before long work.
+    - Half of the time to a deadline is over.
+
+    At the end come the remaining baselines and the later proposers.
 
     Args:
         proposers: The proposers.
         progress: Progress of the plan.
-        all_at_once: Whether all baselines propose after the first turn of the own search. This
-            suits a search that takes long because its lower bounds are weak.
+        all_at_once: True if all baselines propose after the first turn of the own search, whatever
+            the conditions. This suits an own search that takes long because its lower bounds are
+            weak.
 
     Yields:
         The proposer whose turn it is.
@@ -164,10 +173,11 @@ def schedule_without_deadline(
 def schedule_for_deadline(proposers: ProposerSet, progress: PlanProgress) -> Iterator[Proposer]:
     """Yield proposers in the order that suits a deadline.
 
-    The first baseline has its first turn right after that of the own search. It takes a
-    millisecond or two, and its motion bounds the cost of the plan. All other turns of the
-    baselines, and the later proposers, follow when the own search has ended. If half of the time
-    is gone without a motion, baselines take turns at once until there is a motion.
+    The own search has the first turn, the first baseline (planner to compare with) the second. That
+    baseline takes a millisecond or two, and its motion bounds the cost of the plan. Then the own
+    search has turns until it has ended. If half of the time is over without a motion, the baselines
+    have turns until there is a motion. At the end come the remaining turns of the baselines and the
+    later proposers.
 
     Args:
         proposers: The proposers.
@@ -195,15 +205,15 @@ def schedule_in_turn(
 ) -> Iterator[Proposer]:
     """Yield proposers in turn until all have ended, the quick ones more often than others.
 
-    While there is no motion, a quick proposer keeps its turn until it has ended. As soon as there
-    is a motion, a quick proposer has its next turn after one turn of another proposer. All others
-    go to the end of the queue after their turns.
+    While there is no motion, a quick proposer has turn after turn until it has ended. Once there is
+    a motion, one other proposer has a turn between two turns of a quick one. Proposers that are not
+    quick go to the end of the queue after each turn.
 
     Args:
         first: Proposer with the first turn.
         quick: Proposers that follow, and come more often.
         others: All other proposers.
-        progress: Progress of the plan.
+        progress: Progress of the plan; its `has_motion` is read after each turn.
 
     Yields:
         The proposer whose turn it is.

@@ -25,23 +25,25 @@ SPEED_FACTORS = (0.5, 0.25)
 def paths_at_falling_speeds(
     planner: PathPlanner, graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
-    """Yield a planner's paths, and then, if motions are held back, its paths at lower speeds.
+    """Yield a planner's paths at V_max (allowed piston speed), then at lower speeds if needed.
 
-    SPEED_FACTORS are tried one after the other until `progress.is_held_back` is False. They are
-    also tried if there is no path at V_max, since slower steps take less pressure. An error at a
-    lower speed is only logged.
+    Each factor of SPEED_FACTORS is tried while `progress.is_held_back` is True (motions cannot keep
+    up with their paths). The factors are also tried if there is no path at V_max, since slower
+    steps need less pressure. They end with the time of the search. An error at a lower speed is
+    only logged.
 
     Args:
         planner: The planner.
         graph: Step graph of the machine.
         task: The request.
-        progress: Progress of the plan; `is_held_back` decides whether the next speed is tried.
+        progress: Progress of the plan.
 
     Yields:
         Path proposals.
 
     Raises:
-        MhsbError: The planner has failed at V_max, and there is no path at a lower one.
+        NoPathError: There is no path at V_max, and none at a lower speed.
+        MhsbError: The planner has failed at V_max for another reason; lower speeds are not tried.
     """
     has_path = False
     refused: NoPathError | None = None
@@ -70,11 +72,11 @@ def limit_speeds(machine: Machine, factor: float) -> Machine:
     """Return a copy of a machine in which all pistons are slower, for searches only.
 
     Args:
-        machine: The arm in its plane.
-        factor: Factor on V_max of each actuator [-].
+        machine: The arm in its plane; it stays unchanged.
+        factor: Factor on V_max (allowed piston speed) of each actuator [-].
 
     Returns:
-        The machine. Only its `arrays` have the lower V_max; `config` still states the old one.
+        The slower machine. Only its `arrays` have the lower V_max; `config` still has the old one.
     """
     speed = frozen(factor * machine.arrays.max_piston_speed)
     return replace(machine, arrays=machine.arrays._replace(max_piston_speed=speed))

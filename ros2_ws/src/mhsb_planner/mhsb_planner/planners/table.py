@@ -39,8 +39,12 @@ class TablePlanner:
             progress: Progress of the plan, with the time limit of the search.
 
         Yields:
-            The first path that is found, to the goal or else to another position of its region.
-            Then perhaps the cheapest one to any position of the region.
+            The first path that is found: to the goal or, if the goal has no path, to another
+            position of its region. At the end the cheapest path to any position of the region, if
+            it is another one.
+
+        Raises:
+            MhsbError: There is no path, or none in time.
         """
         yield from map(PathProposal, yield_graph_paths(graph, task, progress))
 
@@ -54,9 +58,9 @@ def yield_graph_paths(
 ) -> Iterator[DiscretePath]:
     """Yield paths over a step graph, to the goal and to the cheapest position of its region.
 
-    A path to each position of the region is searched, to the goal itself first. The first path
-    found is yielded at once, the cheapest one at the end if it is another. If the departure is
-    within the region, the only path has no steps.
+    The search runs once for each tried position of the region, and for the goal itself first. The
+    first path found is yielded at once. The cheapest one is yielded at the end if it is another. If
+    the departure is within a region already, the only path has no steps.
 
     Args:
         graph: Step graph.
@@ -101,8 +105,8 @@ def _is_in_goal_region(graph: StepGraph, task: PathRequest) -> bool:
         task: The request.
 
     Returns:
-        False also if there is no region; the search then finds by itself that the start is at the
-        goal.
+        True if they are. Always False without a region, since the search itself notices a start at
+        the goal.
     """
     options, posture = task.options, task.departure
     if options.goal_region is None:
@@ -116,7 +120,7 @@ def _is_in_goal_region(graph: StepGraph, task: PathRequest) -> bool:
 def _search_path_to(
     tip: tuple[float, float], graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> DiscretePath:
-    """Search the cheapest path to one tip position over a step graph, by the method in the options.
+    """Search a path to one tip position over a step graph, by the method in the options.
 
     Args:
         tip: Tip position (x, z) [m].
@@ -125,7 +129,7 @@ def _search_path_to(
         progress: Progress of the plan, with the time limit of the search.
 
     Returns:
-        Path from the departure, with its cost and a lower bound on the energy [J].
+        Path from the departure, with its cost. It is the cheapest one if the method is `exact`.
 
     Raises:
         MhsbError: There is no path, or none in time.

@@ -25,18 +25,27 @@ class PathSource(Protocol):
         """The whole arm."""
 
     def bound(self, task: PathRequest, most_cells: int) -> float:
-        """Return a lower bound on the energy of every plan for a request.
+        """Return a lower bound on the energy of every plan for a request [J].
 
         Args:
             task: The request of the whole arm.
-            most_cells: Largest number of additional cells of the branch and bound.
-
-        Returns:
-            Energy [J].
+            most_cells: Largest number of additional cells of the branch and bound. More cells give
+                a higher bound.
         """
 
     def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
-        """Yield paths from the departure to the goal, as `PathPlanner.paths` does."""
+        """Yield paths from the departure to the goal: the first early, then cheaper ones.
+
+        Args:
+            task: The request of the whole arm.
+            progress: Progress of the plan, with the time limit of the search.
+
+        Yields:
+            Path proposals for the whole arm.
+
+        Raises:
+            MhsbError: There is no path, or none in time.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +70,7 @@ class PlanePaths:
         return task.energy_lower_bound(self.machine, most_cells)
 
     def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
-        """Yield the planner's paths, at V_max first (`slower_paths`)."""
+        """Yield the planner's paths: at V_max (allowed piston speed), then slower if needed."""
         return paths_at_falling_speeds(self.planner, self.graph, task, progress)
 
 
@@ -70,21 +79,22 @@ def paths_through_via_points(
 ) -> Iterator[PathProposal]:
     """Yield paths from the departure to the goal through all via points in their order.
 
-    A leg leads to the next via point, the last one to the goal. Each leg is planned by itself and
-    ends in the posture that is best for itself. In a first round the legs to via points are the
-    first paths of the source, in a second round the cheapest. Each path comes a second time with
-    rests at the via points. Without rests, an arm whose ramps cut the corners may miss the points.
+    A leg leads to the next via point, the last leg to the goal. Each leg is planned by itself, so
+    it may end in a posture that suits the next leg less. In a first round, each leg to a via point
+    is the first path that the source finds. In a second round it is the cheapest. The last leg
+    takes all paths of the source. Each whole path is yielded twice, the second time with rests at
+    the via points. Without rests, ramps cut the corners, and the tip may miss the points.
 
     Args:
         source: Source of the paths of each leg.
-        task: The request; without via points the source's own paths are yielded.
+        task: The request. Without via points, the source's own paths are yielded.
         progress: Progress of the plan, with the time limit of the searches.
 
     Yields:
         Path proposals.
 
     Raises:
-        MhsbError: The source's errors, if a leg has no path.
+        MhsbError: A leg has no path; the error is the source's.
     """
     if not task.options.via:
         yield from source.paths(task, progress)
@@ -109,16 +119,19 @@ def paths_through_via_points(
 def plan_leg(
     source: PathSource, task: PathRequest, progress: PlanProgress, cheapest: bool
 ) -> DiscretePath:
-    """Return the path of a leg to a via point.
+    """Plan the path of a leg to a via point.
 
     Args:
         source: Source of paths.
         task: Request whose goal is the via point.
         progress: Progress of the plan, with the time limit of the search.
-        cheapest: Whether to take the cheapest of all paths; otherwise the first is taken.
+        cheapest: True to take the cheapest of all paths, False to take the first.
 
     Returns:
         Path from the departure to the via point.
+
+    Raises:
+        MhsbError: There is no path; the error is the source's.
     """
     found = (candidate.path for candidate in source.paths(task, progress))
     first = next(found)
@@ -128,10 +141,12 @@ def plan_leg(
 def join_paths(legs: Sequence[DiscretePath]) -> DiscretePath:
     """Join paths to one path.
 
-    Costs and search statistics are summed up. The start modes are those of the first path.
+    Costs, and the search statistics except `out_of_time`, are summed up. The start modes are those
+    of the first path.
 
     Args:
-        legs: The paths; each begins in the posture and in the modes in which the one before ends.
+        legs: The paths in order. Each begins in the posture and in the modes in which the one
+            before ends.
 
     Returns:
         One path.
@@ -141,7 +156,7 @@ def join_paths(legs: Sequence[DiscretePath]) -> DiscretePath:
     def concatenate_nodes(name: str) -> np.ndarray:
         """Concatenate an array with a row for each node over all paths in `legs`.
 
-        The first node of each later path is dropped, because it repeats the last node of the path
+        The first node of each path but the first is dropped, because it repeats the last node
         before.
 
         Args:

@@ -68,16 +68,16 @@ It finds most paths then; the rest of the time is for paths over a first move.
 
 
 def describe_limit_excess(machine: Machine, posture: FloatArray) -> str:
-    """Return a clause that names the joints beyond their limits in a posture.
+    """Return a clause that names the joints that are beyond their limits in a posture.
 
     Args:
         machine: The arm.
         posture: Joint positions, shape (n,) [rad or m].
 
     Returns:
-        Name, value, excess and limit of each joint whose excess is above NAMED_EXCESS. An example
-        is "joint_1 at 2.494 rad, 0.02 rad beyond its upper limit of 2.474 rad". Empty if there is
-        none.
+        Name, value, excess and limit of each joint whose excess is above NAMED_EXCESS; empty if
+        there is none. An example is "joint_1 at 2.494 rad, 0.02 rad beyond its upper limit of 2.474
+        rad".
     """
     a, words = machine.arrays, []
     for j, value in enumerate(posture.tolist()):
@@ -93,15 +93,15 @@ def describe_limit_excess(machine: Machine, posture: FloatArray) -> str:
 
 
 def suggest_unit_of_start(machine: Machine, posture: FloatArray) -> str:
-    """Ask whether a posture was meant in degrees, or in mm where joints slide.
+    """Return a clause that asks whether a posture was meant in degrees, or in mm.
 
     Args:
         machine: The arm.
         posture: Joint positions, shape (n,) [rad or m].
 
     Returns:
-        Clause of `suggest_unit` for the first joint that is beyond its limits by more than its
-        range; empty if there is none.
+        The clause, for the first joint whose excess over its limit is greater than its whole range.
+        Empty if there is no such joint.
     """
     low, high = machine.arrays.joint_min, machine.arrays.joint_max
     for j in np.flatnonzero(np.maximum(posture - high, low - posture) > high - low):
@@ -115,7 +115,7 @@ def describe_start_problems(machine: Machine, posture: FloatArray) -> str:
 
     Args:
         machine: The arm.
-        posture: Joint positions, shape (n,) [rad or m].
+        posture: Start posture, shape (n,) [rad or m].
 
     Returns:
         The clause; empty if nothing is wrong.
@@ -135,12 +135,15 @@ def paths_from_anywhere(
     task: PathRequest,
     progress: PlanProgress,
 ) -> Iterator[PathProposal]:
-    """Yield paths from the departure to the goal, wherever the departure is.
+    """Yield paths from the departure to the goal, also from a departure that is not admissible.
 
-    If the departure is within the joint limits and clear of obstacles, these are the source's own
-    paths, through the via points. If it is more than START_NOISE beyond a limit, all paths begin
-    with a first move. If it is nearer to the limit, or in an obstacle, the source gets DIRECT_SHARE
-    of the time. Paths over a first move follow if there is no motion then.
+    The departure decides how:
+
+    - Within the joint limits and clear of obstacles: the source's paths through the via points.
+    - More than START_NOISE beyond a limit: all paths begin with a first move, which leads straight
+      to a nearby admissible posture.
+    - Otherwise (slightly beyond a limit, or in an obstacle): the source plans directly for
+      DIRECT_SHARE of the time. If there is no motion then, paths with a first move follow.
 
     Args:
         machine: The whole arm.
@@ -183,13 +186,13 @@ def paths_from_anywhere(
 
 
 def _limit_to_direct_share(progress: PlanProgress) -> PlanProgress:
-    """Create a progress with the same log and a deadline after DIRECT_SHARE of the remaining time.
+    """Create a progress that ends after DIRECT_SHARE of the remaining time and has the same log.
 
     Args:
         progress: Progress of the plan. Without a deadline, the result has none either.
 
     Returns:
-        The progress, whose `has_motion` and `reserve` the caller must update.
+        The progress. Its `has_motion`, `is_held_back` and `reserve` must be updated by the caller.
     """
     if not progress.has_deadline:
         return PlanProgress(progress.deadline, log=progress.log)
@@ -206,9 +209,9 @@ def _paths_over_first_moves(
 ) -> Iterator[PathProposal]:
     """Yield paths that begin with a first move to an admissible posture.
 
-    First moves are tried one after the other until there is a motion. The source plans on from the
-    end of each. While there is no motion, each path is also proposed with a rest after its first
-    move.
+    First moves are tried one after the other until there is a motion. From the end of each, the
+    source plans to the goal. While there is no motion, each path is also proposed with a rest after
+    its first move.
 
     Args:
         machine: The whole arm.
@@ -223,7 +226,8 @@ def _paths_over_first_moves(
     Raises:
         StartError: No first move is possible.
         DeadlineError: The time was up during a search.
-        MhsbError: No first move led to a motion; the error is that of the first search.
+        MhsbError: No first move led to a motion, and a search failed; the error is that of the
+            first such search.
     """
     refused: MhsbError | None = None
     for first in _first_moves(machine, table, task):
@@ -253,16 +257,14 @@ def _paths_over_first_moves(
 def _first_moves(
     machine: Machine, table: PostureTable, task: PathRequest
 ) -> Iterator[DiscretePath]:
-    """Yield first moves from the departure to admissible postures.
+    """Yield first moves: paths from an inadmissible departure to admissible postures.
 
-    Straight moves come first. The first candidate is the departure clipped to the joint limits, if
-    it is beyond them. The table's postures in mode N that are clear of obstacles follow, in the
-    order of the time of the move. At most TRIED_POSTURES moves on which the arm gets no deeper into
-    obstacles are planned, each with its cheapest mode combination. A move that no mode combination
-    can do is left out.
+    Straight moves come first: to the departure clipped to the joint limits, then to nearby postures
+    of the table. At most TRIED_POSTURES are planned. Moves on which the arm gets deeper into an
+    obstacle are left out, as are moves that no mode combination can do. Then comes a way out of the
+    obstacles by steepest ascent of the clearance.
 
-    Then comes a way out of the obstacles by steepest ascent of the clearance. Nothing is yielded if
-    a linkage is beyond a dead centre on the straight way back within the limits.
+    Nothing is yielded if a linkage passes a dead centre on the straight way back within the limits.
 
     Args:
         machine: The whole arm.
@@ -270,7 +272,7 @@ def _first_moves(
         task: The request.
 
     Yields:
-        Paths of one or more steps from the departure.
+        Paths of one or more steps from the departure, each move with its cheapest mode combination.
     """
     start = task.departure
     if not _is_movable(machine, start):
@@ -292,16 +294,16 @@ def _climb_out_of_obstacles(machine: Machine, start: FloatArray) -> FloatArray |
     """Find postures on a way out of obstacles along which the clearance rises.
 
     Each step follows the gradient of the least clearance, within the joint limits. Of
-    CLIMB_HALVINGS step sizes, the one that gives the greatest clearance is taken. The way ends when
-    the arm keeps the margin of discrete paths, or is given up after CLIMB_STEPS.
+    CLIMB_HALVINGS step sizes, the one that gives the greatest clearance is taken. The way ends as
+    soon as the arm keeps the margin of discrete paths. It is given up after CLIMB_STEPS steps.
 
     Args:
         machine: The whole arm.
         start: Start posture, shape (n,) [rad or m].
 
     Returns:
-        Postures, shape (k, n) [rad or m], the start first. None if the start keeps the margin,
-        there are no obstacles, or the clearance cannot be raised enough.
+        Postures, shape (k, n) [rad or m], the start first. None if the start keeps the margin
+        already, there are no obstacles, or no such way is found.
     """
     a, rows = machine.arrays, machine.obstacles.path_rows
     if len(rows) == 0:
@@ -325,10 +327,11 @@ def _climb_out_of_obstacles(machine: Machine, start: FloatArray) -> FloatArray |
 
 
 def _connect_postures(machine: Machine, task: PathRequest, way: FloatArray) -> DiscretePath | None:
-    """Connect postures of a way by straight moves, over as few of them as possible.
+    """Connect the first and the last posture of a way by few straight moves.
 
-    From each posture, the next one is the last to which a straight move is admissible: the arm gets
-    no deeper into obstacles, and a mode combination can do the move.
+    From each posture, the move leads to the farthest later posture to which a straight move is
+    admissible. It is admissible if the arm gets no deeper into obstacles and a mode combination can
+    do the move.
 
     Args:
         machine: The whole arm.
@@ -336,8 +339,8 @@ def _connect_postures(machine: Machine, task: PathRequest, way: FloatArray) -> D
         way: Postures, shape (k, n) [rad or m].
 
     Returns:
-        The path to the last posture. None if a posture has no admissible move to any later one, or
-        if there is only one posture.
+        The path to the last posture. None if there is a posture without an admissible move, or only
+        one posture.
     """
     moves, here, at = [], 0, task
     while here < len(way) - 1:
@@ -356,16 +359,16 @@ def _connect_postures(machine: Machine, task: PathRequest, way: FloatArray) -> D
 def _is_movable(machine: Machine, posture: FloatArray) -> bool:
     """Return whether each linkage can move its joint from a posture back within the limits.
 
-    On the straight way to the nearest posture within the limits, each moment arm must keep its
-    sign. Beyond a dead centre it has the other sign, or the linkage cannot be assembled, and no
-    cylinder can move the joint.
+    On the straight way to the nearest posture within the limits, each moment arm (cylinder stroke
+    per joint angle) must keep its sign. A sign change means a dead centre, over which no cylinder
+    can move the joint. The way is sampled at ARM_LOOKS postures.
 
     Args:
         machine: The whole arm.
         posture: Joint positions, shape (n,) [rad or m].
 
     Returns:
-        True if all joints can be moved.
+        True if all joints can be moved. False also if a linkage cannot be assembled on the way.
     """
     a = machine.arrays
     inside = np.clip(posture, a.joint_min, a.joint_max)
@@ -377,12 +380,13 @@ def _is_movable(machine: Machine, posture: FloatArray) -> bool:
 def _postures_nearby(
     machine: Machine, table: PostureTable, posture: FloatArray
 ) -> Iterator[FloatArray]:
-    """Yield admissible postures, the one that a move reaches earliest first.
+    """Yield admissible postures, those first that a straight move reaches earliest.
 
     If the given posture is beyond joint limits, the posture clipped to them comes before all
-    others. The table's postures with all actuators in mode N that are clear of obstacles follow,
-    with the slew at its clipped angle. The time of a move is that of the slowest joint, estimated
-    from its moment arm and V_max.
+    others. It is not checked for obstacles. Then come the table's postures for mode N (main pump
+    alone) of all actuators, if they are clear of obstacles. They have the slew at its clipped
+    angle. The time of a move is estimated for its slowest joint, from moment arm and V_max (allowed
+    piston speed).
 
     Args:
         machine: The whole arm.
@@ -406,7 +410,7 @@ def _postures_nearby(
 
 
 def _is_clear(machine: Machine, postures: FloatArray) -> np.ndarray:
-    """Return which postures keep clear of all obstacles, with the margin of discrete paths.
+    """Find which postures keep clear of all obstacles, with the margin of discrete paths.
 
     Args:
         machine: The whole arm.
@@ -422,15 +426,15 @@ def _is_clear(machine: Machine, postures: FloatArray) -> np.ndarray:
 
 
 def _never_gets_deeper(machine: Machine, ends: FloatArray) -> bool:
-    """Return whether the arm never gets deeper into obstacles on a straight move in joint space.
+    """Return whether the arm gets no deeper into obstacles on a straight move in joint space.
 
     Args:
         machine: The whole arm.
         ends: First and last posture, shape (2, n) [rad or m].
 
     Returns:
-        True if the depth in the nearest obstacle does not grow from any of ARM_LOOKS samples to the
-        next.
+        True if the depth in the obstacles grows from none of ARM_LOOKS samples to the next. The
+        depth is 0 outside all obstacles.
     """
     if len(machine.obstacles.rows) == 0:
         return True
@@ -443,10 +447,10 @@ def _never_gets_deeper(machine: Machine, ends: FloatArray) -> bool:
 def _plan_first_move(
     machine: Machine, task: PathRequest, posture: FloatArray
 ) -> DiscretePath | None:
-    """Return the cheapest straight move from the departure to a posture, as a path of one step.
+    """Plan the cheapest straight move from the departure to a posture, as a path of one step.
 
-    The mode combination of least cost is taken, with the weights of the request for energy, time
-    and mode switches. If only the slew moves, the path contains the slew's motion alone.
+    The mode combination of least cost is taken; the request gives the weights of energy, time and
+    mode switches. If only the slew moves, the path contains the slew's motion alone.
 
     Args:
         machine: The whole arm.
@@ -491,5 +495,5 @@ def _plan_first_move(
 
 
 def _slew_angles(task: PathRequest, posture: FloatArray) -> tuple[float, float]:
-    """Return the slew's angles at the departure and in a posture [rad]."""
+    """Return the slew's angles at the request's departure and in a posture [rad]."""
     return float(task.departure[0]), float(posture[0])

@@ -120,10 +120,11 @@ class PlanningLoop:
         self._since = log.began
 
     def start_with_rest(self, rest: Trajectory) -> None:
-        """Make the remainder of the plan in force the first incumbent, if it keeps all limits.
+        """Make the remainder of the plan in force the first incumbent (best plan so far).
 
-        Otherwise there is no incumbent yet, and no error is raised. In both cases the time since
-        the request is stored as that of the first motion.
+        This needs a remainder that keeps all limits. If it does not, there is no incumbent yet, and
+        only the log tells why. In both cases the time since the request is stored as that of the
+        first motion.
 
         Args:
             rest: Remainder of the plan in force, with stamp 0.
@@ -144,24 +145,24 @@ class PlanningLoop:
         self._seconds["first_motion"] = self._since - log.began
 
     def choose_best(self, proposals: Iterable[PathProposal]) -> Plan:
-        """Fit motions to proposed paths and return the last incumbent.
+        """Fit motions to proposed paths, and return the cheapest as a plan.
 
         An error of the proposers, or the deadline, ends the loop. It is raised only if there is no
-        incumbent. Variants of the first motion that `_consider` has postponed are tried before the
-        loop ends.
+        motion. Before the loop ends, the variants of the first motion are tried that were put off
+        until there was time for them.
 
         Args:
             proposals: Path proposals, requested one after the other.
 
         Returns:
-            The plan, with the times of its stages [s], its cavitations, its log, and in its path's
-            statistics whether the time ran out.
+            The plan with its log, its cavitations and the times of its stages [s]. The statistics
+            of its path say whether the time ran out.
 
         Raises:
             FitError: No path has a motion that keeps the limits; the error is the one for the first
                 path.
             DeadlineError: The time was up before there was a motion.
-            MhsbError: Errors of the proposers.
+            MhsbError: A proposer has failed, and there is no motion.
             ValueError: There was no proposal and no error, which is a fault of the planner.
         """
         in_time = True
@@ -194,11 +195,11 @@ class PlanningLoop:
     def _no_motion_error(self) -> Exception:
         """Create the error that explains why no path has a motion.
 
-        Running out of time has precedence, since there might have been other paths.
+        Running out of time comes first, since other paths might have had one.
 
         Returns:
-            DeadlineError if the time was up, else the first FitError. ValueError if there was no
-            path at all, which is a fault of the planner.
+            DeadlineError if the time was up, else the FitError of the first path. ValueError if
+            there was no path at all, which is a fault of the planner.
         """
         if self._cut_short is None and self.progress.search_deadline.has_passed:
             return DeadlineError("making motions of paths")
@@ -206,27 +207,30 @@ class PlanningLoop:
         return self._cut_short or self._refused or unsaid
 
     def _consider(self, proposal: PathProposal) -> None:
-        """Fit motions to a path, and make each the incumbent that is better.
+        """Fit motions to a path, and keep each that beats the incumbent (best plan so far).
 
-        A path is skipped if MIN_MOTION_COST_RATIO times its cost, less that of its mode switches,
+        The path is skipped if even MIN_MOTION_COST_RATIO times its cost without mode switches
         exceeds the incumbent's cost. Otherwise it gets one motion by the rules of `fit_rules`. If
-        this costs at most NEAR_BEST_COST_FACTOR times as much as the incumbent, its variants
-        follow.
+        that motion costs at most NEAR_BEST_COST_FACTOR times as much as the incumbent, variants of
+        it follow.
 
-        While there is no incumbent, a path for which the rules ask for a polynomial is first
-        followed by ramps, if that is allowed, since ramps are faster to fit. The polynomial comes
-        next. It becomes the incumbent whatever it costs, unless it has to be stretched.
+        Two exceptions serve to find a first motion early:
 
-        With a deadline, the variants of the first motion wait until the next path has its motion,
-        or for the end of the proposals. They take several times as long as that motion and lower
-        the cost less. Updates `progress.is_held_back`.
+        - If there is no incumbent and the rules ask for a polynomial, the path is first followed by
+          ramps, if that is allowed. Ramps are faster to fit. The polynomial then becomes the
+          incumbent whatever it costs, unless it has to be stretched in time.
+        - With a deadline, the variants of the first motion wait for the next path, or for the end
+          of the proposals. They take several times as long as that motion and lower the cost less.
+
+        Updates `progress.is_held_back`.
 
         Args:
             proposal: The proposal.
 
         Raises:
             DeadlineError: The deadline of the plan passed.
-            FitError: There is no motion yet, and the start steers (`_is_steering`).
+            FitError: The start steers (it moves, and one curve must lead from there to the goal),
+                and there is no motion yet.
         """
         path, options, best = proposal.path, self._task.options, self._best
         estimate = path.cost - options.weights.switches * path.switches
@@ -248,15 +252,15 @@ class PlanningLoop:
             self._try_variants(proposal, motion, rules)
 
     def _judge_speed(self, path: DiscretePath, motion: FittedMotion | None) -> None:
-        """Update `progress.is_held_back` after the fits to a path.
+        """Update `progress.is_held_back`: whether motions cannot keep up with their paths.
 
-        The flag becomes True, or False again, by two conditions. S3 has refused to follow a path
-        whose cost is below MIN_REFUSED_COST_RATIO times the cost of the incumbent's motion. Or the
-        incumbent's motion takes longer than MAX_SLOWDOWN times its path. Without an incumbent, any
-        refused path is enough.
+        With an incumbent (best plan so far) it is True in two cases. S3 has refused to follow a
+        path that costs less than MIN_REFUSED_COST_RATIO times the incumbent. Or the incumbent's
+        motion takes longer than MAX_SLOWDOWN times its path. Without an incumbent, it is True if S3
+        has refused to follow any path.
 
         Args:
-            path: The path.
+            path: The path that was fitted last.
             motion: Motion that `_fit_and_keep` returned for it, or None.
         """
         if motion is None and self._refused_path is path:
@@ -272,8 +276,8 @@ class PlanningLoop:
     def _try_postponed_variants(self) -> None:
         """Try the postponed variants of the first motion, if there are any, and forget them.
 
-        They are dropped if the first motion costs more than NEAR_BEST_COST_FACTOR times as much as
-        the present incumbent.
+        They are dropped untried if the first motion costs more than NEAR_BEST_COST_FACTOR times as
+        much as the present incumbent (best plan so far).
 
         Raises:
             DeadlineError: The deadline of the plan passed.
@@ -286,10 +290,11 @@ class PlanningLoop:
             self._try_variants(postponed.proposal, postponed.motion, postponed.rules)
 
     def _try_variants(self, proposal: PathProposal, motion: FittedMotion, rules: FitRules) -> None:
-        """Fit variants of a motion to its path, and make each the incumbent that is better.
+        """Fit variants of a motion to its path, and keep each that is better than the incumbent.
 
-        S3 records why it refused each curve that it tried. If a variant becomes the incumbent, the
-        first motion's reasons are put before its own.
+        The incumbent is the best plan so far. A motion has a list of reasons why S3 refused other
+        curves. If a variant becomes the incumbent, the reasons of the first motion are put before
+        its own.
 
         Args:
             proposal: Proposal with the path.
@@ -311,15 +316,14 @@ class PlanningLoop:
     def _may_follow_instead(self, path: DiscretePath, rules: FitRules) -> bool:
         """Return whether a path may be followed instead of a polynomial that the rules ask for.
 
-        It may if four things hold. The rules ask for a polynomial, and the options leave S3's
-        method open. The path has steps, and the start does not steer (`_is_steering`).
-
         Args:
             path: The path.
             rules: Rules for its motion.
 
         Returns:
-            True if all four hold.
+            True if four conditions hold. The rules ask for a polynomial. The options leave the
+            method of S3 open. The path has steps. The start does not steer, that is, no single
+            curve from a moving start to the goal is asked for.
         """
         free = self._task.options.trajectory is None and path.steps > 0
         return free and rules.trajectory == "polynomial" and not self._is_steering
@@ -328,32 +332,35 @@ class PlanningLoop:
     def _is_steering(self) -> bool:
         """True if the start moves and the request asks for one curve from there to the goal.
 
-        `Planner` asks for it if the plan in force ends near the goal soon (`s3_state_to_rest`).
+        `Planner` asks for it if the plan in force ends soon and near the goal.
         """
         return isinstance(self._task.brake, Steering)
 
     def _fit_and_keep(self, proposal: PathProposal, rules: FitRules) -> FittedMotion | None:
-        """Fit a motion to a path and make it the incumbent if it is better (`_replaces`).
+        """Fit a motion to a path, and make it the incumbent (best plan so far) if it is better.
 
-        Updates the times of the stages, the log, and `has_motion` and `reserve` of the progress.
+        `_replaces` decides what is better. Times of the stages, log, and `has_motion` and `reserve`
+        of the progress are updated.
 
         Rules with `polynomial_only` ask for the published polynomial along the incumbent's path. It
-        becomes the incumbent whatever it costs, unless it has to be stretched. If S3 refuses it,
-        its reasons are added to the incumbent.
+        becomes the incumbent whatever it costs, unless it has to be stretched in time. If S3
+        refuses it, the reasons are added to the incumbent.
 
         Args:
             proposal: Proposal with the path.
             rules: Rules for the fit.
 
         Returns:
-            Motion whose variants are worth a try. It is the fitted motion, if that is the incumbent
-            now or costs at most NEAR_BEST_COST_FACTOR times as much. It is the incumbent's motion,
-            if a polynomial by `polynomial_only` was refused. Otherwise None.
+            A motion whose variants are worth a try, or None:
+
+            - The fitted motion, if it is the incumbent now or costs at most NEAR_BEST_COST_FACTOR
+              times as much.
+            - The incumbent's motion, if a polynomial by `polynomial_only` was refused.
 
         Raises:
             DeadlineError: The deadline of the plan passed.
-            FitError: There is no motion yet, and the start steers. `Planner` then tries another way
-                of coming to rest.
+            FitError: The start steers (one curve from a moving start to the goal), and there is no
+                motion yet. `Planner` then tries another way of coming to rest.
         """
         began, best, options = self._since, self._best, self._task.options
         motion = self._fit(proposal, rules)
@@ -378,18 +385,21 @@ class PlanningLoop:
         return motion if cost <= NEAR_BEST_COST_FACTOR * best.cost(options) else None
 
     def _replaces(self, plan: Plan, best: Plan) -> bool:
-        """Return whether a plan is sufficiently better than the incumbent to replace it.
+        """Return whether a plan is sufficiently better than the incumbent (best plan so far).
 
-        It must be cheaper. With a period of goals (`PlanOptions.period`), it may take at most
-        ALLOWED_DELAY_SHARE times the period longer than the incumbent. If the incumbent is the
-        remainder of the plan in force, it must cost at least WORTH_LEAVING times that cost less.
+        It must be cheaper. Two more conditions hold in special cases:
+
+        - If goals follow each other with a period, it may take at most ALLOWED_DELAY_SHARE times
+          the period longer than the incumbent.
+        - If the incumbent is the remainder of the plan in force, it must be cheaper by at least
+          WORTH_LEAVING times the incumbent's cost.
 
         Args:
             plan: The plan.
             best: Incumbent.
 
         Returns:
-            True if it replaces the incumbent.
+            True if the plan replaces the incumbent.
         """
         options = self._task.options
         if not plan.is_cheaper_than(best, options):
@@ -405,8 +415,8 @@ class PlanningLoop:
     def _fit(self, proposal: PathProposal, rules: FitRules) -> FittedMotion | None:
         """Fit a motion to a path, and log the reason if there is none.
 
-        While there is no motion, the fit to a path that is proposed for comparison may take only
-        COMPARED_SHARE of the time until the deadline, if there is one.
+        A path that is proposed for comparison may delay the first motion. So while there is none,
+        its fit may take only COMPARED_SHARE of the time until a deadline.
 
         Args:
             proposal: Proposal with the path.
@@ -417,7 +427,8 @@ class PlanningLoop:
 
         Raises:
             DeadlineError: The deadline of the plan passed.
-            FitError: There is no motion yet, and the start steers.
+            FitError: The start steers (one curve from a moving start to the goal), and there is no
+                motion yet.
         """
         best, deadline = self._best, self.progress.deadline
         if best is None and proposal.for_comparison and self.progress.has_deadline:
@@ -443,7 +454,7 @@ class PlanningLoop:
         return None
 
     def _fit_by(self, path: DiscretePath, rules: FitRules, deadline: Deadline) -> FittedMotion:
-        """Fit a motion to a path. If the path has no steps, only bring the start to rest.
+        """Fit a motion to a path; for a path without steps, only bring the start to rest.
 
         Args:
             path: The path.
@@ -488,7 +499,9 @@ class PlanningLoop:
         return Plan(path, motion, energy, machine, area_shortfall=shortfall)
 
     def _set_refused(self, refused: tuple[str, ...]) -> None:
-        """Replace the reasons for refused curves in the incumbent, which must exist.
+        """Replace the incumbent's list of reasons why S3 refused curves.
+
+        The incumbent is the best plan so far; there must be one.
 
         Args:
             refused: One sentence for each curve.
@@ -516,7 +529,7 @@ class PlanningLoop:
         self.progress.log.add(proposal.proposer, outcome, proposal.path.cost, motion, **values)
 
     def _charge_time(self, stage: str) -> None:
-        """Add the time since the last call to the time of a stage.
+        """Add the time since the last call, or since the request, to the time of a stage.
 
         Args:
             stage: Key in `Plan.seconds`.

@@ -40,19 +40,20 @@ SHORT_MOTION_TIME_FACTOR = 1.5
 
 
 def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> FitRules:
-    """Return the rules by which S3 fits a motion to a path.
+    """Return the rules by which S3 makes a motion of a path.
 
-    The method is that of the options, else `of_path`, else `trajectory` of the planner that the
-    options name. A polynomial may exceed V_max by the options' `max_speed_excess`, if the options
-    or their planner ask for polynomials. If only `of_path` does, it may not.
+    The method of S3 is a polynomial, or following the path. The first of these that is given
+    decides: the method of the options, `of_path`, and the method of the planner that the options
+    name. A polynomial may exceed V_max (allowed piston speed) by the options' `max_speed_excess`.
+    It may not if only `of_path` asks for a polynomial.
 
     Args:
         options: Options of the plan.
         of_path: Method for this path if the options have none; None: the planner's method.
 
     Returns:
-        The rules, with the via points as (coordinates, tolerance) [m]. The shortest duration [s] is
-        SHORT_MOTION_TIME_FACTOR times the period of the goals.
+        The rules. Their via points are (coordinates, tolerance) [m]. Their shortest duration is
+        SHORT_MOTION_TIME_FACTOR times the period of the goals [s].
     """
     own = options.trajectory or get_planner(options.planner).trajectory
     rules = FitRules.create_following()
@@ -66,7 +67,11 @@ def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> Fi
 
 
 def following_rules(rules: FitRules) -> FitRules:
-    """Return default rules for following a path, with some rules' least duration and via points."""
+    """Return default rules for following a path, with shortest duration and via points of others.
+
+    Args:
+        rules: Rules that give shortest duration and via points.
+    """
     return replace(
         FitRules.create_following(), min_duration=rules.min_duration, via_points=rules.via_points
     )
@@ -82,14 +87,16 @@ def yield_variant_rules(
 ) -> Iterator[FitRules]:
     """Yield rules for variants of a motion along its path, which may be cheaper.
 
-    - A ramped motion from rest gets faster ramps, one of FASTER_RAMP_FACTORS at a time. If time
-      has a weight, it also gets a faster last ramp alone.
-    - A polynomial that was stretched because of V_max gets a motion that follows the path, if that
-      is allowed.
-    - A motion that follows the path gets slower ramps, one of SLOWER_RAMP_FACTORS at a time, if it
-      has more mode switches than its path. Inertia then asks for boost.
+    The kind of motion decides:
 
-    With a period of goals, ramps are not varied, since there is no time for it.
+    - Ramped, from rest: each of FASTER_RAMP_FACTORS on the ramps' duration. If time has a weight,
+      also a faster last ramp alone.
+    - Polynomial that was stretched in time because of V_max (allowed piston speed): following the
+      path, if that is allowed.
+    - Not a polynomial, with more mode switches than its path: each of SLOWER_RAMP_FACTORS, because
+      inertia calls for boost.
+
+    If goals follow each other with a period, ramps are not varied, since there is no time for it.
 
     Args:
         path: The path.
@@ -124,8 +131,7 @@ def describe_rules(rules: FitRules) -> str:
         rules: The rules.
 
     Returns:
-        Method, and the factors on the ramps if these are varied. An example is
-        `followed, ramps x 0.72`.
+        Method, and the factors on the ramps if they are varied, such as `followed, ramps x 0.72`.
     """
     words: str = rules.trajectory
     if len(rules.ramp_factors) == 1 and rules.ramp_factors != (1.0,):

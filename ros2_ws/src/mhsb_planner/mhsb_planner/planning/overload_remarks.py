@@ -22,15 +22,18 @@ remark names it.
 def describe_overload(machine: Machine, table: PostureTable, start: FloatArray) -> str:
     """Describe where the arm cannot carry its payload, as a possible reason why there is no path.
 
+    The start is checked first, then the posture table.
+
     Args:
         machine: The whole arm.
         table: Posture table of its plane.
         start: Posture at the start, shape (n,) [rad or m].
 
     Returns:
-        Clause with the payload, the pressure that it needs at the start and the highest one, or the
-        share of the workspace in which no posture of the table carries it. Empty if the payload is
-        carried at the start and in most of the workspace.
+        A clause, or an empty text. If the payload cannot be held at the start, it names payload,
+        actuator, needed pressure and highest supply pressure. Otherwise it gives the share of the
+        table's nodes at which no posture holds the payload. It is empty if that share is below
+        NAMED_OVERLOAD_SHARE.
     """
     m = machine.arrays
     highest = get_max_supply_pressure(get_shared_hydraulics(m), m.module_count)
@@ -56,6 +59,14 @@ def describe_overload(machine: Machine, table: PostureTable, start: FloatArray) 
 
 
 def _find_needed_pressures(machine: Machine, postures: FloatArray) -> FloatArray:
-    """Return the supply pressures that hold an arm in postures, shape (k, n) [Pa]."""
+    """Compute the supply pressure that each actuator needs to hold an arm at rest.
+
+    Args:
+        machine: The arm.
+        postures: Postures, shape (k, n) [rad or m].
+
+    Returns:
+        Pressures, shape (k, n) [Pa].
+    """
     force = machine.piston_forces_in(postures)
     return required_pressures(machine.arrays, force, np.zeros_like(force))
