@@ -75,10 +75,10 @@ def encode(sample: ActuatorSample, actuator_names: Sequence[str]) -> JointState:
 
     Args:
         sample: The sample.
-        actuator_names: Names of the n actuators.
+        actuator_names: Names of the n actuators, in the order of the sample's arrays.
 
     Returns:
-        Message with one entry for each actuator and quantity.
+        Message with one entry for each actuator and quantity; the values are in `position`.
     """
     table = np.stack([getattr(sample, quantity) for quantity in SAMPLE_FIELDS], axis=1)
     return JointState(
@@ -99,8 +99,8 @@ def decode(message: JointState, actuator_names: Sequence[str]) -> ActuatorSample
         The sample.
 
     Raises:
-        MessageError: An entry is missing, unknown or given twice. Or there is not one value for
-            each entry, a value is not finite, or `velocity` or `effort` is not empty.
+        MessageError: An entry is missing, unknown or given twice; an entry has no value or one that
+            is not finite; the stamp is impossible; or `velocity` or `effort` is not empty.
     """
     order = checks.find_joint_order("actuator states", message.name, entry_names(actuator_names))
     checks.check_empty("velocity", message.velocity)

@@ -24,8 +24,8 @@ def find_joint_order(what: str, given: Sequence[str], expected: Sequence[str]) -
         Index into `given` for each expected name, int64[len(expected)].
 
     Raises:
-        MessageError: Names are given twice, unknown or missing. The error lists the names with the
-            first of these faults.
+        MessageError: Names are given twice, unknown or missing. Of these three problems, the error
+            states the first that occurs, with all names that have it.
     """
     if list(given) == list(expected):
         return np.arange(len(expected))
@@ -47,8 +47,8 @@ def check_values(what: str, given: Sequence[float], order: IntArray) -> FloatArr
 
     Args:
         what: Name of the array for the error, such as "position".
-        given: One value for each name of the message.
-        order: Result of `find_joint_order`.
+        given: One value for each name of the message, in the order of the message.
+        order: For each expected name the index into `given`, as `find_joint_order` returns it.
 
     Returns:
         Values in the order of the expected names, float64[len(order)].
@@ -64,8 +64,9 @@ def check_point_table(field: str, rows: Rows, order: IntArray) -> FloatArray:
 
     Args:
         field: Name of the array for the error, such as "positions".
-        rows: Values of each point: a 2-D array, or one sequence for each point.
-        order: Result of `find_joint_order`.
+        rows: Values of each point in the order of the message: a 2-D array, or one sequence for
+            each point.
+        order: For each expected name the index into a row, as `find_joint_order` returns it.
 
     Returns:
         Values in the order of the expected names, float64[points, len(order)].
@@ -99,7 +100,7 @@ def check_empty_rows(field: str, rows: Rows) -> None:
 def check_point_times(
     what: str, times_ns: Sequence[int] | IntArray, *, max_spacing_ns: int | None = None
 ) -> IntArray:
-    """Check the times of points: at least one, the first 0, strictly increasing.
+    """Check the times of points: there is at least one, the first is 0, and they increase strictly.
 
     Args:
         what: Name of the message for the error, such as "the trajectory".
@@ -136,12 +137,12 @@ def check_point_times(
 
 
 def _reorder_rows(rows: Rows, order: IntArray, name_of_row: Callable[[int], str]) -> FloatArray:
-    """Check that each row has the right number of finite values, and reorder the values.
+    """Check that each row has one finite value for each name, and put the values into order.
 
     Args:
         rows: Values: a 2-D array, or one sequence for each row.
-        order: Index of each result column into a row.
-        name_of_row: Returns the name of a row with this index, for errors.
+        order: For each column of the result the index into a row.
+        name_of_row: Returns the name of the row with a given index, for errors.
 
     Returns:
         Values, float64[rows, len(order)].

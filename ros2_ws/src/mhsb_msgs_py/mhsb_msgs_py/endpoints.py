@@ -24,7 +24,12 @@ LEASE_TIME = 20.0
 
 
 def make_publisher(node: Node, topic: Topic) -> Publisher:
-    """Create a publisher on a topic of the suite, without rclpy's default events."""
+    """Create a publisher on a topic of the suite, without rclpy's default event callbacks.
+
+    Args:
+        node: Node that publishes.
+        topic: Name, type and quality of service.
+    """
     silent = PublisherEventCallbacks(use_default_callbacks=False)
     return node.create_publisher(topic.message, topic.name, topic.qos, event_callbacks=silent)
 
@@ -36,14 +41,14 @@ def make_subscription(
     qos: QoSProfile | None = None,
     raw: bool = False,
 ) -> Subscription:
-    """Subscribe to a topic that the suite's own nodes publish, without rclpy's default events.
+    """Subscribe to a topic of the suite's own nodes, without rclpy's default event callbacks.
 
     Args:
         node: Node that subscribes.
         topic: Name, type and quality of service.
         callback: Called with each message.
         qos: Quality of service; None takes the topic's own.
-        raw: Whether the callback gets the serialized bytes instead of a message.
+        raw: True if the callback gets the serialized bytes instead of a message.
     """
     silent = SubscriptionEventCallbacks(use_default_callbacks=False)
     return node.create_subscription(
@@ -54,8 +59,8 @@ def make_subscription(
 def describe_duplicates(node: Node, publishers: Sequence[Publisher]) -> str:
     """Describe which names and topics of a node are used more than once in the ROS graph.
 
-    It counts nodes with the node's full name, and publishers on each of the given topics. One call
-    takes a fraction of a millisecond; once a second is often enough.
+    Nodes with the node's full name are counted, and publishers on each of the given topics. One
+    call takes a fraction of a millisecond; one call a second is enough.
 
     Args:
         node: The node.

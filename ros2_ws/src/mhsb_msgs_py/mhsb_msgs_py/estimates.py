@@ -28,14 +28,14 @@ def entry_name(estimate: Estimate) -> str:
 
 
 def encode(estimates: Sequence[Estimate], stamp_ns: int) -> JointState:
-    """Encode estimates, each as three entries.
+    """Encode estimates, each as three entries: value, standard deviation and `known` (0 or 1).
 
     Args:
         estimates: The estimates.
         stamp_ns: Stamp of the message [ns].
 
     Returns:
-        The message.
+        The message; the entries' values are in `position`.
     """
     entries: dict[str, float] = {}
     for each in estimates:
@@ -59,12 +59,13 @@ def decode(message: JointState) -> list[Estimate]:
         message: The message, with its entries in any order.
 
     Returns:
-        One estimate for each value, in the order of the values in the message.
+        One estimate for each value, in the order of the values in the message. Standard deviations
+        and `known` entries that belong to no value are ignored.
 
     Raises:
-        MessageError: A name is given twice, there is not one finite value for each name, or
-            `velocity` or `effort` is not empty. Or an estimate lacks its deviation or its `known`
-            entry, or a deviation is negative.
+        MessageError: A name is given twice; a name has no value or one that is not finite; an
+            estimate lacks its deviation or its `known` entry; a deviation is negative; or
+            `velocity` or `effort` is not empty.
     """
     names = list(message.name)
     order = checks.find_joint_order("estimates", names, sorted(set(names)))

@@ -62,9 +62,10 @@ class Faults:
 
         Args:
             node: Node whose log is written.
-            stop: Brings the arm to rest; called if a watched callback fails repeatedly. None to do
-                nothing.
-            ending_errors: Exceptions that are meant to end the node; they are raised again.
+            stop: Function that brings the arm to rest. It is called if a watched callback fails
+                repeatedly. None: nothing is called.
+            ending_errors: Types of exceptions that are meant to end the node; these exceptions are
+                raised again.
         """
         self.count = 0
         self.last = ""
@@ -77,24 +78,28 @@ class Faults:
         self._last_at = self._stopped_at = -float("inf")
 
     def watch(self, *entities: Any) -> None:
-        """Stop the arm if the callback of one of these subscriptions or timers fails repeatedly."""
+        """Watch callbacks: if one of them fails repeatedly, the arm is stopped.
+
+        Args:
+            *entities: Subscriptions or timers whose callbacks are watched.
+        """
         self._watched.update(map(name_callback, entities))
 
     def record_fault(self, place: str, error: Exception) -> str:
-        """Log and count a fault, and stop the arm if a watched callback has failed too often.
+        """Log and count a fault; stop the arm if a watched callback has failed too often in a row.
 
-        Too often is IN_A_ROW_TO_STOP times in a row.
+        Too often is IN_A_ROW_TO_STOP times.
 
         Args:
             place: Name of the callback that failed, as `name_callback` gives it.
-            error: Exception that it raised.
+            error: Exception that the callback raised.
 
         Returns:
-            One sentence for the client that waits for an answer.
+            One sentence for a client that waits for an answer.
 
         Raises:
-            Exception: `error` itself if it is meant to end the node, or if ROS has been shut down,
-                so that nothing can be published any more.
+            Exception: `error` itself, in two cases: it is meant to end the node, or ROS has been
+                shut down.
         """
         if isinstance(error, self.ending_errors) or not self._node.context.ok():
             raise error
@@ -109,7 +114,7 @@ class Faults:
     def record_success(self, entity: Any) -> None:
         """Record that the callback of a subscription or timer has succeeded.
 
-        Its count of faults in a row begins anew.
+        Its count of faults in a row starts again at 0.
 
         Args:
             entity: The subscription or timer.
@@ -120,14 +125,15 @@ class Faults:
     def wrap(self, place: str, callback: Callable[..., None]) -> Callable[..., None]:
         """Wrap a callback so that its exceptions are recorded as faults.
 
-        It is meant for callbacks that rclpy's executor does not call itself.
+        This is for callbacks that rclpy's executor does not call itself.
 
         Args:
             place: Name of the callback, for the record.
             callback: The callback.
 
         Returns:
-            The wrapped callback. It raises only what `record_fault` raises.
+            The wrapped callback. It takes the same arguments and returns nothing. It raises only
+            what `record_fault` raises.
         """
 
         @functools.wraps(callback)
@@ -151,9 +157,9 @@ class Faults:
     def _count_in_a_row(self, place: str) -> None:
         """Count a failure of a watched callback, and stop the arm after too many in a row.
 
-        The arm is stopped from `IN_A_ROW_TO_STOP` failures in a row on. While the callback goes on
-        failing, the stop is repeated, at most once in `STOP_PERIOD`. An exception of the stop
-        itself is recorded as a fault. Nothing is stopped if the record has no function `stop`.
+        The arm is stopped at the failure number `IN_A_ROW_TO_STOP` in a row. While the callback
+        goes on failing, the stop is repeated, at most once in `STOP_PERIOD`. An exception of the
+        stop itself is recorded as a fault. Without a function `stop`, failures are only counted.
 
         Args:
             place: Name of the callback.
@@ -173,11 +179,11 @@ class Faults:
             self.record_fault("the stop after repeated faults", error)
 
     def _log(self, place: str, error: Exception, sentence: str) -> None:
-        """Log a fault unless one of its kind was logged within the last `LOG_PERIOD`.
+        """Log a fault, unless one of its kind was logged within the last `LOG_PERIOD`.
 
-        The first fault of a kind is logged with its traceback, a later one as one line. Faults are
-        of one kind if callback, exception type and place in the code are equal. If `MOST_KINDS`
-        kinds are stored, all are deleted before a new one is stored.
+        Faults are of one kind if callback, exception type and place in the code are equal. The
+        first fault of a kind is logged with its traceback, later ones as one line. At most
+        `MOST_KINDS` kinds are remembered; then all are forgotten at once.
 
         Args:
             place: Name of the callback.
@@ -204,7 +210,8 @@ def name_callback(entity: Any) -> str:
         entity: The subscription, service, timer or other object that the executor serves.
 
     Returns:
-        Such as "the topic /reference", "the service /mhsb_planner/stop" or "the timer on_timer".
+        A name such as "the topic /reference", "the service /mhsb_planner/stop" or "the timer
+        on_timer".
     """
     for attribute, kind in (("topic_name", "topic"), ("service_name", "service")):
         if hasattr(entity, attribute):
@@ -215,13 +222,13 @@ def name_callback(entity: Any) -> str:
 
 
 def _describe_error(error: Exception) -> str:
-    """Return type and text of an exception; the type alone if its text raises an exception itself.
+    """Return type and text of an exception, such as "ValueError: no such joint".
 
     Args:
         error: The exception.
 
     Returns:
-        Such as "ValueError: no such joint".
+        Type and text; the type alone if making the text raises an exception itself.
     """
     try:
         return f"{type(error).__name__}: {error}"
@@ -230,14 +237,14 @@ def _describe_error(error: Exception) -> str:
 
 
 def _format_traceback(error: Exception) -> str:
-    """Return the innermost calls of a traceback, cut to its last `LONGEST_TRACE` characters.
+    """Return the innermost calls of a traceback, with the exception's text.
 
     Args:
         error: The exception.
 
     Returns:
-        At most `DEEPEST_TRACE` calls with the exception's text; a remark if no traceback can be
-        made.
+        At most `DEEPEST_TRACE` calls, of which the last `LONGEST_TRACE` characters. A remark if no
+        traceback can be made.
     """
     try:
         lines = traceback.format_exception(error, limit=-DEEPEST_TRACE)

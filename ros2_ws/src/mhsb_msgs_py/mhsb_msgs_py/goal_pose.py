@@ -50,19 +50,20 @@ def decode(message: PoseStamped, frame_prefix: str = "", to_base: ToBase | None 
     """Decode a pose to a goal; whether the arm can go there is not checked.
 
     Args:
-        message: The pose.
+        message: The pose, in `base_link` or in `work_plane` (the arm's plane laid flat: x forward,
+            y up).
         frame_prefix: Text before the names of frames.
-        to_base: Converts (x, y) in `work_plane` to (x, y, z) in `base_link` [m]; None for arms that
-            do not slew.
+        to_base: For arms that slew: converts (x, y) in `work_plane` to (x, y, z) in `base_link`
+            [m]. None for arms that do not slew.
 
     Returns:
         The goal in `base_link`.
 
     Raises:
-        GoalError: Its code is `NOT_FINITE` for NaN or infinity in position or orientation. It is
-            `FRAME` for an unknown frame, and `OUT_OF_WORKSPACE` for a goal more than
-            OFF_PLANE_TOLERANCE beside the arm's plane. The code of a GoalError that `to_base`
-            raises is kept.
+        GoalError: The goal cannot be used. Its code is `NOT_FINITE` for NaN or infinity in position
+            or orientation, and `FRAME` for an unknown frame. It is `OUT_OF_WORKSPACE` for a goal
+            more than OFF_PLANE_TOLERANCE beside the arm's plane. A GoalError of `to_base` keeps its
+            code.
         MessageError: The stamp is impossible.
     """
     position, orientation = message.pose.position, message.pose.orientation
@@ -103,19 +104,19 @@ def decode(message: PoseStamped, frame_prefix: str = "", to_base: ToBase | None 
 
 
 def _goal_as_sent(position: Point, flat: bool, stamp_ns: int, slews: bool) -> Goal:
-    """Return a goal from the numbers of a message alone, without `to_base`.
+    """Return a goal from the numbers of a message alone, without a conversion by the slew angle.
 
     Verdicts on poses that cannot be used refer to this goal.
 
     Args:
         position: Position of the pose [m].
-        flat: Whether the frame is `work_plane`.
+        flat: Whether the frame is `work_plane` (the arm's plane laid flat).
         stamp_ns: Stamp of the message [ns].
-        slews: Whether the arm slews, so that the goal has a y.
+        slews: Whether the arm slews.
 
     Returns:
-        The goal, with y if the arm slews. In `work_plane` its z is the y of the message if the arm
-        does not slew.
+        The goal. If the arm slews, it has the x, y and z of the message in any frame. Otherwise it
+        has x and z; in `work_plane` its z is the y of the message.
     """
     if slews:
         return Goal(stamp_ns, position.x, position.z, position.y)

@@ -45,10 +45,10 @@ Execution = Callable[[], Coroutine[Any, Any, None]]
 
 
 def get_faults(node: Node) -> Faults:
-    """Return the record of a node's faults; create it if the node has none.
+    """Return the record of a node's faults; make one if the node has none.
 
     Args:
-        node: The node; a new record is stored as its attribute `faults`.
+        node: The node. A new record is stored as its attribute `faults`.
 
     Returns:
         The record.
@@ -69,8 +69,9 @@ class GuardedExecutor(SingleThreadedExecutor):
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Serve one callback, and record an exception of a task or of the wait itself as a fault.
 
-        Three kinds of exceptions are raised again, and end the node: a shutdown, a type in
-        `Faults.ending_errors`, and the last of `MAX_EXECUTOR_FAULTS` exceptions in a row.
+        The exception is raised again, and so ends the process, in these cases: ROS has been shut
+        down; its type is in `Faults.ending_errors`; it is number `MAX_EXECUTOR_FAULTS` in a row; or
+        the executor has no node.
 
         Args:
             timeout_sec: Longest time to wait for work [s]; None waits without limit.
@@ -89,8 +90,8 @@ class GuardedExecutor(SingleThreadedExecutor):
     def _make_handler(self, entity: Any, node: Node, take_from_wait_list: Any) -> Task:
         """Make the task that takes the input of one callback, executes it, and records exceptions.
 
-        The input of services is taken by `_take_request`, messages for the node's clock by
-        `_take_clock`, and all other input by rclpy.
+        Requests of services are taken by `_take_request`, and messages for the node's clock by
+        `_take_clock`. All other input is taken by rclpy.
 
         Args:
             entity: Subscription, timer, service or other object that is ready.
@@ -111,11 +112,11 @@ class GuardedExecutor(SingleThreadedExecutor):
             """Take the entity's input, and record an exception as a fault.
 
             Args:
-                entity: What the executor serves.
+                entity: Object that the executor serves.
 
             Returns:
-                Coroutine function that executes the callback; None if there is no input or it
-                failed.
+                Coroutine function that executes the callback. None if there is no input, or if
+                taking it failed.
             """
             try:
                 execute: Execution | None = take(entity)
@@ -142,7 +143,7 @@ class GuardedExecutor(SingleThreadedExecutor):
     def _take_request(self, node: Node, service: Service) -> Execution | None:
         """Take a request from a service's queue.
 
-        Its answer is sent even if the callback fails. If it cannot be sent, this is logged.
+        The request is answered even if the callback fails. An answer that cannot be sent is logged.
 
         Args:
             node: Node of the service.
@@ -158,9 +159,9 @@ class GuardedExecutor(SingleThreadedExecutor):
             return None
 
         async def execute() -> None:
-            """Answer the request that was taken, and send the response.
+            """Compute and send the response to the request that was taken.
 
-            A response that cannot be sent is logged. Nothing happens if the queue was empty.
+            Nothing happens if the queue was empty. A response that cannot be sent is logged.
             """
             if header is None:
                 return
@@ -176,11 +177,11 @@ class GuardedExecutor(SingleThreadedExecutor):
         return execute
 
     async def _compute_response(self, node: Node, service: Service, request: Any) -> Any:
-        """Compute the response of a service, with the reason of a refusal if its callback fails.
+        """Compute the response of a service; if its callback fails, the response gives the reason.
 
-        Requests to set parameters go to `_set_parameters`, parameter by parameter for
-        SetParameters and all at once for SetParametersAtomically. At most `MOST_CHANGES` parameters
-        are set; SetParameters refuses those beyond, SetParametersAtomically the whole request.
+        Services that set parameters are treated by themselves, and set at most `MOST_CHANGES`
+        parameters. SetParameters sets them one by one and refuses those beyond.
+        SetParametersAtomically sets all at once and refuses a longer request as a whole.
 
         Args:
             node: Node of the service.
@@ -188,8 +189,8 @@ class GuardedExecutor(SingleThreadedExecutor):
             request: The request.
 
         Returns:
-            Response of the service. After a fault, its `success` is False and its `message` names
-            the fault, if it has these fields.
+            Response of the service. After a fault it is empty, but `success` is False and `message`
+            names the fault, if it has these fields.
         """
         response = service.srv_type.Response()
         if service.srv_type is SetParameters:
@@ -214,21 +215,20 @@ class GuardedExecutor(SingleThreadedExecutor):
     async def _set_parameters(
         self, node: Node, service: Service, parameters: Sequence[Parameter], request: Any
     ) -> SetParametersResult:
-        """Set parameters all or none.
+        """Set parameters, all of them or none.
 
-        They are refused if there are more than `MOST_CHANGES`, or if `_find_unusable_parameter`
-        gives a reason. If the callback raises an exception, they are refused, a fault is recorded,
-        and the node's parameters are restored.
+        They are refused if there are more than `MOST_CHANGES`, if one is unknown, of an unknown
+        type or must not be deleted, or if the node refuses them. If a callback raises an exception,
+        a fault is recorded and the node's parameters are restored.
 
         Args:
             node: Node of the parameters.
             service: The service that sets parameters.
             parameters: Parameters of the request.
-            request: Request with these parameters alone.
+            request: Request with these parameters alone, of the service's type.
 
         Returns:
-            Result; its reason is empty if the parameters are set, and otherwise one printable
-            sentence.
+            The result. If the parameters are refused, its reason is one printable sentence.
         """
         reason = (
             _find_unusable_parameter(node, parameters)
@@ -262,8 +262,7 @@ def _take_clock(subscription: Subscription) -> Execution | None:
         Coroutine function that sets the clock; None if there is no message.
 
     Raises:
-        MessageError: The time is not one that a clock may show (`stamps.from_clock`): with it, the
-            node could not send its own stamps any more.
+        MessageError: The time is before 1970 or too late for later stamps to fit into a message.
     """
     with subscription.handle:
         taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
@@ -279,14 +278,14 @@ def _take_clock(subscription: Subscription) -> Execution | None:
 
 
 def _find_unusable_parameter(node: Node, parameters: Sequence[Parameter]) -> str:
-    """Return why parameters of a request cannot be set with any value.
+    """Return why parameters of a request cannot be set, whatever their values.
 
     Args:
-        node: Node of the parameters. Its `deletable_parameters` are those that may be deleted.
+        node: Node of the parameters. Only those in its `deletable_parameters` may be deleted.
         parameters: Parameters of the request.
 
     Returns:
-        One sentence on the first parameter that is unknown, of an unknown type or must not be
+        One sentence on the first parameter that does not exist, has an unknown type or must not be
         deleted; empty if there is none.
     """
     deletable = getattr(node, "deletable_parameters", ())

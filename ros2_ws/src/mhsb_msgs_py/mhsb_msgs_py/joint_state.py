@@ -60,11 +60,11 @@ def decode(message: JointState, joint_names: Sequence[str]) -> JointSample:
         joint_names: Names of the joints in the order of the result.
 
     Returns:
-        The sample.
+        The sample; its `effort` is None if the message has none.
 
     Raises:
-        MessageError: A name is missing, unknown or given twice, or there is not one finite value
-            for each joint. Or the stamp is not a time that a clock may show (`stamps.from_clock`).
+        MessageError: A name is missing, unknown or given twice; a joint lacks a finite value; or
+            the stamp is not a time that a clock may show (`stamps.from_clock`).
     """
     order = checks.find_joint_order("joint states", message.name, joint_names)
     return JointSample(

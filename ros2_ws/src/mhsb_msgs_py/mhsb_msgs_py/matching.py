@@ -47,10 +47,11 @@ class _SubscribedTopic:
     keys: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=MESSAGE_CAPACITY))
 
     def pass_on(self, message: Any, info: dict[str, int]) -> None:
-        """Pass a message to the callback, unless another subscription has already received it.
+        """Pass a message to the callback, unless it has come by another subscription of the topic.
 
         If there are further subscriptions, duplicates are recognized by publishing time and
-        sequence number among the last MESSAGE_CAPACITY messages. Otherwise all messages are passed.
+        sequence number among the last MESSAGE_CAPACITY messages. Without further ones, all messages
+        are passed.
 
         Args:
             message: The message.
@@ -94,8 +95,8 @@ class MatchingSubscriptions:
         Args:
             topic: Name, type and quality of service.
             callback: Called with each message and rclpy's information on it.
-            at_once: Whether to call `update` at once when ROS finds a publisher that does not
-                match. ROS then checks for this event at every wake.
+            at_once: True to call `update` as soon as ROS finds a publisher that does not match. The
+                executor then checks for this event at every wake.
 
         Returns:
             The subscription with the topic's own quality of service.
@@ -110,10 +111,10 @@ class MatchingSubscriptions:
     def update(self) -> None:
         """Open further subscriptions for publishers that a topic's own subscription does not match.
 
-        There is one for each combination of reliability and durability that such publishers offer,
-        and each is logged. A further subscription is closed once all its publishers are gone. The
-        topic's own subscription stays. `problem` names all publishers that do not match it, also
-        publishers that a further subscription serves.
+        There is one for each combination of reliability and durability that such publishers offer.
+        Opening one is logged. It is closed again once all its publishers are gone. `problem` names
+        all publishers that do not match the topic's own subscription, even if a further
+        subscription serves them.
         """
         problems = []
         for heard in self._heard:

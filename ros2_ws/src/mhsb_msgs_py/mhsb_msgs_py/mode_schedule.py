@@ -44,7 +44,7 @@ def encode(schedule: ModeSchedule, actuator_names: Sequence[str]) -> JointTrajec
 def to_bytes(schedule: ModeSchedule, actuator_names: Sequence[str]) -> bytes:
     """Encode a schedule to the bytes of its message.
 
-    The result equals `encode` and the serialization of rclpy, and takes less time.
+    The bytes are those that rclpy would make of the message of `encode`, but in less time.
 
     Args:
         schedule: The schedule of n actuators.
@@ -76,9 +76,10 @@ def decode(message: JointTrajectory | bytes, actuator_names: Sequence[str]) -> M
         The schedule; its `last_switch_ns` is None.
 
     Raises:
-        MessageError: There are no points or more than MOST_POINTS, or a name is missing, unknown or
-            given twice. Or times do not start at 0 or do not increase, or a position is not 0, 1
-            or 2. Or a point has not one position for each actuator, or any other values.
+        MessageError: One of these holds. There is no point, or there are more than MOST_POINTS. A
+            name is missing, unknown or given twice. The times do not start at 0 or do not increase.
+            A point lacks a position for an actuator. A position is not 0, 1 or 2. A point has
+            velocities, accelerations or efforts.
     """
     given = point_arrays.read_point_arrays(message, "the mode schedule", MOST_POINTS)
     order = checks.find_joint_order("joint_names", given.joint_names, actuator_names)

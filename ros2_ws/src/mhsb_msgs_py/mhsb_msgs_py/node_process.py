@@ -50,9 +50,8 @@ class RosError(MhsbError):
 def spin_node(make_node: Callable[[], Node], arguments: list[str] | None = None) -> int:
     """Make a node and serve it until a signal asks the process to end.
 
-    The executor is single-threaded, since rclpy's others starve timers or lose messages. It
-    survives exceptions in callbacks, see `guarded_executor`. A timer wakes it every `MAX_WAIT`, so
-    that no signal is missed.
+    The executor has one thread, and survives exceptions in callbacks (`guarded_executor`). A timer
+    wakes it every `MAX_WAIT`, so that no signal is missed.
 
     Args:
         make_node: Makes the node.
@@ -88,9 +87,9 @@ def _do_nothing() -> None:
 def run_ros(arguments: list[str] | None = None) -> Iterator[None]:
     """Initialize rclpy, as a context manager, and shut it down at the end of the block.
 
-    In the block, SIGINT does not raise KeyboardInterrupt, but shuts ROS down. Any exception of the
-    block after such a shutdown, except MhsbError, becomes ExternalShutdownException. Before a
-    signal ends the process by force, Fast DDS's shared-memory files are deleted.
+    In the block, SIGINT shuts ROS down and does not raise KeyboardInterrupt. The block may then
+    fail in any way: every exception but MhsbError becomes ExternalShutdownException. If a signal
+    ends the process by force, Fast DDS's shared-memory files are deleted before.
 
     Args:
         arguments: Command line; rclpy reads what follows `--ros-args`. None for the process's own.
@@ -123,8 +122,8 @@ def run_ros(arguments: list[str] | None = None) -> Iterator[None]:
 def _remove_shared_memory() -> None:
     """Delete the shared-memory files of Fast DDS that this process has open.
 
-    Otherwise half a megabyte would stay after the process. A file is this process's own if it has
-    the file's lock open.
+    Without this, half a megabyte would stay after the process. This process's own files are those
+    whose locks it has open.
     """
     for descriptor in Path("/proc/self/fd").iterdir():
         with contextlib.suppress(OSError):
@@ -148,10 +147,10 @@ def serve_node(
 ) -> Iterator[tuple[SingleThreadedExecutor, NodeType]]:
     """Make an executor and the node that it serves, as a context manager.
 
-    The executor is made first, since rclpy cannot make one after a shutdown, nor drop it silently.
-    At the end of the block the node is destroyed and the executor shut down. The caller spins the
-    executor. A warning is logged for each parameter that was set from outside and that the node
-    does not have.
+    The caller spins the executor. At the end of the block the node is destroyed and the executor
+    shut down. A warning is logged for each parameter that was given at the start but that the node
+    does not have. The executor is made before the node, since rclpy cannot make one after a
+    shutdown.
 
     Args:
         make_node: Makes the node.
@@ -182,9 +181,9 @@ def serve_node(
 
 
 def _warn_of_unknown_parameters(node: Node) -> None:
-    """Log a warning for each parameter that was set from outside and that the node does not have.
+    """Log a warning for each parameter that was given at the start but that the node does not have.
 
-    rclpy drops them silently, and only its private attributes show them.
+    rclpy drops such parameters silently.
 
     Args:
         node: The node.
@@ -199,7 +198,7 @@ def _warn_of_unknown_parameters(node: Node) -> None:
 def spin_until(
     executor: SingleThreadedExecutor, condition: Callable[[], bool], timeout: float
 ) -> bool:
-    """Serve the nodes of an executor until a condition holds.
+    """Serve the nodes of an executor until a condition holds, or a time is up.
 
     Args:
         executor: The executor.
@@ -207,7 +206,7 @@ def spin_until(
         timeout: Longest time [s].
 
     Returns:
-        True when the condition holds, False if it does not within this time.
+        True if the condition holds; False if the time was up before.
     """
     end = time.monotonic() + timeout
     while not condition():
@@ -219,9 +218,9 @@ def spin_until(
 
 
 def _check_profile() -> None:
-    """Raise RosError if the profile of Fast DDS cannot be read.
+    """Raise RosError if the environment names a profile of Fast DDS that cannot be read.
 
-    Fast DDS would go on without it, and so be open to the network.
+    Fast DDS would ignore a missing profile, and the node would then be open to the network.
     """
     profile = os.environ.get(PROFILE_VARIABLE)
     if profile and not os.access(profile, os.R_OK):
@@ -242,7 +241,7 @@ def _initialize(arguments: list[str] | None) -> None:
     rclpy's own log line on them is suppressed.
 
     Args:
-        arguments: Command line, None for the process's own.
+        arguments: Command line; None for the process's own.
 
     Raises:
         RosArgumentsError: rclpy refuses the arguments.

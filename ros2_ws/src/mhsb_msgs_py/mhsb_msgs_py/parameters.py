@@ -35,16 +35,16 @@ class NodeParameter:
     may_be_empty: bool = False
 
     def declare(self, node: Node) -> Any:
-        """Declare the parameter.
+        """Declare the parameter on a node, and return its value.
 
-        The type of an empty array is not known from its value, so it is set to a double array
-        explicitly.
+        If the value is an empty array, ROS cannot tell its type. It is then set to the type double
+        array.
 
         Args:
             node: Node that gets the parameter.
 
         Returns:
-            The parameter's value: the one given at the start of the node, else `default`.
+            The value that was given at the start of the node, else `default`.
         """
         descriptor = ParameterDescriptor(
             description=self.text, read_only=self.read_only, dynamic_typing=self.may_be_empty

@@ -61,9 +61,10 @@ def _encode_verdict(verdict: GoalVerdict) -> DiagnosticStatus:
         verdict: The verdict.
 
     Returns:
-        Status with the verdict's sentence as message. Its level is OK if accepted, WARN if
-        superseded, otherwise ERROR. Its values are code, stamp [s as text] and position [m] of the
-        goal. If there is a plan, energies, duration, switches and other figures of it follow.
+        Status with the verdict's sentence as message. Its level is that of the code: OK if
+        accepted, WARN if superseded, otherwise ERROR. Its values are code, stamp [s, as text] and
+        position [m] of the goal. If there is a plan, its energies, duration, switches and other
+        figures follow.
     """
     values = {
         "code": verdict.code.value,
@@ -116,10 +117,10 @@ def _encode_execution_report(report: ExecutionReport) -> DiagnosticStatus:
 
 
 def _decode_status(message: DiagnosticStatus) -> Report:
-    """Decode one status to a verdict or an execution report.
+    """Decode one status to a verdict or an execution report; its name says which it is.
 
     Args:
-        message: The status; its name says whether it is a verdict or an execution report.
+        message: The status.
 
     Returns:
         The report.
@@ -155,7 +156,17 @@ def _decode_status(message: DiagnosticStatus) -> Report:
 
 
 def _decode_plan_summary(values: StatusValues) -> PlanSummary:
-    """Return the numbers of a plan, such as energy and duration, from a status's values."""
+    """Return the summary of a plan from the values of an accepted verdict's status.
+
+    Args:
+        values: Values of the status.
+
+    Returns:
+        Stamp [ns], energies and lower bound [J], duration [s] and other figures of the plan.
+
+    Raises:
+        MessageError: A value is missing or cannot be read.
+    """
     return PlanSummary(
         values.time("plan_stamp"),
         values.number("energy_j"),
@@ -175,7 +186,7 @@ def _decode_code(codes: type[Code], text: str) -> Code:
     """Return the code with a given text.
 
     Args:
-        codes: Enumeration of the codes.
+        codes: Enumeration of the codes: verdicts or outcomes.
         text: Text of the code.
 
     Returns:

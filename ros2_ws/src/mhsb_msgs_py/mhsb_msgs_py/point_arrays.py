@@ -80,7 +80,7 @@ def read_point_arrays(message: JointTrajectory | bytes, what: str, max_points: i
         max_points: Largest number of points.
 
     Returns:
-        The content; joint names, sizes and values are not checked.
+        The content. Joint names, lengths of the arrays and values are not checked.
 
     Raises:
         MessageError: There are too many points, the bytes are no message, or a time is impossible.
@@ -94,7 +94,7 @@ def read_point_arrays(message: JointTrajectory | bytes, what: str, max_points: i
 
 
 def read_stamp(raw: bytes) -> int:
-    """Return the stamp of a serialized message, even if it cannot be used otherwise.
+    """Return the stamp of a serialized message, even if the rest of it cannot be used.
 
     Args:
         raw: Bytes of the message.
@@ -114,8 +114,8 @@ def to_bytes(arrays: PointArrays) -> bytes:
     """Serialize a message from its arrays.
 
     Args:
-        arrays: Content with at least one point. Positions are not empty, and every other array is
-            empty or has as many columns as the positions.
+        arrays: Content with at least one point. The positions must have at least one column. Every
+            other array is empty or has as many columns as the positions.
 
     Returns:
         Bytes of the message, as rclpy would serialize it.
@@ -156,10 +156,13 @@ class _HeadReader:
     """
 
     def __init__(self, raw: bytes) -> None:
-        """Read the start of a message; raise MessageError if the bytes are no message.
+        """Read the start of a message: stamp, joint names and number of points.
 
         Args:
             raw: Bytes of the message.
+
+        Raises:
+            MessageError: The bytes are no JointTrajectory.
         """
         if raw[:2] != CDR_ENCAPSULATION[:2]:  # two bytes of options follow
             raise _make_unreadable_error(raw)
@@ -175,7 +178,7 @@ class _HeadReader:
         self.start = self._at - len(CDR_ENCAPSULATION)
 
     def _read_numbers(self, layout: struct.Struct) -> tuple[int, ...]:
-        """Read numbers at the present offset, after padding to 4 bytes, and move on.
+        """Skip padding up to a multiple of 4 bytes, read numbers, and move the offset behind them.
 
         Args:
             layout: Layout of the numbers.
@@ -193,10 +196,13 @@ class _HeadReader:
         return self._read_numbers(COUNT_FORMAT)[0]
 
     def _read_text(self) -> str:
-        """Read a text, and move on; raise MessageError if it is longer than the bytes left.
+        """Read a text with its length, and move the offset behind it.
 
         Returns:
             The text without its final zero byte.
+
+        Raises:
+            MessageError: The text is longer than the bytes left.
         """
         length = self._read_count()
         if length > len(self._raw) - self._at:
@@ -219,14 +225,18 @@ def _read_message(message: JointTrajectory) -> PointArrays:
 def _read_regular_bytes(raw: bytes, head: _HeadReader) -> PointArrays | None:
     """Read all points at once from bytes with a regular layout.
 
+    The layout is regular if all points have the same arrays, all of one length. These arrays are
+    the positions alone, or positions, velocities and accelerations.
+
     Args:
         raw: Bytes of the message.
         head: Start of the message.
 
     Returns:
-        The content. None if there are no points, or if the layout is not regular. It is regular if
-        all points have positions alone, or positions, velocities and accelerations, all of one
-        length.
+        The content. None if the layout is not regular, or if there are no points.
+
+    Raises:
+        MessageError: A time has a second or more in its nanoseconds.
     """
     count, base = head.point_count, head.start + len(CDR_ENCAPSULATION)
     if count == 0 or len(raw) < base + COUNT_FORMAT.size:
@@ -259,7 +269,7 @@ def _read_points(head: _HeadReader, points: np.ndarray, given: tuple[str, ...]) 
         given: Names of the arrays that are not empty.
 
     Returns:
-        The content; arrays that are not given have no columns.
+        The content. Arrays that are not in `given` have no columns.
 
     Raises:
         MessageError: A time has a second or more in its nanoseconds.
@@ -297,15 +307,15 @@ def _decode_by_rclpy(raw: bytes) -> JointTrajectory:
 
 
 def _make_point_dtype(columns: int, given: tuple[str, ...]) -> np.dtype:
-    """Return the NumPy record of a point that begins 4 bytes beyond a multiple of 8.
+    """Return the NumPy record of a point whose first byte lies 4 bytes beyond a multiple of 8.
 
     Args:
         columns: Number of values in each array that is not empty.
-        given: Names of these arrays.
+        given: Names of the arrays that are not empty, in the order of POINT_FIELDS.
 
     Returns:
-        Type with the fields `<array> count` for all arrays, `<array>` for those given, `sec` and
-        `nanosec`.
+        Type with these fields: `<array> count` for all four arrays, `<array>` for those in `given`,
+        `sec` and `nanosec`.
     """
     fields: dict[str, tuple[object, int]] = {}
     at = 0

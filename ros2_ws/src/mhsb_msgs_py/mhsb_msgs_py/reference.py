@@ -60,9 +60,9 @@ def decode(message: JointTrajectory, joint_names: Sequence[str]) -> Reference:
         The reference.
 
     Raises:
-        MessageError: A name is missing, unknown or given twice, or there is not exactly one point,
-            at time 0. Or it has not one finite position, velocity and acceleration for each joint,
-            or the stamp is not a time that a clock may show.
+        MessageError: One of these holds. A name is missing, unknown or given twice. The message has
+            not exactly one point, or that point is not at time 0. A joint lacks a finite position,
+            velocity or acceleration. The stamp is not a time that a clock may show.
     """
     order = checks.find_joint_order("joint_names", message.joint_names, joint_names)
     if len(message.points) != 1:

@@ -42,15 +42,15 @@ Choice = TypeVar("Choice", bound=StrEnum)
 def encode(
     report: HandOverReport | SimulatorReport, stamp_ns: int, namespace: str = "/"
 ) -> DiagnosticArray:
-    """Encode one report.
+    """Encode one report of the simulator.
 
     Args:
-        report: The report.
+        report: The report, on a plan or on the simulator itself.
         stamp_ns: Stamp of the message [ns].
         namespace: Namespace of the simulator that sends it.
 
     Returns:
-        Message whose `hardware_id` is the full name of the simulator's node.
+        Message with one status, whose `hardware_id` is the full name of the simulator's node.
     """
     encoded = (
         _encode_hand_over(report)
@@ -67,9 +67,8 @@ def decode(
     """Decode the simulator's reports in a message of /diagnostics; skip all other statuses.
 
     Args:
-        message: The message.
-        namespace: Namespace of the simulator whose reports count; None for any. All nodes publish
-            on this topic.
+        message: The message. All nodes publish on this topic.
+        namespace: Namespace of the simulator whose reports are decoded; None for any.
 
     Returns:
         The reports in their order.
@@ -148,6 +147,9 @@ def _decode_hand_over(message: DiagnosticStatus) -> HandOverReport:
 
     Returns:
         The report. Its reason is NONE if the status has none, as in recordings of earlier versions.
+
+    Raises:
+        MessageError: Another value is missing, or a value cannot be read.
     """
     values = StatusValues(message)
     return HandOverReport(
@@ -167,11 +169,13 @@ def _decode_simulator(message: DiagnosticStatus) -> SimulatorReport:
     """Return the report of the simulator on itself that a status contains.
 
     Args:
-        message: The status. Recordings of earlier versions lack some values, which get their
-            defaults.
+        message: The status. Values that recordings of earlier versions lack get their defaults.
 
     Returns:
         The report.
+
+    Raises:
+        MessageError: Another value is missing, or a value cannot be read.
     """
     values = StatusValues(message)
     return SimulatorReport(

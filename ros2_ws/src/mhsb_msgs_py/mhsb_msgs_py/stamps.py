@@ -31,7 +31,7 @@ def from_time(message: Time) -> int:
 
 
 def from_clock(message: Time) -> int:
-    """Return the time that a clock shows.
+    """Return the time that a clock shows, if it is plausible.
 
     Args:
         message: Time message.
@@ -40,8 +40,8 @@ def from_clock(message: Time) -> int:
         Absolute time [ns].
 
     Raises:
-        MessageError: It is before 1970 or later than `LATEST_PRESENT`, so that later times would
-            not fit into a message; or its nanoseconds make a second or more.
+        MessageError: The time is before 1970; it is later than `LATEST_PRESENT`, so that later
+            times would not fit into a message; or its nanoseconds make a second or more.
     """
     if not 0 <= message.sec <= LATEST_PRESENT:
         raise MessageError(

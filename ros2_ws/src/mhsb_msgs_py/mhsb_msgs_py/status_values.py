@@ -105,10 +105,10 @@ class StatusValues:
         """Return a value as integers.
 
         Args:
-            key: Key of the value, whose text has the integers with spaces in between.
+            key: Key of the value. Its text has the integers with spaces in between.
 
         Returns:
-            The integers; none for an empty text.
+            The integers; an empty tuple for an empty text.
         """
         text = self.text(key)
         try:

@@ -59,7 +59,7 @@ def encode(trajectory: Trajectory, joint_names: Sequence[str]) -> JointTrajector
 def to_bytes(trajectory: Trajectory, joint_names: Sequence[str]) -> bytes:
     """Encode a trajectory to the bytes of its message.
 
-    The result equals `encode` and the serialization of rclpy, and takes less time.
+    The bytes are those that rclpy would make of the message of `encode`, but in less time.
 
     Args:
         trajectory: The trajectory of n joints.
@@ -92,10 +92,11 @@ def decode(message: JointTrajectory | bytes, joint_names: Sequence[str]) -> Traj
         The trajectory.
 
     Raises:
-        MessageError: A name is missing, unknown or given twice. Or there are no points or more than
-            MOST_POINTS. Or times do not start at 0, do not increase, are more than 20 ms apart or
-            exceed MAX_DURATION_NS. Or a point has not one finite position, velocity and
-            acceleration for each joint, or has efforts. Or a joint still moves at the last point.
+        MessageError: One of these holds. A name is missing, unknown or given twice. There is no
+            point, or there are more than MOST_POINTS. The times do not start at 0, do not increase,
+            are more than 20 ms apart or exceed MAX_DURATION_NS. A point lacks a finite position,
+            velocity or acceleration for a joint, or has efforts. A joint still moves at the last
+            point.
     """
     given = point_arrays.read_point_arrays(message, "the trajectory", MOST_POINTS)
     order = checks.find_joint_order("joint_names", given.joint_names, joint_names)
@@ -116,6 +117,8 @@ def decode(message: JointTrajectory | bytes, joint_names: Sequence[str]) -> Traj
 
 def _check_standstill(velocity: FloatArray, joint_names: Sequence[str]) -> None:
     """Raise MessageError if a joint still moves at the last point.
+
+    A joint moves if its speed exceeds SMALLEST_END_VELOCITY.
 
     Args:
         velocity: Joint velocities of the last point, float64[n], [rad/s or m/s].

@@ -44,22 +44,23 @@ class Bar(NamedTuple):
 def compute_linkage_bars(machine: Machine, q: FloatArray) -> list[Bar]:
     """Compute the round bars by which pictures show all linkages in a posture.
 
-    A cylinder has a rod and a barrel; a four-bar also has rocker and coupler. A slew joint, a rack
-    and pinion, and a motor have no bars.
+    A cylinder has a rod and a barrel; a four-bar linkage also has rocker and coupler. Joints with a
+    rack and pinion or a motor, such as a slew, have no bars.
 
     Args:
         machine: The machine.
         q: Joint positions, float64[n], [rad or m].
 
     Returns:
-        Bars in world coordinates, actuator by actuator, the barrel of each one last.
+        Bars in `base_link` (x forward, y to the left, z up), actuator by actuator; the barrel of
+        each is its last bar.
     """
     bars = compute_planar_bars(machine, q)
     return [_slew_bar(machine, float(q[0]), bar) for bar in bars] if machine.slews else bars
 
 
 def compute_planar_bars(machine: Machine, q: FloatArray) -> list[Bar]:
-    """Compute the round bars of all linkages in the arm's own plane, before slewing.
+    """Compute the round bars of all linkages in the arm's own plane, before it is slewed.
 
     They lie at y = LINKAGE_OFFSET, beside the links. Motors and rack-and-pinion drives have none.
 
@@ -68,8 +69,8 @@ def compute_planar_bars(machine: Machine, q: FloatArray) -> list[Bar]:
         q: Joint positions, float64[n], [rad or m].
 
     Returns:
-        Bars with x forward and z up in that plane, actuator by actuator, the barrel of each one
-        last.
+        Bars with x forward and z up in that plane, actuator by actuator; the barrel of each is its
+        last bar.
     """
     joints, size = machine.joint_positions(q), machine.relative_size
     # angle[j] is that of the link before joint j, angle[j + 1] that of the link after it.
@@ -103,7 +104,7 @@ def compute_planar_bars(machine: Machine, q: FloatArray) -> list[Bar]:
 
 
 def _slew_bar(machine: Machine, angle: float, bar: Bar) -> Bar:
-    """Turn a bar from the arm's plane into world coordinates by the slew angle.
+    """Turn a bar from the arm's plane into `base_link` by the slew angle.
 
     Args:
         machine: The machine, with the offset of its slew axis.
@@ -111,7 +112,7 @@ def _slew_bar(machine: Machine, angle: float, bar: Bar) -> Bar:
         bar: Bar in the arm's plane.
 
     Returns:
-        The bar in world coordinates.
+        The bar in `base_link`.
     """
     cosine, sine = np.cos(angle), np.sin(angle)
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
@@ -146,12 +147,12 @@ def _rotate_in_plane(x: float, z: float, angle: float) -> FloatArray:
 def _build_barrel(machine: Machine, j: int, parent_pin: FloatArray, rod_end: FloatArray) -> Bar:
     """Build the barrel of a cylinder, from the parent pin towards the rod's end.
 
-    Its length is BARREL_SHARE of the shorter cylinder length at the two joint limits.
+    Its length is BARREL_SHARE of the shorter one of the cylinder lengths at the two joint limits.
 
     Args:
         machine: The machine.
         j: Index of the actuator.
-        parent_pin: Position of the fixed pin, float64[3], [m].
+        parent_pin: Position of the pin on the link before, float64[3], [m].
         rod_end: Position of the rod's end, float64[3], [m].
 
     Returns:

@@ -41,8 +41,8 @@ def build_model(machine: Machine) -> mujoco.MjModel:
     """Build the MuJoCo model of a machine, with n joints and n motors in the machine's order.
 
     Joints are hinges or, for telescopes, slides. Control k is the torque of cylinder k about joint
-    k [N m], or its force on a slide [N]. MuJoCo's automatic reset of a bad state is switched off,
-    so that a diverged state stays visible. Contacts are off.
+    k [N m], or its force on a slide [N]. Contacts are off. MuJoCo's automatic reset of a bad state
+    is off, too, so that a diverged state stays visible.
 
     Args:
         machine: The machine.
@@ -132,7 +132,7 @@ def _add_link(
     Args:
         parent: Body of the link before, or the world.
         offset: Distance of the joint along the parent's x axis [m].
-        index: Index of the joint, from 0. The body is `link_<index + 1>`, its joint `joint_<index +
+        index: Index k of the joint, from 0. The body is named `link_<k + 1>`, its joint `joint_<k +
             1>`.
         joint: Joint and link by the machine file.
         size: Size of the arm relative to the paper's, for drawn shapes.
@@ -182,7 +182,7 @@ def _add_link(
 
 
 def _draw_platform(body: mujoco.MjsBody, platform: Platform) -> None:
-    """Draw a turntable about the slew axis, as wide as the distance to joint 2.
+    """Draw the platform of a slew as a turntable, whose radius is the distance to joint 2.
 
     Args:
         body: Body of the platform.
@@ -197,7 +197,9 @@ def _draw_platform(body: mujoco.MjsBody, platform: Platform) -> None:
 
 
 def _draw_extension(body: mujoco.MjsBody, length: float, stroke: float, size: float) -> None:
-    """Draw the sliding part of a telescope as a box, from its tip back by its length and stroke.
+    """Draw the sliding part of a telescope as a box.
+
+    The box reaches from the tip of the part back by link length plus stroke.
 
     Args:
         body: Body of the sliding part.
@@ -217,9 +219,10 @@ def _draw_extension(body: mujoco.MjsBody, length: float, stroke: float, size: fl
 def _add_pins(
     parent: mujoco.MjsBody, body: mujoco.MjsBody, offset: float, index: int, linkage: Linkage
 ) -> None:
-    """Add the linkage's pins that are fixed in a link, as sites `actuator_k_…`.
+    """Add the pins of a linkage as sites of the links in which they are fixed.
 
-    Only slider-cranks and four-bars have pins.
+    Slider-cranks have a parent and a child pin, four-bars also a rocker pivot. Other linkages have
+    none. The sites are named `actuator_<k>_parent_pin` and so on.
 
     Args:
         parent: Body of the link before the joint.
@@ -246,7 +249,7 @@ def _add_pins(
 
 
 def _add_motor(spec: mujoco.MjSpec, index: int) -> None:
-    """Add a motor on a joint: control is its torque [N m] or force [N], without limits.
+    """Add a motor on a joint, whose control is its torque [N m] or force [N], without limits.
 
     Args:
         spec: Model specification, changed in place.
@@ -262,7 +265,12 @@ def _add_motor(spec: mujoco.MjSpec, index: int) -> None:
 
 
 def _pin_position(offset: float, pin: Pin) -> tuple[float, float, float]:
-    """Return the position (x, y, z) [m] of a pin in a body, its joint at x = `offset` [m]."""
+    """Return the position of a pin in a body (x, y, z) [m].
+
+    Args:
+        offset: Position on the body's x axis from which the pin's polar coordinates count [m].
+        pin: Polar coordinates of the pin: radius [m] and angle [rad].
+    """
     x = offset + pin.radius * math.cos(pin.angle)
     return (x, LINKAGE_OFFSET, pin.radius * math.sin(pin.angle))
 

@@ -31,13 +31,13 @@ README_POSTURES = ((0.30, -1.40, -1.50), (0.75, -0.95, -0.85), (0.95, -0.45, -0.
 
 
 def choose_backend() -> str | None:
-    """Choose an OpenGL variant for off-screen pictures, and set MUJOCO_GL to it.
+    """Choose an OpenGL variant for off-screen pictures, and set the variable MUJOCO_GL to it.
 
     MuJoCo reads the variable when it is imported, so this must be called before. A value that the
     user has set is kept.
 
     Returns:
-        Value of MUJOCO_GL, or None if neither EGL nor OSMesa is installed.
+        Value of MUJOCO_GL; None if neither EGL nor OSMesa is installed.
     """
     if "MUJOCO_GL" in os.environ:
         return os.environ["MUJOCO_GL"]
@@ -53,8 +53,8 @@ def draw_arm(
 ) -> FloatArray | None:
     """Draw the arm in one or more postures.
 
-    Links, cylinders and linkages are drawn, seen from the side. If no OpenGL variant is installed,
-    one sentence is printed on stderr.
+    Links, cylinders and linkages are drawn, seen from the side. If neither EGL nor OSMesa is
+    installed, one sentence is printed on stderr instead.
 
     Args:
         machine: The machine.
@@ -64,7 +64,7 @@ def draw_arm(
         height: Height of the picture in pixels.
 
     Returns:
-        Picture, uint8[height, width, 3], or None if it cannot be drawn.
+        Picture, uint8[height, width, 3]; None if it cannot be drawn.
     """
     if choose_backend() is None:
         print(
@@ -101,7 +101,8 @@ def save_arm_picture(machine: Machine, postures: Sequence[FloatArray], file: Pat
 def _draw(machine: Machine, postures: Sequence[FloatArray], width: int, height: int) -> FloatArray:
     """Draw the arm in each posture, and blend the earlier pictures into the last one.
 
-    An earlier picture, with the share GHOST_OPACITY, only darkens the pixels of the last.
+    Where an earlier picture is darker than the last one, it is mixed in with the share
+    GHOST_OPACITY.
 
     Args:
         machine: The machine.

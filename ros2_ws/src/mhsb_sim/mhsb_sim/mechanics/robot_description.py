@@ -37,10 +37,13 @@ Between grid points the moment arm may be longer by r h²/8, that is 4e-7 r."""
 def build_robot_description(machine: Machine) -> str:
     """Build the URDF of an arm: links with mass and inertia, joint limits, payload, no cylinders.
 
-    The effort limit of a joint is the torque of its cylinder at supply pressure [N m]. It is
-    computed for the larger piston area and the longest moment arm; for telescopes it is a force
-    [N]. The velocity limit is the joint speed at which the piston never exceeds V_max, whatever its
-    moment arm r:
+    The effort limit of a joint is the torque of its cylinder at supply pressure P_S, with the
+    larger piston area A and the longest moment arm r:
+
+        τ = P_S A max |r(q)|    [N m, or N of telescopes]
+
+    The velocity limit is the joint speed at which the piston does not exceed V_max (allowed piston
+    speed) in any posture:
 
         q̇ = V_max / max |r(q)|    [rad/s, or m/s of telescopes]
 
@@ -111,7 +114,7 @@ def _build_inertial(mass: float, center: float, along: float, across: float) -> 
 
 
 def _add_link(robot: Element, name: str, length: float, stroke: float, inertial: Element) -> None:
-    """Add a link, drawn as a box from its tip back by its length and its stroke.
+    """Add a link, drawn as a box from its tip back by length plus stroke.
 
     Args:
         robot: Root element, changed in place.

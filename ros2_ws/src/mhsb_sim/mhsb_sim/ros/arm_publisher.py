@@ -54,7 +54,7 @@ class ArmPublisher:
             node: The simulator node.
             arm: Its arm.
             with_clock: Whether to publish /clock.
-            faults: Failed callbacks of the node, for the report.
+            faults: Record of the node's failed callbacks, for the report.
         """
         self._arm = arm
         self._simulator = arm.simulator
@@ -85,9 +85,9 @@ class ArmPublisher:
         return [self._publishers[topic.name] for topic in (topics.REFERENCE, topics.JOINT_STATES)]
 
     def restart(self) -> None:
-        """Reset all periods and known values after a change of simulated time.
+        """Reset all periods, and forget what was published, after a change of simulated time.
 
-        So everything is published again.
+        So plan in force and modes are published again, even if they have not changed.
         """
         now_ns = self._simulator.time_ns
         self._next_state_ns = self._next_modes_ns = now_ns + STATE_PERIOD_NS
@@ -100,11 +100,11 @@ class ArmPublisher:
         """Publish what is due after a step of the simulation.
 
         Clock, joint states, reference and actuator states come every STATE_PERIOD_NS. Modes and
-        estimates come every MODES_PERIOD_NS, even if they have not changed. A changed plan in force
-        and changed modes come at once.
+        estimates come every MODES_PERIOD_NS, even if they have not changed. A new plan in force and
+        new modes come at once.
 
         Returns:
-            True if states were due.
+            True if joint states and the others of their period were published.
         """
         now_ns = self._simulator.time_ns
         due = now_ns >= self._next_state_ns
@@ -141,10 +141,11 @@ class ArmPublisher:
     def report_due(self) -> bool:
         """Return whether the simulator's report is due.
 
-        Its period is REPORT_PERIOD, or DELAY_PERIOD while the delay of plans changes.
+        Its period is REPORT_PERIOD. It is DELAY_PERIOD while the delay of plans, caused by speed
+        scaling, changes.
 
         Returns:
-            True once the period has passed in simulated or in real time.
+            True if the period has passed in simulated time or in real time.
         """
         wall, sim_ns = self._last_report
         passed_ns = self._simulator.time_ns - sim_ns
@@ -155,9 +156,10 @@ class ArmPublisher:
     def publish_report(self, sentence: str, level: Level) -> None:
         """Publish the simulator's report on /diagnostics, and restart its period.
 
-        Besides sentence and level, it has simulated time, speed relative to real time, and energies
-        [J]. It also has last stop, plan delay [s], number of interventions of the mode guard, lost
-        servo pumps, machine, and failed callbacks.
+        Besides sentence and level it has: simulated time; speed relative to real time since the
+        last report; energies of the pumps [J]; last stop; plan delay [s]; number of interventions
+        of the mode guard, which changes the plan's modes; lost servo pumps; machine; and failed
+        callbacks.
 
         Args:
             sentence: Health of the simulator as text.
@@ -194,8 +196,8 @@ class ArmPublisher:
     def _publish_states(self, now_ns: int) -> None:
         """Publish joint states, reference and actuator states.
 
-        /clock is also published if the node is its source. The published effort of a joint is its
-        cylinder's force times its moment arm.
+        The effort of a joint is its cylinder's force times its moment arm. /clock is also published
+        if the node is its source.
 
         Args:
             now_ns: Simulated time, as the stamp [ns].
@@ -241,13 +243,14 @@ class ArmPublisher:
 def _select_actuator_values(of_modules: FloatArray, count: int) -> FloatArray:
     """Return the value of each actuator's own booster module.
 
+    Module i belongs to actuator i. Values of modules beyond the last actuator are left out.
+
     Args:
         of_modules: One value per module, float64[m].
         count: Number n of actuators.
 
     Returns:
-        One value per actuator, float64[n]; 0 for an actuator without a module. Values of further
-        modules are left out.
+        One value per actuator, float64[n]; 0 for an actuator without a module.
     """
     own = np.zeros(count)
     own[: len(of_modules)] = of_modules[:count]

@@ -34,10 +34,10 @@ class Health:
 
         Args:
             arm: The arm.
-            pacer: Pacer of the simulation, which has its lag.
-            own_clock: Whether the simulator publishes /clock; its time may then differ from the
+            pacer: Maps real time to simulated time, and knows the lag of the simulation.
+            own_clock: Whether the simulator publishes /clock. Its time may then differ from the
                 system's.
-            faults: Failed callbacks of the node.
+            faults: Record of the node's failed callbacks.
         """
         self._arm = arm
         self._pacer = pacer
@@ -62,8 +62,8 @@ class Health:
     def has_changed(self) -> bool:
         """Return whether the health has changed in kind since the last call.
 
-        `_build_comparison_key` defines the kind. Numbers in most sentences do not count; a call of
-        ~/stop counts.
+        The kind is: the state of the arm, which warnings there are, and the text on duplicate
+        publishers. Numbers within the other warnings do not matter. A call of ~/stop is a change.
 
         Returns:
             True if the kind has changed; False at the first call.
@@ -91,9 +91,8 @@ class Health:
 
         Returns:
             Whether the simulation is halted, phase of the supervision, time of the last stop [ns],
-            whether the valves are closed, and the lost modules. Then for each warning whether there
-            is one, and the text on duplicate publishers. Numbers in the other warnings do not
-            count.
+            whether the valves are closed, and the lost booster modules. Then for each warning but
+            the last whether there is one, and finally the text on duplicate publishers.
         """
         arm = self._arm
         phase = arm.supervision.phase
@@ -107,9 +106,10 @@ class Health:
         """Return all warnings, empty ones included.
 
         Returns:
-            Sentences on symptoms, intervention of the mode guard, lag of the simulation, clock
-            offset, failed callbacks and duplicate publishers. A sentence is empty if there is
-            nothing to warn of.
+            Sentences on six things: a symptom or failed servo pumps, an intervention of the mode
+            guard (which changes the plan's modes), the lag of the simulation, the clock offset,
+            failed callbacks, and duplicate publishers. A sentence is empty if there is nothing to
+            warn of.
         """
         arm, faults = self._arm, self._faults.get_recent_fault()
         return (
@@ -122,10 +122,10 @@ class Health:
         )
 
     def _describe_lag(self) -> str:
-        """Return the warning on a lag of the simulation.
+        """Return the warning that the simulation lags behind its pace.
 
         Returns:
-            A sentence; empty if the simulation does not lag (`Pacer.lags`).
+            A sentence with the lag [s]; empty if `Pacer.lags` is False.
         """
         if not self._pacer.lags:
             return ""
@@ -135,11 +135,11 @@ class Health:
         )
 
     def _describe_offset(self) -> str:
-        """Return the warning on an offset between simulated and system time.
+        """Return the warning that simulated time differs from the system's time.
 
         Returns:
-            A sentence; empty if the offset is at most LARGEST_OFFSET_NS, or if the simulator
-            publishes /clock.
+            A sentence with the difference [s]. Empty if the difference is at most
+            LARGEST_OFFSET_NS, or if the simulator publishes /clock.
         """
         offset_ns = 0 if self._own_clock else time.time_ns() - self._arm.simulator.time_ns
         if abs(offset_ns) <= LARGEST_OFFSET_NS:

@@ -47,16 +47,17 @@ class Pacer:
     def compute_due_ns(self, clock_ns: int, sim_ns: int) -> int:
         """Compute the simulated time to be reached in a wake, and update `lag_ns` and `lags`.
 
-        Simulated time advances by the clock time since the last wake, limited to LONGEST_WAKE_NS.
-        While there is a lag it advances faster, by the factor CATCH_UP at most. A lag beyond
-        LARGEST_LAG_NS is given up by moving the reference instant.
+        Without a lag, the result is the simulated time that belongs to the clock time. While there
+        is a lag, simulated time advances faster, by the factor CATCH_UP at most. One wake makes up
+        for at most LONGEST_WAKE_NS of clock time. A lag beyond LARGEST_LAG_NS is given up by moving
+        the reference instant.
 
         Args:
-            clock_ns: Present clock time [ns].
+            clock_ns: Present time of the steady clock [ns].
             sim_ns: Present simulated time [ns].
 
         Returns:
-            Simulated time to be reached [ns]; it may be before `sim_ns` if the simulation is ahead.
+            Simulated time to be reached [ns]. It is before `sim_ns` if the simulation is ahead.
         """
         passed_ns = min(clock_ns - self._woken_ns, LONGEST_WAKE_NS)
         self._woken_ns = clock_ns
@@ -71,12 +72,12 @@ class Pacer:
         return min(ideal_ns, sim_ns + round(passed_ns * self.factor * CATCH_UP))
 
     def restart(self, clock_ns: int, sim_ns: int) -> None:
-        """Set the reference instant to the present, without lag.
+        """Make the present the reference instant, at which there is no lag.
 
-        The caller does so after a change of the factor or a reset.
+        The caller does so after a change of `factor` or a reset.
 
         Args:
-            clock_ns: Present clock time [ns].
+            clock_ns: Present time of the steady clock [ns].
             sim_ns: Simulated time at that instant [ns].
         """
         self.clock_ns, self.sim_ns = clock_ns, sim_ns

@@ -105,9 +105,9 @@ class SimNode(Node):
     def _tick(self) -> None:
         """Advance the simulation up to the present, and publish.
 
-        The call takes at most about LONGEST_TICK_NS. After a wake more than LATE_WAKE_NS after the
-        last one it returns once without a step, so that waiting messages are received first. The
-        first call resets the arm, so that simulated time begins then.
+        One call takes about LONGEST_TICK_NS at most. If the last call ended more than LATE_WAKE_NS
+        ago, this call only returns, so that waiting messages are received first; the next call
+        advances. The very first call resets the arm, so that simulated time begins then.
         """
         now_ns = time.monotonic_ns()
         if not self._left_ns:
@@ -123,13 +123,14 @@ class SimNode(Node):
         self._left_ns = time.monotonic_ns()
 
     def _simulate(self, due_ns: int, until_ns: int) -> None:
-        """Step and publish up to a simulated time, or until the clock time has passed.
+        """Step and publish up to a simulated time, or until the steady clock shows a given time.
 
-        The clock is checked only when states are published. A halted arm does not step.
+        That clock is checked only when states are published. Nothing happens if the simulation has
+        diverged (`halted`).
 
         Args:
             due_ns: Simulated time to be reached and not exceeded [ns].
-            until_ns: Time of the steady clock after which stepping ends [ns].
+            until_ns: Time of the steady clock at which stepping ends [ns].
         """
         arm, simulator = self._arm, self._arm.simulator
         wall = time.monotonic()
@@ -139,10 +140,10 @@ class SimNode(Node):
                 return
 
     def _restart_arm(self) -> None:
-        """Put the arm at rest into its start posture now, and forget plans and faults.
+        """Put the arm at rest into its start posture, and forget plans and faults.
 
         Simulated time starts at 0 if the node publishes /clock, else at the system's time. The
-        faults that the parameter `fault` names are injected again.
+        faults that the parameter `fault` names are then injected again.
         """
         time_ns = 0 if self._settings.publish_clock else time.time_ns()
         self._arm.reset(time_ns)
@@ -150,7 +151,7 @@ class SimNode(Node):
         self._restart_pacing()
 
     def _restart_pacing(self) -> None:
-        """Restart pacing and publishing at the present simulated time."""
+        """Restart pacing and publishing at the present simulated time, and publish all reports."""
         self._pacer.restart(time.monotonic_ns(), self._arm.simulator.time_ns)
         self._publisher.restart()
         self._publish_reports()
@@ -158,7 +159,7 @@ class SimNode(Node):
     # --- Plans -----------------------------------------------------------------------------------
 
     def _on_trajectory(self, raw: bytes) -> None:
-        """Receive the trajectory of a plan.
+        """Receive the trajectory of a plan; if it cannot be decoded, refuse the plan.
 
         Args:
             raw: Serialised message.
@@ -169,7 +170,7 @@ class SimNode(Node):
             self._arm.add_trajectory(received, wall)
 
     def _on_schedule(self, raw: bytes) -> None:
-        """Receive the mode schedule of a plan.
+        """Receive the mode schedule of a plan; if it cannot be decoded, refuse the plan.
 
         Args:
             raw: Serialised message.
@@ -181,14 +182,15 @@ class SimNode(Node):
 
     @contextmanager
     def _refuse_undecodable(self, raw: bytes, half: str, wall: float) -> Iterator[None]:
-        """Context manager that refuses a plan if half of it cannot be decoded.
+        """Context manager that refuses a plan if one of its two messages cannot be decoded.
 
-        A MessageError in its body refuses the plan. At the end reports on plans are published.
+        A MessageError in the block refuses the plan. In any case, reports on plans are published at
+        the end.
 
         Args:
             raw: Serialised message, from which the stamp is read.
             half: Name of the message's topic, for the report.
-            wall: Wall-clock time [s].
+            wall: Present time of the steady clock [s].
         """
         try:
             yield
@@ -203,15 +205,16 @@ class SimNode(Node):
         """Stop the arm: decelerate along the path of the plan in force, then hold.
 
         Plans stamped up to now are refused, and a waiting plan is dropped. All reports are
-        published at once. A simulation that has diverged is left as it is.
+        published at once. Nothing is done if the simulation has diverged.
 
         Args:
             request: Empty request.
             response: Response to be filled in.
 
         Returns:
-            The response: whether the simulation runs, and a sentence on what the arm does. Without
-            success, because the simulation has diverged, the sentence is the fault.
+            The response. Normally `success` is True and the message says whether the arm
+            decelerates or holds. If the simulation has diverged, `success` is False and the message
+            is the fault.
         """
         moving = self._arm.stop()
         self._publish_reports()
@@ -222,7 +225,9 @@ class SimNode(Node):
         return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Reset the arm: start posture at rest, faults cleared, plans forgotten.
+        """Reset the arm: start posture at rest, all faults ended, plans forgotten.
+
+        The parameter `fault` is set to none, too.
 
         Args:
             request: Empty request.
@@ -240,10 +245,11 @@ class SimNode(Node):
     def _on_clear_faults(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        """End the injected fault, and let an arm that was stopped go on.
+        """End the injected faults, and let an arm that was stopped go on.
 
-        `SupervisedArm.clear_fault` decides how. A simulation that has diverged starts anew at its
-        own time, or at the system's if that is later and the node does not publish /clock.
+        The parameter `fault` is set to none; `SupervisedArm.clear_fault` does the rest. A
+        simulation that has diverged starts again. It starts at its own time, or at the system's
+        time if that is later and the node does not publish /clock.
 
         Args:
             request: Empty request.
@@ -269,10 +275,10 @@ class SimNode(Node):
         self._arm.stop()
 
     def _end_fault(self) -> str:
-        """End the injected fault, by setting the parameter `fault` to none.
+        """End the injected faults, by setting the parameter `fault` to none.
 
         Returns:
-            Clause on the fault that has ended; empty if there was none.
+            Clause on the faults that have ended; empty if there were none.
         """
         failing = self._settings.fault
         if failing == NO_FAULT:
@@ -288,7 +294,8 @@ class SimNode(Node):
     def _apply_parameters(self, changes: list[Parameter]) -> None:
         """Apply changed parameters: limits of supervision, payload, faults and real-time factor.
 
-        A changed factor restarts the pacing. Faults are not injected into a diverged simulation.
+        A changed factor restarts the pacing. New faults are not injected into a simulation that has
+        diverged.
 
         Args:
             changes: Changed parameters; not used, since all are read again.
@@ -315,8 +322,8 @@ class SimNode(Node):
         """Publish hand-over reports, changes, and the simulator's report.
 
         Changes are a new plan in force and new modes. The simulator's report is published if it is
-        due or if the health has changed in kind. Such a change is also logged. Plans that were not
-        applied are logged as warnings.
+        due, or if the health has changed in kind. Such a change is logged. Plans that were refused
+        or dropped are logged as warnings.
         """
         for report in self._arm.take_reports():
             if report.outcome is not HandOverOutcome.APPLIED:

@@ -75,6 +75,8 @@ class SimParameters:
 def declare_plant(node: Node, machine: Machine) -> Machine:
     """Declare the parameter `plant`, and load the plant file that it names.
 
+    The plant is the simulated machine; it may differ from the machine file that the servo knows.
+
     Args:
         node: The node.
         machine: The machine that the servo knows.
@@ -94,7 +96,7 @@ def declare_plant(node: Node, machine: Machine) -> Machine:
 
 
 def declare_parameters(node: Node, plant: Machine) -> SimParameters:
-    """Declare all other parameters, check their values, and read them.
+    """Declare all parameters but `machine` and `plant`, check their values, and read them.
 
     Args:
         node: The node.
@@ -179,7 +181,8 @@ def check_changes(node: Node, plant: Machine, changes: Sequence[Parameter]) -> S
     """Check whether parameters may be changed.
 
     Three rules are checked. A real-time factor other than 1 needs `publish_clock`. Faults must be
-    valid. No symptom's warning value may exceed its stop limit.
+    valid. For each symptom of supervision, the value at which it warns may not exceed the value at
+    which it stops the arm.
 
     Args:
         node: The node, for the values that do not change.
@@ -187,7 +190,7 @@ def check_changes(node: Node, plant: Machine, changes: Sequence[Parameter]) -> S
         changes: Parameters with their new values.
 
     Returns:
-        Whether the change is accepted, and the first reason if not.
+        Success, or the first reason of the refusal.
     """
     after = {name: node.get_parameter(name).value for name in CHECKED_PARAMETERS}
     after |= {change.name: change.value for change in changes}
@@ -201,14 +204,14 @@ def check_changes(node: Node, plant: Machine, changes: Sequence[Parameter]) -> S
 
 
 def _find_clock_problem(factor: float, publish_clock: bool) -> str | None:
-    """Return why this real-time factor is refused, or None.
+    """Return why a real-time factor is refused.
 
     Args:
         factor: Simulated seconds per second.
         publish_clock: Whether the simulator publishes /clock.
 
     Returns:
-        A sentence, or None.
+        A sentence; None if the factor is accepted.
     """
     if factor != 1.0 and not publish_clock:
         return (
@@ -219,14 +222,14 @@ def _find_clock_problem(factor: float, publish_clock: bool) -> str | None:
 
 
 def _find_fault_problem(text: str, plant: Machine) -> str | None:
-    """Return why the text of a fault is refused, or None.
+    """Return why the text of one or several faults is refused.
 
     Args:
         text: Faults as text.
         plant: The simulated machine.
 
     Returns:
-        A sentence, or None.
+        A sentence; None if the text is accepted.
     """
     try:
         parse_faults(text, plant)
@@ -236,14 +239,15 @@ def _find_fault_problem(text: str, plant: Machine) -> str | None:
 
 
 def _find_limits_problem(symptom: str, after: Mapping[str, float]) -> str | None:
-    """Return why the limits of a symptom are refused, or None.
+    """Return why the limits of a symptom are refused.
 
     Args:
         symptom: Name of the symptom.
         after: Values of the parameters after the change, by name.
 
     Returns:
-        A sentence if the warning value exceeds the stop limit, else None.
+        A sentence if the value at which the symptom warns exceeds the value at which it stops the
+        arm. None otherwise.
     """
     warning, limit = after[f"{symptom}_warning"], after[f"{symptom}_limit"]
     if warning <= limit:
