@@ -34,15 +34,15 @@ from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
 
 TIMER_PERIOD = 0.005
-"""Wall-clock period of the timer that advances the simulation [s]."""
+"""Period, in real time, of the timer that advances the simulation [s]."""
 
 LONGEST_TICK_NS = 10_000_000
-"""Wall-clock time after which a timer callback returns, even if more is due [ns].
+"""Real time after which a timer callback returns, even if more is due [ns].
 
 Other callbacks can then run."""
 
 LATE_WAKE_NS = 10_000_000
-"""Wall-clock time between two wakes [ns] above which waiting messages are received first."""
+"""Real time between two wakes [ns] above which waiting messages are received first."""
 
 DUPLICATES_PERIOD = 1.0
 """Period of the search for duplicate publishers [s]."""

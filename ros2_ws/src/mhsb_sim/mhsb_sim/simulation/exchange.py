@@ -74,16 +74,16 @@ def move_pistons(
 ) -> None:
     """Compute cylinder lengths, piston speeds and moment arms after a step of the mechanics.
 
-    MuJoCo's integrator is semi-implicit: its positions are half a step ahead of its velocities.
-    Positions are taken back by that half step.
+    MuJoCo's integrator is semi-implicit: its positions are half a step ahead of its velocities. The
+    positions are therefore moved back by half a step.
 
     Args:
         linkage: Parameters of the linkages, float64[n, LINKAGE_WIDTH].
         position: Joint positions of MuJoCo, float64[n], [rad or m].
         velocity: Joint velocities of MuJoCo, float64[n], [rad/s or m/s].
         half_step: Half a step of the mechanics, float64[1], [s].
-        pistons: Rows LENGTH_ROW [m], SPEED_ROW [m/s], MOMENT_ARM_ROW [m] and ANGLE_ROW [rad or m],
-            float64[4, n]. Written in place.
+        pistons: Rows LENGTH_ROW [m], SPEED_ROW [m/s], MOMENT_ARM_ROW [m] and ANGLE_ROW (joint
+            position) [rad or m], float64[4, n]. Written in place.
     """
     for j in range(len(position)):
         q = position[j] - half_step[0] * velocity[j]
@@ -112,15 +112,16 @@ def round_to_resolution(value: float, resolution: float) -> float:
 def compute_reading(channel: SensorChannel, reading: float, before: float, step: float) -> float:
     """Compute the reading of a sensor, with its faults.
 
-    A failing sensor adds `channel.error`. A frozen one repeats its last reading. A dead one gives
-    no reading, and the reading before stays.
+    A healthy sensor gives `reading`. A failing one adds `channel.error`. A frozen one repeats its
+    last reading. A dead one gives no reading: the result is `before`.
 
     Args:
-        channel: State of the sensor. Writes the last reading, and
-            `silent`, the time without a reading [s], in place.
+        channel: State of the sensor. Writes `last_reading` and `silent` (time without a reading) in
+            place.
         reading: Reading of a healthy sensor, in the unit of the sensor.
-        before: Reading in the step before.
-        step: Control period [s]. It is added to `silent` of a dead sensor; otherwise `silent` is 0.
+        before: Last result for this sensor.
+        step: Time since the last call [s]. It is added to `silent` of a dead sensor. Of others,
+            `silent` becomes 0.
 
     Returns:
         The reading, in the unit of the sensor.
@@ -146,8 +147,8 @@ def read_sensors(
     """Compute the readings of all sensors in a step, with noise, offsets, rounding and faults.
 
     Offsets and errors first grow by one step of their drift. The order of sensors is: n lengths;
-    cap, rod and line pressure of each actuator; pressure of the rail; speeds of the m servo pumps
-    as flows. Lengths are rounded to the resolution of the joint position.
+    cap, rod and line pressure of each actuator in turn; pressure of the rail; speeds of the m servo
+    pumps as flows. A length is rounded to the resolution of the joint position.
 
     Args:
         noise_rows: Noise of many steps, float64[rows, 4 n + 1 + m], [m, Pa or m³/s]. The offsets
@@ -155,7 +156,7 @@ def read_sensors(
         plant: True state of the plant.
         readings: Readings of the sensors. Written in place.
         channels: State of the sensors, SensorChannel[4 n + 1 + m]. Updated in place.
-        step: Control period, float64[1], [s].
+        step: Servo period, float64[1], [s].
         row: Row of `noise_rows` for this step.
     """
     noise, h = noise_rows[row], step[0]
@@ -193,16 +194,20 @@ def read_sensors(
 def apply_forces(
     actuators: Records[ActuatorState], pressure: FloatArray, arm: FloatArray, joints: JointDrive
 ) -> bool:
-    """Apply the torques of the cylinders, τ = r (F − friction), to the mechanics.
+    """Apply the torques of the cylinders, τ = r (F − F_f), to the mechanics.
+
+    F is the force of the pressures, F_f the friction, r the moment arm.
 
     Args:
-        actuators: Records of the actuators, ActuatorState[n], with force F and friction [N].
-        pressure: Pressures of the nodes, float64[3 n + 3], [Pa].
+        actuators: Records of the actuators, ActuatorState[n], with force F and friction F_f [N].
+        pressure: Pressures of the nodes, float64[3 n + 3], [Pa]; only checked.
         arm: Moment arm r of each cylinder, float64[n], [m].
-        joints: Joints of the mechanics. Writes the controls τ in place.
+        joints: Joints of the mechanics. Writes the controls τ in place [N m, or N of sliding
+            joints].
 
     Returns:
-        True if positions and velocities are below LARGEST_STATE and pressures are finite.
+        False if a joint position or velocity is LARGEST_STATE or more, or a pressure is not finite.
+        True otherwise.
     """
     position, velocity, control = joints
     good = True
@@ -219,8 +224,9 @@ def apply_forces(
 def send_commands(servo_circuit: Components, circuit: Circuit, queue: CommandQueue) -> None:
     """Pass the servo's commands to the circuit, with a delay of len(queue.rows) − 1 servo steps.
 
-    A row of the queue holds n valve commands, n commands of join valves, m flows of servo pumps
-    [m³/s] and m commands of diverters. The other commands are shares from 0 or −1 to 1.
+    A row of the queue holds n valve openings (−1 … 1), n commands of join valves, which connect a
+    line to the rail (0 … 1), m flows of servo pumps [m³/s], and m commands of diverters, which lead
+    a pump to the rail (0 … 1).
 
     Args:
         servo_circuit: The circuit as the servo knows it, with new commands.
@@ -259,17 +265,19 @@ def advance_to_midstep(
     """Advance the circuit to the middle of a step, and apply its forces to the mechanics.
 
     Args:
-        servo_circuit: The circuit as the servo knows it, with its commands.
-        queue: Commands on their way. Updated in place.
+        servo_circuit: The circuit as the servo knows it, with its commands. If `sends` is 1, the
+            valves that it assumes are updated in place.
+        queue: Commands on their way. Updated in place if `sends` is 1.
         circuit: The simulated circuit, advanced in place.
-        pistons: Piston motion, float64[4, n]: lengths [m], speeds [m/s], moment arms [m], and joint
-            positions.
+        pistons: Cylinder lengths [m], piston speeds [m/s], moment arms [m] and joint positions [rad
+            or m], float64[4, n].
         joints: Joints of the mechanics. Writes the controls in place.
-        sends: Whether the servo's commands are sent first; 0 or 1.
+        sends: 1 to send the servo's commands first, else 0.
         substeps: Number of substeps of the circuit.
 
     Returns:
-        True if positions and velocities are below LARGEST_STATE and pressures are finite.
+        False if a joint position or velocity is LARGEST_STATE or more, or a pressure is not finite.
+        True otherwise.
     """
     if sends:
         send_commands(servo_circuit, circuit, queue)
@@ -288,7 +296,10 @@ def advance_to_step_end(
     pistons: FloatArray,
     substeps: int,
 ) -> None:
-    """Advance the circuit to the end of a step, after the mechanics have moved the pistons.
+    """Advance the circuit to the end of a step, after the mechanics have moved the joints.
+
+    The piston motion is computed first. MuJoCo's positions are half a step ahead of its velocities
+    and are moved back by that time.
 
     Args:
         circuit: The simulated circuit, advanced in place.
@@ -296,8 +307,8 @@ def advance_to_step_end(
         position: Joint positions of MuJoCo, float64[n], [rad or m].
         velocity: Joint velocities of MuJoCo, float64[n], [rad/s or m/s].
         half_step: Half a step of the mechanics, float64[1], [s].
-        pistons: Lengths [m], speeds [m/s], moment arms [m] and joint positions [rad or m],
-            float64[4, n]. Written in place.
+        pistons: Cylinder lengths [m], piston speeds [m/s], moment arms [m] and joint positions [rad
+            or m], float64[4, n]. Written in place.
         substeps: Number of substeps of the circuit.
     """
     move_pistons(linkage, position, velocity, half_step, pistons)

@@ -111,7 +111,7 @@ class Symptom(Protocol):
             sample: State of the arm.
 
         Returns:
-            Present size of the symptom in its unit, and a clause that names the part.
+            Present size of the symptom in its unit, and a clause that names the affected part.
         """
         ...
 
@@ -130,13 +130,14 @@ class FollowingError:
         self._radians = machine.radian_equivalents
 
     def evaluate(self, sample: ArmSample) -> Finding:
-        """Find the joint with the largest deviation.
+        """Find the joint that deviates most from its reference.
 
         Args:
             sample: State of the arm.
 
         Returns:
-            Deviation of that joint [rad], scaled if it slides, and a clause that names it.
+            Deviation of that joint [rad], and a clause that names it. The deviation of a sliding
+            joint is scaled so that its range counts as π rad.
         """
         off = np.abs(sample.reference.position - sample.measured.position)
         size = off / self._radians
@@ -155,7 +156,7 @@ class Overpressure:
     closes_valves = False
 
     def __init__(self, machine: Machine) -> None:
-        """Store names and relief settings of all cap sides, then rod sides, then lines.
+        """Store names and relief settings of all cap sides, then all rod sides, then all lines.
 
         Args:
             machine: The machine.
@@ -174,8 +175,8 @@ class Overpressure:
             sample: State of the arm.
 
         Returns:
-            Ratio of its lowest recent pressure to its setting [-], and a clause that names it. The
-            ratio is 0 until there are `min_duration_samples` samples.
+            Its lowest pressure in the last `min_duration_samples` samples over its setting [-], and
+            a clause that names it. The ratio is 0 until there are so many samples.
         """
         of = sample.actuators
         pressure = np.concatenate([of.cap_pressure, of.rod_pressure, of.supply_pressure])
@@ -198,7 +199,7 @@ class SupplyLoss:
     closes_valves = False
 
     def __init__(self, machine: Machine) -> None:
-        """Store the names of the actuators, and P_S by the machine file.
+        """Store the names of the actuators, and the main pump's pressure P_S by the machine file.
 
         Args:
             machine: The machine.
@@ -208,15 +209,15 @@ class SupplyLoss:
         self._lasting = MinimumFilter()
 
     def evaluate(self, sample: ArmSample) -> Finding:
-        """Find the line that lacks the largest share of the supply pressure.
+        """Find the line that lacks most of the main pump's pressure P_S.
 
         Args:
             sample: State of the arm.
 
         Returns:
-            Smallest recent lack of that line as a share of P_S, and a clause. The share is 0 until
-            there are `min_duration_samples` samples. The clause says "all lines" instead of a name
-            if every line lacks more than `common_loss_share`.
+            Smallest lack of that line in the last `min_duration_samples` samples, as a share of
+            P_S, and a clause. The share is 0 until there are so many samples. If every line lacks
+            more than `common_loss_share`, the clause says "all lines" instead of a name.
         """
         lacking = self._lasting.update(1.0 - sample.actuators.supply_pressure / self._supply)
         j = int(np.argmax(lacking))
@@ -246,18 +247,17 @@ class Saturation:
         self._looks = np.zeros(len(self._names))
 
     def evaluate(self, sample: ArmSample) -> Finding:
-        """Update how long each command has been saturated, and return the longest time.
+        """Update for how long each command has been saturated, and return the longest time.
 
-        A command is saturated from `full_command_share` on. The time is uninterrupted: one
-        unsaturated sample resets it to 0. Each call counts as WATCH_PERIOD_NS, so it must come once
-        in that period.
+        A command is saturated from `full_command_share` on. One unsaturated sample resets its time
+        to 0. Each call counts as WATCH_PERIOD_NS, so it must come once in that period.
 
         Args:
             sample: State of the arm.
 
         Returns:
-            Longest time [s], and a clause with name and time. If nothing is saturated: 0 and the
-            first valve.
+            Longest time [s], and a clause that names the valve or pump. If nothing is saturated,
+            the time is 0 and the clause names the first valve.
         """
         of = sample.actuators
         command = np.abs(np.concatenate([of.valve_command, of.servo_pump_command]))
@@ -279,13 +279,15 @@ class HeldPlan:
         pass
 
     def evaluate(self, sample: ArmSample) -> Finding:
-        """Return the time for which the plan has been held.
+        """Return the time for which the mode guard has held the plan.
+
+        The mode guard holds the plan nearly still if the arm would sag otherwise.
 
         Args:
             sample: State of the arm.
 
         Returns:
-            The time [s], 0 if the plan is not held, and a clause with time and reason.
+            The time [s], 0 if the plan is not held; and a clause with time and reason.
         """
         text = f"the plan has been held for {sample.held:.2f} s: {sample.hold_reason}"
         return Finding(sample.held, text)
@@ -304,7 +306,7 @@ class MinimumFilter:
             now: New sample, an array in any unit.
 
         Returns:
-            Element-wise minimum, of the same shape and unit. All 0 until there are
+            Minimum of each element, of the same shape and unit. All are 0 until there are
             `min_duration_samples` samples.
         """
         self._last.append(now)

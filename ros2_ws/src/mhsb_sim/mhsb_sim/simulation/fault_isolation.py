@@ -114,8 +114,8 @@ class SilentSensor:
             sample: State of the arm, with the silent time of each sensor.
 
         Returns:
-            Time without a reading [s], and a clause that names the sensor. If all give readings: 0
-            and the first sensor.
+            Time without a reading [s], and a clause that names the sensor. If all sensors give
+            readings, the time is 0 and the clause names the first sensor.
         """
         silent = sample.sensed.silent
         k = int(np.argmax(silent))
@@ -147,8 +147,9 @@ class FrozenPressure:
     def evaluate(self, sample: ArmSample) -> Finding:
         """Find the pressure sensor whose reading has been unchanged for the longest time.
 
-        A sample counts as WATCH_PERIOD if at least one pressure reading has changed in it, else as
-        0. A change of a reading resets the time of that sensor.
+        Each call counts as WATCH_PERIOD if at least one pressure reading has changed since the last
+        call. Otherwise it counts as 0: all sensors may then be slower than the calls. A change of a
+        reading sets the time of that sensor to 0.
 
         Args:
             sample: State of the arm.
@@ -172,7 +173,7 @@ class FrozenLength:
     closes_valves = True
 
     def __init__(self, machine: Machine) -> None:
-        """Prepare the last readings of all length sensors, and the reference at their last change.
+        """Begin without readings; the first call of `evaluate` stores readings and references.
 
         Args:
             machine: The machine.
@@ -182,13 +183,13 @@ class FrozenLength:
         self._reference_length = np.zeros(machine.joint_count)
 
     def evaluate(self, sample: ArmSample) -> Finding:
-        """Find the piston whose reference has moved furthest since its length reading changed.
+        """Find the piston whose reference has moved furthest since its length reading last changed.
 
         Args:
             sample: State of the arm.
 
         Returns:
-            Distance of that reference from its place at the last change of the reading [m], and a
+            Distance of that reference from its value at the last change of the reading [m], and a
             clause that names the sensor.
         """
         now = sample.sensed.length
@@ -215,14 +216,14 @@ class JumpingLength:
         self._length: FloatArray | None = None
 
     def evaluate(self, sample: ArmSample) -> Finding:
-        """Find the length reading that has jumped furthest since the last sample.
+        """Find the length reading that has changed most since the last sample.
 
         Args:
             sample: State of the arm.
 
         Returns:
-            Jump of that reading divided by `farthest_jump` [-], and a clause that names the sensor.
-            The jump is 0 in the first sample.
+            Change of that reading divided by `farthest_jump` [-], and a clause that names the
+            sensor. The value is 0 in the first sample.
         """
         before, self._length = self._length, sample.sensed.length
         way = self._length - (self._length if before is None else before)
@@ -254,18 +255,20 @@ class DisagreeingLine:
         self._apart = np.zeros(machine.joint_count)
 
     def evaluate(self, sample: ArmSample) -> Finding:
-        """Find the line whose pressure differs most from that of all others.
+        """Find the line whose pressure differs most from all others that must be equal to it.
 
-        A line counts once its actuator has been in mode N, with its servo pump stopped, for
-        `settled_time`. Of its differences to the other counting lines and to P_S, the one of
-        smallest magnitude is filtered. Without another counting line, 0 is filtered.
+        Lines are compared if their actuators have been in mode N (main pump alone), with their
+        servo pumps stopped, for `settled_time`. All of them should have the main pump's pressure
+        P_S. For each such line, take its differences to the other compared lines and to P_S. The
+        difference of smallest magnitude is filtered by a low-pass. If fewer than two lines are
+        compared, 0 is filtered.
 
         Args:
             sample: State of the arm.
 
         Returns:
-            Magnitude of the filtered difference of that line [Pa], and a clause that names its
-            pressure sensor.
+            Magnitude of the largest filtered difference [Pa], and a clause that names the pressure
+            sensor of that line.
         """
         sensed = sample.sensed
         line, pumps = sensed.pressure[:, LINE_SENSOR], min(len(sensed.modes), len(sensed.pump_flow))
@@ -319,14 +322,14 @@ class DisagreeingValve:
         self._opened = np.zeros(machine.joint_count)
 
     def evaluate(self, sample: ArmSample) -> Finding:
-        """Find the piston with the largest unexplained stroke.
+        """Find the piston with the largest stroke that its valve's opening does not explain.
 
         Args:
             sample: State of the arm.
 
         Returns:
             Unexplained stroke of that piston [m], and a clause that names its actuator. In the
-            first sample: 0 and an empty text.
+            first sample the stroke is 0 and the clause empty.
         """
         now, before = sample.sensed, self._before
         opened = self._opened
@@ -357,9 +360,10 @@ class DisagreeingValve:
     ) -> tuple[FloatArray, FloatArray]:
         """Compute the range of piston speeds that valve openings and pressures explain.
 
-        Pressures and lengths are means of two samples, and pressure rates their differences over
-        WATCH_PERIOD. For both chambers, each of the two valve commands is evaluated as it is, and
-        with `valve_opening_tolerance` added and subtracted. The range covers all twelve results.
+        The equations are in the docstring of the class. Pressures and lengths are means of two
+        samples; pressure rates are their differences over WATCH_PERIOD. Each of the two valve
+        commands is evaluated as it is, and with `valve_opening_tolerance` added and subtracted.
+        With two chambers, that gives twelve speeds. The range covers all of them.
 
         Args:
             before: Readings of the last sample.
@@ -425,12 +429,14 @@ class ServoPumpMonitor:
         self.failures: dict[int, str] = {}
 
     def update(self, sensed: Sensed) -> bool:
-        """Compare all pumps with healthy ones, and record new failures in `failures`.
+        """Compare all pumps with simulated healthy ones, and record new failures in `failures`.
 
-        Each call counts as WATCH_PERIOD.
+        A pump fails if its flow has deviated by more than `pump_deviation` for longer than
+        `pump_failure_time`. Each call counts as WATCH_PERIOD.
 
         Args:
-            sensed: Readings and commands of this sample: flows, commanded flows and pressures.
+            sensed: Readings and commands of this sample; flows, commanded flows and line pressures
+                are used.
 
         Returns:
             True if a pump has been found to fail that had not failed before.
@@ -450,7 +456,9 @@ class ServoPumpMonitor:
         return bool(found)
 
     def describe_suspects(self, sensed: Sensed) -> str:
-        """Describe pumps that have failed, and others that have deviated for `pump_suspicion_time`.
+        """Describe the pumps that have failed, and others that may be about to.
+
+        The others have deviated from a healthy pump for longer than `pump_suspicion_time`.
 
         Args:
             sensed: Readings and commands of this sample.
@@ -467,7 +475,7 @@ class ServoPumpMonitor:
 
         Args:
             k: Index of the pump, from 0.
-            sensed: Readings and commands.
+            sensed: Readings and commands of this sample.
 
         Returns:
             A clause for a person.

@@ -22,12 +22,13 @@ from mhsb_sim.simulation.sensors import SensorChannel
 def compute_sag_pressure(nominal: float, sag: SupplySag, time: float) -> float:
     """Compute the pressure that the main pump keeps during a supply sag.
 
-    The pressure falls linearly within `sag.fall` to `sag.pressure`, and stays there for
-    `sag.duration`. Then it rises linearly within `sag.fall`.
+    The pressure falls linearly from `nominal` to `sag.pressure` in the time `sag.fall`, and stays
+    there for `sag.duration`. Then it rises linearly to `nominal` in the time `sag.fall`.
 
     Args:
         nominal: Pressure without the sag [Pa].
-        sag: Start, duration of the fall and of the low pressure [s], and low pressure [Pa].
+        sag: Time of its start [s], durations of the fall and of the low pressure [s], and low
+            pressure [Pa].
         time: Time since the start of the simulation [s].
 
     Returns:
@@ -93,8 +94,9 @@ def parse_faults(text: str, machine: Machine) -> tuple[Fault, ...]:
     """Parse the text of one or several faults.
 
     Args:
-        text: Faults separated by commas; empty words and "none" are skipped.
-        machine: The machine, whose actuators and modules are the possible places.
+        text: Faults separated by commas, each KIND, KIND:PLACE or KIND:PLACE:VALUE. Empty words and
+            "none" are skipped.
+        machine: The machine, whose actuators, sensors and servo pumps are the possible places.
 
     Returns:
         The faults in the order of the text.
@@ -111,10 +113,11 @@ def _parse_fault(word: str, machine: Machine) -> Fault:
 
     Args:
         word: KIND, KIND:PLACE or KIND:PLACE:VALUE.
-        machine: The machine, whose actuators and modules are the possible places.
+        machine: The machine, whose actuators, sensors and servo pumps are the possible places.
 
     Returns:
-        The fault, with the default value of its kind if the word has no value.
+        The fault. Without a value in the word it has the default value of its kind, or NaN if the
+        kind has none.
 
     Raises:
         FaultError: Kind, place or value is not valid.
@@ -145,13 +148,13 @@ def _parse_fault(word: str, machine: Machine) -> Fault:
 
 
 def _parse_number(text: str) -> float:
-    """Return the number that a text stands for, NaN if it is none.
+    """Return the number that a text stands for.
 
     Args:
         text: The text.
 
     Returns:
-        The number.
+        The number; NaN if the text is no number.
     """
     try:
         return float(text)
@@ -162,13 +165,13 @@ def _parse_number(text: str) -> float:
 def set_faults(
     faults: Sequence[Fault], plant: FaultTarget, constants: Records[CircuitConstants]
 ) -> None:
-    """Set the faults of a plant, after all its parts have been made healthy.
+    """Make all parts of a plant healthy, then set faults.
 
     Args:
-        faults: All faults that are to exist.
+        faults: All faults that are to exist; others end.
         plant: The plant, changed in place.
         constants: Constants of the circuit without faults, CircuitConstants[1]. They replace those
-            in the circuit.
+            in the circuit first.
     """
     circuit, channels = plant
     circuit.constants[:] = constants

@@ -22,7 +22,7 @@ from mhsb_model.modes import modules_in_use, pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 
 PAIR_TIMEOUT = 0.5
-"""Wall-clock time for which half a plan waits for its other half [s]."""
+"""Real time for which half a plan waits for its other half [s]."""
 
 LARGEST_LEAD = 0.5
 """Largest time by which a plan may be stamped ahead of the arm's time [s]; it waits until then."""
@@ -51,10 +51,10 @@ class PlanTarget(Protocol):
         """Return the reference at an earlier time.
 
         Args:
-            time_ns: Time by which plans are followed [ns].
+            time_ns: Time of plans (clock less the delay of slowed plans) [ns].
 
         Returns:
-            The state, or None if that time is no longer recorded.
+            The state; None if that time is no longer recorded.
         """
         ...
 
@@ -74,7 +74,7 @@ class PendingPlan:
 
     Attributes:
         stamp_ns: Stamp of the plan [ns].
-        received: Wall-clock time at which its first half came [s].
+        received: Time at which its first half came, by the steady clock [s].
         trajectory: Its trajectory, None until it comes.
         schedule: Its mode schedule, None until it comes.
     """
@@ -86,7 +86,10 @@ class PendingPlan:
 
     @property
     def due_ns(self) -> int:
-        """Time at which it can be handed over [ns]: its stamp if it is complete, else NEVER_NS."""
+        """Time of plans at which the plan can be handed over [ns].
+
+        It is the plan's stamp if both halves have come, else NEVER_NS.
+        """
         complete = self.trajectory is not None and self.schedule is not None
         return self.stamp_ns if complete else NEVER_NS
 
@@ -112,9 +115,9 @@ class PlanReceiver:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all plans and reports, because the target's time starts anew.
+        """Forget all plans and reports, because the target's time starts again.
 
-        Plans that are stamped before the present time of the target are refused from now on.
+        From now on, plans that are stamped before the present time of the target are refused.
         """
         self._reported_stamps: deque[int] = deque(maxlen=REPORTED_STAMP_CAPACITY)
         self._last_stamp_ns = -1
@@ -131,10 +134,10 @@ class PlanReceiver:
 
         Args:
             event: Clause on the cause, such as "the arm was stopped", for the report.
-            reason: Reason in the reports of these plans.
+            reason: Reason code in the reports on these plans.
 
         Returns:
-            Report on the plan that was waiting; empty if there was none.
+            Report on the plan that was waiting; an empty list if there was none.
         """
         self._void_until_ns, self._void_because = self._target.plan_time_ns, reason
         return self._drop_pending(reason, f"{event} before it could be applied")
@@ -146,29 +149,31 @@ class PlanReceiver:
             fault: Sentence on the fault, for the reports.
 
         Returns:
-            Report on the plan that was waiting; empty if there was none.
+            Report on the plan that was waiting; an empty list if there was none.
         """
         self._fault = fault
         return self._drop_pending(HandOverReason.FAULT, fault)
 
     def open(self) -> None:
-        """Take plans again after `close`, if they are stamped after the target's present time."""
+        """Take plans again after `close`.
+
+        Only plans that are stamped after the target's present time are taken.
+        """
         self._fault = ""
         self._void_until_ns = self._target.plan_time_ns
         self._void_because = HandOverReason.RESET
 
     def add_trajectory(self, trajectory: Trajectory, wall: float) -> list[HandOverReport]:
-        """Receive the trajectory of a plan.
+        """Receive the trajectory of a plan, and store it until `update` hands the plan over.
 
-        The trajectory is stored; `update` hands the plan over later. Nothing happens if its plan
-        has a trajectory or a report already.
+        It is ignored if its plan already has a trajectory, or a report.
 
         Args:
             trajectory: The trajectory with its stamp.
-            wall: Wall-clock time [s].
+            wall: Present time of the steady clock [s].
 
         Returns:
-            Reports on this plan if it is refused, and on a plan that it displaces.
+            Reports on this plan if it is refused, and on an older plan that it displaces.
         """
         problem = find_trajectory_problem(self._machine, trajectory)
         pair, reports = self._find_pending_plan(trajectory.stamp_ns, problem, wall)
@@ -178,17 +183,16 @@ class PlanReceiver:
         return reports
 
     def add_schedule(self, schedule: ModeSchedule, wall: float) -> list[HandOverReport]:
-        """Receive the mode schedule of a plan.
+        """Receive the mode schedule of a plan, and store it until `update` hands the plan over.
 
-        The schedule is stored; `update` hands the plan over later. Nothing happens if its plan has
-        a schedule or a report already.
+        It is ignored if its plan already has a schedule, or a report.
 
         Args:
             schedule: The mode schedule with its stamp.
-            wall: Wall-clock time [s].
+            wall: Present time of the steady clock [s].
 
         Returns:
-            Reports on this plan if it is refused, and on a plan that it displaces.
+            Reports on this plan if it is refused, and on an older plan that it displaces.
         """
         problem = find_schedule_problem(self._machine, schedule)
         pair, reports = self._find_pending_plan(schedule.stamp_ns, problem, wall)
@@ -202,11 +206,11 @@ class PlanReceiver:
 
         Args:
             stamp_ns: Stamp of the plan [ns].
-            problem: Clause why it cannot be read.
-            wall: Wall-clock time [s].
+            problem: Clause on why it cannot be read.
+            wall: Present time of the steady clock [s].
 
         Returns:
-            Report on the plan; empty if the stamp has a report already.
+            Report on the plan; an empty list if its stamp has a report already.
         """
         return self._find_pending_plan(stamp_ns, problem, wall)[1]
 
@@ -214,10 +218,10 @@ class PlanReceiver:
         """Hand over a complete plan that is due, or drop half a plan that has waited too long.
 
         Args:
-            wall: Wall-clock time [s].
+            wall: Present time of the steady clock [s].
 
         Returns:
-            Report on that plan; empty if nothing is due.
+            Report on that plan; an empty list if nothing is due.
         """
         pair = self._pending
         if pair is None:
@@ -234,21 +238,26 @@ class PlanReceiver:
     def _find_pending_plan(
         self, stamp: int, problem: str | None, wall: float
     ) -> tuple[PendingPlan | None, list[HandOverReport]]:
-        """Find or create the plan that a half belongs to.
+        """Find or create the plan that a half (trajectory or mode schedule) belongs to.
 
-        A half is ignored if its stamp has a report already. If the second half of the waiting plan
-        cannot be used, the plan is refused and removed. The first half of a new plan is refused for
-        the reasons of `_find_refusal`: fault, `problem`, or its stamp. Otherwise it displaces the
-        waiting plan, which is removed. A new plan is not stored here; the caller does so.
+        The first of these cases decides:
+
+        1. The stamp has a report already: the half is ignored.
+        2. The half belongs to the waiting plan. If it cannot be used, that plan is refused and
+           removed.
+        3. The half begins a new plan that `_find_refusal` refuses, because of a fault, `problem` or
+           the stamp.
+        4. The half begins a new plan. A waiting older plan is displaced and removed. The caller
+           must store the new plan.
 
         Args:
             stamp: Stamp of the half [ns].
-            problem: Clause why this half cannot be used, or None.
-            wall: Wall-clock time at which the half came [s]; stored in a new plan.
+            problem: Clause on why this half cannot be used; None if it can.
+            wall: Time of the steady clock at which the half came [s]; stored in a new plan.
 
         Returns:
-            The plan, or None if the half is not kept; and a report on each plan refused or
-            displaced. The stamps of these plans count as reported.
+            The plan, or None if the half is not kept. And a report on each plan that was refused or
+            displaced; its stamp counts as reported from now on.
         """
         pending = self._pending
         if stamp in self._reported_stamps:
@@ -269,15 +278,16 @@ class PlanReceiver:
     def _find_refusal(self, stamp: int, problem: str | None) -> tuple[HandOverReason, str] | None:
         """Return why the first half of a plan is refused.
 
-        Reasons, in this order: a fault; an unusable half; a stamp before the last start, stop or
-        reset; a stamp not newer than the last plan's; a stamp too far ahead of the arm's time.
+        Checked are, in this order: a fault of the arm; a half that cannot be used; a stamp before
+        the last start, stop or reset; a stamp not newer than the plan before; a stamp too far ahead
+        of the arm's time.
 
         Args:
             stamp: Stamp of the plan [ns].
-            problem: Clause why this half cannot be used, or None.
+            problem: Clause on why this half cannot be used; None if it can.
 
         Returns:
-            Reason and sentence, or None if it is accepted.
+            Reason code and sentence; None if the half is accepted.
         """
         newest = max(self._last_stamp_ns, self._pending.stamp_ns if self._pending else -1)
         ahead = (stamp - self._target.plan_time_ns) / SECOND_NS
@@ -307,11 +317,14 @@ class PlanReceiver:
     def _hand_over(self, pair: PendingPlan) -> HandOverReport:
         """Apply a complete plan if it continues the reference, else refuse it.
 
+        It continues the reference if position and velocity of every joint differ by at most
+        `MAX_HAND_OVER_JUMP` from the state that the plan in force has now at full speed.
+
         Args:
             pair: The complete plan, which is due.
 
         Returns:
-            Report on the plan, with the jumps of position [rad] and velocity [rad/s].
+            Report on the plan, with the largest jumps of position [rad] and velocity [rad/s].
         """
         trajectory, schedule = pair.trajectory, pair.schedule
         assert trajectory is not None
@@ -331,15 +344,16 @@ class PlanReceiver:
     def _explain_refusal(
         self, trajectory: Trajectory, jump: tuple[float, float]
     ) -> tuple[HandOverReason, str]:
-        """Determine whether a trajectory came too late, or never continued the reference.
+        """Find out whether a trajectory came too late, or never continued the reference.
 
         Args:
             trajectory: The trajectory, which is due.
             jump: Present jump of position [rad] and velocity [rad/s].
 
         Returns:
-            Reason and sentence. The reason is JUMP if the trajectory was off the reference at its
-            stamp already. Otherwise, or if that reference is no longer recorded, it is LATE.
+            Reason code and sentence. The code is JUMP if the trajectory already was off the
+            reference at its own stamp. Otherwise it is LATE, also if the reference at the stamp is
+            no longer recorded.
         """
         stamp = trajectory.stamp_ns
         then = self._target.reference_at(stamp)
@@ -360,11 +374,11 @@ class PlanReceiver:
         """Drop the waiting plan, if there is one.
 
         Args:
-            reason: Reason for the report.
+            reason: Reason code for the report.
             text: Clause for the report.
 
         Returns:
-            Report on that plan; empty if none was waiting.
+            Report on that plan; an empty list if none was waiting.
         """
         pair = self._pending
         if pair is None:
@@ -380,13 +394,13 @@ class PlanReceiver:
         outcome: HandOverOutcome | None = None,
         jump: tuple[float, float] = (np.nan, np.nan),
     ) -> HandOverReport:
-        """Build the one report of a plan, and remember its stamp as reported.
+        """Build the one report on a plan, and remember its stamp as reported.
 
         Args:
             stamp: Stamp of the plan [ns].
-            reason: Reason for the outcome; NONE if it was applied.
+            reason: Reason code; NONE if the plan was applied.
             text: Clause for the sentence.
-            outcome: The outcome; None for applied or refused, according to the reason.
+            outcome: The outcome. None stands for applied if the reason is NONE, else for refused.
             jump: Jump of position [rad] and velocity [rad/s]; NaN if unknown.
 
         Returns:
@@ -419,7 +433,7 @@ def compute_jump(old: MotionState, new: MotionState) -> tuple[float, float]:
 def find_trajectory_problem(machine: Machine, trajectory: Trajectory) -> str | None:
     """Return why the machine cannot follow a trajectory.
 
-    Checked are the number of joints, rest at the end, and the curve itself
+    Checked are the number of joints, rest at the end, and the limits of the machine along the curve
     (`describe_curve_problem`).
 
     Args:
@@ -427,7 +441,7 @@ def find_trajectory_problem(machine: Machine, trajectory: Trajectory) -> str | N
         trajectory: The trajectory.
 
     Returns:
-        A clause on the first problem, or None if the machine can follow it.
+        A clause on the first problem; None if the machine can follow it.
     """
     if trajectory.joint_count != machine.joint_count:
         return (
@@ -442,14 +456,15 @@ def find_trajectory_problem(machine: Machine, trajectory: Trajectory) -> str | N
 def find_schedule_problem(machine: Machine, schedule: ModeSchedule) -> str | None:
     """Return why the machine cannot execute a mode schedule.
 
-    The number of actuators and the booster modules that each pattern needs are checked.
+    Checked are the number of actuators, and whether the machine has the booster modules that each
+    mode combination needs.
 
     Args:
         machine: The machine.
         schedule: The mode schedule.
 
     Returns:
-        A clause on the first problem, or None if the machine can execute it.
+        A clause on the first problem; None if the machine can execute it.
     """
     actuators = schedule.modes.shape[1]
     if actuators != machine.joint_count:

@@ -48,10 +48,13 @@ MACHINE_FILE_KEY = "schema_version"
 
 
 def load_plant(machine: Machine, file: Path) -> Machine:
-    """Load the plant of a file.
+    """Load the plant (machine to simulate) of a file.
+
+    A complete machine file is recognised by its key `schema_version`. A shorter file lists only
+    values that differ from `machine`, in the sections of a machine file.
 
     Args:
-        machine: The machine that the servo knows; a short file changes some of its values.
+        machine: The machine that the servo knows; it stays unchanged.
         file: Plant file (YAML).
 
     Returns:
@@ -84,7 +87,7 @@ def flatten_sections(content: dict[Any, Any], above: str = "") -> dict[str, Any]
 
     Args:
         content: Nested dictionary.
-        above: Prefix of all keys, for instance "circuit.".
+        above: Text before all keys, for instance "circuit.".
 
     Returns:
         Values by their paths, for instance "circuit.bulk_modulus".

@@ -18,8 +18,8 @@ class ArmSample:
 
     Attributes:
         reference: Position, velocity and acceleration that the servo follows.
-        measured: Position, velocity and acceleration of the joints.
-        actuators: Pressures, flows and openings of the actuators.
+        measured: True position, velocity and acceleration of the joints, without sensor errors.
+        actuators: True pressures, flows and openings of the actuators.
         sensed: Readings of the sensors, and commands of the servo.
         held: Time for which the mode guard has held the plan nearly still [s]; 0 if it does not.
         hold_reason: Sentence on why the plan is held; empty if it is not.
@@ -35,6 +35,8 @@ class ArmSample:
     @classmethod
     def from_simulator(cls, simulator: Simulator) -> ArmSample:
         """Take a sample of a simulator's present state.
+
+        Joint state and actuator states are the true ones; only `sensed` has sensor errors.
 
         Args:
             simulator: The simulator.

@@ -134,17 +134,17 @@ def build_channels(
     """Build the sensors of a machine, with offsets and drifts drawn at random.
 
     With n actuators and m servo pumps the order is: n lengths; cap, rod and line pressure of
-    actuator 1, then of actuator 2 and so on; pressure of the rail; speeds of the m servo pumps, as
-    flows [m³/s]. Offsets and drifts are normally distributed, with the standard deviations of the
-    sensor's class. Drift is stored as the change in one control step.
+    actuator 1, then of actuator 2 and so on; pressure of the rail (shared boost line); speeds of
+    the m servo pumps, as flows. Offsets and drifts are normally distributed, with the standard
+    deviations of the sensor's class. A drift is stored as the change in one servo step.
 
     Args:
         machine: The simulated machine; its file names the class of each kind of sensor.
         random: Generator for offsets and drifts.
 
     Returns:
-        Sensors, SensorChannel[4 n + 1 + m], and standard deviation of the noise of each one [m, Pa
-        or m³/s], of the same length.
+        Sensors, SensorChannel[4 n + 1 + m]; and standard deviation of the noise of each one,
+        float64[4 n + 1 + m], [m, Pa or m³/s].
     """
     n, m = machine.joint_count, machine.arrays.module_count
     config, circuit = machine.config.servo, machine.config.circuit

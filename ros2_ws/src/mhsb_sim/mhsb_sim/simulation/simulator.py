@@ -73,8 +73,8 @@ TRAJECTORY_CAPACITY = 4
 class Simulator:
     """A machine with its servo, at rest in its start posture until it is given a plan.
 
-    Servo, supervision and plan receiver know the plant only by its sensors. The same seed and the
-    same calls give the same bits.
+    The servo knows the plant only by its sensors. Supervision also uses true joint positions and
+    pressures. The same seed and the same calls give the same bits.
 
     Attributes:
         machine: Machine that servo, supervision and plan receiver assume.
@@ -94,7 +94,7 @@ class Simulator:
         start_ns: int = 0,
         plant: Machine | None = None,
     ) -> None:
-        """Build the simulation of a machine.
+        """Build the simulation of a machine, at rest in its start posture.
 
         Args:
             machine: Machine that servo, supervision and plan receiver assume.
@@ -138,11 +138,12 @@ class Simulator:
     def reset(self, time_ns: int = 0, posture: FloatArray | None = None) -> None:
         """Put the arm at rest, with all counters at zero and without faults.
 
-        The payload stays. The arm holds in the modes that its load needs.
+        The payload stays. The arm holds in modes that carry its load. Sensor noise starts again
+        from the seed.
 
         Args:
             time_ns: New simulated time [ns].
-            posture: Joint positions, float64[n], [rad or m], limited to the joint ranges; None for
+            posture: Joint positions, float64[n], [rad or m], clipped to the joint limits. None for
                 the start posture.
 
         Raises:
@@ -166,7 +167,8 @@ class Simulator:
     def _reset_mechanics(self, q: FloatArray) -> None:
         """Build the mechanical state at rest in a posture, and bind the kernels of a step to it.
 
-        The queue of commands is made for the plant's computing delay, in whole steps.
+        Commands of the servo reach the circuit through a queue, later by the plant's computing
+        delay in whole steps. This queue is made here, too.
 
         Args:
             q: Joint positions, float64[n], [rad or m].
@@ -203,7 +205,7 @@ class Simulator:
         self._noise = np.zeros((NOISE_ROWS, len(self._channels)))
 
     def _reset_servo(self, q: FloatArray, modes: ModeArray) -> None:
-        """Build the sensors' kernel and the servo, and hold a posture.
+        """Build the sensors' kernel and the servo, open the valves, and hold a posture.
 
         Args:
             q: Joint positions to be held, float64[n], [rad or m].
@@ -249,7 +251,7 @@ class Simulator:
         return 0 if self._reference.has_ended else self._time_ns - self.plan_time_ns
 
     def catch_up(self) -> None:
-        """Remove the delay of plans, if the last one has ended."""
+        """Remove the delay by which speed scaling has slowed plans, if the last plan has ended."""
         if self._reference.has_ended:
             self._reference.speed_scaling["delay"] = 0.0
 
@@ -277,10 +279,10 @@ class Simulator:
         """Return the reference at an earlier time.
 
         Args:
-            time_ns: Time of plans [ns].
+            time_ns: Time of plans (simulated time less the delay of slowed plans) [ns].
 
         Returns:
-            The state of the trajectory that was followed then, or None if it is no longer recorded.
+            State of the trajectory that was followed then; None if it is no longer recorded.
         """
         for since_ns, trajectory in reversed(self._followed):
             if time_ns >= since_ns:
@@ -289,7 +291,10 @@ class Simulator:
 
     @property
     def joint_state(self) -> MotionState:
-        """True position and velocity of the joints now, and their acceleration in the last step."""
+        """True position and velocity of the joints now, and their acceleration in the last step.
+
+        Sensor errors are not included.
+        """
         data = self._data
         position = data.qpos - 0.5 * self._model.opt.timestep * data.qvel  # see `move_pistons`
         return MotionState(position, data.qvel.copy(), data.qacc.copy())
@@ -312,7 +317,7 @@ class Simulator:
 
     @property
     def actuator_states(self) -> ActuatorStates:
-        """Present pressures, flows and openings of the simulated circuit."""
+        """Present pressures, flows and openings of the simulated circuit, without sensor errors."""
         circuit = self._circuit
         actuators = circuit.actuators
         speed = circuit.modules["flow"] / circuit.constants["servo_pump_flow"]
@@ -342,13 +347,14 @@ class Simulator:
     ) -> None:
         """Copy the present state into arrays, for recordings that keep every step.
 
+        All arrays are written in place.
+
         Args:
-            reference: Position, velocity and acceleration of the reference, one row each,
-                float64[3, n]. Written in place.
-            position: Joint positions, float64[n], [rad or m]. Written in place.
-            pressure: Pressures of cap side, rod side and line of each actuator, then of rail,
-                manifold and tank, float64[3 n + 3], [Pa]. Written in place.
-            modes: Modes in force, uint8[n]. Written in place.
+            reference: Rows for position, velocity and acceleration of the reference, float64[3, n].
+            position: True joint positions, float64[n], [rad or m].
+            pressure: Pressures of cap side, rod side and line of each actuator in turn, then of
+                rail, manifold (behind the main pump) and tank, float64[3 n + 3], [Pa].
+            modes: Modes in force, uint8[n].
         """
         reference[:] = self._signals.reference[0]
         position[:] = self._pistons[ANGLE_ROW]
@@ -384,23 +390,27 @@ class Simulator:
     def energies(self) -> dict[str, float]:
         """Energies since the start by name [J].
 
-        `main_pump` (hydraulic) and `servo_pumps` (at their shafts) are delivered. All others are
-        shares of that energy by the place to which it went, except `UNBALANCED_ENERGIES` of
-        `circuit.audit`.
+        `main_pump` (hydraulic) and `servo_pumps` (at their shafts) are the energies delivered. The
+        other entries say where that energy went; together they add up to it. Exceptions are
+        `UNBALANCED_ENERGIES` of `circuit.audit`.
         """
         energy = self._circuit.energy
         return {name: float(energy[name][0]) for name in energy.dtype.names or ()}
 
     @property
     def energy_gap(self) -> float:
-        """Energy delivered less energy accounted for [J]; zero apart from rounding."""
+        """Energy that the pumps delivered, less the sum of where it went [J].
+
+        It is zero apart from rounding.
+        """
         return energy_gap(self.energies)
 
     @property
     def volumes(self) -> dict[str, float]:
         """Oil volumes since the start by name [m³].
 
-        `main_pump` is delivered. All others are shares of that oil by the place to which it went.
+        `main_pump` is the volume delivered. The other entries say where that oil went; together
+        they add up to it.
         """
         volume = self._circuit.volume
         return {name: float(volume[name][0]) for name in volume.dtype.names or ()}
@@ -408,15 +418,15 @@ class Simulator:
     def set_plan(self, trajectory: Trajectory, schedule: ModeSchedule) -> None:
         """Follow a plan from now on, and open the valves if they are closed.
 
-        Whether the plan continues the present reference is not checked here; the plan receiver does
-        that.
+        The caller must make sure that the plan continues the present reference. If the valves were
+        closed, the servo starts without memory.
 
         Args:
             trajectory: Trajectory of the plan.
             schedule: Mode schedule of the plan.
 
         Raises:
-            ModeError: A mode pattern needs more booster modules than there are.
+            ModeError: A mode combination needs more booster modules than there are.
         """
         self._check_budget(schedule.modes)
         if self.valves_closed:
@@ -427,8 +437,8 @@ class Simulator:
     def stop(self) -> None:
         """Decelerate along the path of the plan in force, then hold; no effect without a plan.
 
-        The modes that the servo has prepared stay in force while the arm decelerates. At the end
-        come modes that hold the arm there.
+        While the arm decelerates, the modes that the servo last prepared stay in force. At the end
+        it gets modes that hold its load there.
         """
         now = self.plan_time_ns
         if not self._reference.executes_plan(self._time_ns):
@@ -441,8 +451,9 @@ class Simulator:
     def close_valves(self) -> None:
         """Shut all valves and stop the servo pumps, until the next plan or a reset.
 
-        The commands of the servo become 0 and stay so. The isolating valves close as well, without
-        the servo's delay. The mode guard drops its requests.
+        The servo's commands become 0, and the servo no longer acts. The isolating valves close,
+        too, without the servo's computing delay. The mode guard (which boosts actuators beyond the
+        plan) drops its requests.
         """
         actuators, modules = self._servo_circuit.actuators, self._servo_circuit.modules
         actuators["valve_command"] = actuators["join_command"] = 0.0
@@ -458,15 +469,15 @@ class Simulator:
         return self._control is _keep_commands
 
     def lower_trapped_pressure(self, drop: float) -> bool:
-        """Lower the pressure of oil that is trapped behind closed valves, by their relief valves.
+        """Lower the pressure of oil that is trapped behind closed valves, by the relief valves.
 
-        The oil of an actuator is trapped in two cases. Both chambers exceed the mean of supply and
-        tank pressure, so that flows would be reversed when its valve opens. Or a joint is pressed
-        against its end stop. The relief setting of that actuator is then set below the higher
-        chamber pressure. The settings are restored when the valves open.
+        The oil of an actuator is trapped in two cases. The pressures of both chambers exceed the
+        mean of supply and tank pressure, so that opening the valve would drive oil back. Or the
+        joint is pressed against its end stop. The relief valves of that actuator are then set below
+        its higher chamber pressure. The settings are restored when the valves open.
 
         Args:
-            drop: Pressure by which the setting is below the higher chamber pressure [Pa].
+            drop: Difference between the higher chamber pressure and the setting [Pa].
 
         Returns:
             True if no oil is trapped.
@@ -481,17 +492,16 @@ class Simulator:
         return not trapped.any()
 
     def hold_here(self) -> None:
-        """Hold the arm's present posture from now on, within the joint limits.
+        """Hold the arm's present posture from now on, clipped to the joint limits.
 
-        The reference steps to it, and the delay of plans is removed. The posture is the simulated
-        one, not a sensor reading.
+        The reference steps to the true (simulated) posture, and the delay of plans is removed.
         """
         q = self._within_limits(self._pistons[ANGLE_ROW])
         self._reference.speed_scaling["delay"] = 0.0
         self._hold(q, self._modes_to_hold(q))
 
     def set_payload(self, mass: float) -> None:
-        """Change the payload of the plant; the servo is not informed.
+        """Change the payload of the plant at once; the servo is not informed.
 
         Args:
             mass: Payload at the tip [kg].
@@ -500,7 +510,7 @@ class Simulator:
         set_payload(self._model, mass)
 
     def disable_noise(self) -> None:
-        """Switch off the noise of all sensors; offsets, drifts and rounding stay."""
+        """Switch off the noise of all sensors until a reset; offsets, drifts and rounding stay."""
         self._noise_scale[:] = 0.0
         self._noise[:] = 0.0
 
@@ -513,10 +523,10 @@ class Simulator:
         set_faults(faults, FaultTarget(self._circuit, self._channels), self._healthy)
 
     def disable_modules(self, lost: Collection[int]) -> None:
-        """Assign no work to some booster modules from now on.
+        """Assign no work to some booster modules from now on; others are used again.
 
         Args:
-            lost: Indices of these modules, from 0; they replace those given before.
+            lost: Indices of these modules, from 0.
         """
         self._servo.lost_modules = tuple(sorted(lost))
         self._servo.prepare_modes()
@@ -533,10 +543,10 @@ class Simulator:
     def step(self) -> None:
         """Advance by one step of the servo, with all its steps of circuit and mechanics.
 
-        If the plant has a supply sag, the main pump's pressure is set first.
+        If the plant has a supply sag, the main pump's pressure is set for this step first.
 
         Raises:
-            SimulationDivergedError: The state is no longer finite.
+            SimulationDivergedError: The state is no longer finite, or far too large.
         """
         if self._sag is not None:
             time = self._steps * self._step_ns / SECOND_NS
@@ -556,7 +566,7 @@ class Simulator:
     def step_hydraulics(self) -> None:
         """Run sensors, servo and circuit for one step while the arm does not move.
 
-        Time and reference do not advance, and divergence is not checked.
+        Time and reference do not advance, and divergence is not detected.
         """
         self._control_valves()
         self._push(True, self._first_substeps)
@@ -565,10 +575,10 @@ class Simulator:
     def _control_valves(self) -> None:
         """Read the sensors and run the servo.
 
-        Noise is drawn for NOISE_ROWS steps at once. Slower sensors keep their readings for several
-        steps; drifts and silent times then count readings. While the valves are closed
-        (`valves_closed`), only the sensors are read: the guard does not react, and the servo keeps
-        its commands.
+        Noise is drawn for NOISE_ROWS steps at once. Sensors that are slower than the servo keep
+        their readings for several steps; their drifts and silent times advance only with each
+        reading. While the valves are closed, only the sensors are read: the servo keeps its
+        commands, and the mode guard does nothing.
         """
         row = self._steps % NOISE_ROWS
         if row == 0:
@@ -579,7 +589,7 @@ class Simulator:
         self._control()
 
     def _open_valves(self) -> None:
-        """Let the servo act, and restore the relief and isolating valves."""
+        """Let the servo act, restore the relief settings and open the isolating valves."""
         self._circuit.actuators["relief"] = self.plant.chamber_reliefs
         self._circuit.actuators["isolating_command"] = 0.0
         self._control = self._servo.step
@@ -601,22 +611,22 @@ class Simulator:
     def _follow(
         self, trajectory: Trajectory, schedule: ModeSchedule, *, planned: bool = False
     ) -> None:
-        """Follow a trajectory from now on, and record the time of plans at which it begins.
+        """Follow a trajectory from now on; reference and modes are updated at once.
 
-        Reference and modes are updated at once. `reference_at` uses the recorded time of plans,
-        which is the simulated time less the delay by speed scaling.
+        The begin is recorded for `reference_at`, in the time of plans (simulated time less the
+        delay of slowed plans).
 
         Args:
             trajectory: The trajectory.
             schedule: Its mode schedule.
-            planned: Whether it belongs to a plan, not to a stop or a hold. Only then do
-                `plan_stamp_ns` and a planned stop treat it as a plan being executed.
+            planned: True if it belongs to a plan, False for a stop or a hold. Only a plan counts as
+                being executed in `plan_stamp_ns` and `stop`.
         """
         self._followed.append((self.plan_time_ns, trajectory))
         self._servo.follow(self._time_ns, trajectory, schedule, planned=planned)
 
     def _modes_to_hold(self, q: FloatArray) -> ModeArray:
-        """Return the modes in which the arm comes to rest in a posture.
+        """Return modes for the arm at rest in a posture.
 
         Args:
             q: Joint positions, float64[n], [rad or m].
@@ -628,13 +638,13 @@ class Simulator:
         return choose_stop_modes(self.machine, self.machine.piston_forces(q), self._reference.modes)
 
     def _check_budget(self, patterns: ModeArray) -> None:
-        """Check that the machine has the booster modules that each mode pattern needs.
+        """Check that the machine has the booster modules that each mode combination needs.
 
         Args:
-            patterns: Mode patterns, uint8[patterns, n].
+            patterns: Mode combinations, uint8[k, n].
 
         Raises:
-            ModeError: A pattern needs more modules than are fitted.
+            ModeError: A combination needs more modules than are fitted.
         """
         modules = self.machine.config.hydraulics.modules
         for pattern in patterns:
@@ -648,7 +658,8 @@ class Simulator:
     def _build_divergence_error(self) -> SimulationDivergedError:
         """Build the error that names the first quantity that is not finite or too large.
 
-        The quantities are checked with causes before effects.
+        The quantities are checked in a fixed order, causes before effects. If all are within
+        LARGEST_VALUE, the error names the joint motion.
 
         Returns:
             The error, to be raised.

@@ -46,7 +46,10 @@ class SupervisedArm:
         self._begin()
 
     def _begin(self) -> None:
-        """Reset supervision, plan receiver and fault to their state at the start."""
+        """Set supervision, plan receiver and fault to their state at the start.
+
+        All servo pumps are used again, and plans stamped up to now are refused.
+        """
         self.halted = False
         self.last_stop_ns = 0
         self._fault = ""
@@ -59,7 +62,10 @@ class SupervisedArm:
 
     @property
     def fault(self) -> str:
-        """Sentence why the arm is stopped and takes no plans; empty if it is not stopped."""
+        """Sentence on why the arm is stopped and takes no plans; empty if it is not stopped.
+
+        It names the fault, the phase of the stop, and what ends the stop.
+        """
         phase = self.supervision.phase
         if self.halted or phase is Phase.WATCHING:
             return self._fault
@@ -73,7 +79,10 @@ class SupervisedArm:
 
     @property
     def intervention(self) -> str:
-        """Sentence on how the mode guard changes the plan; empty if it does not."""
+        """Sentence on how the mode guard changes the plan; empty if it does not.
+
+        The mode guard boosts actuators, or slows the plan, if the plan alone would let the arm sag.
+        """
         return "" if self.halted else self.simulator.guard.sentence
 
     @property
@@ -82,7 +91,7 @@ class SupervisedArm:
         return 0 if self.halted else self.simulator.plan_stamp_ns
 
     def take_reports(self) -> list[HandOverReport]:
-        """Return the hand-over reports since the last call, and forget them.
+        """Return the hand-over reports (one on each plan) since the last call, and forget them.
 
         Returns:
             The reports in time order.
@@ -93,13 +102,13 @@ class SupervisedArm:
     # --- Time ------------------------------------------------------------------------------------
 
     def step(self, wall: float) -> None:
-        """Advance by one step, hand over a plan that is due, and supervise.
+        """Advance by one step, hand over a plan that is due, and run supervision if it is due.
 
         If the simulation diverges, the arm is halted and all plans are refused. A halted arm does
         nothing.
 
         Args:
-            wall: Wall-clock time [s].
+            wall: Present time of the steady clock [s], for the time that half a plan may wait.
         """
         if self.halted:
             return
@@ -117,12 +126,13 @@ class SupervisedArm:
             self._watch()
 
     def hand_over(self, wall: float) -> None:
-        """Hand over a plan that is due, or drop half a plan that has waited too long.
+        """Hand over the waiting plan if it is due, or drop half a plan that has waited too long.
 
-        The report on it is stored for `take_reports`.
+        If the last plan has ended, the delay of plans is removed first. The report on the plan is
+        stored for `take_reports`.
 
         Args:
-            wall: Wall-clock time [s].
+            wall: Present time of the steady clock [s].
         """
         self.simulator.catch_up()
         self._reports += self._receiver.update(wall)
@@ -132,9 +142,11 @@ class SupervisedArm:
     def add_trajectory(self, trajectory: Trajectory, wall: float) -> None:
         """Receive the trajectory of a plan, and hand the plan over if it is complete and due.
 
+        Reports on plans are stored for `take_reports`.
+
         Args:
             trajectory: The trajectory with its stamp.
-            wall: Wall-clock time [s].
+            wall: Present time of the steady clock [s].
         """
         self.simulator.catch_up()
         self._reports += self._receiver.add_trajectory(trajectory, wall)
@@ -143,30 +155,33 @@ class SupervisedArm:
     def add_schedule(self, schedule: ModeSchedule, wall: float) -> None:
         """Receive the mode schedule of a plan, and hand the plan over if it is complete and due.
 
+        Reports on plans are stored for `take_reports`.
+
         Args:
             schedule: The mode schedule with its stamp.
-            wall: Wall-clock time [s].
+            wall: Present time of the steady clock [s].
         """
         self.simulator.catch_up()
         self._reports += self._receiver.add_schedule(schedule, wall)
         self.hand_over(wall)
 
     def add_unusable(self, stamp_ns: int, problem: str, wall: float) -> None:
-        """Receive half a plan that cannot be read.
+        """Receive half a plan that cannot be read, and refuse the plan.
 
         Args:
             stamp_ns: Stamp of the plan [ns].
-            problem: Clause why it cannot be read.
-            wall: Wall-clock time [s].
+            problem: Clause on why it cannot be read.
+            wall: Present time of the steady clock [s].
         """
         self._reports += self._receiver.add_unusable(stamp_ns, problem, wall)
 
     # --- Commands --------------------------------------------------------------------------------
 
     def stop(self) -> bool:
-        """Decelerate along the path and hold; refuse plans that are stamped up to now.
+        """Decelerate along the path of the plan in force, then hold.
 
-        Nothing happens to a simulation that has diverged.
+        Plans that are stamped up to now are refused, also those that come later. A simulation that
+        has diverged is left as it is.
 
         Returns:
             True if the reference was moving.
@@ -181,7 +196,7 @@ class SupervisedArm:
     def reset(self, time_ns: int) -> None:
         """Put the arm at rest into its start posture, and forget plans and faults.
 
-        The wanted payload applies at once.
+        Injected faults end, too. A change of payload that was still under way is completed at once.
 
         Args:
             time_ns: New simulated time [ns].
@@ -194,14 +209,17 @@ class SupervisedArm:
         self._begin()
 
     def clear_fault(self, time_ns: int) -> str:
-        """Let a stopped arm go on from its present posture, at rest.
+        """Let an arm that a fault has stopped go on from its present posture, at rest.
 
-        A simulation that has diverged is started anew in that posture. An arm that was stopped at a
-        fault is released once it rests with the wanted payload. If the arm is not stopped, failed
-        servo pumps are used again.
+        Three cases exist:
+
+        - The simulation has diverged: it starts again in the present posture.
+        - Supervision has stopped the arm: it is released as soon as it rests with its payload. This
+          may happen after the call.
+        - The arm is not stopped: servo pumps that were found to fail are used again.
 
         Args:
-            time_ns: Simulated time at which a diverged simulation starts anew [ns].
+            time_ns: Simulated time at which a diverged simulation starts again [ns].
 
         Returns:
             Sentence on what happens to the fault.
@@ -219,6 +237,8 @@ class SupervisedArm:
     def set_payload(self, mass: float) -> None:
         """Change the payload at the tip: a heavier one at once, a lighter one gradually.
 
+        The load falls over some seconds, because compressed oil would throw the arm up.
+
         Args:
             mass: Payload [kg].
         """
@@ -230,11 +250,12 @@ class SupervisedArm:
     # --- Internals -------------------------------------------------------------------------------
 
     def _watch(self) -> None:
-        """Run supervision once, and adapt plan receiver and payload to the result.
+        """Run supervision once, and adapt payload and plan receiver to the result.
 
-        If supervision has stopped the arm, the receiver closes with the fault. If it has released
-        the arm, the receiver opens. Before that, the payload falls towards a lighter one for one
-        watch period. At the end, the arm is released if its fault is being cleared and it rests.
+        A payload that is being reduced falls for one period. If supervision has now stopped the
+        arm, the receiver refuses plans from now on. If supervision has released the arm, the
+        receiver takes plans again. If a fault is being cleared and the arm rests, the release
+        begins.
         """
         self._reduce_payload()
         before = self.supervision.phase
@@ -249,16 +270,15 @@ class SupervisedArm:
         self._release_if_cleared()
 
     def _release_if_cleared(self) -> None:
-        """Release the arm if its fault is being cleared and it rests with the wanted payload."""
+        """Begin to release the arm if its fault is being cleared and it rests with its payload."""
         if self._clearing and self._payload == self._payload_wanted and self.supervision.rests:
             self.supervision.release()
 
     def _reduce_payload(self) -> None:
-        """Reduce the payload towards a lighter wanted one, for one watch period.
+        """Reduce the payload for one watch period, if a lighter one was set.
 
-        The rate is the surplus over UNLOADING_TIME, at least SLOWEST_UNLOADING [kg/s], so that
-        compressed oil does not throw the arm up. Without a surplus nothing changes; `set_payload`
-        applies heavier payloads at once.
+        The rate is the surplus divided by UNLOADING_TIME, but at least SLOWEST_UNLOADING [kg/s]. A
+        sudden change would let compressed oil throw the arm up.
         """
         surplus = self._payload - self._payload_wanted
         if surplus > 0.0:
@@ -271,7 +291,8 @@ class SupervisedArm:
     def _restart_in_place(self, time_ns: int) -> None:
         """Restart a diverged simulation in the arm's last posture, with closed valves.
 
-        If that posture is not finite or cannot be held, the simulation begins in the start posture.
+        If that posture is not finite or cannot be held, the simulation starts in the start posture.
+        Supervision begins anew, and plans stamped up to now are refused.
 
         Args:
             time_ns: New simulated time [ns].

@@ -110,7 +110,10 @@ class Supervision:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew in phase WATCHING: no faults, no history, all servo pumps in use."""
+        """Begin again in phase WATCHING: without fault or history, with all servo pumps in use.
+
+        If the arm has no pressure sensors, symptoms that need them are left out.
+        """
         machine = self._simulator.machine
         omitted = () if measures_pressures(machine) else PRESSURE_SYMPTOM_KINDS
         self._symptoms: list[Symptom] = [
@@ -127,11 +130,13 @@ class Supervision:
     def watch(self) -> None:
         """Take a sample of the arm, and act on it according to the phase.
 
-        In phase WATCHING, symptoms are evaluated, which warn or begin a stop. In STOPPING, the
-        valves close once one of three things holds. The arm rests, `longest_stop_ns` has passed, or
-        the following error exceeds `closing_error_factor` times its limit. In CLOSED, the reference
-        is set to the arm's posture once the arm rests (HELD). In VENTING, the pressure of trapped
-        oil is lowered; the arm is released when none is trapped and it rests.
+        - WATCHING: symptoms are evaluated. They may warn or begin a stop.
+        - STOPPING: the valves close (CLOSED) as soon as the arm rests, `longest_stop_ns` has
+          passed, or the following error exceeds `closing_error_factor` times its limit.
+        - CLOSED: once the arm rests, the reference is set to the arm's posture (HELD).
+        - HELD: nothing happens until `release` is called.
+        - VENTING: the pressure of trapped oil is lowered. The arm is released once no oil is
+          trapped and the arm rests.
         """
         settings = self.settings
         now, sample = self._simulator.time_ns, ArmSample.from_simulator(self._simulator)
@@ -169,7 +174,7 @@ class Supervision:
         """Use all servo pumps again, also those that had been found to fail.
 
         Returns:
-            Clauses on the pumps that had been found to fail; empty if there were none.
+            Clauses on the pumps that had failed; empty if there were none.
         """
         failed = ", ".join(self._pumps.failures.values())
         self._pumps = ServoPumpMonitor(self._simulator.machine)
@@ -177,19 +182,19 @@ class Supervision:
         return failed
 
     def release(self) -> None:
-        """Start to release a held arm; no effect in other phases.
+        """Begin to release a held arm; no effect in other phases than HELD.
 
-        The phase becomes VENTING. `watch` releases the arm once no oil is trapped and it rests. The
-        arm moves with the next plan.
+        The phase becomes VENTING. `watch` ends the stop once no oil is trapped and the arm rests.
+        The arm then moves with the next plan.
         """
         if self.phase is Phase.HELD:
             self._enter(Phase.VENTING)
 
     def _release(self, sample: ArmSample) -> None:
-        """End a stop: supervision begins anew in phase WATCHING, without faults or history.
+        """End a stop: supervision begins again in phase WATCHING, without fault or history.
 
-        All servo pumps are in use again. If the following error exceeds `release_error`, the
-        reference is first set to the arm's posture. The valves stay closed until the next plan.
+        If the following error exceeds `release_error`, the reference is first set to the arm's
+        posture. The valves stay closed until the next plan. All servo pumps are in use again.
 
         Args:
             sample: State of the arm.
@@ -199,10 +204,10 @@ class Supervision:
         self.restart()
 
     def _evaluate_symptoms(self, sample: ArmSample) -> None:
-        """Evaluate servo pumps and symptoms: stop using failed pumps, warn, or stop the arm.
+        """Check servo pumps and symptoms; stop using failed pumps, warn, or stop the arm.
 
-        The first symptom above its limit stops the arm. The warning names the failed pumps and the
-        first symptom above its warning value.
+        The first symptom above its stop limit stops the arm. Otherwise `warning` is set: it names
+        the failed pumps and the first symptom above its warning limit.
 
         Args:
             sample: State of the arm.
@@ -227,14 +232,14 @@ class Supervision:
             self.warning = "; ".join(filter(None, [without, self.warning]))
 
     def _stop_for_fault(self, fault: str, closes: bool) -> None:
-        """Stop the arm because of a fault: decelerate along the path, or close the valves at once.
+        """Stop the arm because of a fault.
 
-        `fault` is stored and the warning is cleared. The phase becomes STOPPING, or CLOSED if the
-        valves close.
+        The reference decelerates along its path (phase STOPPING). If `closes` is set, the valves
+        close at once (phase CLOSED). `fault` is stored and `warning` cleared.
 
         Args:
             fault: Sentence on the fault.
-            closes: Whether the valves close at once.
+            closes: True if the valves close at once.
         """
         self.fault, self.warning = fault, ""
         self._simulator.stop()
@@ -246,7 +251,7 @@ class Supervision:
     def _enter(self, phase: Phase) -> None:
         """Set the phase and the time at which it began, and forget the samples that show rest.
 
-        The samples are measured joint positions.
+        So the arm must rest for the whole time again in the new phase.
 
         Args:
             phase: The new phase.
