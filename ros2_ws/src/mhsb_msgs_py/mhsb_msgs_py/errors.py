@@ -19,7 +19,9 @@ class MessageError(MhsbError):
     """
 
     def __init__(self, sentence: str) -> None:
-        """Make the error; cut the sentence and replace what cannot be printed.
+        """Make the error from a sentence, which is cut after LONGEST_SENTENCE characters.
+
+        Characters that cannot be printed are replaced.
 
         Args:
             sentence: What is wrong, the limit, and what to do.

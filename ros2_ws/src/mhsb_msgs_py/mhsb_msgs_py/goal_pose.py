@@ -30,14 +30,14 @@ ToBase = Callable[[float, float], Position]
 
 
 def encode(goal: Goal, frame_prefix: str = "") -> PoseStamped:
-    """Encode a goal as a pose in the base frame.
+    """Encode a goal as a pose in `base_link`.
 
     Args:
         goal: The goal.
         frame_prefix: Text before the name of the frame.
 
     Returns:
-        The pose; y is 0 for arms that do not slew.
+        The pose, with the goal's stamp. Its y is 0 for arms that do not slew.
     """
     header = Header(
         stamp=stamps.to_time(goal.stamp_ns), frame_id=frame_name(BASE_FRAME, frame_prefix)

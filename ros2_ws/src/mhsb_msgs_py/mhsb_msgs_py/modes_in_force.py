@@ -16,7 +16,8 @@ def encode(modes: ModeArray) -> UInt8MultiArray:
     """Encode the modes of n actuators.
 
     Args:
-        modes: Mode of each actuator, 0, 1 or 2 for N, DB, SB.
+        modes: Mode of each actuator, shape (n,): 0 (N, main pump alone), 1 (DB, own servo pump) or
+            2 (SB, shared rail).
 
     Returns:
         The message.
@@ -34,7 +35,8 @@ def decode(message: UInt8MultiArray, actuator_count: int) -> ModeArray:
         actuator_count: Expected number of actuators.
 
     Returns:
-        Mode of each actuator, uint8[n], 0, 1 or 2 for N, DB, SB.
+        Mode of each actuator, uint8[n]: 0 (N, main pump alone), 1 (DB, own servo pump) or 2 (SB,
+        shared rail).
 
     Raises:
         MessageError: The number of modes is not `actuator_count`, or a mode is not 0, 1 or 2.

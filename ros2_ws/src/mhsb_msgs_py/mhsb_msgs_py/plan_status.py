@@ -100,7 +100,9 @@ def _encode_execution_report(report: ExecutionReport) -> DiagnosticStatus:
         report: The execution report.
 
     Returns:
-        Status whose level follows from the outcome.
+        Status with the report's sentence as message and the level of its outcome. Its values are
+        code, stamps of goal and plan [s, as text], number of attempts, `lead_ms`, and the reason if
+        there is one.
     """
     values = {
         "code": report.outcome.value,

@@ -348,7 +348,7 @@ def _append_count(head: bytearray, count: int) -> None:
 
 
 def _append_text(head: bytearray, text: str) -> None:
-    """Append a text with its length and a zero byte.
+    """Append a text to the start of a message: its length, its bytes and a zero byte.
 
     Args:
         head: Bytes so far, extended in place.

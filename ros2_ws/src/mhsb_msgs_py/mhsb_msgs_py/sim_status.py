@@ -99,7 +99,8 @@ def _encode_hand_over(report: HandOverReport) -> DiagnosticStatus:
         report: The report.
 
     Returns:
-        Status with level OK if the plan was applied, else WARN.
+        Status with the report's sentence as message. Its level is OK if the plan was applied, else
+        WARN. Its values are outcome, reason, stamp [s, as text] and jumps [rad and rad/s].
     """
     values = {
         "outcome": str(report.outcome),
@@ -119,7 +120,8 @@ def _encode_simulator(report: SimulatorReport) -> DiagnosticStatus:
         report: The report.
 
     Returns:
-        Status with level ERROR for a fault, WARN for a warning, else OK.
+        Status with the report's sentence as message. Its level is ERROR for a fault, WARN for a
+        warning, else OK. Its values are all other fields of the report as text.
     """
     values = {
         "sim_time": stamps.to_text(report.sim_time_ns),

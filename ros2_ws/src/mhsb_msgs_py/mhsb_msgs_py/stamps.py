@@ -76,16 +76,16 @@ def to_text(time_ns: int) -> str:
 
 
 def from_text(text: str) -> int:
-    """Return the time that `to_text` wrote.
+    """Return the time that a text of `to_text` stands for.
 
     Args:
-        text: Seconds with nine decimals.
+        text: Seconds with nine decimals, such as "12.000000005"; a minus may precede.
 
     Returns:
         Time [ns].
 
     Raises:
-        MessageError: The text has another form.
+        MessageError: The text has another form, or more than MOST_DIGITS digits before the point.
     """
     seconds, dot, decimals = text.removeprefix("-").partition(".")
     readable = dot and seconds.isdecimal() and decimals.isdecimal() and len(decimals) == 9

@@ -68,6 +68,9 @@ class StatusValues:
 
         Returns:
             The text as it was sent.
+
+        Raises:
+            MessageError: The status has no value with this key.
         """
         if key not in self._texts:
             raise MessageError(f"the value {key} of '{self._name}' is missing")
@@ -82,13 +85,16 @@ class StatusValues:
         return float(self._convert(key, float, "a number"))
 
     def finite(self, key: str) -> float:
-        """Return a value as finite number.
+        """Return a value as a finite number.
 
         Args:
             key: Key of the value.
 
         Returns:
-            The number; NaN and infinity are refused.
+            The number.
+
+        Raises:
+            MessageError: The value is missing, no number, NaN or infinite.
         """
         number = self.number(key)
         if not math.isfinite(number):

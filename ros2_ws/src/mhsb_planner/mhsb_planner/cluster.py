@@ -284,14 +284,15 @@ def _perform_on_worker(
 
 
 def parse_jobs(jobs: int | None, scheduler: str | None) -> Jobs:
-    """Interpret the arguments `--jobs` and `--scheduler`.
+    """Interpret the arguments `--jobs` and `--scheduler`: who does the work.
 
     Args:
-        jobs: Number of processes or threads; None: one for each processor.
+        jobs: Number of processes or threads on this machine; None: one for each processor.
         scheduler: Address of a Dask cluster; None: this machine.
 
     Returns:
-        The cluster if a scheduler is given, after a connection test; otherwise `jobs`.
+        The cluster if `scheduler` is given, after a test of its connection and versions; otherwise
+        `jobs`.
 
     Raises:
         UsageError: `jobs` is below 1, or both are given.

@@ -53,7 +53,7 @@ def compile_lattice_search() -> None:
 
 
 def compile_motion() -> None:
-    """Compile S3, S4 and the energy of a motion from rest."""
+    """Compile what makes a motion from rest: trajectory (S3), mode schedule (S4) and energy."""
     s3_trajectory.warm_up(machine())
     rest = np.zeros((1, machine().joint_count))
     energy_of_states(machine(), np.ones(1), rest, rest, rest.astype(np.uint8))
@@ -95,7 +95,7 @@ def compile_polytope_areas() -> None:
 
 
 def compile_remaining_kernels() -> None:
-    """Compile the kernels that only some requests need, such as for obstacles."""
+    """Compile the kernels that only some requests need, such as those for obstacles."""
     goal_clearance.warm_up(machine())
     among_zones.warm_up(machine())
     integrated_search.warm_up(machine())

@@ -78,7 +78,16 @@ class PlanLog:
         motion_cost: float = math.nan,
         reason: str = "",
     ) -> None:
-        """Append an entry with the present time; the arguments are the fields of `LogEntry`."""
+        """Append an entry with the present time.
+
+        Args:
+            proposer: Name of the proposer, such as `table`.
+            outcome: Outcome of the proposal.
+            path_cost: Cost of the proposed path [-]; NaN if there is none.
+            motion: Kind of motion that was asked for; empty if none was.
+            motion_cost: Cost of the motion [-]; NaN if there is none.
+            reason: Clause on why there is no path or motion; empty if there is one.
+        """
         time = perf_counter() - self.began
         entry = LogEntry(time, proposer, outcome, path_cost, motion, motion_cost, reason)
         self.entries.append(entry)
@@ -98,7 +107,7 @@ class PlanLog:
             self.add(proposer, ProposalOutcome.NO_PATH, reason=str(error))
 
     def __str__(self) -> str:
-        """Return the entries as a text table, with a line for each."""
+        """Return the entries as a text table: a header, then one line for each entry."""
         lines = [f"{'ms':>8}  {'path':>9}  {'motion':>9}  {'outcome':9} proposer"]
         for entry in self.entries:
             kind = f", {entry.motion}" if entry.motion else ""

@@ -95,7 +95,7 @@ class Planner:
     """
 
     def __init__(self, machine: Machine, table: PostureTable) -> None:
-        """Build the step graph.
+        """Store machine and table, and build the step graph (steps between the table's postures).
 
         Args:
             machine: The whole arm.

@@ -121,9 +121,9 @@ class ArmClockEstimator:
     def speed(self) -> float:
         """Speed of the arm's clock: seconds on that clock per second of the steady clock.
 
-        The speed is the slope between the first and the last stamp that are kept. It is 1 if they
-        are apart by less than `SHORTEST_SPAN`, or if the slope deviates from 1 by at most
-        `AS_THE_WORLD`.
+        It is the slope between the first and the last kept stamp, which reach back SPEED_WINDOW. It
+        is 1 if these two are less than SHORTEST_SPAN apart, or if the slope deviates from 1 by at
+        most AS_THE_WORLD.
         """
         if not self._heard:
             return 1.0
@@ -419,7 +419,10 @@ class ArmState:
 
     @property
     def modes_in_force(self) -> ModeArray:
-        """Mode of each actuator as the arm reports it, uint8[n]; all N if it reports none."""
+        """Mode of each actuator as the arm reports it, uint8[n].
+
+        If the arm has reported none, all are N (fed by the main pump alone).
+        """
         if self.modes is not None:
             return self.modes
         return np.full(self.joint_count, Mode.N, dtype=np.uint8)

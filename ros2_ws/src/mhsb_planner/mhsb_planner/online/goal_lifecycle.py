@@ -142,7 +142,7 @@ class GoalLifecycle:
         )
 
     def get_state(self, pending_goal: PendingGoal) -> GoalState:
-        """Return the state of a goal in its lifecycle.
+        """Return the state of a goal: waiting, being planned for, and so on.
 
         Several plans may be made for one goal. Then `EXECUTING` and `STOPPING` come before
         `PLANNING`, that before `WAITING`, and that before `REVOKED` and `UNCONFIRMED`.
@@ -199,8 +199,8 @@ class GoalLifecycle:
     ) -> PlanRequest:
         """Build the request for a plan that will not be executed.
 
-        The request is the one that a goal would get that comes now and does not move. The lifecycle
-        stays unchanged.
+        The request is the one that a goal would get that comes now and does not move. Goals and
+        plans in progress are not affected.
 
         Args:
             goal: Where the tip would go.
@@ -816,7 +816,11 @@ class GoalLifecycle:
             self._stop.report_waiting()
 
     def _continue_stop(self) -> None:
-        """Take the next step of a stop under way, and finish it once there is a result."""
+        """Take the next step of a stop under way, and finish it once there is a result.
+
+        A step may be a braking command, which is sent, or a call of the arm's own ~/stop. Nothing
+        happens without a stop.
+        """
         braking = self._stop.take_step(self.settings)
         if braking is not None:
             self._send(braking)

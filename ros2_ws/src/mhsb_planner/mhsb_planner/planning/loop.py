@@ -100,13 +100,13 @@ class PlanningLoop:
     def __init__(
         self, machine: Machine, task: PathRequest, deadline: Deadline, log: PlanLog
     ) -> None:
-        """Prepare the loop.
+        """Prepare the loop, without an incumbent (best plan so far).
 
         Args:
             machine: The whole arm.
             task: The request.
             deadline: Instant at which the plan is due.
-            log: Log, to which the loop and the proposers add entries.
+            log: Log, to which the loop and the proposers of paths add entries.
         """
         self._machine, self._task = machine, task
         self.progress = PlanProgress(deadline, log=log)
@@ -477,6 +477,9 @@ class PlanningLoop:
 
     def _assemble_plan(self, path: DiscretePath, motion: FittedMotion, deadline: Deadline) -> Plan:
         """Compute the energy and the manipulability loss of a motion, and assemble its plan.
+
+        The manipulability loss is the area of the velocity polytope that is lost along the path; it
+        is computed only if it has a weight.
 
         Args:
             path: The path.

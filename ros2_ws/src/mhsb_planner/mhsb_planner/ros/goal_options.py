@@ -140,7 +140,9 @@ def _is_number(value: Any) -> bool:
 
 
 def _check_range(node: Node, name: str, value: float) -> float:
-    """Return a number if it is within the declared range of its parameter; NaN passes.
+    """Return a number if it is within the declared range of its parameter.
+
+    NaN is accepted. A parameter without a declared range accepts every number.
 
     Args:
         node: Node that has declared the parameter.

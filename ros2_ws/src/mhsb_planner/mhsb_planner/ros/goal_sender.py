@@ -66,13 +66,13 @@ class GoalSender(Node):
         return int(self._goals.get_subscription_count())
 
     def send(self, *place: float) -> int:
-        """Publish a goal with a new stamp.
+        """Publish a goal whose stamp is the present system time.
 
         Args:
             place: Goal in `base_link`, x, z or x, y, z [m].
 
         Returns:
-            Stamp of the goal, the system time [ns].
+            Stamp of the goal [ns].
         """
         stamp_ns = time.time_ns()
         self._goals.publish(goal_pose.encode(Goal.at(stamp_ns, place)))
@@ -130,7 +130,7 @@ class GoalSender(Node):
         return None if result.successful else str(result.reason)
 
     def _on_status(self, message: DiagnosticArray) -> None:
-        """Store the verdicts and execution reports of a message by the stamps of their goals.
+        """Store the reports of a message in `verdicts` and `executions`, by stamp of their goal.
 
         Args:
             message: Message of `plan_status`. One that cannot be read is logged and dropped.

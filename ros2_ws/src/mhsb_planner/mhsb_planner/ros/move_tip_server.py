@@ -98,7 +98,7 @@ class _ActionGoal:
     result: dict[str, Any] = field(default_factory=dict)
 
     def take_report(self, report: Report) -> None:
-        """Write a report of the lifecycle on this goal into its result.
+        """Write a report on this goal, a verdict or an execution report, into its result.
 
         Every report but the verdict `OK` also ends the goal. The goal ends with success after the
         verdict `AT_GOAL` or the outcome `REACHED`.
@@ -132,7 +132,11 @@ class _ActionGoal:
         self.end(False)
 
     def end(self, success: bool) -> None:
-        """End the goal and call `on_finished`, unless the goal has ended before."""
+        """End the goal and call `on_finished`, unless the goal has ended before.
+
+        Args:
+            success: Whether the goal was reached or, for `plan_only`, planned.
+        """
         if self.success is None:
             self.success = success
             self.on_finished(self)
@@ -224,14 +228,15 @@ class MoveTipServer:
             job.refuse(Verdict.INTERNAL, self._faults.record_fault("a goal of the action", error))
 
     def _begin(self, job: _ActionGoal) -> None:
-        """Decode a goal and its options; hand it to the lifecycle or queue it for a trial plan.
+        """Decode a goal and its options, then let it be planned for.
 
-        A goal whose request has `plan_only` gets a trial plan, which is not executed. Such goals
-        are planned for one after the other. A goal is refused if its pose or its options cannot be
-        used. The stamp 0 is replaced by the system time.
+        A goal to be executed goes to the goal lifecycle (state machine of goals). A goal whose
+        request has `plan_only` is queued for a plan that is not executed; such plans are made one
+        after the other. A goal is refused if its pose or its options cannot be used. The stamp 0 is
+        replaced by the system time.
 
         Args:
-            job: The goal. Writes its `pending_goal` if it is handed to the lifecycle.
+            job: The goal. Writes its `pending_goal` if it is to be executed.
         """
         request = job.handle.request
         try:
@@ -304,9 +309,8 @@ class MoveTipServer:
     def _on_cancel(self, handle: Any) -> CancelResponse:
         """Cancel a goal of the action.
 
-        A goal that is to be executed is cancelled in the lifecycle: the arm is stopped if no newer
-        goal has come. A goal that is only to be planned for ends with `STOPPED`, and its plan is
-        dropped.
+        If the goal is to be executed, the arm is stopped, unless a newer goal has come. If it is
+        only to be planned for, it ends with `STOPPED`, and its plan is dropped.
 
         Args:
             handle: rclpy's handle of the goal.

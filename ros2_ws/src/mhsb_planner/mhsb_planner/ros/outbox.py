@@ -226,10 +226,10 @@ class RosOutbox:
             return False
 
         def pass_on_answer(done: Any) -> None:
-            """Pass the response of a finished call on to `on_answer`, if there is one.
+            """Pass the response of the call on to `on_answer`; do nothing if there is no response.
 
             Args:
-                done: rclpy's future of the call.
+                done: rclpy's future of the call, which is done.
             """
             response = done.result()
             if response is not None:

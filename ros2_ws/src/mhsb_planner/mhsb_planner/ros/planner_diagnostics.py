@@ -33,13 +33,13 @@ def compose_diagnostics(
 
     Its values are the number of verdicts, the plan in force, and the estimated commit horizon (time
     until a new plan takes over) [s]. Further values are the payload [kg], name and hash of the
-    machine, and the faults of callbacks. If another node or publisher has the same name or topic,
-    this is also logged, at most every 10 s.
+    machine, and the faults of callbacks. If another node has the same name, or publishes on the
+    same topics, this is also logged, at most every 10 s.
 
     Args:
         node: Planner node.
         steady_time: Present time by the steady clock [s].
-        lifecycle: Lifecycle of the node's goals.
+        lifecycle: State machine of the node's goals.
         outbox: Outbox of the node.
         payload: Payload that plans are made for [kg].
         machine: Machine that the node was started with.
@@ -47,7 +47,7 @@ def compose_diagnostics(
 
     Returns:
         Message with one status. Its level is WARN in three cases: no state of the arm was received
-        lately, there is a duplicate, or a callback has failed recently.
+        lately, there is such a duplicate, or a callback has failed recently.
     """
     doubles = describe_duplicates(node, outbox.exclusive_publishers)
     if doubles:

@@ -232,7 +232,7 @@ class PlannerNode(Node):
         return SetParametersResult(successful=reason is None, reason=reason or "")
 
     def _take_parameters(self, changes: list[Parameter]) -> None:
-        """Use changed parameters from now on, and publish new markers if zones have changed.
+        """Use changed parameters from now on; if zones have changed, publish new markers.
 
         Args:
             changes: The changed parameters, which the node has stored already.
@@ -242,10 +242,10 @@ class PlannerNode(Node):
             self._show_markers()
 
     def _take_settings(self) -> None:
-        """Read all parameters, and let the lifecycle of goals use them from now on.
+        """Read all parameters, and use them for all plans from now on.
 
-        The machine is planned for without its failed servo pumps. The estimated payload is used if
-        the parameter `payload_from` is `estimate`.
+        A plan that is being made is made again. Failed servo pumps are left out of the machine. The
+        estimated payload is used if the parameter `payload_from` is `estimate`.
         """
         self._settings = self._make_settings()
         self._lifecycle.change_settings(self._settings)
@@ -267,9 +267,10 @@ class PlannerNode(Node):
     # --- Messages received -----------------------------------------------------------------------
 
     def _on_goal(self, message: PoseStamped, info: dict[str, int]) -> None:
-        """Give a goal to the lifecycle; if the message cannot be used, publish a verdict on it.
+        """Give a goal to the goal lifecycle (state machine of goals), which decides on it.
 
-        An unexpected exception in decoding is recorded as a fault and gives the verdict `INTERNAL`.
+        If the message cannot be used, a verdict on it is published. An unexpected exception in
+        decoding is recorded as a fault and gives the verdict `INTERNAL`.
 
         Args:
             message: Message of `goal_pose`.
@@ -323,10 +324,10 @@ class PlannerNode(Node):
         return tuple(tip.tolist())
 
     def _on_joint_states(self, message: JointState) -> None:
-        """Give a measured joint state to the lifecycle; log and drop one that cannot be used.
+        """Give a measured joint state to the goal lifecycle (state machine of goals).
 
         Args:
-            message: Message of `joint_states`.
+            message: Message of `joint_states`. One that cannot be used is logged and dropped.
         """
         try:
             sample = joint_state.decode(message, self._machine.joint_names)
@@ -337,10 +338,10 @@ class PlannerNode(Node):
         self._lifecycle.handle_joint_state(state, sample.stamp_ns)
 
     def _on_reference(self, message: JointTrajectory) -> None:
-        """Give the servo's reference to the lifecycle; log and drop one that cannot be used.
+        """Give the state that the servo follows to the goal lifecycle (state machine of goals).
 
         Args:
-            message: Message of `reference`.
+            message: Message of `reference`. One that cannot be used is logged and dropped.
         """
         try:
             heard = reference.decode(message, self._machine.joint_names)
@@ -350,10 +351,10 @@ class PlannerNode(Node):
         self._lifecycle.handle_reference(heard.state, heard.stamp_ns)
 
     def _on_modes(self, message: UInt8MultiArray) -> None:
-        """Give the modes in force to the lifecycle; log and drop a message that cannot be used.
+        """Give the modes in force to the goal lifecycle (state machine of goals).
 
         Args:
-            message: Message of `modes`.
+            message: Message of `modes`. One that cannot be used is logged and dropped.
         """
         try:
             modes = modes_in_force.decode(message, self._machine.joint_count)
@@ -363,7 +364,7 @@ class PlannerNode(Node):
         self._lifecycle.handle_modes(modes)
 
     def _on_plan_in_force(self, message: Time) -> None:
-        """Give the stamp of the plan in force to the lifecycle.
+        """Give the stamp of the plan in force to the goal lifecycle (state machine of goals).
 
         Args:
             message: Message of `plan_in_force`. One that cannot be used is logged and dropped.
@@ -376,11 +377,12 @@ class PlannerNode(Node):
         self._lifecycle.handle_plan_in_force(stamp_ns)
 
     def _on_diagnostics(self, message: DiagnosticArray, info: dict[str, int]) -> None:
-        """Give the arm's reports on /diagnostics to the lifecycle; ignore other statuses.
+        """Give the arm's reports on /diagnostics to the goal lifecycle (state machine of goals).
 
         A report on the arm itself gives fault, last stop, machine and plan delay. It also names the
         failed servo pumps; if these have changed, plans are made without them from now on. A report
-        that the arm has refused a plan gives the plan's stamp and the reason.
+        that the arm has refused a plan gives the plan's stamp and the reason. Other statuses are
+        ignored.
 
         Args:
             message: Message of `/diagnostics`. One with an unreadable report is logged and dropped.
@@ -482,7 +484,8 @@ class PlannerNode(Node):
     def _on_answer(self, request: PlanRequest, answer: Replan | Exception | None) -> None:
         """Give an answer of the planning worker to whoever has requested the plan.
 
-        That is the action server or, if it does not know the request, the lifecycle.
+        That is the action server for a plan that is not to be executed, else the goal lifecycle
+        (state machine of goals).
 
         Args:
             request: The request that was answered.
@@ -493,7 +496,7 @@ class PlannerNode(Node):
             self._lifecycle.handle_plan_answer(request, answer)
 
     def _on_timer(self) -> None:
-        """Handle answers of planning, let the lifecycle tick, and publish feedback and views.
+        """Do the periodic work: plans that are ready, overdue events, feedback and views.
 
         Views are path and markers for viewers such as RViz.
         """
@@ -558,7 +561,7 @@ class PlannerNode(Node):
         self.get_logger().warning(sentence, throttle_duration_sec=1.0)
 
     def destroy_node(self) -> None:
-        """End the worker and the action server, then destroy the node.
+        """End the planning worker and the action server, then destroy the node.
 
         Waits for the plan that is being made.
         """

@@ -77,11 +77,12 @@ def draw_arm(
 
 
 def save_arm_picture(machine: Machine, postures: Sequence[FloatArray], file: Path) -> bool:
-    """Write the picture of `draw_arm` as a PNG file with 256 colours.
+    """Draw the arm and write the picture as a PNG file with 256 colours.
 
     Args:
         machine: The machine.
-        postures: Joint positions of each posture, float64[n], [rad or m]; the last is drawn solid.
+        postures: Joint positions of each posture, float64[n], [rad or m]. The last is drawn solid,
+            the others pale.
         file: File to be written; missing folders are made.
 
     Returns:

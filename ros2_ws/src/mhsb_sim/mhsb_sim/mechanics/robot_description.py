@@ -137,6 +137,9 @@ def _add_joint(
 ) -> None:
     """Add the joint between two links, with its axis and limits.
 
+    The limits are those of position, effort (torque at supply pressure) and velocity (at which the
+    piston does not exceed V_max, its allowed speed).
+
     Args:
         robot: Root element, changed in place.
         machine: The machine.

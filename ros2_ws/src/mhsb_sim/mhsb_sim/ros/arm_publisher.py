@@ -120,7 +120,10 @@ class ArmPublisher:
         return due
 
     def publish_changes(self) -> None:
-        """Publish the plan in force and the modes in force, if they have changed."""
+        """Publish the plan in force and the modes in force, each if it has changed.
+
+        After `restart` both are published.
+        """
         in_force_ns = self._arm.plan_stamp_ns
         if in_force_ns != self._in_force_ns:
             self._in_force_ns = in_force_ns

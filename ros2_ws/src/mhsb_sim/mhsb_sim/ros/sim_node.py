@@ -52,7 +52,10 @@ class SimNode(Node):
     """Node that simulates the arm with its hydraulics and servo, and executes plans."""
 
     def __init__(self) -> None:
-        """Declare the parameters, compile the kernels, build the arm, and start to serve."""
+        """Declare the parameters, compile the kernels, build the arm, and start to serve.
+
+        The arm stands at rest in its start posture. Faults of the parameter `fault` are injected.
+        """
         super().__init__(names.SIM_NODE)
         self.faults = Faults(self, stop=self._stop_unwatched_arm)
         self._machine = parameters.declare_machine(self)
@@ -84,7 +87,7 @@ class SimNode(Node):
         self.get_logger().info(f"ready: {self._machine.name} holds its position")
 
     def _make_interfaces(self) -> None:
-        """Create subscriptions, services and timers."""
+        """Create the subscriptions of plans, the services, and the timers."""
         for topic, callback in (
             (topics.JOINT_TRAJECTORY, self._on_trajectory),
             (topics.MODE_COMMANDS, self._on_schedule),

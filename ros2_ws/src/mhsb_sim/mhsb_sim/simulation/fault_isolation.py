@@ -414,7 +414,7 @@ class ServoPumpMonitor:
     """
 
     def __init__(self, machine: Machine) -> None:
-        """Set the flow of each healthy pump to 0.
+        """Begin with all pumps healthy and at rest.
 
         Args:
             machine: The machine, with lag, full flow and power of its pumps.

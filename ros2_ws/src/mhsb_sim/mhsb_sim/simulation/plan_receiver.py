@@ -103,7 +103,9 @@ class PlanReceiver:
     """
 
     def __init__(self, machine: Machine, target: PlanTarget) -> None:
-        """Prepare the receiver of an arm.
+        """Prepare the receiver of an arm, without a plan.
+
+        Plans that are stamped before the present time of the target are refused.
 
         Args:
             machine: The machine, by which plans are checked.

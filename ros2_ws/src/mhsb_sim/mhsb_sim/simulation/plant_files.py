@@ -25,14 +25,14 @@ COMPARED_COUNTS: tuple[tuple[str, Callable[[Machine], object]], ...] = (
 
 
 def check_plant(machine: Machine, plant: Machine) -> None:
-    """Check that the plant has the joints and modules of the machine that its servo knows.
+    """Check that plant and servo's machine have equal numbers of joints and of booster modules.
 
     Args:
         machine: The machine that the servo knows.
         plant: The machine that is simulated.
 
     Raises:
-        PlantError: The numbers of joints or booster modules differ.
+        PlantError: The numbers differ.
     """
     for text, of in COMPARED_COUNTS:
         known, real = of(machine), of(plant)

@@ -368,7 +368,7 @@ class Simulator:
 
     @property
     def sensed(self) -> Sensed:
-        """Present sensor readings and commands of the servo."""
+        """Present sensor readings and commands of the servo, as copies."""
         signals, servo_circuit = self._signals, self._servo_circuit
         sensors = signals.sensors
         return Sensed(
@@ -598,7 +598,7 @@ class Simulator:
         return np.clip(q, self.machine.arrays.joint_min, self.machine.arrays.joint_max)
 
     def _hold(self, q: FloatArray, modes: ModeArray) -> None:
-        """Follow a standstill in a posture from now on.
+        """Hold a posture from now on.
 
         Args:
             q: Joint positions, float64[n], [rad or m].

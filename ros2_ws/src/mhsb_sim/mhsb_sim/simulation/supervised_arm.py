@@ -32,11 +32,12 @@ class SupervisedArm:
     """
 
     def __init__(self, simulator: Simulator, limits: SupervisionLimits) -> None:
-        """Put a simulator under supervision.
+        """Put a simulator under supervision, and begin to receive plans.
 
         Args:
             simulator: The simulator, at rest.
-            limits: Limits of the symptoms.
+            limits: Limits of the symptoms: for each, a value that warns and a value that stops the
+                arm.
         """
         self.simulator = simulator
         self.supervision = Supervision(simulator, limits)

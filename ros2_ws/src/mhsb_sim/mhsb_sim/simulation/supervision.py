@@ -103,7 +103,8 @@ class Supervision:
 
         Args:
             simulator: The simulator.
-            limits: Limits of the symptoms.
+            limits: Limits of the symptoms: for each, a value that warns and a value that stops the
+                arm.
         """
         self._simulator = simulator
         self.limits = limits
@@ -165,7 +166,10 @@ class Supervision:
 
     @property
     def rests(self) -> bool:
-        """True if joints and reference have been at rest for `rest_ns`."""
+        """True if all joints have been at rest, with a resting reference, for `rest_ns`.
+
+        A joint rests if its measured positions stay within a range of `rest_sway`.
+        """
         if len(self._stayed) < self.settings.rest_samples:
             return False
         return float(np.ptp(self._stayed, axis=0).max()) < self.settings.rest_sway
