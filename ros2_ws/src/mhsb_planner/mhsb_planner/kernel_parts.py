@@ -33,7 +33,7 @@ def machine() -> Machine:
 
 @cache
 def step_graph() -> StepGraph:
-    """Return a step graph over a coarse posture table; it is cached."""
+    """Return a graph of steps between the postures of a coarse posture table; it is cached."""
     return StepGraph(machine(), build_posture_table(machine(), COARSE_TABLE_SPACING))
 
 
@@ -43,7 +43,7 @@ def compile_path_pricing() -> None:
 
 
 def compile_posture_table() -> None:
-    """Compile S1: the posture table."""
+    """Compile the building of the posture table (S1, the best postures of all nodes)."""
     build_posture_table(machine(), COARSE_TABLE_SPACING)
 
 
@@ -53,14 +53,14 @@ def compile_lattice_search() -> None:
 
 
 def compile_motion() -> None:
-    """Compile what makes a motion from rest: trajectory (S3), mode schedule (S4) and energy."""
+    """Compile the making of a motion from rest: trajectory (S3), mode schedule (S4) and energy."""
     s3_trajectory.warm_up(machine())
     rest = np.zeros((1, machine().joint_count))
     energy_of_states(machine(), np.ones(1), rest, rest, rest.astype(np.uint8))
 
 
 def compile_moving_starts() -> None:
-    """Compile S3 for starts in motion."""
+    """Compile the trajectory stage (S3) for starts in motion."""
     s3_trajectory.warm_up_moving_starts(machine())
 
 
@@ -80,7 +80,7 @@ def compile_step_costs() -> None:
 
 
 def compile_graph_search() -> None:
-    """Compile S2: connection of the goal to the graph, and the search."""
+    """Compile the graph search (S2) and the connection of the goal to the graph."""
     s2_search.warm_up(step_graph())
 
 

@@ -78,7 +78,7 @@ class Plan:
         )
 
     def __str__(self) -> str:
-        """Return a summary in lines: start and goal, duration, energy, modes over time, warnings."""
+        """Return a summary: start and goal, duration, energy, modes over time, and warnings."""
         motion, names = self.motion, self.machine.actuator_names
         ends = self.machine.tip_in_base(motion.trajectory.position[[0, -1]])
         begin, end = (format_position(tip, ".3f") for tip in ends.tolist())

@@ -67,7 +67,10 @@ class HandOver:
 
     @property
     def goals(self) -> list[PendingGoal]:
-        """Goal of the unconfirmed plan; empty without one, or for a braking command."""
+        """Goal of the plan that was sent and not answered yet, in a list.
+
+        The list is empty without such a plan, and for a braking command.
+        """
         request = None if self.unconfirmed is None else self.unconfirmed.request
         return [] if request is None else [request.pending_goal]
 
@@ -244,7 +247,7 @@ class HandOver:
             self.horizon_estimator.add_transport_time(self._clock.steady_time() - sent.planned_at)
 
     def is_overdue(self, sent: UnconfirmedPlan, now_ns: int) -> bool:
-        """Return whether an unconfirmed command counts as not taken by the arm.
+        """Return whether a sent command without an answer counts as not taken by the arm.
 
         Args:
             sent: The command.
@@ -261,10 +264,10 @@ class HandOver:
         return waited > LONGEST_WAIT or (late > grace and waited > CONFIRMATION_TIMEOUT)
 
     def give_up(self, sent: UnconfirmedPlan, reason: HandOverReason) -> None:
-        """Store that the arm has not taken the unconfirmed command.
+        """Store that the arm has not taken the command that was sent last.
 
         If the reason is `LATE`, the estimated transport time becomes longer. If it is `STAMP`, the
-        estimate of the arm's clock starts anew from its last stamp.
+        estimate of the arm's clock starts again from its last stamp.
 
         Args:
             sent: The command.

@@ -133,7 +133,8 @@ class GoalLifecycle:
 
     @property
     def is_idle(self) -> bool:
-        """True if every goal has ended, no command is unconfirmed and no stop is under way."""
+        """True if all goals have ended, all sent commands are answered, and no stop is under way.
+        """
         return not (
             self._queue.goals
             or self._hand_over.unconfirmed
@@ -783,8 +784,8 @@ class GoalLifecycle:
     def _stop_for_cancelled_goal(self) -> None:
         """Stop the arm and end all goals if the newest goal that has not ended was cancelled.
 
-        All goals count: those that wait, are being planned for, have an unconfirmed plan, or are
-        being executed. Nothing happens while a stop is under way.
+        Any such goal is meant: one that waits, is being planned for, has a plan without an answer,
+        or is being executed. Nothing happens while a stop is under way.
         """
         newest = next(iter(self._goals_not_ended()), None)
         if newest is not None and newest.is_cancelled and not self._stop.is_under_way:
@@ -850,7 +851,8 @@ class GoalLifecycle:
         """Return the goals without a confirmed plan, newest first.
 
         Returns:
-            Goals that wait, are being planned for, or have an unconfirmed plan.
+            Goals that wait, are being planned for, or have a plan that was sent and not answered
+            yet.
         """
         return self._queue.goals + self._hand_over.goals
 
@@ -877,7 +879,7 @@ class GoalLifecycle:
 
         The plan in force ends a little beyond the goal's place. The goal therefore becomes the
         waiting goal, with `needs_exact_place` set. Nothing happens while the goal moves, while
-        another plan is made or unconfirmed, or while the arm is being stopped.
+        another plan is made or was sent without an answer yet, or while the arm is being stopped.
         """
         execution, now = self.execution, self._clock.steady_time()
         if execution is None or self._stop.is_under_way or self._goals_before_confirmation():
@@ -894,7 +896,8 @@ class GoalLifecycle:
         Nothing is judged in these cases:
 
         - A stop is under way.
-        - Another plan for the same goal is wanted, made or unconfirmed.
+        - Another plan for the same goal is wanted, is being made, or was sent without an answer
+          yet.
         - The last message of the arm is `REFERENCE_TIMEOUT` to `LONGEST_WAIT` old: the arm is
           frozen, or its messages are late.
         - The tip is at the goal, but the goal still moves.

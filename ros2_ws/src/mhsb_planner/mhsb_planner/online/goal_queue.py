@@ -169,7 +169,7 @@ class GoalQueue:
             self.request = None
 
     def clear(self) -> None:
-        """Take all goals out, and make the plan void that is being made."""
+        """Take all goals out, and make the plan void that is being made: it will not be used."""
         self.waiting = self.request = None
         self.epoch += 1
 

@@ -235,11 +235,11 @@ class StopSequence:
     def find_void_time(self, stop_ns: int, received_at: float | None) -> float | None:
         """Return the time up to which goals are void, after the arm's report of its last stop.
 
-        Goals are void that were received before the report, and at most `OLD_STOP` after the stop.
-        If the report arrived more than `LATE_REPORT` after the stop, this process was suspended:
-        the present time then counts as the report's receipt. A new report belongs to this planner's
-        own call of ~/stop if that was at most `OWN_REPORT` ago. Each own call accounts for one
-        report.
+        Void are goals that were received before the report, but not later than `OLD_STOP` after the
+        stop. If the stop was more than `LATE_REPORT` old at the report's receipt, this process was
+        suspended. The report's receipt is then taken as `LATE_REPORT` after now. A report belongs
+        to an own call of ~/stop if the last own call was at most `OWN_REPORT` ago; each own call
+        accounts for one report.
 
         Args:
             stop_ns: Time of the stop by the arm's clock [ns]; 0 means never.
@@ -270,11 +270,15 @@ class StopSequence:
     def take_step(self, settings: Settings) -> UnconfirmedPlan | None:
         """Take the next step to bring the arm to rest.
 
-        Nothing happens without a stop. While the arm executes a command of this planner, a braking
-        command is made, unless another command is unconfirmed (sent, without an answer). Each
-        further braking command has a longer commit horizon (time until braking begins). If braking
-        is not possible or was given up, the arm's own ~/stop is called instead. It is called until
-        it answers, at most every `CALL_PERIOD`.
+        The first of these cases decides:
+
+        1. No stop is under way: nothing happens.
+        2. A braking command may be sent (`_may_brake`): it is made, unless another command was sent
+           and not answered yet. Each further braking command has a longer commit horizon (time
+           until braking begins).
+        3. The arm has confirmed a braking command: nothing happens.
+        4. Otherwise the arm's own ~/stop is called, at most every `CALL_PERIOD`, until it has
+           answered.
 
         Args:
             settings: Settings for all goals.

@@ -179,7 +179,9 @@ def find_obstacle_ahead(machine: Machine, in_force: Command, now_ns: int) -> str
 
 
 def describe_waiting(obstacle: str) -> str:
-    """Return the sentence for the time in which an unconfirmed plan delays the braking.
+    """Return the sentence for the time in which the arm has yet to answer the last plan.
+
+    Until then it cannot be braked for the obstacle.
 
     Args:
         obstacle: Name of the obstacle across the motion in force.

@@ -27,13 +27,14 @@ class FixedPlanner:
     ) -> Iterator[PathProposal]:
         """Yield the cheapest path over the fixed-joint graph, or the path of the published search.
 
-        In this graph (S2) all joints but two keep their angles, so the graph is built here for the
+        In this graph all joints but two keep their angles, so the graph is built here for the
         start. The kept joints have the angles of the start, clipped to their limits. If
         `options.initial_j3` is given, joint 3 is kept at that angle instead. `options.search`
-        chooses the search.
+        chooses the search. The published one (the paper's) keeps one label per node, and may miss
+        the cheapest path.
 
         Args:
-            graph: Step graph of the posture table; provides machine, table and grid.
+            graph: Step graph (steps between postures); provides machine, posture table and grid.
             task: The request.
             progress: Progress of the plan, with the time limit of the search.
 

@@ -74,7 +74,8 @@ class IntegratedPlanner:
         of the own search. `planners.schedule` decides the order; with a deadline it differs.
 
         Args:
-            graph: Step graph of the posture table; provides machine and table.
+            graph: Step graph (steps between postures) of the posture table; provides machine and
+                table.
             task: The request.
             progress: Progress of the plan.
 
@@ -111,7 +112,7 @@ class IntegratedPlanner:
 
         Args:
             search: The own search.
-            graph: Step graph of the posture table.
+            graph: Step graph (steps between postures) of the posture table.
             task: The request.
             progress: Progress of the plan.
 
@@ -153,7 +154,7 @@ class IntegratedPlanner:
         They come from all proposers, baselines included, and are marked `for_comparison`.
 
         Args:
-            graph: Step graph of the posture table.
+            graph: Step graph (steps between postures) of the posture table.
             task: The request with its goal region.
             progress: Progress of the plan.
 
@@ -169,7 +170,7 @@ class IntegratedPlanner:
         """Compile the kernels of this planner and of its baselines.
 
         Args:
-            graph: Step graph of the posture table; provides the machine.
+            graph: Step graph (steps between postures) of the posture table; provides the machine.
         """
         integrated_search.warm_up(graph.machine)
         for planner in self.baselines:
@@ -294,13 +295,13 @@ def _baseline_paths(
 ) -> Iterator[PathProposal]:
     """Yield each path of a baseline (planner to compare with), for both methods of S3.
 
-    S3 makes a motion of a path: it fits a polynomial or follows the path. Each path comes first for
-    the method of the planner that the request names, then for the baseline's own. If the options
-    choose the method, each path comes only once.
+    S3 (trajectory stage) makes a motion of a path: it fits a polynomial or follows the path. Each
+    path comes first for the method of the planner that the request names, then for the baseline's
+    own. If the options choose the method, each path comes only once.
 
     Args:
         baseline: The baseline.
-        graph: Step graph of the posture table.
+        graph: Step graph (steps between postures) of the posture table.
         task: The request.
         progress: Progress of the plan.
 

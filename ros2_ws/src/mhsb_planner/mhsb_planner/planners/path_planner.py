@@ -152,10 +152,11 @@ class PathPlanner(Protocol):
     def paths(
         self, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
-        """Yield paths from the departure to the goal: the first early, then cheaper ones.
+        """Yield paths from the request's departure to its goal: the first early, then cheaper ones.
 
-        The consumer may stop at any time. A planner checks `progress.search_deadline` about every
-        millisecond. When it has passed, the planner yields what it has found and ends.
+        The departure is the posture at rest where the path begins. The consumer may stop at any
+        time. A planner checks `progress.search_deadline` about every millisecond. When it has
+        passed, the planner yields what it has found and ends.
 
         Args:
             graph: The machine, its posture table, and the steps between the table's postures.
@@ -178,9 +179,9 @@ def propose_in_both_ways(
 ) -> Iterator[PathProposal]:
     """Yield a baseline's path for both methods of S3, which makes a motion of a path.
 
-    S3 fits a polynomial or follows the path. The path comes first for the method of the planner
-    that the request names, then for the baseline's own. If the options choose the method, the path
-    comes only once.
+    S3 (trajectory stage) fits a polynomial or follows the path. The path comes first for the method
+    of the planner that the request names, then for the baseline's own. If the options choose the
+    method, the path comes only once.
 
     Args:
         path: Proposal of the baseline.

@@ -139,8 +139,9 @@ def schedule_without_deadline(
 ) -> Iterator[Proposer]:
     """Yield proposers in the order for a plan without urgency.
 
-    The own search has turns until it has ended. After each of its turns, the next baseline (planner
-    to compare with) proposes all its paths, if one of three conditions holds:
+    The own search has turns until it has ended. If the slew takes longer than the own path, the
+    search without leakage runs after that turn. Then the next baseline (planner to compare with)
+    proposes all its paths, if one of three conditions holds:
 
     - There is no motion yet.
     - The own search pauses before long work.
@@ -173,11 +174,14 @@ def schedule_without_deadline(
 def schedule_for_deadline(proposers: ProposerSet, progress: PlanProgress) -> Iterator[Proposer]:
     """Yield proposers in the order that suits a deadline.
 
-    The own search has the first turn, the first baseline (planner to compare with) the second. That
-    baseline takes a millisecond or two, and its motion bounds the cost of the plan. Then the own
-    search has turns until it has ended. If half of the time is over without a motion, the baselines
-    have turns until there is a motion. At the end come the remaining turns of the baselines and the
-    later proposers.
+    1. The own search has one turn, then the first baseline (planner to compare with). That baseline
+       takes a millisecond or two, and its motion bounds the cost of the plan.
+    2. The own search has turns until it has ended. If half of the time is over without a motion,
+       the baselines have turns until there is a motion.
+    3. The remaining turns of the baselines, and the later proposers, come at the end.
+
+    If the slew takes longer than the own path, the search without leakage runs after each turn of
+    the own search.
 
     Args:
         proposers: The proposers.

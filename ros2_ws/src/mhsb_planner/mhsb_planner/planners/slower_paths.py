@@ -34,7 +34,7 @@ def paths_at_falling_speeds(
 
     Args:
         planner: The planner.
-        graph: Step graph of the machine.
+        graph: Step graph (steps between postures) of the machine.
         task: The request.
         progress: Progress of the plan.
 

@@ -31,10 +31,11 @@ class TablePlanner:
     ) -> Iterator[PathProposal]:
         """Yield the cheapest path over the posture table, or the path of the published search.
 
-        `options.search` chooses the search.
+        `options.search` chooses the search. The published one (the paper's) keeps one label per
+        node, and may miss the cheapest path.
 
         Args:
-            graph: Step graph of the posture table.
+            graph: Step graph (steps between the table's postures).
             task: The request.
             progress: Progress of the plan, with the time limit of the search.
 
@@ -60,10 +61,11 @@ def yield_graph_paths(
 
     The search runs once for each tried position of the region, and for the goal itself first. The
     first path found is yielded at once. The cheapest one is yielded at the end if it is another. If
-    the departure is within a region already, the only path has no steps.
+    the departure (posture at rest where the path begins) is within a region already, the only path
+    has no steps.
 
     Args:
-        graph: Step graph.
+        graph: Step graph (steps between postures).
         task: The request.
         progress: Progress of the plan, with the time limit; after it no further position is tried.
 
@@ -98,11 +100,11 @@ def yield_graph_paths(
 
 
 def _is_in_goal_region(graph: StepGraph, task: PathRequest) -> bool:
-    """Return whether tip and end link are within the goal region at the departure already.
+    """Return whether tip and end link are within the goal region before any motion.
 
     Args:
-        graph: Step graph; provides the machine.
-        task: The request.
+        graph: Step graph (steps between postures); provides the machine.
+        task: The request. Its departure (posture at rest where the path begins) is checked.
 
     Returns:
         True if they are. Always False without a region, since the search itself notices a start at
@@ -124,12 +126,13 @@ def _search_path_to(
 
     Args:
         tip: Tip position (x, z) [m].
-        graph: Step graph.
+        graph: Step graph (steps between postures).
         task: The request.
         progress: Progress of the plan, with the time limit of the search.
 
     Returns:
-        Path from the departure, with its cost. It is the cheapest one if the method is `exact`.
+        Path from the departure (posture at rest where the path begins), with its cost. It is the
+        cheapest one if the method is `exact`.
 
     Raises:
         MhsbError: There is no path, or none in time.

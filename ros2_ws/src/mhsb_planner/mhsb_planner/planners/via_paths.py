@@ -34,7 +34,9 @@ class PathSource(Protocol):
         """
 
     def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
-        """Yield paths from the departure to the goal: the first early, then cheaper ones.
+        """Yield paths from the request's departure to its goal: the first early, then cheaper ones.
+
+        The departure is the posture at rest where the path begins.
 
         Args:
             task: The request of the whole arm.
@@ -77,13 +79,14 @@ class PlanePaths:
 def paths_through_via_points(
     source: PathSource, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
-    """Yield paths from the departure to the goal through all via points in their order.
+    """Yield paths from the request's departure to its goal through all via points in their order.
 
-    A leg leads to the next via point, the last leg to the goal. Each leg is planned by itself, so
-    it may end in a posture that suits the next leg less. In a first round, each leg to a via point
-    is the first path that the source finds. In a second round it is the cheapest. The last leg
-    takes all paths of the source. Each whole path is yielded twice, the second time with rests at
-    the via points. Without rests, ramps cut the corners, and the tip may miss the points.
+    The departure is the posture at rest where the path begins. A leg leads to the next via point,
+    the last leg to the goal. Each leg is planned by itself, so it may end in a posture that suits
+    the next leg less. In a first round, each leg to a via point is the first path that the source
+    finds. In a second round it is the cheapest. The last leg takes all paths of the source. Each
+    whole path is yielded twice, the second time with rests at the via points. Without rests, ramps
+    cut the corners, and the tip may miss the points.
 
     Args:
         source: Source of the paths of each leg.
@@ -128,7 +131,7 @@ def plan_leg(
         cheapest: True to take the cheapest of all paths, False to take the first.
 
     Returns:
-        Path from the departure to the via point.
+        Path from the departure (posture at rest where the path begins) to the via point.
 
     Raises:
         MhsbError: There is no path; the error is the source's.

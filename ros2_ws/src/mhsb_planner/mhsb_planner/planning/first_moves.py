@@ -135,13 +135,13 @@ def paths_from_anywhere(
     task: PathRequest,
     progress: PlanProgress,
 ) -> Iterator[PathProposal]:
-    """Yield paths from the departure to the goal, also from a departure that is not admissible.
+    """Yield paths from the request's departure to its goal, also from an inadmissible departure.
 
-    The departure decides how:
+    The departure is the posture at rest where the path begins. It decides how:
 
     - Within the joint limits and clear of obstacles: the source's paths through the via points.
-    - More than START_NOISE beyond a limit: all paths begin with a first move, which leads straight
-      to a nearby admissible posture.
+    - More than START_NOISE beyond a limit: all paths begin with a first move, which leads to a
+      nearby admissible posture.
     - Otherwise (slightly beyond a limit, or in an obstacle): the source plans directly for
       DIRECT_SHARE of the time. If there is no motion then, paths with a first move follow.
 
@@ -259,10 +259,10 @@ def _first_moves(
 ) -> Iterator[DiscretePath]:
     """Yield first moves: paths from an inadmissible departure to admissible postures.
 
-    Straight moves come first: to the departure clipped to the joint limits, then to nearby postures
-    of the table. At most TRIED_POSTURES are planned. Moves on which the arm gets deeper into an
-    obstacle are left out, as are moves that no mode combination can do. Then comes a way out of the
-    obstacles by steepest ascent of the clearance.
+    Straight moves come first: to the departure (posture at rest where the path begins) clipped to
+    the joint limits, then to nearby postures of the table. At most TRIED_POSTURES are planned.
+    Moves on which the arm gets deeper into an obstacle are left out, as are moves that no mode
+    combination can do. Then comes a way out of the obstacles by steepest ascent of the clearance.
 
     Nothing is yielded if a linkage passes a dead centre on the straight way back within the limits.
 
@@ -447,14 +447,15 @@ def _never_gets_deeper(machine: Machine, ends: FloatArray) -> bool:
 def _plan_first_move(
     machine: Machine, task: PathRequest, posture: FloatArray
 ) -> DiscretePath | None:
-    """Plan the cheapest straight move from the departure to a posture, as a path of one step.
+    """Plan the cheapest straight move from where the path begins to a posture, as one step.
 
     The mode combination of least cost is taken; the request gives the weights of energy, time and
     mode switches. If only the slew moves, the path contains the slew's motion alone.
 
     Args:
         machine: The whole arm.
-        task: The request; gives departure, modes in force and weights.
+        task: The request; gives departure (posture at rest where the path begins), modes in force
+            and weights.
         posture: End of the move, shape (n,) [rad or m].
 
     Returns:

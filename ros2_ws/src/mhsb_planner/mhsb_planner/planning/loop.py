@@ -254,10 +254,10 @@ class PlanningLoop:
     def _judge_speed(self, path: DiscretePath, motion: FittedMotion | None) -> None:
         """Update `progress.is_held_back`: whether motions cannot keep up with their paths.
 
-        With an incumbent (best plan so far) it is True in two cases. S3 has refused to follow a
-        path that costs less than MIN_REFUSED_COST_RATIO times the incumbent. Or the incumbent's
-        motion takes longer than MAX_SLOWDOWN times its path. Without an incumbent, it is True if S3
-        has refused to follow any path.
+        With an incumbent (best plan so far) it is True in two cases. S3 (trajectory stage) has
+        refused to follow a path that costs less than MIN_REFUSED_COST_RATIO times the incumbent. Or
+        the incumbent's motion takes longer than MAX_SLOWDOWN times its path. Without an incumbent,
+        it is True if S3 has refused to follow any path.
 
         Args:
             path: The path that was fitted last.
@@ -292,9 +292,9 @@ class PlanningLoop:
     def _try_variants(self, proposal: PathProposal, motion: FittedMotion, rules: FitRules) -> None:
         """Fit variants of a motion to its path, and keep each that is better than the incumbent.
 
-        The incumbent is the best plan so far. A motion has a list of reasons why S3 refused other
-        curves. If a variant becomes the incumbent, the reasons of the first motion are put before
-        its own.
+        The incumbent is the best plan so far. A motion has a list of reasons why S3 (trajectory
+        stage) refused other curves. If a variant becomes the incumbent, the reasons of the first
+        motion are put before its own.
 
         Args:
             proposal: Proposal with the path.
@@ -322,8 +322,8 @@ class PlanningLoop:
 
         Returns:
             True if four conditions hold. The rules ask for a polynomial. The options leave the
-            method of S3 open. The path has steps. The start does not steer, that is, no single
-            curve from a moving start to the goal is asked for.
+            method of S3 (trajectory stage) open. The path has steps. The start does not steer, that
+            is, no single curve from a moving start to the goal is asked for.
         """
         free = self._task.options.trajectory is None and path.steps > 0
         return free and rules.trajectory == "polynomial" and not self._is_steering
@@ -344,7 +344,7 @@ class PlanningLoop:
 
         Rules with `polynomial_only` ask for the published polynomial along the incumbent's path. It
         becomes the incumbent whatever it costs, unless it has to be stretched in time. If S3
-        refuses it, the reasons are added to the incumbent.
+        (trajectory stage) refuses it, the reasons are added to the incumbent.
 
         Args:
             proposal: Proposal with the path.
@@ -423,7 +423,7 @@ class PlanningLoop:
             rules: Rules for the fit.
 
         Returns:
-            The motion; None if S3 refuses it or its share of the time is up.
+            The motion; None if S3 (trajectory stage) refuses it or its share of the time is up.
 
         Raises:
             DeadlineError: The deadline of the plan passed.
@@ -502,7 +502,7 @@ class PlanningLoop:
         return Plan(path, motion, energy, machine, area_shortfall=shortfall)
 
     def _set_refused(self, refused: tuple[str, ...]) -> None:
-        """Replace the incumbent's list of reasons why S3 refused curves.
+        """Replace the incumbent's list of reasons why S3 (trajectory stage) refused curves.
 
         The incumbent is the best plan so far; there must be one.
 

@@ -40,7 +40,7 @@ SHORT_MOTION_TIME_FACTOR = 1.5
 
 
 def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> FitRules:
-    """Return the rules by which S3 makes a motion of a path.
+    """Return the rules by which S3 (trajectory stage) makes a motion of a path.
 
     The method of S3 is a polynomial, or following the path. The first of these that is given
     decides: the method of the options, `of_path`, and the method of the planner that the options

@@ -305,7 +305,9 @@ class PlannerNode(Node):
         return goal_pose.decode(message, self._frame_prefix, turned)
 
     def _convert_to_base(self, x: float, z: float) -> Position:
-        """Convert a point in `work_plane` to `base_link`, at the present slew angle.
+        """Convert a point in `work_plane` (the arm's plane laid flat) to `base_link`.
+
+        The present slew angle of the arm is used.
 
         Args:
             x: Forward [m].
