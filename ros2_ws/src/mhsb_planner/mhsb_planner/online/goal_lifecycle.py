@@ -133,8 +133,7 @@ class GoalLifecycle:
 
     @property
     def is_idle(self) -> bool:
-        """True if all goals have ended, all sent commands are answered, and no stop is under way.
-        """
+        """True if all goals have ended, no sent command lacks an answer, and no stop goes on."""
         return not (
             self._queue.goals
             or self._hand_over.unconfirmed
