@@ -435,7 +435,7 @@ class ArmState:
 
         Returns:
             True if this planner's last confirmed command has not ended. In addition the arm must
-            report that command as in force, or have reported no plan in force at all.
+            report that command as in force, or be an arm that never reports which plan is in force.
         """
         own = self.own_command
         confirmed = own is not None and self.plan_in_force_ns in (None, own.stamp_ns)

@@ -710,20 +710,21 @@ class GoalLifecycle:
     ) -> None:
         """Handle that the arm has not taken a command and goes on with the one before.
 
-        After a braking command or a void plan, the stop takes its next step. After another plan the
-        first of these cases decides:
+        After a braking command or a void plan (withdrawn after it was sent), the stop takes its
+        next step. After another plan the first of these cases decides:
 
         1. Its goal has ended: nothing happens.
         2. The reason is in `FINAL_REFUSALS`: the goal ends.
         3. A newer goal waits: the goal ends as superseded.
         4. The plan starts from rest and is still valid, and the arm has not refused it for being
            elsewhere: it is stamped and sent again.
-        5. Otherwise the goal is planned for again with a longer commit horizon.
+        5. Otherwise the goal is planned for again with a longer commit horizon (time until the plan
+           takes over).
 
         Cases 4 and 5 count as a late plan; after too many of them the goal ends.
 
         Args:
-            sent: The unconfirmed command.
+            sent: The command that was sent.
             reason: Reason code; `LATE` also if the arm gave no answer in time.
             sentence: The reason in words.
         """

@@ -380,13 +380,12 @@ def _is_movable(machine: Machine, posture: FloatArray) -> bool:
 def _postures_nearby(
     machine: Machine, table: PostureTable, posture: FloatArray
 ) -> Iterator[FloatArray]:
-    """Yield admissible postures, those first that a straight move reaches earliest.
+    """Yield postures within the joint limits, those first that a straight move reaches earliest.
 
     If the given posture is beyond joint limits, the posture clipped to them comes before all
-    others. It is not checked for obstacles. Then come the table's postures for mode N (main pump
-    alone) of all actuators, if they are clear of obstacles. They have the slew at its clipped
-    angle. The time of a move is estimated for its slowest joint, from moment arm and V_max (allowed
-    piston speed).
+    others. It may be in an obstacle. Then come the table's postures for mode N (main pump alone) of
+    all actuators, if they are clear of obstacles. They have the slew at its clipped angle. The time
+    of a move is estimated for its slowest joint, from moment arm and V_max (allowed piston speed).
 
     Args:
         machine: The whole arm.
@@ -394,7 +393,7 @@ def _postures_nearby(
         posture: Joint positions, shape (n,) [rad or m].
 
     Yields:
-        Postures within the joint limits, shape (n,) [rad or m].
+        Postures, shape (n,) [rad or m].
     """
     a = machine.arrays
     inside = np.clip(posture, a.joint_min, a.joint_max)

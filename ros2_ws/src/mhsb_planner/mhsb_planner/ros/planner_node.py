@@ -539,7 +539,7 @@ class PlannerNode(Node):
     def _publish_diagnostics(self) -> None:
         """Adapt subscriptions to publishers' quality of service, and publish the node's status.
 
-        A quality of service that still does not match is stored in the arm state, for messages.
+        A sentence on publishers whose quality of service does not match is stored in the arm state.
         """
         self._matching_subscriptions.update()
         self._lifecycle.arm_state.qos_mismatch = self._matching_subscriptions.problem
