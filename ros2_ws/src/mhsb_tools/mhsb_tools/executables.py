@@ -35,9 +35,17 @@ class Subcommand(NamedTuple):
 
 
 def _command(module: str, summary: str) -> Subcommand:
-    """Create a subcommand from the full name of its module, whose `main` it calls.
+    """Create a subcommand that calls the function `main` of a module.
 
-    An interrupt (SIGINT) ends it with exit code 130.
+    The module is imported only when the subcommand starts. An interrupt (SIGINT) ends it with exit
+    code 130.
+
+    Args:
+        module: Full name of the module, such as `mhsb_tools.commands.plan_command`.
+        summary: What the subcommand does, for the list of all subcommands.
+
+    Returns:
+        The subcommand.
     """
     return Subcommand(make_command_entry(module), summary)
 
@@ -45,7 +53,14 @@ def _command(module: str, summary: str) -> Subcommand:
 def _node(module: str, summary: str) -> Subcommand:
     """Create a subcommand that runs until SIGINT, SIGTERM or SIGHUP ends it with exit code 0.
 
-    The first argument is the full name of its module, whose `main` it calls.
+    It calls the function `main` of a module, which is imported only when the subcommand starts.
+
+    Args:
+        module: Full name of the module, such as `mhsb_tools.viewer.viewer_command`.
+        summary: What the subcommand does, for the list of all subcommands.
+
+    Returns:
+        The subcommand.
     """
     return Subcommand(make_node_entry(module), summary)
 
@@ -75,11 +90,14 @@ SUBCOMMAND_TABLE = {
 def mhsb() -> int:
     """Run the subcommand that the first argument of the process names.
 
-    Without an argument or with `--help`, the list of subcommands is printed. For an unknown name,
-    the nearest one is printed, and the exit code is EXIT_USAGE.
+    `sys.argv` is read: its first argument is the subcommand, the others are passed on to it.
+    Without an argument, and with `-h` or `--help`, the list of all subcommands is printed.
+    `--version` prints the version, and `--completion` prints the completion script for bash. For an
+    unknown name, an error with the nearest name is printed to standard error.
 
     Returns:
-        The exit code.
+        The exit code of the subcommand; 0 if only a text was printed, EXIT_USAGE for an unknown
+        name.
     """
     name, *arguments = sys.argv[1:] or ["--help"]
     if name in ("-h", "--help"):
@@ -126,13 +144,16 @@ def _start(name: str, arguments: list[str]) -> int:
 
 
 def _former_spelling(name: str) -> Callable[[], int]:
-    """Make the entry point of a former spelling, which names the new one on standard error.
+    """Make an entry point for the old way to start a subcommand, `ros2 run mhsb_tools NAME`.
+
+    The entry point prints the new way, `mhsb NAME`, to standard error, and then runs the
+    subcommand.
 
     Args:
-        name: Name of the subcommand.
+        name: Name of the subcommand in SUBCOMMAND_TABLE.
 
     Returns:
-        The entry point, which returns the exit code.
+        The entry point, a function without arguments that returns the exit code.
     """
 
     def enter() -> int:

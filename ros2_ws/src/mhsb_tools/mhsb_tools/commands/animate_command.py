@@ -134,12 +134,16 @@ def animate(
 
 
 def _check_source(bag: Path | None, plan: PlannedMoveArguments, namespace: str | None) -> None:
-    """Raise UsageError unless a recording or a plan is given, with options that have an effect.
+    """Check that either a recording or a plan is given, and no option without effect.
 
     Args:
-        bag: Folder of the recording, or None.
-        plan: Options of the plan.
-        namespace: Namespace of topics, or None; without a recording it has no effect.
+        bag: Folder of the recording; None if it was left out.
+        plan: Options of a plan: start, goal, case, planner.
+        namespace: Namespace of the recorded topics; None if it was left out.
+
+    Raises:
+        UsageError: Both or neither of recording and plan are given, a planner is given beside a
+            recording, or a namespace without a recording.
     """
     if (bag is None) is not plan.is_given:
         raise UsageError("give a recording, or --start and --goal, or --case NAME")
@@ -158,19 +162,20 @@ def _check_source(bag: Path | None, plan: PlannedMoveArguments, namespace: str |
 def _read_recorded_move(
     machine: Machine, bag: Path, namespace: str
 ) -> tuple[MoveRecord, list[FilmGoal]]:
-    """Read a recording as one move.
+    """Read a whole recording as one move.
 
     Args:
         machine: The recorded arm.
-        bag: Folder of the recording.
+        bag: Folder of the recording (rosbag2).
         namespace: Namespace of the recorded topics; empty for none.
 
     Returns:
-        The whole recording as a move, and those goals whose plan the arm executed. A goal's time is
-        the instant at which its plan took over [s], and the goals are in time order.
+        The recording as a move whose time begins at its first sample. Then the goals whose plan the
+        arm executed, in time order. The time of each goal is the instant at which its plan took
+        over, in the move's time [s].
 
     Raises:
-        BagError: The recording has no hydraulic states.
+        BagError: The recording cannot be read or has no hydraulic states.
     """
     # Recordings are decoded by ROS; plans are animated without it.
     from mhsb_tools.recording.bag_reader import read_recording
@@ -190,16 +195,20 @@ def _read_recorded_move(
 
 
 def _plan_move(machine: Machine, asked: PaperCase) -> tuple[MoveRecord, list[FilmGoal]]:
-    """Plan a case from rest and return it as a move.
+    """Plan a motion from rest and return it as a move.
 
-    Compiles the planner's kernels and builds the posture table if they are not cached.
+    Compiles the planner's kernels and builds the posture table (best posture for each tip position)
+    if they are not cached.
 
     Args:
         machine: The arm.
         asked: Start, goal, weights and planner.
 
     Returns:
-        The planned move, and its goal as the only one, from time 0.
+        The planned move, and a list with its one goal, which holds from time 0.
+
+    Raises:
+        MhsbError: Start or goal does not suit the arm, or no motion was found.
     """
     check_coordinates(machine, asked)
     machine.check_in_workspace(asked.start)
@@ -217,14 +226,15 @@ def _select_time_range(move: MoveRecord, begin: float, end: float | None) -> Mov
 
     Args:
         move: The move.
-        begin: First time [s].
-        end: Last time [s]; None is the move's end.
+        begin: First time to keep, in the move's time [s].
+        end: Last time to keep [s]; None keeps all to the end of the move.
 
     Returns:
-        The move with the rows in between, without reference and chamber pressures.
+        A new move with the samples from `begin` to `end`. It has no reference and no chamber
+        pressures. Times do not change.
 
     Raises:
-        UsageError: Fewer than two samples lie in between.
+        UsageError: Fewer than two samples are in the range.
     """
     rows = (move.time >= begin) & (move.time <= (move.time[-1] if end is None else end))
     if np.count_nonzero(rows) < 2:

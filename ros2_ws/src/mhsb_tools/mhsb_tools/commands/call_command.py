@@ -56,13 +56,13 @@ def call(
 def _call_trigger(
     node: Node, executor: SingleThreadedExecutor, service: str, timeout: float
 ) -> Trigger.Response:
-    """Call a service of type Trigger and wait for the answer.
+    """Call a service of type std_srvs/srv/Trigger and wait for the answer.
 
     Args:
         node: Node of this process.
-        executor: Executor that serves the node.
+        executor: Executor that serves `node`; it spins during the wait.
         service: Name of the service.
-        timeout: Longest wait for the service, and again for its answer [s].
+        timeout: Longest wait for the service, and then for its answer, each [s].
 
     Returns:
         The answer, also if the service refuses (`success` is False).

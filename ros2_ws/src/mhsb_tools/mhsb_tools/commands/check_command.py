@@ -60,14 +60,15 @@ def facts(machine: Machine) -> dict[str, Any]:
         A dictionary that can be written as JSON, in SI units. Keys:
 
         - name: name in the machine file
-        - hash: `table_hash` of the arm, or of the plane of an arm that slews
-        - slews: whether joint 1 slews
-        - joints: dictionary of `_joint_facts` for each joint
-        - hydraulics: dictionary of `_hydraulic_facts`
-        - controllers: names of the controllers that suit the sensors
-        - pressure_sensors: whether pressures are measured
-        - workspace: dictionary of `_count_workspace_points`
-        - keep_out: dictionary of `_count_points_left`; missing if the machine has no obstacles
+        - hash: SHA-256 in hexadecimal of all values on which the posture table depends
+        - slews: whether joint 1 turns the arm about an upright axis
+        - joints: a list with a dictionary for each joint: range, moment arm, stroke, load
+        - hydraulics: pressures, flows and speeds
+        - controllers: names of the controllers that work with the machine's sensors
+        - pressure_sensors: whether the machine has pressure sensors
+        - workspace: counts of grid points that are held, need boost, or cannot be held
+        - keep_out: counts of grid points that stay reachable beside the obstacles; missing if the
+          machine has none
     """
     found = {
         "name": machine.name,
@@ -85,15 +86,16 @@ def facts(machine: Machine) -> dict[str, Any]:
 
 
 def format_report(machine: Machine) -> list[str]:
-    """Compute the `facts` of a machine and format them as lines of text.
+    """Compute the numbers that describe a machine and format them as lines of text.
 
     Args:
         machine: The arm.
 
     Returns:
         Lines without line breaks: name, table of joints, pumps and booster modules, values of
-        single actuators, controllers that suit the sensors, counts of workspace points, and counts
-        of points that obstacles leave. Angles are in degrees, pressures in MPa and flows in L/min.
+        single actuators, suitable controllers, and counts of workspace points. If the machine has
+        obstacles, the count of points that remain reachable follows. Angles are in degrees,
+        pressures in MPa and flows in L/min.
     """
     found = facts(machine)
     lines = [f"{machine.name}: {machine.joint_count} joints, hash {machine.table_hash[:12]}"]
@@ -110,19 +112,23 @@ def format_report(machine: Machine) -> list[str]:
 def _joint_facts(machine: Machine, j: int) -> dict[str, Any]:
     """Collect range, moment arm, stroke and load of one joint.
 
-    Torque and load pressure are those that hold the arm straight out (all joint positions 0)
-    against gravity.
+    The load is the one of the straight arm (all joint positions 0) at rest under gravity.
 
     Args:
         machine: The arm.
         j: Index of the joint, from 0.
 
     Returns:
-        A dictionary in SI units. `range_rad` (`range_m` for a telescope) and `moment_arm_m` are
-        pairs of least and largest value; moment arms are signed. `stroke_m` is the cylinder's
-        stroke over the joint's range. `straight_out_torque_nm` (`straight_out_force_n` for a
-        telescope) and `straight_out_load_pressure_pa` are None if 0 is outside the joint's range or
-        the joint slews. `own` holds the values that the machine file gives to this actuator alone.
+        A dictionary in SI units. Keys:
+
+        - linkage: kind of linkage between cylinder and joint
+        - range_rad (range_m for a telescope): least and largest joint position
+        - moment_arm_m: least and largest moment arm dL/dq over the range, signed
+        - stroke_m: change of the cylinder length over the range
+        - straight_out_torque_nm (straight_out_force_n for a telescope): what holds the load; None
+          if position 0 is outside the joint's range, or if the joint slews
+        - straight_out_load_pressure_pa: supply pressure that holds the load; None in the same cases
+        - own: values that the machine file gives to this actuator alone, by their key
     """
     arrays, joint = machine.arrays, machine.config.joints[j]
     row = arrays.linkage[j]
@@ -151,17 +157,19 @@ def _joint_facts(machine: Machine, j: int) -> dict[str, Any]:
 
 
 def _joint_lines(joints: list[dict[str, Any]]) -> list[str]:
-    """Format the joints as a table.
+    """Format range, moment arm, stroke and load of all joints as a table.
+
+    The last two columns are for the arm straight out (all joint positions 0): torque [N m] and load
+    pressure p_L [MPa]. Each is "-" for a slew drive. If position 0 is outside the joint's range, a
+    remark stands there instead.
 
     Args:
         joints: One dictionary for each joint, as `_joint_facts` returns it.
 
     Returns:
-        A line of column titles, then one line for each joint. Columns: number, kind of linkage,
-        range [deg], moment arm [mm], stroke [mm], then torque [N m] and load pressure p_L [MPa]
-        that hold the arm straight out. A telescope has its range in mm, no moment arm, and a force
-        [N] instead of the torque. The last two are "-" for a slew drive. They are a remark if the
-        arm straight out is outside the joint's range.
+        A line of column titles, then one line for each joint. The columns are: number from 1, kind
+        of linkage, range [deg], moment arm [mm], stroke [mm], torque, load pressure. A telescope
+        has its range in mm, "-" as moment arm, and a force [N] instead of the torque.
     """
     lines = [
         "joint  linkage        range [deg]      moment arm [mm]   stroke [mm]   "
@@ -195,12 +203,18 @@ def _hydraulic_facts(machine: Machine) -> dict[str, Any]:
         machine: The arm.
 
     Returns:
-        A dictionary in SI units, the unit at the end of each key. `booster_modules` and
-        `mode_patterns` are the numbers of modules and of mode combinations. `first_boosted` is the
-        number, from 1, of the first actuator that may be boosted: 2 if joint 1 slews, else 1.
-        `speed_of_one_module_m_s` is the speed at which one module extends that actuator.
-        `max_piston_speed_m_s` is the highest V_max of all actuators. `leakage_m3_s` is the leakage
-        of the valves of all joints.
+        A dictionary in SI units, the unit at the end of each key. Keys:
+
+        - supply_pressure_pa, main_pump_flow_m3_s: of the main pump
+        - booster_modules: number of modules
+        - servo_pump_flow_m3_s: highest flow of one module's servo pump
+        - max_boost_pressure_pa: highest pressure of a boosted line
+        - mode_patterns: number of mode combinations
+        - max_piston_speed_m_s: highest V_max (piston speed for planning) of all actuators
+        - first_boosted: number of the first actuator that may be boosted; 2 if joint 1 slews, else
+          1
+        - speed_of_one_module_m_s: speed at which one module extends that actuator
+        - leakage_m3_s: leakage of the valves of all joints together
     """
     arrays, first = machine.arrays, int(machine.slews)  # a slewing joint is always in N
     return {
@@ -221,11 +235,12 @@ def _hydraulic_lines(found: dict[str, Any]) -> list[str]:
     """Format pressures, flows and speeds of the hydraulics as two lines of text.
 
     Args:
-        found: Dictionary of `_hydraulic_facts`.
+        found: Values in SI units, as `_hydraulic_facts` returns them.
 
     Returns:
         Line 1: main pump [MPa, L/min], booster modules [L/min, MPa], number of mode combinations.
-        Line 2: highest piston speed and speed by one module [mm/s], leakage of all valves [L/min].
+        Line 2: highest piston speed [mm/s], speed at which one module extends the first boosted
+        actuator [mm/s], leakage of all valves [L/min].
     """
     per_minute = 6e4
     return [
@@ -254,13 +269,15 @@ Each entry is a format string and the factor from the SI value to the printed un
 
 
 def _own_lines(joints: list[dict[str, Any]]) -> list[str]:
-    """Format the values that the machine file gives to single actuators.
+    """Format the values that the machine file gives to single actuators only.
 
     Args:
-        joints: One dictionary for each joint, as `_joint_facts` returns it; `own` is read.
+        joints: One dictionary for each joint, as `_joint_facts` returns it. Only `own` is read:
+            value by key, keys as in ACTUATOR_FORMATS.
 
     Returns:
-        One line for each actuator that has such values; actuators without any have no line.
+        One line for each actuator that has such values, in the order of the joints. Empty if none
+        has.
     """
     lines = []
     for number, joint in enumerate(joints, start=1):
@@ -275,18 +292,25 @@ def _own_lines(joints: list[dict[str, Any]]) -> list[str]:
 def _count_workspace_points(machine: Machine) -> dict[str, Any]:
     """Count the grid points of the workspace by the supply pressure that holds the arm there.
 
-    The pressure is the highest one that any actuator requires. At each point, the posture is used
-    for which it is lowest.
+    The required pressure of a posture is the highest one that any of its actuators needs at rest.
+    At each point, the posture with the lowest required pressure counts.
 
     Args:
         machine: An arm that does not slew, or the plane of one that does.
 
     Returns:
-        A dictionary. `points` is the number of points, `spacing_m` their distance and
-        `end_link_angles` the number of angles ψ tried at each. Four counts add up to `points`:
-        `held` (at supply pressure P_S), `boosted` (needs boost), `too_heavy` (beyond the highest
-        boost pressure) and `no_posture`. `boosted_by_joint` counts the points with boost for each
-        joint.
+        A dictionary. Keys:
+
+        - points: number of grid points
+        - spacing_m: distance between neighbouring points
+        - end_link_angles: number of angles ψ of the end link that are tried at each point
+        - held: points where the supply pressure P_S suffices
+        - boosted: points where some actuator needs boost
+        - too_heavy: points that need more than the highest boost pressure
+        - no_posture: points without a posture within the joint limits
+        - boosted_by_joint: list with the number of `boosted` points at which each joint needs boost
+
+        `held`, `boosted`, `too_heavy` and `no_posture` add up to `points`.
     """
     counts = dict.fromkeys(("held", "boosted", "too_heavy", "no_posture"), 0)
     boosted = np.zeros(machine.joint_count, dtype=int)
@@ -321,7 +345,7 @@ def _workspace_lines(found: dict[str, Any], first: int) -> list[str]:
     """Format the counts of workspace points as text.
 
     Args:
-        found: Dictionary of `_count_workspace_points`.
+        found: Counts, as `_count_workspace_points` returns them.
         first: Number of the first joint in the plane: 1, or 2 if joint 1 slews.
 
     Returns:
@@ -341,18 +365,24 @@ def _workspace_lines(found: dict[str, Any], first: int) -> list[str]:
 
 
 def _count_points_left(machine: Machine) -> dict[str, Any]:
-    """Count the workspace points that the arm reaches at all, and clear of obstacles.
+    """Count the workspace points that the arm reaches, with and without its obstacles.
 
-    A point counts as reached if it has any posture within the joint limits. It counts as left if
-    one of these postures is clear of all obstacles. If zones are given in space, each point is
-    counted once for each of `SLEW_SAMPLES` angles of the slew.
+    A point is reached if it has a posture within the joint limits. It is left if one of these
+    postures also keeps clear of all obstacles, margin included. If a zone is given in space (for an
+    arm that slews), each point is tested at `SLEW_SAMPLES` slew angles, and each angle counts as
+    one.
 
     Args:
         machine: An arm that has obstacles.
 
     Returns:
-        A dictionary: `margin_m` (distance kept from obstacles), `obstacles` (names), `reached` and
-        `left` (counts), and `slew_angles` (number of angles) if zones are given in space.
+        A dictionary. Keys:
+
+        - margin_m: distance to keep from obstacles
+        - obstacles: list of names
+        - slew_angles: number of slew angles; missing if no zone is given in space
+        - reached: count of points without regard to obstacles
+        - left: count of points with a posture clear of obstacles
     """
     plane, in_space = machine.planar_arm, bool(machine.obstacles.is_in_space.any())
     psi, turned = _end_link_angles(plane), _slew_angles(machine) if in_space else np.zeros(1)
@@ -387,15 +417,15 @@ def _slew_angles(machine: Machine) -> FloatArray:
 
 
 def _is_clear_of_zones(machine: Machine, slew: float, postures: FloatArray) -> bool:
-    """Return whether some posture keeps clear of all zones in space at an angle of the slew.
+    """Return whether any of some postures is clear of all zones in space, at one slew angle.
 
     Args:
         machine: An arm that slews.
         slew: Angle of joint 1 [rad].
-        postures: Postures of the joints in the plane, shape (k, n - 1) [rad or m].
+        postures: Joint positions without joint 1, shape (k, n − 1) [rad or m], k ≥ 1.
 
     Returns:
-        True if at least one of the k postures has a clearance of 0 or more from all zones.
+        True if at least one of the k postures keeps the margin from all zones in space.
     """
     zones = frozen(machine.obstacles.path_rows[machine.obstacles.is_in_space])
     turned = frozen(np.column_stack([np.full(len(postures), slew), postures]))
@@ -403,13 +433,14 @@ def _is_clear_of_zones(machine: Machine, slew: float, postures: FloatArray) -> b
 
 
 def _keep_out_lines(found: dict[str, Any]) -> list[str]:
-    """Format the counts of points that obstacles leave as two lines of text.
+    """Format the effect of obstacles on the reachable points as two lines of text.
 
     Args:
-        found: Dictionary of `_count_points_left`.
+        found: Counts, as `_count_points_left` returns them.
 
     Returns:
-        Two lines: the obstacles with their margin, and the count and share of points left.
+        Line 1: margin [mm] and names of the obstacles. Line 2: number of reachable points that
+        remain clear of obstacles, and their share [%].
     """
     left, reached, where = found["left"], found["reached"], ""
     share = 100.0 * left / reached if reached else 0.0
@@ -443,10 +474,10 @@ def _workspace_nodes(machine: Machine) -> list[tuple[float, float]]:
 
 
 def _find_lowest_hold_pressures(machine: Machine, x: float, z: float) -> FloatArray | None:
-    """Return the supply pressures that hold the arm at a point in its least loaded posture.
+    """Return the supply pressures that hold the arm, at rest with the tip at a given point.
 
-    In that posture, the highest required pressure of all actuators is lowest. Only the sampled
-    end-link angles are tried.
+    Postures with all sampled angles of the end link are tried. The one is taken whose highest
+    required pressure of all actuators is lowest.
 
     Args:
         machine: An arm that does not slew, or the plane of one that does.

@@ -125,10 +125,11 @@ def demo(
 def _demo(
     output: Path, machine: Path | None, goals: Path | None, plant: Path | None, view: bool
 ) -> dict[str, Any]:
-    """Run the demo: check the files, run the nodes, write the report.
+    """Run the demo: check the files, run the nodes, send the goals, write the report.
 
-    Everything that can be checked is checked before a node starts. Prints progress. `output` gets
-    its new content only at the end.
+    The files are checked before a node starts. Kernels are compiled if they are not cached.
+    Progress and a summary are printed. New results are written into a subfolder of `output`; they
+    replace earlier results only after all of them exist.
 
     Args:
         output: Folder for the results.
@@ -180,12 +181,16 @@ def _demo(
 
 @contextmanager
 def _shown(machine: Path | None) -> Iterator[None]:
-    """Run the viewer as a child process for the length of a `with` block.
+    """Run the viewer (the arm in a browser) as a child process during a `with` block.
 
-    It takes any free port; its address is printed. Context manager.
+    Context manager. The viewer listens on a free port; its address is printed before the block
+    begins.
 
     Args:
         machine: Machine file; None is the suite's own arm.
+
+    Raises:
+        ChildEndedError: The viewer ended, or gave no address within ANSWER_TIMEOUT.
     """
     arguments = ["--machine", str(find_machine_file(machine).resolve())] if machine else []
     with ChildProcess("mhsb_tools", "mhsb", "view", "--port", "0", *arguments) as viewer:
@@ -194,15 +199,15 @@ def _shown(machine: Path | None) -> Iterator[None]:
 
 
 def describe_failed_goals(summary: dict[str, Any]) -> str | None:
-    """Return a sentence if a goal was lost or refused.
+    """Return a sentence on lost or refused goals, or None if there are none.
 
     Args:
-        summary: The report's summary; reads `goals_sent`, `goals_refused` and `lost`, a list with
-            place and reason of each lost goal.
+        summary: The report's summary. It reads the numbers `goals_sent` and `goals_refused`, and
+            the list `lost`: coordinates [m] and reason of each lost goal.
 
     Returns:
-        The sentence; None if no goal was lost or refused. It says how many of the goals sent were
-        lost, and place and reason of the first. Without lost goals it says how many were refused.
+        If goals were lost: how many, and position and reason of the first. Otherwise, if goals were
+        refused: how many. None if no goal was lost or refused.
     """
     sent, refused, lost = summary["goals_sent"], summary["goals_refused"], summary["lost"]
     if lost:
@@ -218,10 +223,11 @@ def read_goals(file: Path) -> list[DemoGoal]:
     """Read goals from a YAML file.
 
     Args:
-        file: A list of mappings with x, z and optionally y [m] and time [s].
+        file: A list of mappings. Keys: x, z [m]; y [m] if the arm slews; time [s] until the next
+            goal, optional.
 
     Returns:
-        The goals in order, at least one.
+        The goals in the order of the file, at least one.
 
     Raises:
         MhsbError: The file is no list, is empty, or holds a goal that cannot be used.
@@ -233,7 +239,7 @@ def read_goals(file: Path) -> list[DemoGoal]:
 
 
 def _goal(file: Path, number: int, values: Any) -> DemoGoal:
-    """Return one goal of a file.
+    """Check one goal of a goals file and return it.
 
     Args:
         file: The file, for the error message.
@@ -261,15 +267,16 @@ def _goal(file: Path, number: int, values: Any) -> DemoGoal:
 
 
 def begin(output: Path) -> Path:
-    """Create the output folder and an empty folder in it for the unfinished results.
+    """Create the output folder, and in it an empty folder for the unfinished results.
 
-    Also sets the sentence that an interrupt of the command prints.
+    An existing folder of unfinished results is emptied. The function also sets the sentence that is
+    printed if the user interrupts the command.
 
     Args:
         output: Folder of the demo; created if it does not exist.
 
     Returns:
-        The empty folder for unfinished results.
+        The folder for unfinished results, `output`/UNFINISHED_FOLDER.
     """
     make_output_folder(output, "the demo's output")
     unfinished = output / UNFINISHED_FOLDER
@@ -282,10 +289,13 @@ def begin(output: Path) -> Path:
 
 
 def finish(output: Path) -> None:
-    """Replace the results of an earlier demo by the new ones; other files stay.
+    """Move the new results into the output folder and delete earlier ones.
+
+    The results are recording, report and summary (RESULT_NAMES). Other files in the folder stay.
 
     Args:
-        output: Folder of the demo; its folder of unfinished results is emptied and removed.
+        output: Folder of the demo. Its folder of unfinished results must have all results; it is
+            removed at the end.
     """
     for name in RESULT_NAMES:
         old = output / name
@@ -301,16 +311,17 @@ def _run(
     settings: tuple[tuple[str, ...], tuple[str, ...]],
     output: Path,
 ) -> None:
-    """Start simulator and planner, wait until the planner answers, and run the recorded part.
+    """Start simulator and planner node, then send all goals while a recorder runs.
 
-    Both nodes are ended before this function returns.
+    No goal is sent before the planner has answered a test goal. Both nodes are ended before this
+    function returns.
 
     Args:
         sender: Node that sends goals and collects verdicts.
         executor: Executor of that node.
         goals: Goals to send.
-        settings: Parameters `NAME:=VALUE` of the simulator and of the planner.
-        output: Folder in which the recording `bag` is made.
+        settings: ROS parameters of the simulator and those of the planner, each as `NAME:=VALUE`.
+        output: Folder in which the recording, named `bag`, is written.
     """
     print("starting simulator, planner and recorder")
     with run_both_nodes(*settings) as nodes:
@@ -325,17 +336,19 @@ def _record(
     nodes: tuple[ChildProcess, ...],
     output: Path,
 ) -> None:
-    """Send all goals to the running nodes, one after the other, while a recorder runs.
+    """Start a recorder, send all goals to the running nodes one after the other, and end it.
 
     Args:
         sender: Node that sends goals and collects verdicts.
         executor: Executor of that node.
         goals: Goals to send.
-        nodes: Simulator and planner, checked after each goal.
-        output: Folder in which the recording `bag` is made.
+        nodes: Processes of simulator and planner; after each goal it is checked that they still
+            run.
+        output: Folder in which the recording, named `bag`, is written.
 
     Raises:
-        ChildEndedError: A process ended, the recorder cannot be reached, or the planner is silent.
+        ChildEndedError: A process ended, the recorder does not receive goals, or the planner gives
+            no verdict on a goal.
     """
     bag = str(output / "bag")
     with ChildProcess("mhsb_tools", "mhsb", "record", "--output", bag) as recorder:
@@ -352,18 +365,21 @@ def _record(
 
 
 def _send(sender: GoalSender, executor: SingleThreadedExecutor, goal: DemoGoal, title: str) -> None:
-    """Send one goal, print its verdict and wait until the next goal is due.
+    """Send one goal, print its verdict, and wait until the next goal is due.
 
-    If the goal has a time, the wait ends that long after sending. If it has none but a plan was
-    made, the wait ends `REST_TIME` after the execution report. That report is waited for no longer
-    than `ANSWER_TIMEOUT` beyond the plan's duration. A goal without time and plan is not waited
-    for.
+    There are three cases:
+
+    - The goal has a time: the wait ends that long after sending.
+    - It has no time, and a plan was made: the wait ends `REST_TIME` after the execution report (the
+      planner's message on the end of the motion). If that report does not come, the wait ends after
+      the plan's duration plus `ANSWER_TIMEOUT` plus `REST_TIME`.
+    - It has no time, and no plan was made: there is no wait.
 
     Args:
         sender: Node that sends goals and collects verdicts.
-        executor: Executor of that node, run during the wait.
+        executor: Executor of that node; it spins during the wait.
         goal: The goal.
-        title: Words that name it, before its position.
+        title: Words before the goal's position in the printed line, such as `goal 1 of 10`.
 
     Raises:
         ChildEndedError: The planner gave no verdict within `ANSWER_TIMEOUT`.

@@ -19,16 +19,17 @@ PLANNER_WORDS = {
 
 
 def format_story(summary: Mapping[str, Any], tour: Mapping[str, Any], output: Path) -> list[str]:
-    """Describe a run of the demo.
+    """Describe the results of a demo in lines of text.
 
     Args:
         summary: The report's summary (`mhsb_tools.report.summary.compute_summary`).
-        tour: Energies of the same goals from rest to rest (`compare_on_tour`).
+        tour: Planned energies for the same goals by each planner and at constant pressure, as
+            `compare_on_tour` returns them. Each of these motions is from rest to rest.
         output: Folder of the results.
 
     Returns:
-        Lines of text: a line for each goal; how many were accepted, replaced in motion and reached;
-        accuracy and planning time; energies; where pictures and numbers are.
+        Lines without line breaks: what became of each goal; counts of accepted, replaced and
+        reached goals; planning time and accuracy; energies; where the pictures and numbers are.
     """
     return [
         "Most goals come before the one before is reached, and the arm replans in motion:",
@@ -45,7 +46,16 @@ def format_story(summary: Mapping[str, Any], tour: Mapping[str, Any], output: Pa
 
 
 def _goal_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return a line for each goal with a verdict, and one that counts the goals."""
+    """Return a line on the fate of each goal that has a verdict, and a last line with counts.
+
+    Args:
+        summary: The report's summary; reads `goals` and the counts `goals_sent`, `goals_accepted`,
+            `goals_replaced`, `goals_reached`, `goals_superseded`, `goals_refused` and `goals_lost`.
+
+    Returns:
+        Lines without line breaks; counts of superseded, refused and lost goals appear only if above
+        0.
+    """
     goals = summary["goals"]
     lines = [
         f"goal {number:2d} {_place(goal):24s} {_describe_fate(goal, number < len(goals))}"
@@ -66,7 +76,15 @@ def _goal_lines(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _place(entry: Mapping[str, Any]) -> str:
-    """Return the coordinates of a goal in the summary as text."""
+    """Return the coordinates of a goal as text.
+
+    Args:
+        entry: Entry of a goal in the summary, with `x_m`, `z_m` and, if the arm slews, `y_m` [m];
+            None for a coordinate that is not finite.
+
+    Returns:
+        The coordinates with three decimals, or "not a finite position".
+    """
     axes = ("x_m", "y_m", "z_m")
     if any(entry.get(axis, 0.0) is None for axis in axes):
         return "not a finite position"
@@ -74,11 +92,15 @@ def _place(entry: Mapping[str, Any]) -> str:
 
 
 def _describe_fate(goal: Mapping[str, Any], has_next: bool) -> str:
-    """Return in words what became of a goal.
+    """Describe what became of a goal.
 
     Args:
-        goal: Entry of the summary.
+        goal: Entry of a goal in the summary. Reads `outcome` (of the execution; None if the goal's
+            plan was never executed), `distance_at_rest_mm`, `code` and `sentence` of the verdict.
         has_next: Whether another goal followed.
+
+    Returns:
+        Words without a period, such as "reached; the tip rests 1.20 mm from it".
     """
     match goal["outcome"]:
         case Outcome.REACHED:
@@ -94,7 +116,16 @@ def _describe_fate(goal: Mapping[str, Any], has_next: bool) -> str:
 
 
 def _accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return lines on planning time, jumps at hand-overs, tracking error and cavitation."""
+    """Format planning times, jumps of the reference, tracking errors and cavitation of a demo.
+
+    Args:
+        summary: The report's summary.
+
+    Returns:
+        At most one line each on planning time, the largest jump of the reference when a new plan
+        takes over, and the tip's distance from its reference. A line is left out if its values are
+        None. Then one line for each time that a cylinder cavitated.
+    """
     lines = []
     planning, lead = summary["replan_ms"]["p50"], summary["lead_ms"]["p50"]
     if planning is not None and lead is not None:
@@ -119,9 +150,19 @@ def _accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _energy_lines(summary: Mapping[str, Any], tour: Mapping[str, Any]) -> list[str]:
-    """Return lines on the energy of the run, and of the same goals by other methods.
+    """Format the energy of a demo, and the planned energies of the same goals by other methods.
 
-    The second part is left out if the default planner or the constant pressure has no energy.
+    Args:
+        summary: The report's summary; reads `energy_measured_j`, energy of main pump (`mp`) and
+            servo pumps (`sp`) [J].
+        tour: Planned energies for the same goals, each motion from rest to rest, as
+            `compare_on_tour` returns them.
+
+    Returns:
+        A line with the simulated energy; left out if it was not recorded. Then lines with the
+        energy of the default planner, of the other planners, and of one constant pressure without
+        boosters. They are left out if the energy of the default planner, or the constant pressure,
+        is missing.
     """
     lines = []
     pumps = summary["energy_measured_j"]

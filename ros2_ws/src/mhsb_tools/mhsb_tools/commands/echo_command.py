@@ -65,21 +65,26 @@ def _print_messages(
 ) -> None:
     """Subscribe to a topic and print its messages.
 
+    With `once`, the function returns after one message. Otherwise it runs until the process is
+    interrupted.
+
     Args:
         node: Node of this process.
-        executor: Executor that serves the node.
-        topic: Name of the topic.
+        executor: Executor that serves `node`.
+        topic: Name of the topic, absolute or relative to the node's namespace.
         once: Whether to return after one message.
-        timeout: Longest wait for a publisher, and for the one message [s].
-        as_json: Whether to print JSON lines instead of YAML.
+        timeout: Longest wait for a publisher [s]; with `once`, also the longest wait for the
+            message.
+        as_json: Whether to print each message as one line of JSON instead of YAML.
 
     Raises:
-        TopicError: There is no publisher or no message in time, or the type is not installed.
+        TopicError: There is no publisher in time, `once` is set and no message came in time, or the
+            message type is not installed.
     """
     printed = 0
 
     def print_message(message: Any) -> None:
-        """Print a message, unless one was printed and no more are wanted."""
+        """Print one message, or ignore it if `once` is set and one was printed before."""
         nonlocal printed
         if once and printed:
             return
@@ -106,15 +111,16 @@ def _print_messages(
 def _describe_publishers(node: Node, name: str) -> tuple[str, QoSProfile]:
     """Return the message type of a topic and the QoS to subscribe with.
 
-    The QoS is reliable if all publishers are, and transient local if all are. The type is that of
-    the first publisher.
+    Reliability is reliable if all publishers are reliable, else best effort. Durability is
+    transient local if all publishers are transient local, else volatile.
 
     Args:
         node: Node of this process.
         name: Full name of a topic with publishers.
 
     Returns:
-        Type, such as `std_msgs/msg/String`, and QoS of a subscription.
+        Type of the first publisher, such as `std_msgs/msg/String`, and the QoS profile for a
+        subscription that matches all publishers.
     """
     publishers = node.get_publishers_info_by_topic(name)
     profile = QoSProfile(depth=QUEUE_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -130,7 +136,7 @@ def _find_message_class(type_name: str) -> Any:
     """Return the Python class of a message type, such as `std_msgs/msg/String`.
 
     Raises:
-        TopicError: The package of the type is not installed.
+        TopicError: The package of the type is not installed or does not have the type.
     """
     package, _, name = type_name.split("/")
     try:
@@ -140,13 +146,16 @@ def _find_message_class(type_name: str) -> Any:
 
 
 def to_plain(value: Any) -> Any:
-    """Return a message, or the value of one of its fields, in types that YAML and JSON know.
+    """Convert a ROS message, or the value of one of its fields, to plain Python types.
 
     Args:
-        value: Message or value. An octet becomes its number.
+        value: Message or value.
 
     Returns:
-        Messages as dictionaries in the order of their fields, arrays as lists.
+        A type that YAML and JSON can hold. Messages become dictionaries in the order of their
+        fields, arrays become lists, NumPy scalars become Python numbers. `bytes` of length 1 (an
+        octet) become an integer, longer ones a list of integers. Other values are returned as they
+        are.
     """
     if hasattr(value, "get_fields_and_field_types"):
         names = value.get_fields_and_field_types()

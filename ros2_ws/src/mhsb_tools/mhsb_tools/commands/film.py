@@ -77,15 +77,16 @@ def write_film(
 ) -> int:
     """Write a move as an animated GIF.
 
-    The file appears whole or not at all: it is written beside its final name and then renamed.
+    The film is written under a temporary name in the same folder and then renamed, so `file` never
+    has an incomplete film. All frames are in memory at once.
 
     Args:
-        move: The move; its `duration` and `speed` give the number of frames.
-        goals: Goals to mark, in the order of their times.
+        move: The move to show. Its duration, `speed` and `rate` give the number of frames.
+        goals: Goals to mark, in time order. At each instant only the latest one is marked.
         file: GIF file to write; an existing one is replaced.
         speed: Seconds of the move that pass in one second of the film.
-        rate: Frames in one second of the film. GIFs store delays in hundredths of a second, at
-            least two, so the delay is rounded.
+        rate: Frames in one second of the film. The delay between frames is rounded to hundredths of
+            a second, at least two, because GIFs store it so.
         width: Width of the picture [pixels].
 
     Returns:
@@ -125,8 +126,8 @@ def write_film(
 def _quantize_frames(frames: list[FloatArray]) -> Iterator[Image]:
     """Yield the frames as images that all share one palette of `PALETTE_SIZE` colours.
 
-    The palette is made from about four frames, evenly spread over the film, and from the picture of
-    `_swatches`. No dithering is used, so that static parts do not flicker.
+    The palette is made from a few frames that are spread evenly over the film, and from a picture
+    with all mode colours. No dithering is used, so that static parts do not flicker.
 
     Args:
         frames: At least one picture, each of shape (height, width, 3), uint8.
@@ -143,13 +144,14 @@ def _quantize_frames(frames: list[FloatArray]) -> Iterator[Image]:
 
 
 def _swatches(width: int) -> FloatArray:
-    """Return a picture of stripes, one for each colour that the palette must contain.
+    """Return a picture with one stripe for each colour that the palette of the film must contain.
 
     Args:
         width: Width of the picture [pixels].
 
     Returns:
-        Shape (height, width, 3), uint8; `SWATCH_SIZE` rows for the background and each mode colour.
+        The picture, shape (height, width, 3), uint8. Each stripe has `SWATCH_SIZE` rows. The
+        colours are the background, the mode colours and the path colours.
     """
     colors = [
         rgb(color) for color in (BACKGROUND_COLOR, *MODE_COLOR.values(), *PATH_COLOR.values())
@@ -163,14 +165,14 @@ class _Film:
     """A figure whose static parts are drawn once; moving parts are redrawn for each frame."""
 
     def __init__(self, move: MoveRecord, goals: Sequence[FilmGoal], width: int) -> None:
-        """Draw the static parts and keep them as a background image.
+        """Draw the parts that do not move and keep them as a background image.
 
-        The arm's plane is on the left. On the right are the actuators' modes and, below them, their
-        supply pressures [MPa] over time [s].
+        The left half of the figure shows the plane in which the arm moves. The right half shows the
+        actuators' modes and, below them, their supply pressures [MPa], both over time [s].
 
         Args:
             move: The move to show.
-            goals: Goals to mark, in the order of their times.
+            goals: Goals to mark, in time order.
             width: Width of the picture [pixels].
         """
         import matplotlib as mpl
@@ -200,8 +202,8 @@ class _Film:
         """Draw the picture of one instant.
 
         Args:
-            time: Time in the move's own time [s]; the first sample not before it is shown, or the
-                last.
+            time: Time in the move's time [s]. The arm is shown at the first sample at or after
+                `time`, or at the last sample if there is none.
 
         Returns:
             The picture, shape (height, width, 3), uint8.
@@ -216,10 +218,10 @@ class _Film:
     # Static parts.
 
     def _draw_stage(self) -> None:
-        """Draw workspace, obstacles, the tip's path in pale and the legend of the modes.
+        """Draw the static parts of the left half: workspace, obstacles, pale tip path, legend.
 
-        The axes' limits are widened so that the linkages' bars (rods, barrels, levers) fit in.
-        Every fifth posture of the move is examined for this, and `CYLINDER_MARGIN` is added.
+        The limits of the axes are widened so that rods, barrels and levers fit in at every time.
+        Only every fifth posture of the move is examined for this, and `CYLINDER_MARGIN` is added.
         """
         axes = self._stage
         draw_workspace_axes(self._move.machine, axes)
@@ -253,7 +255,7 @@ class _Film:
         """Draw each actuator's supply pressure [MPa] over time.
 
         Args:
-            axes: Axes to draw on; limits, labels and legend are set, too.
+            axes: Axes to draw on. Their limits, labels and legend are set as well.
         """
         move = self._move
         for j in range(move.machine.joint_count):
@@ -269,9 +271,10 @@ class _Film:
     # Moving parts.
 
     def _create_moving_artists(self) -> list[Any]:
-        """Create the empty artists that move: path, bars, links, barrels, goal and clock.
+        """Create the Matplotlib artists that change in each frame; they are still empty.
 
-        Also stores them as attributes of this object, which `_update_artists` updates.
+        They are path, bars, links, barrels, goal mark and clock. Each is also stored as an
+        attribute of this object, where `_update_artists` finds it.
 
         Returns:
             The artists in the order in which they are drawn.
@@ -299,15 +302,16 @@ class _Film:
         return [self._path, self._bars, self._links, self._barrels, self._goal, self._clock]
 
     def _update_artists(self, row: int, time: float) -> None:
-        """Move all animated artists to an instant.
+        """Set all moving artists to one instant.
 
-        Barrels take the colour of their actuator's mode. The tip's path up to this instant is
-        coloured piece by piece by the strongest mode that any actuator had there. The latest goal
-        up to this instant is marked; there is no mark before the first one.
+        Cylinder barrels get the colour of their actuator's mode. The tip's path from the beginning
+        to this instant is coloured by the strongest mode of all actuators (N < DB < SB) at each
+        point. Only the latest goal up to this instant is marked; before the first goal there is no
+        mark.
 
         Args:
-            row: Row of the move's arrays to show.
-            time: Time for the clock, the cursors and the goals [s].
+            row: Index of the sample to show, in the move's arrays.
+            time: Time that clock, cursors and goals show, in the move's time [s].
         """
         move = self._move
         q = move.position[row]

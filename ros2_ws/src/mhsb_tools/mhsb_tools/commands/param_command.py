@@ -76,16 +76,16 @@ class _RemoteParameters:
     def __init__(
         self, own: Node, executor: SingleThreadedExecutor, name: str, timeout: float
     ) -> None:
-        """Wait for the node's services.
+        """Wait until the parameter services of the other node are available.
 
         Args:
             own: Node of this process.
-            executor: Executor that serves it.
-            name: Name of the other node.
-            timeout: Longest wait for the services, and for each answer [s].
+            executor: Executor that serves `own`.
+            name: Name of the node whose parameters are read and set.
+            timeout: Longest wait for the services now, and for each answer later, each [s].
 
         Raises:
-            ParameterError: The services are not there in time.
+            ParameterError: The services are not available in time.
         """
         self._name, self._executor, self._timeout = name, executor, timeout
         self._client = AsyncParameterClient(own, name)
@@ -107,10 +107,17 @@ class _RemoteParameters:
         return sorted(self._wait(self._client.list_parameters()).result.names)
 
     def read(self, names: list[str]) -> dict[str, Any]:
-        """Return values by name, in plain types.
+        """Read parameters of the node.
+
+        Args:
+            names: Names of the parameters.
+
+        Returns:
+            Value by name, in the order of `names`; arrays are lists.
 
         Raises:
-            ParameterError: The node has no parameter of a name; the nearest name is given.
+            ParameterError: The node has no parameter of one of the names, or gives no answer in
+                time. The message suggests the most similar name.
         """
         answer = self._wait(self._client.get_parameters(names))
         values = {
@@ -133,15 +140,16 @@ class _RemoteParameters:
         return {each.name: each.description for each in answer.descriptors}
 
     def change(self, name: str, text: str) -> None:
-        """Set a parameter to the value that a text stands for.
+        """Set a parameter of the node to the value that a text stands for.
 
         Args:
             name: Name of the parameter.
-            text: The value; read as JSON, or as it is if the parameter is a text.
+            text: The value. It is parsed as JSON, such as `[0.65, 0.1]`; for a parameter of type
+                string it is taken as it is.
 
         Raises:
-            ParameterError: There is no such parameter, the text is not of its type, or the node
-                refuses the value; with the node's reason.
+            ParameterError: There is no such parameter, the text has the wrong type, or the node
+                refuses the value or does not answer in time.
         """
         self.read([name])
         [descriptor] = self._wait(self._client.describe_parameters([name])).descriptors
@@ -161,14 +169,17 @@ def _parse(text: str, kind: Parameter.Type) -> Any:
     """Convert a text to a value of a parameter's type.
 
     Args:
-        text: The text, read as JSON unless the type is text. An integer is accepted for a number.
-        kind: Type of the parameter.
+        text: The text. It is parsed as JSON; for type STRING it is returned as it is. For type
+            BOOL, capital letters are accepted, as in `True`.
+        kind: Type of the ROS parameter.
 
     Returns:
-        The value.
+        The value. For DOUBLE and DOUBLE_ARRAY, integers are converted to float. Whether the value
+        has the right type is not checked otherwise.
 
     Raises:
-        ValueError: The text is not a value of this type.
+        ValueError: The text is not JSON.
+        TypeError: `kind` is DOUBLE_ARRAY and the text is not an array of numbers.
     """
     if kind is Parameter.Type.STRING:
         return text

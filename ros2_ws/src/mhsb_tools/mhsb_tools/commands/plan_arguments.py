@@ -84,18 +84,19 @@ class MoveArguments:
     via_tolerance: Annotated[float | None, tyro.conf.arg(metavar="M"), DISTANCE_RANGE] = None
 
     def find_start(self, machine: Machine) -> tuple[FloatArray | None, Position | None]:
-        """Return the given start posture and the tip's position at the start.
+        """Return the start posture and the start position of the tip, as far as they were given.
 
         Args:
             machine: The arm.
 
         Returns:
-            Joint positions, shape (n,), or None if no posture was given. Tip in `base_link` (x, z)
-            or (x, y, z) [m], or None if neither a posture nor `start` was given.
+            Start posture, shape (n,) [rad, telescopes m]; None if the option was left out. Then the
+            tip's position in `base_link`, (x, z) or (x, y, z) [m]: that of the posture, else the
+            value of `--start`; None if both were left out.
 
         Raises:
-            UsageError: The number of values is not the number of joints, or another option says
-                where the motion starts.
+            UsageError: The posture has a wrong number of values, or is given together with
+                `--start` or `--case`.
         """
         if self.start_posture is None:
             return None, self.start
@@ -134,10 +135,11 @@ class GoalArguments:
         """Return the end-link angle ψ that is asked for at the goal.
 
         Returns:
-            The angle or the least and greatest angle [rad]; None if the angle is free.
+            A number if one angle is asked for, a pair (least, greatest) if a range is asked for
+            [rad]; None if the angle is free.
 
         Raises:
-            UsageError: Both were given.
+            UsageError: Both an angle and a range were given.
         """
         if self.goal_psi is not None and self.goal_psi_range is not None:
             raise UsageError("give --goal-psi or --goal-psi-range, not both")
@@ -195,6 +197,13 @@ class ArmArguments:
     def change(self, machine: Machine) -> Machine:
         """Return the machine with the given payload, supply pressure and V_max.
 
+        V_max is the piston speed for which plans are made.
+
+        Options that were left out keep the machine's value.
+
+        Args:
+            machine: The arm as its file has it; not changed.
+
         Raises:
             UsageError: A value is out of its range.
         """
@@ -206,10 +215,14 @@ class ArmArguments:
         )
 
     def collect_ranges(self) -> tuple[Range | None, Range | None]:
-        """Return the ranges of supply pressure [Pa] and V_max [m/s]; None if one was left out.
+        """Return the ranges in which supply pressure and V_max are to be chosen.
+
+        Returns:
+            Range of the supply pressure [Pa] and range of V_max, the piston speed for planning
+            [m/s]. Each is None if the option was left out.
 
         Raises:
-            UsageError: A value was given beside its range, or a range is invalid.
+            UsageError: A single value was given together with its range, or a range is invalid.
         """
         return (
             _range_of("supply-pressure", self.supply_pressure_range, self.supply_pressure),
@@ -218,18 +231,18 @@ class ArmArguments:
 
 
 def _range_of(name: str, given: Point | None, fixed: float | None) -> Range | None:
-    """Return the range that an option asks for.
+    """Return the range that the option `--NAME-range` was given.
 
     Args:
-        name: Name of the option without dashes; its range option is called NAME-range.
-        given: Lowest and highest value in SI units; None if the range was left out.
-        fixed: Value of the option without a range; None if it was left out.
+        name: NAME, such as `v-max`; for error messages.
+        given: Lowest and highest value in SI units; None if `--NAME-range` was left out.
+        fixed: Value of the option `--NAME`; None if it was left out.
 
     Returns:
-        The range, or None if none was given.
+        The range; None if `--NAME-range` was left out.
 
     Raises:
-        UsageError: Both were given, or the range is invalid.
+        UsageError: Both options were given, or the range is invalid.
     """
     if given is None:
         return None
@@ -291,13 +304,14 @@ class PlannerArguments:
 def build_options(
     asked: PaperCase, move: MoveArguments, goal: GoalArguments, planning: PlannerArguments
 ) -> PlanOptions:
-    """Combine a request with the options that it does not contain.
+    """Combine all options of a plan; check first that each given option has an effect.
 
     Args:
-        asked: Start, goal, weights and planner.
-        move: Points between start and goal.
-        goal: Angle and region at the goal.
-        planning: How to plan; a value of None keeps the default.
+        asked: The request: start, goal, weights and planner. Its weights are used, not those of
+            `planning`.
+        move: Via points (points to pass on the way) and how near the tip must pass them.
+        goal: Angle of the end link and goal region (places at which the tip may end).
+        planning: Planner and search; a value of None keeps the request's or the default value.
 
     Returns:
         The options of the plan.
@@ -325,20 +339,24 @@ def build_request(
     planner: str | None = None,
     initial_j3: float | None = None,
 ) -> PaperCase:
-    """Combine a paper case with arguments that replace parts of it.
+    """Combine start, goal and planner settings to a request.
+
+    If a case of the paper is named, the request is based on it.
+
+    A value that is not None replaces the case's value.
 
     Args:
         start: Tip position at the start (x, z) or (x, y, z) [m]; None takes the case's.
         goal: Tip position at the goal [m]; None takes the case's.
-        case: Name of a paper case such as `1-1`; None means none, and then start and goal are
-            needed.
-        weights: Weights of energy [1/J], time [1/s] and mode switches; None takes the case's, or
-            the energy-optimal ones without a case.
-        planner: Name of the planner; None takes the case's, DEFAULT_PLANNER without a case.
-        initial_j3: Angle of joint 3 that the fixed planner keeps [rad]; None takes the case's.
+        case: Name of a case, such as `1-1`; None: no case, and then start and goal are needed.
+        weights: Weights of energy [1/J], time [1/s] and mode switches. None takes the case's, or
+            without a case those for least energy.
+        planner: Name of the planner; None takes the case's, or DEFAULT_PLANNER without a case.
+        initial_j3: Angle of joint 3 that the planner `fixed` keeps [rad]. None takes the case's, or
+            without a case that of the posture table at the start.
 
     Returns:
-        The case with everything given put in its place; its name is empty if no case was named.
+        The request; its name is empty if no case was named.
 
     Raises:
         UsageError: Start or goal is missing or has a wrong number of coordinates, or a weight is
@@ -369,14 +387,15 @@ def build_request(
 
 
 def list_replaced_values(asked: PaperCase) -> list[str]:
-    """List in words which options replace values of the named case.
+    """List the values of a request that differ from those of its case.
 
     Args:
-        asked: The combined request.
+        asked: The request; its name says on which case it is based.
 
     Returns:
-        One phrase for each of start, goal, weights, planner and angle of joint 3 that differs, such
-        as `--goal 0.6 0.1 in place of its 0.55 0.6`. Empty if no case was named.
+        One phrase for each of start, goal, weights, planner and angle of joint 3 that differs from
+        the case, such as `--goal 0.6 0.1 in place of its 0.55 0.6`. Empty if the request has no
+        case.
     """
     if not asked.name:
         return []
@@ -390,41 +409,43 @@ def list_replaced_values(asked: PaperCase) -> list[str]:
 
 
 def case_line(asked: PaperCase) -> list[str]:
-    """Return the output's first line, which says how a request differs from its case.
+    """Return a line that says how a request differs from the paper's case on which it is based.
 
     Args:
-        asked: The combined request.
+        asked: The request; its name says on which case it is based.
 
     Returns:
-        A list with one sentence, or an empty list if nothing differs or no case was named.
+        A list with one line, or an empty list if nothing differs or the request has no case.
     """
     said = list_replaced_values(asked)
     return [f"Case {asked.name}, but with {', '.join(said)}"] if said else []
 
 
 def case_title(asked: PaperCase) -> str:
-    """Return the beginning of a picture's title, such as `Case 1-1, changed: `.
+    """Return the part of a picture's title that names the case, such as `Case 1-1, changed: `.
 
-    A different planner does not count as a change, since titles name the planner anyway.
+    "changed" says that start, goal, weights or angle of joint 3 differ from the case. A different
+    planner does not count.
 
     Args:
-        asked: The combined request.
+        asked: The request; its name says on which case it is based.
 
     Returns:
-        The words with a colon and a space, or an empty string if no case was named.
+        The text with a colon and a space at its end, or an empty string if the request has no case.
     """
     changed = any(not each.startswith("--planner") for each in list_replaced_values(asked))
     return f"Case {asked.name}{', changed' if changed else ''}: " if asked.name else ""
 
 
 def _format_value(value: object) -> str:
-    """Return a value as it is written on the command line.
+    """Format a value as it is written on the command line.
 
     Args:
-        value: Weights, a tuple, a number, a string, or None.
+        value: Weights, a tuple of numbers, a number, a string, or None.
 
     Returns:
-        Numbers separated by spaces; None is written as `own`.
+        Numbers separated by spaces. None gives the word `own`, which stands for the value that the
+        planner chooses itself.
     """
     if isinstance(value, Weights):
         value = (value.energy, value.time, value.switches)
@@ -434,17 +455,18 @@ def _format_value(value: object) -> str:
 
 
 def check_options_have_effect(asked: PaperCase, given: Mapping[str, Any]) -> None:
-    """Raise an error if an option was given that changes nothing.
+    """Raise an error if an option was given that changes nothing in this request.
 
-    Whether an option has an effect depends on planner, weights and other options. For example, only
-    the published search has a heuristic scale, and only a polynomial may exceed V_max.
+    For example, only the published search has a heuristic scale, and only a polynomial may exceed
+    V_max (piston speed for planning). An area weight of 0 is always accepted.
 
     Args:
-        asked: The combined request, with planner and weights.
-        given: Value of each option by its name with underscores; None if it was left out.
+        asked: The request; its planner and its weights are read.
+        given: Value of each option, by its name with underscores; None if it was left out.
 
     Raises:
-        UsageError: The first option without effect; the sentence says why and what to give instead.
+        UsageError: An option has no effect. The message names the first such option, says why, and
+            what to give instead.
     """
     planner = get_planner(asked.planner)
     published = given.get("search") == "published"

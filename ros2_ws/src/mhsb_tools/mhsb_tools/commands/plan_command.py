@@ -167,19 +167,25 @@ def _make_plan(
     silent: bool,
     log: PlanLog | None = None,
 ) -> tuple[Plan, OperatingPoint | None]:
-    """Plan a motion from rest, at the best operating point if a range is given.
+    """Plan a motion from rest.
 
     Args:
         planner: Planner of the arm.
-        goal: Tip position at the goal [m].
+        goal: Tip position at the goal, (x, z) or (x, y, z) [m].
         posture: Posture at the start, shape (n,) [rad or m].
         options: Options of the plan.
-        ranges: Ranges of supply pressure [Pa] and V_max [m/s]; None keeps the machine's value.
-        silent: Whether to show no progress bar.
-        log: Log of a single plan, filled in place; None: it is not wanted.
+        ranges: Ranges of supply pressure [Pa] and V_max (piston speed for planning) [m/s]. If one
+            is not None, the motion is planned at many pressures and speeds within them, and the
+            plan of least cost is returned. None keeps the machine's value.
+        silent: True hides the progress bar, which is shown only if there is a range.
+        log: Log of the planning, filled in place; not used if there is a range. None: no log.
 
     Returns:
-        The plan, and the operating point; None without a range.
+        The plan, and the operating point of least cost with all points that were examined. The
+        latter is None if there is no range.
+
+    Raises:
+        MhsbError: No plan was found.
     """
     at_rest = MotionState.at_rest(posture)
     if not any(ranges):
@@ -200,21 +206,32 @@ def _title(asked: PaperCase) -> str:
 def as_json(machine: Machine, plan: Plan, seconds: dict[str, float]) -> dict[str, Any]:
     """Collect a plan in plain types for JSON.
 
+    "Path" is the discrete path of the graph search; "motion" is the trajectory over time made from
+    it.
+
     Args:
         machine: The arm for which the plan was made.
         plan: The plan.
         seconds: Wall time of each part of planning [s], by name.
 
     Returns:
-        A dictionary in SI units, except `timings_ms` [ms]. Keys with `discrete`, and `switches` and
-        `cost`, describe the path of the search. `energy_j`, `energy_series_j`, `duration_s` and
-        `switches_scheduled` describe the motion, and `fit` says how the motion was made from the
-        path. `path` (tip [m]) and `joint_path` [rad or m] are nested lists with a row for each
-        waypoint; `modes` has a row for each step. `trajectory` is the motion over time: `time_s`,
-        and rows for these times of joint positions, velocities and accelerations [rad or m, per s
-        and s²] and of the modes in force. Modes are 0 N, 1 DB, 2 SB. `lower_bound_j` is a lower
-        bound on the energy, and `gap` the share by which the motion's energy exceeds it. `expanded`
-        is the number of states that the search expanded.
+        A dictionary in SI units, except `timings_ms` [ms]. Keys:
+
+        - energy_j, energy_series_j, duration_s, switches_scheduled: of the motion; the energy is in
+          the readings `paper` and `series`, two ways to price boosted oil
+        - energy_discrete_j, energy_series_discrete_j, duration_discrete_s, switches, cost: of the
+          path
+        - lower_bound_j: lower bound on the energy; gap: share by which the motion's energy exceeds
+          it
+        - path: tip [m], and joint_path: joint positions [rad or m], with a row for each waypoint
+        - modes: 0 N, 1 DB, 2 SB, with a row for each step of the path
+        - trajectory: the motion, as `_trajectory_as_json` returns it
+        - fit: how the motion was made from the path, and how far it deviates
+        - warnings: sentences
+        - cavitating: actuators that cavitate in the motion, with begin and duration
+        - cavitating_steps: flags with a row for each step of the path
+        - expanded: number of states that the search expanded; out_of_time: whether its time ran out
+        - machine, supply_pressure_pa, v_max_m_s, timings_ms
     """
     path, motion = plan.path, plan.motion
     return {
@@ -257,14 +274,15 @@ def as_json(machine: Machine, plan: Plan, seconds: dict[str, float]) -> dict[str
 
 
 def log_as_json(log: PlanLog) -> list[dict[str, Any]]:
-    """Return the log of a plan for JSON.
+    """Convert the log of a plan to plain types for JSON.
 
     Args:
-        log: The log.
+        log: Log, with an entry in time order for each path that was proposed.
 
     Returns:
-        A dictionary for each entry, with the fields of `LogEntry`; `time_s` [s], and None for costs
-        that there are not.
+        A dictionary for each entry, aligned with `log.entries`: `time_s`, `proposer` (source of the path),
+        `outcome`, `path_cost`, `motion` (how it was made), `motion_cost` and `reason`. A cost is
+        None if it was not computed.
     """
     return [
         {
@@ -281,7 +299,17 @@ def log_as_json(log: PlanLog) -> list[dict[str, Any]]:
 
 
 def _trajectory_as_json(trajectory: Trajectory, schedule: ModeSchedule) -> dict[str, Any]:
-    """Return a trajectory's points and the modes in force at them for JSON."""
+    """Convert a trajectory and its modes to plain types for JSON.
+
+    Args:
+        trajectory: The motion, with k points.
+        schedule: Times of its mode switches.
+
+    Returns:
+        A dictionary: `time_s` (k times from the begin of the trajectory [s]), positions, velocities
+        and accelerations of the joints [rad or m, per s and s²] and `modes` (0 N, 1 DB, 2 SB). All
+        but the first are nested lists of shape (k, n).
+    """
     time_ns = trajectory.stamp_ns + trajectory.offset_ns
     return {
         "time_s": (trajectory.offset_ns / SECOND_NS).tolist(),
@@ -297,8 +325,9 @@ def motion_lines(plan: Plan) -> list[str]:
         plan: The plan.
 
     Returns:
-        A line of column titles, then SHOWN_INSTANTS lines at equal distances in time: time [s], tip
-        in `base_link` [m], joint positions [rad or m]; a single one if nothing moves.
+        A line of column titles, then SHOWN_INSTANTS lines, evenly spaced in time from begin to end.
+        Each has time [s], tip in `base_link` [m] and joint positions [rad, telescopes m]. If the
+        motion has no duration, only one such line follows the titles.
     """
     machine, trajectory = plan.machine, plan.motion.trajectory
     time_ns = np.unique(np.linspace(0, trajectory.duration_ns, SHOWN_INSTANTS).astype(np.int64))
@@ -316,16 +345,17 @@ def motion_lines(plan: Plan) -> list[str]:
 
 
 def path_lines(machine: Machine, plan: Plan) -> list[str]:
-    """Format the discrete path of a plan as a table of its steps.
+    """Format the discrete path of a plan (result of the graph search) as a table of its steps.
 
     Args:
         machine: The arm for which the plan was made.
         plan: The plan.
 
     Returns:
-        A line of column titles, then a line for each step: its number, the tip at its end [m], the
-        modes that the search assumed, time [s], energy [J] and the actuators that cavitate. The
-        last line has the sums.
+        A line of column titles, then a line for each step. It has number from 1, position of the
+        tip at the step's end [m], modes, duration [s], energy [J] and names of cavitating
+        actuators. The modes are those of the search; the motion may have others. The last line has
+        the sums.
     """
     path, names = plan.path, np.array(machine.actuator_names)
     empty = find_cavitating_steps(machine, path)
@@ -347,14 +377,16 @@ def path_lines(machine: Machine, plan: Plan) -> list[str]:
 
 
 def fit_lines(plan: Plan, seconds: dict[str, float]) -> list[str]:
-    """Describe how the motion of a plan was fitted to its path, and how long planning took.
+    """Describe how the motion of a plan was made from its path, and how long planning took.
 
     Args:
         plan: The plan.
         seconds: Wall time of each part of planning [s], by name; printed in ms.
 
     Returns:
-        A line on the fit (stretch, excess over V_max, deviation of the tip), and one on the times.
+        Two lines. The first has the method, the factor by which the motion was stretched in time,
+        the excess over V_max (piston speed for planning) [%], and the largest distance of the tip
+        from the discrete path [mm]. The second has the times [ms].
     """
     motion = plan.motion
     return [
@@ -367,16 +399,19 @@ def fit_lines(plan: Plan, seconds: dict[str, float]) -> list[str]:
 
 
 def compute_polytope_areas(planner: Planner, plan: Plan) -> dict[str, float | None]:
-    """Compute the velocity polytope's mean area along a plan, and the length lost to small areas.
+    """Compute how large the velocity polytope is along a plan.
+
+    The velocity polytope is the set of tip velocities that the pistons' speed limits allow. The
+    shortfall is ∫ max(0, 1 − area/reference) ds along the tip's path of the motion.
 
     Args:
         planner: The planner; its machine and posture table are used.
         plan: The plan.
 
     Returns:
-        `area_discrete_m2_s2` and `area_m2_s2`: mean over the tip's path, of the discrete path and
-        of the motion; None if the tip does not move. `area_reference_m2_s2`: area that counts as
-        full. `area_shortfall_m`: ∫ max(0, 1 − area/reference) ds along the motion [m].
+        A dictionary: `area_discrete_m2_s2` and `area_m2_s2` (mean area along the discrete path and
+        along the motion; None if the tip does not move), `area_reference_m2_s2` (area from which on
+        a polytope counts as full), and `area_shortfall_m` [m].
     """
     motion, reference = plan.motion, reference_area(planner.graph.table)
     path = area_along_path(planner.machine, plan.path)
@@ -409,27 +444,28 @@ def area_line(area: dict[str, float | None]) -> str:
 
 
 def operating_points_as_json(found: OperatingPoint | None) -> dict[str, Any]:
-    """Return all examined operating points for JSON.
+    """Convert all examined operating points (supply pressure and V_max) to plain types for JSON.
 
     Args:
         found: Result of the search for an operating point, or None.
 
     Returns:
-        A dictionary with the key `operating_points`; empty if `found` is None.
+        A dictionary with one key, `operating_points`: a list with a dictionary for each examined
+        point. Empty if `found` is None.
     """
     return {"operating_points": [_sample_json(sample) for sample in found.curve]} if found else {}
 
 
 def _sample_json(sample: OperatingPointResult) -> dict[str, Any]:
-    """Return one examined operating point for JSON.
+    """Convert one examined operating point to plain types for JSON.
 
     Args:
-        sample: The point and what the move takes there.
+        sample: Supply pressure, V_max (piston speed for planning), and what the move takes there.
 
     Returns:
-        `supply_pressure_pa` and `v_max_m_s`, then energies [J], duration [s], number of mode
-        switches and cost. If no plan was found, `failure` (a sentence) replaces all but the first
-        two.
+        A dictionary: `supply_pressure_pa`, `v_max_m_s`, `energy_j`, `energy_series_j`,
+        `duration_s`, `switches` and `cost`. If no plan was found, only the first two and `failure`,
+        a sentence.
     """
     point = {"supply_pressure_pa": sample.supply_pressure, "v_max_m_s": sample.v_max}
     if sample.failure:
@@ -444,14 +480,14 @@ def _sample_json(sample: OperatingPointResult) -> dict[str, Any]:
 
 
 def point_lines(found: OperatingPoint | None) -> list[str]:
-    """Describe the best operating point in words.
+    """Describe the best operating point in one line.
 
     Args:
-        found: Result of the search for an operating point, or None.
+        found: Best and all examined operating points, or None if none was searched.
 
     Returns:
-        A list with one line: supply pressure [MPa], V_max [mm/s], cost, and number of points
-        examined. The list is empty if `found` is None.
+        A list with one line: supply pressure [MPa], V_max (piston speed for planning) [mm/s], cost,
+        and number of points examined. Empty if `found` is None.
     """
     if found is None:
         return []

@@ -164,11 +164,13 @@ class ExpectationJudgement:
 
     @classmethod
     def of(cls, runs: Runs) -> ExpectationJudgement:
-        """Judge all expectations.
+        """Judge all expectations by the published search and by the exact search.
+
+        An expectation is a statement of the paper that a run may meet or not.
 
         Args:
-            runs: Runs that include all of `settings`, and of `published_settings` for all
-                heuristic scales.
+            runs: All runs by the exact search and by the published one. The published search must
+                have run with each scale of its heuristic in HEURISTIC_SCALES.
 
         Returns:
             The judgements.
@@ -185,17 +187,17 @@ def count_met(found: list[ExpectationResult]) -> int:
 
 
 def _run_values(runs: Runs, fits: FittedRuns, name: str) -> dict[str, float]:
-    """Collect the values of one run for tables.
+    """Collect energies, durations and other numbers of one run for tables.
 
     Args:
         runs: All runs.
-        fits: Trajectories of some of them.
+        fits: Trajectories that were made for some of the runs.
         name: Name of the run.
 
     Returns:
-        Values of the discrete path by column name (`expectations.numbers`). If the run has a
-        trajectory, also its energies in both readings [J] and its duration [s]. Empty if the run
-        has no path.
+        Values of the run's discrete path, by column name of table.csv. If the run has a trajectory,
+        also `energy_fitted_j`, `energy_series_fitted_j` and `duration_fitted_s`. Empty if the run
+        found no path.
     """
     own = numbers(runs, name)
     if name in fits.by_run:
@@ -213,10 +215,11 @@ def _table_rows(runs: Runs, fits: FittedRuns) -> Iterator[list[Any]]:
 
     Args:
         runs: All runs; each gives one row.
-        fits: Trajectories of some of them.
+        fits: Trajectories that were made for some of the runs.
 
     Yields:
-        Values in the order of `TABLE_COLUMNS`; empty strings where a run has no such value.
+        A row for each run, with values in the order of `TABLE_COLUMNS`. An empty string stands for
+        a value that the run does not have.
     """
     for name, run in runs.runs.items():
         row = {"run": name, **_run_values(runs, fits, name)}
@@ -231,29 +234,34 @@ def _summary(
 
     Args:
         runs: All runs.
-        fits: Trajectories of some of them.
-        found: Judgement of all expectations.
-        points: Best operating points of Case 5, by name.
+        fits: Trajectories that were made for some of the runs.
+        found: Judgement of all expectations (statements of the paper).
+        points: Best supply pressure and V_max for Case 5, by name of the optimization.
 
     Returns:
-        A dictionary: name and hash of the machine; numbers of expectations that the published
-        search, the exact one and other heuristic scales meet (`met...`); `expectations`, a list of
-        `expectation_entry`; and `operating_points`.
+        A dictionary. Keys:
+
+        - machine, machine_hash
+        - met, met_exact: number of expectations that the published search and the exact search meet
+        - met_by_heuristic_scale: number that the published search meets, by scale of its heuristic
+          [1/m] as text
+        - expectations: a list, each entry made by `expectation_entry`
+        - operating_points: by name
     """
     published = runs.by_published_search()
 
     def expectation_entry(record: ExpectationResult, exact: ExpectationResult) -> dict[str, Any]:
-        """Combine both judgements of one expectation for JSON.
+        """Combine the two judgements of one expectation to a dictionary for JSON.
 
-        Takes `published`, `runs` and `fits` from the enclosing function.
+        Uses `published`, `runs` and `fits` of the enclosing function.
 
         Args:
             record: Judgement by the published search.
-            exact: Judgement of that expectation by the exact search.
+            exact: Judgement of the same expectation by the exact search.
 
         Returns:
-            Fields of `record`, with the values of its runs under `own`. `exact` holds the exact
-            judgement with its values.
+            All fields of `record`. The key `own` has the values of the runs that were judged, by
+            name of the run. The key `exact` has the same fields for the exact search.
         """
         own = {name: numbers(published, name) for name in record.own}
         by_exact = {name: _run_values(runs, fits, name) for name in exact.own}
@@ -271,16 +279,17 @@ def _summary(
 
 
 def as_text(found: ExpectationJudgement) -> list[str]:
-    """Format the judgement of all expectations for a person.
+    """Format the judgement of all expectations (statements of the paper) as text.
 
     Args:
         found: Judgement of all expectations.
 
     Returns:
-        A line of column titles, then three lines for each expectation. They are the paper's
-        statement and the results of the published and of the exact search, each with yes or no
-        (met). The last line counts the expectations that are met, for each search and for other
-        scales of the published heuristic.
+        Lines without line breaks: column titles, three lines for each expectation, and a last line.
+        The three lines have the paper's statement, the result of the published search and that of
+        the exact search; both say yes if the expectation is met. The last line counts the
+        expectations that each search meets, and the published one also with other scales of its
+        heuristic.
     """
     lines = ["expectation   search     met   what the paper says, and own"]
     for published, exact in zip(found.published, found.exact, strict=True):

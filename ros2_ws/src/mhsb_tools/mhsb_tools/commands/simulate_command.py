@@ -176,19 +176,22 @@ def simulate(
 def _prepare_run(
     machine: Machine, kept_out: Machine, plant: Machine, method: MethodArguments
 ) -> HeadlessRun:
-    """Prepare planner and simulator, and compile their kernels.
+    """Prepare planner and simulator for a run, and compile their kernels.
+
+    Builds the posture table if it is not cached. One simulation step is made and reset, so that
+    loading kernels does not count in the time of the run.
 
     Args:
-        machine: The machine that the servo knows.
-        kept_out: The machine that the planner knows: with all keep-out zones.
+        machine: The machine that the servo knows, without keep-out zones of the command line.
+        kept_out: The machine that the planner knows, with all keep-out zones.
         plant: The machine that is simulated.
-        method: Planner and servo.
+        method: Planner, kind of trajectory, controller and seed.
 
     Returns:
-        The run, in which nothing was simulated yet.
+        The run; nothing of it is simulated yet.
 
     Raises:
-        UnknownControllerError: The controller does not exist.
+        UnknownControllerError: There is no controller of that name.
     """
     get_controller_class(method.controller)  # raises for an unknown one before any long work
     compile_planner()
@@ -216,11 +219,12 @@ def is_missed(result: GoalRun) -> bool:
 
 
 def missed_sentence(result: GoalRun, interventions: int) -> str:
-    """Return a sentence that says where the tip was instead of at a missed goal.
+    """Return a sentence on a missed goal: how far the tip was from it, and how late.
 
     Args:
-        result: The missed goal.
-        interventions: Number of times that the mode guard intervened in the whole run.
+        result: Result of the missed goal.
+        interventions: Number of times in the whole run that the mode guard (it boosts actuators
+            that cannot hold their load) intervened.
     """
     return (
         f"the goal {format_position(result.goal.position, 'g')} is missed: the tip is "
@@ -231,19 +235,21 @@ def missed_sentence(result: GoalRun, interventions: int) -> str:
 
 
 def build_plant(machine: Machine, file: Path | None, vary: Sequence[str]) -> Machine:
-    """Return the arm to simulate.
+    """Build the machine that is simulated.
 
     Args:
         machine: The arm that planner and servo know.
-        file: Plant file; None simulates `machine` itself.
-        vary: Factors on values, each `KEY=FACTOR`. KEY is a name of config/variations.yaml or a
-            path in the machine file.
+        file: Plant file; None starts from `machine` itself.
+        vary: Factors on single values, each as `KEY=FACTOR`. KEY is a name in
+            config/variations.yaml, such as `payload`, or a path in the machine file, such as
+            `circuit.bulk_modulus`.
 
     Returns:
-        The plant with all factors applied.
+        The plant, with all factors applied.
 
     Raises:
-        UsageError: A factor is malformed, or its key does not exist.
+        UsageError: A factor is malformed, its key does not exist, or a varied value is out of
+            range.
     """
     plant = machine if file is None else load_plant(machine, file)
     factors = {}
@@ -269,7 +275,8 @@ def timed_goals(machine: Machine, values: Sequence[float]) -> list[TimedGoal]:
 
     Args:
         machine: The arm; each goal has x, z and time, or x, y, z and time if it slews.
-        values: All numbers in order: positions [m] and times [s].
+        values: All numbers in order, position [m] and then time until the next goal [s], for each
+            goal.
 
     Returns:
         The goals in order, at least one.
@@ -296,16 +303,17 @@ def timed_goals(machine: Machine, values: Sequence[float]) -> list[TimedGoal]:
 
 
 def planned_energy(machine: Machine, samples: Samples) -> Energy:
-    """Compute the planner's energy model over the reference that the servo followed.
+    """Compute the energy that the planner's model gives for the reference of a run.
 
-    The modes are those that were in force. Each sample stands for the time to the next one.
+    The model gets the reference that the servo followed and the modes that were in force. Each
+    sample stands for the time until the next one.
 
     Args:
         machine: The arm that the planner knows.
         samples: The simulated run.
 
     Returns:
-        Energy of the whole run [J].
+        Energy of the whole run [J], in both readings (ways to price boosted oil).
     """
     span = np.full(len(samples.time), SAMPLE_NS / SECOND_NS)
     return energy_of_states(
@@ -330,20 +338,27 @@ def summarize(
     """Summarize a run in plain numbers for JSON.
 
     Args:
-        axes: Names of a goal's coordinates, as `Machine.axes`.
+        axes: Names of a goal's coordinates, `x`, `z` or `x`, `y`, `z`.
         results: One result for each goal.
         samples: The simulated run.
-        energies: Energy of each circuit element [J], as `Simulator.energies`.
-        seconds: Wall time of planning and simulating [s], for the real-time factor.
-        elements: Planned and simulated energy of each part [J].
-        interventions: Number of times that the mode guard intervened.
+        energies: Energy by circuit element [J], as `Simulator.energies`.
+        seconds: Wall time of planning and simulating [s].
+        elements: Planned and simulated energy of each part of the circuit [J].
+        interventions: Number of times that the mode guard (it boosts actuators that cannot hold
+            their load) intervened.
 
     Returns:
-        A dictionary; units are at the ends of the keys. `goals` has the dictionary of
-        `_goal_numbers` for each goal. The other keys are of the whole run. They are simulated time,
-        real-time factor, distance of the tip from the reference (RMS and largest) and largest jump
-        of the reference. Highest pressures, numbers of mode switches and interventions, and
-        energies follow.
+        A dictionary; units are at the ends of the keys. `goals` has a dictionary for each goal, as
+        `_goal_numbers` returns it. All other keys are for the whole run:
+
+        - simulated_s: simulated time; real_time_factor: simulated time divided by `seconds`
+        - tip_error_rms_mm, tip_error_max_mm: distance of the tip from its reference
+        - reference_jump_max_rad: largest jump of the reference when a new plan took over
+        - max_supply_pressure_mpa, max_chamber_pressure_mpa
+        - mode_switches, guard_interventions: counts
+        - energy_measured_j: of main pump (`mp`) and servo pumps (`sp`); energy_by_source_j: of
+          both, to the oil and at the shafts
+        - energies_j, energy_elements_j: `energies` and `elements`
     """
     chambers = np.maximum(samples.cap_pressure, samples.rod_pressure)
     return {
@@ -368,13 +383,14 @@ def _goal_numbers(axes: Sequence[str], result: GoalRun) -> dict[str, Any]:
     """Collect the numbers of one goal for JSON.
 
     Args:
-        axes: Names of a goal's coordinates, as `Machine.axes`.
+        axes: Names of a goal's coordinates, `x`, `z` or `x`, `y`, `z`.
         result: Result of the goal.
 
     Returns:
-        Coordinates by axis [m], `time_s` until the next goal, and `goal_distance_mm` of the tip at
-        the end of that time. If a plan was made: its `duration_s`, `energy_planned_j`,
-        `energy_planned_series_j`, planning time `plan_ms` and `warnings`.
+        A dictionary: the goal's coordinates by name of the axis [m], `time_s` (time until the next
+        goal) and `goal_distance_mm` (distance of the tip from the goal when that time is over). If
+        a plan was made, also `duration_s`, `energy_planned_j` (reading `paper`),
+        `energy_planned_series_j` (reading `series`), `plan_ms` (planning time) and `warnings`.
     """
     numbers: dict[str, Any] = {
         **dict(zip(axes, result.goal.position, strict=True)),
@@ -394,15 +410,16 @@ def _goal_numbers(axes: Sequence[str], result: GoalRun) -> dict[str, Any]:
 
 
 def as_text(summary: dict[str, Any]) -> list[str]:
-    """Format the summary of a run for a person.
+    """Format the summary of a run as text.
 
     Args:
-        summary: Dictionary of `summarize`.
+        summary: The dictionary that `summarize` returns.
 
     Returns:
-        A line of column titles; for each goal a line with position [m], time [s], duration of the
-        plan [s] and distance left [mm]. Then warnings, tip errors [mm], highest pressures [MPa],
-        energies of both kinds of pumps [J], mode switches, and simulated time [s].
+        A line of column titles, then a line for each goal. It has position [m], time until the next
+        goal [s], duration of the plan [s] and distance of the tip when the time is over [mm]. Then
+        lines with warnings, tip errors [mm], highest pressures [MPa], energies of main pump and
+        servo pumps [J], numbers of mode switches and interventions, and simulated time [s].
     """
     axes = [axis for axis in "xyz" if axis in summary["goals"][0]]
     head = f"goal {', '.join(axes)} [m]"
@@ -434,14 +451,15 @@ def as_text(summary: dict[str, Any]) -> list[str]:
 
 
 def audit_lines(energies: dict[str, float], volumes: dict[str, float]) -> list[str]:
-    """Format where the pumps' energy and the main pump's oil went.
+    """Format where the energy of all pumps and the oil of the main pump went.
 
     Args:
         energies: Energy by circuit element [J], as `Simulator.energies`.
         volumes: Oil by destination [m³], as `Simulator.volumes`.
 
     Returns:
-        Two tables of lines: energy [J] and volume [cm³], each with the part unaccounted for.
+        Lines of two tables, energy [J] and volume [cm³]. The last line of each is the amount that
+        is unaccounted for.
     """
     cubic_centimetres = {name: 1e6 * volume for name, volume in volumes.items()}
     return [
@@ -463,13 +481,13 @@ def audit_lines(energies: dict[str, float], volumes: dict[str, float]) -> list[s
 def _format_audit_table(
     title: str, amounts: dict[str, float], delivered: float, gap: float
 ) -> list[str]:
-    """Format one table of the audit.
+    """Format a table of amounts and of the difference that they leave.
 
     Args:
-        title: First line, without the colon.
-        amounts: Amount by name; names get spaces for underscores.
-        delivered: Amount delivered in all, to which the gap is related; unit of `amounts`.
-        gap: Amount unaccounted for.
+        title: Title of the table, without a colon.
+        amounts: Amount by name; underscores of the names are printed as spaces.
+        delivered: Total amount delivered, in the unit of `amounts`; the percentage refers to it.
+        gap: Amount that is unaccounted for, in the unit of `amounts`.
 
     Returns:
         The title, a line for each amount, and a line for the gap with its percentage.
@@ -487,8 +505,9 @@ def write(output: Path, samples: Samples, summary: dict[str, Any]) -> None:
 
     Args:
         output: An existing folder.
-        samples: The simulated run; one line of SI values for each instant.
-        summary: Dictionary of `summarize`.
+        samples: The simulated run; samples.csv has a line of column names, then one line of SI
+            values for each instant.
+        summary: The dictionary that `summarize` returns; content of summary.json.
     """
     np.savetxt(
         output / "samples.csv",

@@ -61,7 +61,14 @@ class ZoneArguments:
     ] = ()
 
     def add_to(self, machine: Machine) -> Machine:
-        """Return the machine with its own zones and these, see `add_zones`."""
+        """Return the machine with its own keep-out zones and the zones of these options.
+
+        Args:
+            machine: The arm; not changed.
+
+        Raises:
+            UsageError: A zone is of a kind that this arm cannot have, or a value is wrong.
+        """
         return add_zones(
             machine,
             boxes=self.zone_box,
@@ -88,11 +95,13 @@ def add_zones(machine: Machine, **given: tuple[Numbers, ...]) -> Machine:
 
     Args:
         machine: The arm with its own zones.
-        **given: Zones [m] by field of `Zones` (`boxes`, `circles`, `cylinders`, `spheres`), each a
-            tuple of numbers in the order of its option.
+        **given: Zones by kind: `boxes`, `circles`, `cylinders` or `spheres`. Each kind is a tuple
+            of zones, and each zone is a tuple of numbers [m] in the order of its command-line
+            option. Boxes are for all arms, circles for arms that do not slew, the others for arms
+            that slew.
 
     Returns:
-        The machine with its own zones and the given ones.
+        A new machine with its own zones and the given ones.
 
     Raises:
         UsageError: A zone is of a kind that this arm cannot have, or has the wrong number of

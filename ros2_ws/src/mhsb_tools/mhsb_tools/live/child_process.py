@@ -42,14 +42,16 @@ class ChildProcess:
     ) -> None:
         """Start an executable in the way `ros2 run PACKAGE EXECUTABLE ARGUMENTS` does.
 
-        The child gets a session of its own. Ctrl-C in the terminal therefore reaches only the
-        parent process, which then ends the child.
+        The child gets a session of its own, so Ctrl-C in the terminal does not reach it. The parent
+        process must end it, by `end` or by leaving the `with` block. Standard output and standard
+        error are read together in a thread.
 
         Args:
             package: Python package whose module `executables` has the entry point.
             executable: Name of the entry point in that module.
             arguments: Command-line arguments of the executable.
-            log: File that receives the whole output; None keeps only the last lines.
+            log: File that receives the whole output, replaced if it exists; None writes no file.
+                The last LAST_LINES lines are kept in memory in both cases.
         """
         self.name = executable
         self._log = log
@@ -81,23 +83,27 @@ class ChildProcess:
     def wait_for(self, text: str, timeout: float) -> str:
         """Wait until the process has printed a text.
 
-        Only the last LAST_LINES lines are searched. If the process has ended, an error is raised,
-        even if the process had printed the text before.
+        The lines kept in memory (the last LAST_LINES) are searched first, then each new line.
 
         Args:
             text: Text to wait for; part of a line is enough.
             timeout: Longest wait [s].
 
         Returns:
-            The first kept line that contains `text`, from `text` to the end of that line.
+            The rest of the first line with `text`, from the beginning of `text` to the end of the
+            line.
 
         Raises:
-            ChildEndedError: The process has ended, or has not printed the text in time.
+            ChildEndedError: The process has ended, even if it printed the text before. Or the text
+                did not come within `timeout`.
         """
         found: list[str] = []  # later lines may push the line out of those that are kept
 
         def has_printed_or_ended() -> bool:
-            """Keep the lines with the text, and return whether the wait is over."""
+            """Add the kept lines with `text` to `found`, and return True if the wait is over.
+
+            The wait is over if there is such a line, or if the process has ended.
+            """
             found.extend(line for line in list(self._lines) if text in line)
             return bool(found) or self._process.poll() is not None
 
@@ -123,7 +129,10 @@ class ChildProcess:
             self._process.send_signal(signal_number)
 
     def check_running(self) -> None:
-        """Raise ChildEndedError, with the last output line, if the process has ended."""
+        """Raise ChildEndedError if the process has ended; do nothing while it runs.
+
+        The error's message has the exit code and the last line of output.
+        """
         code = self._process.poll()
         if code is not None:
             self._reader.join(1.0)
@@ -132,7 +141,7 @@ class ChildProcess:
 
     @property
     def resident_bytes(self) -> int:
-        """Resident memory of the process [bytes], read from /proc; 0 if the process has ended."""
+        """Memory of the process in RAM [bytes], read from /proc; 0 if the process has ended."""
         try:
             pages = Path(f"/proc/{self._process.pid}/statm").read_text(encoding="ascii").split()[1]
         except (OSError, IndexError):
@@ -140,15 +149,16 @@ class ChildProcess:
         return int(pages) * os.sysconf("SC_PAGE_SIZE")
 
     def end(self, signal_number: int = signal.SIGINT) -> int:
-        """End the process and wait for it.
+        """Send a signal to the process and wait until it has ended.
 
-        The process is killed by SIGKILL if it has not ended END_TIMEOUT seconds after the signal.
+        If it has not ended END_TIMEOUT seconds after the signal, it is killed by SIGKILL. If it has
+        ended before, only its exit code is returned.
 
         Args:
             signal_number: Signal that asks the process to end.
 
         Returns:
-            Its exit code; negative if a signal ended it.
+            Exit code of the process; −N if signal N ended it.
         """
         self.send(signal_number)
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -160,10 +170,10 @@ class ChildProcess:
         return code
 
     def _read(self) -> None:
-        """Read the output until the process closes it; runs in a thread of its own.
+        """Read the process's output until it is closed; runs in a thread of its own.
 
-        Each line is written to the log file, if there is one, and kept among the last lines.
-        Threads in `wait_for` are notified of each line and of the end.
+        Each line is written to the log file if there is one, and added to the kept last lines.
+        After each line and at the end, threads that wait in `wait_for` are woken.
         """
         assert self._process.stdout is not None
         with self._log.open("w", encoding="utf-8") if self._log else nullcontext() as log:

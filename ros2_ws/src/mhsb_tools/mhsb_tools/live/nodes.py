@@ -34,14 +34,17 @@ DISCOVERY_TIME = 1.0
 
 
 def check_no_other_nodes(sender: GoalSender, executor: SingleThreadedExecutor) -> None:
-    """Raise MhsbError if a planner or simulator already runs in this ROS domain.
+    """Raise MhsbError if a planner node or simulator node already runs in this ROS domain.
 
-    Such a node would receive the goals and move its own arm. The function serves the executor for
-    DISCOVERY_TIME seconds and then reads the list of node names.
+    Such a node would receive the goals and move its own arm. The check takes DISCOVERY_TIME: the
+    executor spins that long, so that other nodes are discovered.
 
     Args:
-        sender: Node whose view of the ROS graph is read.
+        sender: Node of this process; its list of node names in the ROS graph is read.
         executor: Executor that serves `sender`.
+
+    Raises:
+        MhsbError: A planner or simulator runs; the message names it.
     """
     spin_until(executor, lambda: False, DISCOVERY_TIME)
     running = {PLANNER_NODE, SIM_NODE} & set(sender.get_node_names())
@@ -65,9 +68,10 @@ def compile_nodes() -> None:
 def run_both_nodes(
     sim_settings: tuple[str, ...] = (), planner_settings: tuple[str, ...] = ()
 ) -> Iterator[tuple[ChildProcess, ChildProcess]]:
-    """Run simulator and planner as child processes while a `with` block lasts.
+    """Run simulator node and planner node as child processes while a `with` block lasts.
 
-    The block begins when both have printed "ready". Both processes are ended after it.
+    Context manager. The block begins when both nodes have printed "ready". Both processes are ended
+    after the block, also if it raises an error.
 
     Args:
         sim_settings: ROS parameters of the simulator node, each as `NAME:=VALUE`.
@@ -106,17 +110,19 @@ def ros_arguments(settings: tuple[str, ...]) -> list[str]:
 
 
 def wait_for_planner_answer(sender: GoalSender, executor: SingleThreadedExecutor) -> None:
-    """Wait until the planner has answered a test goal.
+    """Wait until the planner node has answered a test goal.
 
-    DDS discovery completes separately on each side, so a match alone does not prove that messages
-    arrive. The test goal has NaN coordinates: the planner refuses it and the arm does not move.
+    Discovery of publishers and subscribers completes separately in each process, so a match does
+    not prove that messages arrive. The test goal has NaN coordinates, so the planner refuses it and
+    the arm does not move.
 
     Args:
         sender: Node that sends the goal and receives the verdict.
         executor: Executor that serves `sender`.
 
     Raises:
-        ChildEndedError: No match, or no verdict, each within ANSWER_TIMEOUT.
+        ChildEndedError: The planner's topics were not matched within ANSWER_TIMEOUT, or no verdict
+            came within a further ANSWER_TIMEOUT.
     """
     matched = spin_until(executor, lambda: sender.is_matched, ANSWER_TIMEOUT)
     if (
