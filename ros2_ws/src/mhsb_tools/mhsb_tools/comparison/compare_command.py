@@ -116,18 +116,20 @@ def compare(
 
 
 def requests(machine: Machine, moves: int, truths: int) -> list[ComparedMove]:
-    """Return the moves to compare: the paper's cases by name, then random moves by number.
+    """List the moves to compare: the moves of the paper's cases, then random moves.
 
-    Compiles all kernels and builds the posture tables, so that worker processes find them.
+    Compiles the kernels of planner and simulator, and builds the posture tables if they are not
+    cached. Worker processes then find all of them in the caches.
 
     Args:
-        machine: The arm.
+        machine: The arm. If it slews, there are no cases.
         moves: Number of random moves.
-        truths: Number of random moves, the first ones, with a search for the ground truth. The
-            cases all have one.
+        truths: Number of random moves for which the ground truth (the cheapest path by a long
+            offline search) is searched as well. They are the first ones. It is searched for every
+            case.
 
     Returns:
-        The moves, random ones named from `1` on.
+        The moves. Cases have their own names, random moves are named `1`, `2` and so on.
     """
     planner = Planner(machine, load_or_build_table(machine))
     load_or_build_table(at_highest_pressure(machine))
@@ -142,15 +144,17 @@ def requests(machine: Machine, moves: int, truths: int) -> list[ComparedMove]:
 
 
 def summarize(comparisons: Sequence[Comparison]) -> dict[str, Any]:
-    """Summarize each planner against the baseline.
+    """Summarize how each planner compares with the baseline planner (`table`).
 
     Args:
-        comparisons: Compared moves.
+        comparisons: Results of all planners for each move.
 
     Returns:
-        Dictionary of `_ratio_numbers` by planner name, over the baseline planner, with `failures`
-        (sentence by name of the move). The key `integrated over ground truth` compares these two.
-        A planner that has no move in common with the baseline is left out.
+        A dictionary by name of the planner; the ground truth counts as a planner. Each entry has
+        the key `moves` and the ratios planner / baseline of `_ratio_numbers`. Its key `failures`
+        has a sentence for each move that the planner did not plan, by name of the move. The entry
+        `integrated over ground truth` has the ratios of these two, without failures. An entry is
+        left out if no move was planned by both.
     """
     summary: dict[str, Any] = {}
     for kind in (*PLANNER_KINDS, GROUND_TRUTH):
@@ -171,11 +175,13 @@ def _ratio_numbers(found: Ratios) -> dict[str, Any]:
     """Return the number of moves, and mean and extremes of each ratio.
 
     Args:
-        found: Ratios of at least one move.
+        found: Ratios of energies and durations of two planners, for at least one move.
 
     Returns:
-        `moves` (count) and `_spread` of the ratios of energy (planned in both readings, simulated),
-        of simulated over planned energy ratio, and of duration.
+        A dictionary. `moves` is the count. The other keys are `energy` (planned, reading `paper`),
+        `energy_series` (planned, reading `series`), `energy_simulated`,
+        `simulated_over_planned_ratio` (`energy_simulated` divided by `energy_series`) and
+        `duration`. Each has a dictionary with `geometric_mean`, `least` and `largest`.
     """
     return {
         "moves": len(found.energy),
@@ -188,7 +194,14 @@ def _ratio_numbers(found: Ratios) -> dict[str, Any]:
 
 
 def _spread(values: FloatArray) -> dict[str, float]:
-    """Return geometric mean, least and largest of positive values."""
+    """Return geometric mean, least and largest of positive values.
+
+    Args:
+        values: At least one value, all above 0.
+
+    Returns:
+        The three numbers by the keys `geometric_mean`, `least` and `largest`.
+    """
     return {
         "geometric_mean": float(np.exp(np.mean(np.log(values)))),
         "least": float(values.min()),
@@ -197,16 +210,18 @@ def _spread(values: FloatArray) -> dict[str, float]:
 
 
 def as_text(cases: Sequence[Comparison], summary: dict[str, Any]) -> list[str]:
-    """Format results and summaries for a person.
+    """Format the results of a comparison as text.
 
     Args:
-        cases: Compared cases of the paper, possibly none.
-        summary: Results of `summarize` under `cases` and `random moves`.
+        cases: Results for the paper's cases; empty if the arm slews.
+        summary: Dictionary whose keys `cases` and `random moves` have the results of `summarize`.
 
     Returns:
-        A line for each case and planner: energies [J], duration [s], mode switches and largest step
-        of a joint, or why there is no plan. Then for each planner a line for each ratio with
-        geometric mean, least and largest value.
+        Lines without line breaks. If there are cases: column titles, and a line for each case and
+        planner with energies [J], duration [s], mode switches and largest change of a joint in one
+        step [rad], or with the reason why there is no plan. Then, for cases and random moves
+        separately, each planner's ratios to the baseline planner: geometric mean, least and
+        largest.
     """
     head = (
         "case  planner       path   planned   series  simulated [J]  least [J]  time [s]  switches"

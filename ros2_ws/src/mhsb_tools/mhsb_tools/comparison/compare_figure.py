@@ -13,15 +13,17 @@ AGREEMENT_SHARE = 0.1
 
 
 def draw_proportions(cases: Sequence[Comparison], others: Sequence[Comparison], path: Path) -> None:
-    """Draw the simulated energy ratio over the planned one, one point for each move, as PNG.
+    """Draw simulated against planned energy ratio, one point for each move, as PNG.
 
-    Each ratio is the energy of the integrated planner's motion over that of the baseline planner's.
-    The planned energies are in the reading `series`. A diagonal marks equal ratios.
+    Each ratio is the energy of the integrated planner's motion divided by the energy of the
+    baseline planner's motion. Planned energies are in the reading `series` (servo pump in series
+    with the main pump). The diagonal marks equal ratios, and a shaded band marks ratios that differ
+    by at most AGREEMENT_SHARE. Moves that one of the two did not plan have no point.
 
     Args:
-        cases: Compared cases of the paper.
-        others: Compared random moves.
-        path: File to write.
+        cases: Results for the paper's cases, possibly none.
+        others: Results for the random moves.
+        path: PNG file to write.
     """
     with open_figure(path, 5.0, 5.5) as figure:
         axes = figure.subplots()

@@ -26,20 +26,27 @@ from mhsb_tools.comparison.supply_systems import without_leakage
 
 
 def compare_on_tour(machine: Machine, goals: Iterable[Position]) -> dict[str, Any]:
-    """Plan the goals from rest to rest with every planner, and compare the pumps' energies.
+    """Plan motions through a sequence of goals with every planner, and compare their energies.
 
-    An energy is what the pumps give to the oil, leakage included.
+    Each motion is planned from rest to rest and begins where the last one ended. The energy is the
+    one that all pumps give to the oil, leakage of the valves included.
 
     Args:
-        machine: The arm; the tour begins at the start posture of its file.
-        goals: Goals in `base_link` in their order [m].
+        machine: The arm; the tour begins at the start posture of the machine file.
+        goals: Goals in `base_link` in their order, (x, z) or (x, y, z) [m].
 
     Returns:
-        `planned_j`: energy of all motions by planner [J], with main pump and servo pumps in series.
-        `constant_pressure_j`: energy of the default planner's motions without boosters, at
-        `constant_pressure_pa`, the lowest constant pressure that does them all. `failures`: why a
-        planner has no motion to a goal, as a sentence by planner; `planned_j` then lacks it. Both
-        values of the constant pressure are None if the default planner has failed.
+        A dictionary. Keys:
+
+        - planned_j: sum of the energies of all motions [J], by planner
+        - constant_pressure_pa: lowest constant pressure at which the default planner's motions need
+          no boost [Pa]
+        - constant_pressure_j: energy of these motions with a main pump at that pressure and without
+          boosters [J]
+        - failures: reason as a sentence, by planner, if the planner did not reach a goal; it is
+          then not in `planned_j`
+
+        Both values of the constant pressure are None if the default planner has failed.
     """
     planner, goals = Planner(machine, load_or_build_table(machine)), list(goals)
     found: dict[str, dict[str, Any]] = {}
@@ -69,7 +76,10 @@ def compare_on_tour(machine: Machine, goals: Iterable[Position]) -> dict[str, An
 
 
 def _plan_tour(planner: Planner, goals: list[Position], options: PlanOptions) -> list[Supplied]:
-    """Plan motions from goal to goal, and compute the energies of each with every supply.
+    """Plan motions from goal to goal, and compute the energy of each motion with every supply.
+
+    The first motion begins at the start posture of the machine file. Each motion begins at rest, in
+    the modes that hold the arm there.
 
     Args:
         planner: Planner of the arm.
@@ -77,10 +87,11 @@ def _plan_tour(planner: Planner, goals: list[Position], options: PlanOptions) ->
         options: Options of every plan.
 
     Returns:
-        Energies of the motions. A goal at which the arm stands already gets no entry.
+        Energies of each motion, in the order of the goals. A goal at which the tip is already has
+        no entry.
 
     Raises:
-        MhsbError: There is no plan to a goal.
+        MhsbError: There is no plan to one of the goals.
     """
     machine, tour = planner.machine, []
     posture = np.array(machine.config.simulation.start_posture)

@@ -53,13 +53,15 @@ def ground_truth(
     weights: Weights,
     energy_reading: EnergyReading = "paper",
 ) -> DiscretePath:
-    """Return the cheapest path known between a posture and a tip position; takes seconds.
+    """Search long for the cheapest path from a posture to a tip position; takes seconds.
 
-    The planner's own search runs with normal and with exhaustive settings. `least_cost` then
-    searches with and without loads held in boost, unless one of these holds: the reading is
-    `series`, a joint is boosted at the start, there are obstacles, or the incumbent is within 0.2 %
-    of the lower bound. The paths of `least_cost` are improved if they cost at most 1.25 times as
-    much as the incumbent.
+    First, the planner's search runs twice: with normal settings, and with far finer ones. The
+    cheaper path is the incumbent (best path so far). Then independent code, `least_cost`, searches
+    twice: cylinders at rest whose load P_S does not carry are priced as boosted, or not. Each of
+    its paths is improved by small changes if it costs at most 1.25 times as much as the incumbent.
+
+    The second part is left out in each of these cases: the reading is `series`, an actuator is
+    boosted at the start, there are obstacles, or the incumbent is within 0.2 % of a lower bound.
 
     Args:
         machine: An arm that does not slew, or the plane of one that does.
@@ -67,13 +69,13 @@ def ground_truth(
         start_modes: Modes in force at the start, shape (n,).
         goal: Tip position (x, z) [m].
         weights: Weights of the cost.
-        energy_reading: Price of boosted oil, `paper` or `series`.
+        energy_reading: How boosted oil is priced, `paper` or `series`.
 
     Returns:
-        The cheapest path found.
+        The cheapest path found; it is not proven to be optimal.
 
     Raises:
-        NoPathError: The planner's own search found none.
+        NoPathError: The planner's own search found no path.
     """
     query = PathQuery(start, start_modes, goal, weights, energy_reading)
     best = min((search(machine, query, effort=e) for e in (None, EXHAUSTIVE_LIMITS)), key=_cost)

@@ -66,24 +66,29 @@ def least_cost(
     incumbent_cost: float,
     boosts_held_loads: bool = True,
 ) -> tuple[float, FloatArray | None]:
-    """Return the least cost from a posture to a tip position, energy in the reading `paper`.
+    """Search a fine lattice for the cheapest path from a posture to a tip position.
 
-    All actuators are in mode N at the start. Obstacles are ignored. The result is the optimum of a
-    lattice; a path of a finer lattice may be cheaper.
+    The lattice is in the space of cylinder lengths.
+
+    All actuators are in mode N (fed by the main pump) at the start. Obstacles are ignored. Energy
+    is priced by the reading `paper`. The result is optimal on the lattice; a finer lattice may have
+    a cheaper path.
 
     Args:
         machine: An arm that does not slew, or the plane of one that does.
         start: Start posture, shape (n,) [rad or m].
         goal: Tip position (x, z) [m].
         weights: Weights of energy, time and mode switches.
-        incumbent_cost: Cost of a known path; only cheaper ones are searched for.
-        boosts_held_loads: Whether cylinders at rest are boosted if P_S does not carry their load.
-            On a lattice, cylinders that move slowly rest during some steps. Either setting may be
-            the better estimate of their cost.
+        incumbent_cost: Cost of the best path known so far; only cheaper paths are searched for.
+        boosts_held_loads: Whether a cylinder that rests during a step is boosted if P_S does not
+            carry its load. A cylinder that moves slowly rests in some steps of the lattice, and
+            True prices this boost. False ignores it. Which one estimates the cost of a motion
+            better depends on the move.
 
     Returns:
-        The cost, and the cylinder lengths along the path, start and goal included, shape (points,
-        n) [m]. Infinity and None if nothing cheaper than `incumbent_cost` is found.
+        Cost of the path, and cylinder lengths at its points, shape (points, n) [m]; the first is
+        the start, the last a goal posture. Infinity and None if no path costs less than
+        `incumbent_cost`.
     """
     pricing = _Pricing(machine, weights, MAX_HELD_SPEED if boosts_held_loads else 0.0)
     circuit = compute_hydraulic_coefficients(machine.arrays, machine.patterns)
@@ -123,13 +128,14 @@ class _Pricing:
     """Vectorized step costs of one machine with fixed weights; symbols as in `s2_step`."""
 
     def __init__(self, machine: Machine, weights: Weights, rest_speed: float) -> None:
-        """Store the machine's numbers, and the set of boosted joints of each mode combination.
+        """Store the machine's numbers, and which joints each mode combination boosts.
 
         Args:
             machine: The arm.
             weights: Weights of the cost.
-            rest_speed: Speed below which a loaded cylinder is held in boost [m/s]; 0 switches that
-                off.
+            rest_speed: A cylinder counts as resting at speeds up to this one [m/s]. It is then
+                priced as boosted if P_S does not carry its load. With 0, no cylinder counts as
+                resting.
         """
         m, self.rest_speed = machine.arrays, rest_speed
         self.m = m
@@ -148,16 +154,19 @@ class _Pricing:
         return np.array([self.machine.moment_arms(q) for q in postures])
 
     def forces(self, postures: FloatArray, arms: FloatArray) -> FloatArray:
-        """Compute the piston forces that hold the arm against gravity.
+        """Compute the piston forces that hold the arm at rest against gravity.
 
-            F_j = (∂U/∂q_j) / r_j,  U: potential energy of all masses beyond joint j
+            F_j = (∂U/∂q_j) / r_j
+
+        U is the potential energy [J] of payload and links, q_j the position of joint j, and r_j the
+        moment arm dL_j/dq_j of its cylinder.
 
         Args:
-            postures: Postures, shape (k, n) [rad or m].
+            postures: Postures, shape (k, n) [rad, telescopes m].
             arms: Moment arms r [m], shape (k, n).
 
         Returns:
-            Forces [N], shape (k, n), positive if the load resists extension.
+            Forces F [N], shape (k, n), positive if the load resists extension.
         """
         m = self.m
         angle, out = self._link_angles_and_extensions(postures)
@@ -171,19 +180,29 @@ class _Pricing:
         return np.where(m.slides, lifted, torque) / arms
 
     def _link_angles_and_extensions(self, postures: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return absolute link angles [rad] and telescope extensions [m], each of shape (k, n)."""
+        """Return the absolute angle of each link and the extension of each telescope.
+
+        Args:
+            postures: Postures, shape (k, n) [rad, telescopes m].
+
+        Returns:
+            Angles of the links from the x axis [rad] and extensions [m], each of shape (k, n). The
+            extension is 0 for joints that turn.
+        """
         out = np.where(self.m.slides, postures, 0.0)
         return np.cumsum(postures - out, axis=1), out
 
     def workspace_violation(self, postures: FloatArray) -> FloatArray:
-        """Compute the distance of the tip outside the workspace's limits on x and radius.
+        """Compute by how much the tip is outside the workspace.
+
+        The workspace has a smallest x, a smallest radius and a largest radius around the arm's
+        base.
 
         Args:
-            postures: Postures, shape (k, n) [rad or m].
+            postures: Postures, shape (k, n) [rad, telescopes m].
 
         Returns:
-            Largest violation of smallest x, smallest and largest radius [m], shape (k,); negative
-            inside.
+            Largest violation of these three limits [m], shape (k,); negative if the tip is inside.
         """
         m = self.m
         angle, out = self._link_angles_and_extensions(postures)
@@ -193,20 +212,22 @@ class _Pricing:
         return np.max([m.min_x - x, m.min_radius - radius, radius - m.max_radius], axis=0)
 
     def lower_bound(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Compute a lower bound on the cost of moving between cylinder lengths.
+        """Compute a lower bound on the cost of moving from one set of cylinder lengths to another.
 
             w₁ P_S (Σ A_dir |ΔL| + q_leak T) + w₂ T
 
-        A_dir is the area of the cap side if the cylinder extends, else of the rod side [m²]. q_leak
-        is the leakage of all valves [m³/s]. T is the shortest time [s] that V_max and the main
-        pump's flow allow.
+        w₁ and w₂ are the weights of energy and time, P_S is the supply pressure [Pa], and ΔL the
+        change of a cylinder's length [m]. A_dir is the area of the cap side if the cylinder
+        extends, else of the rod side [m²]. q_leak is the leakage of all valves and the external
+        leakage [m³/s]. T is the shortest time [s] that V_max (piston speed for planning) and the
+        main pump's flow allow.
 
         Args:
             start: Cylinder lengths [m], shape (…, n).
-            end: Cylinder lengths [m]; shapes are broadcast.
+            end: Cylinder lengths [m], shape (…, n); broadcast against `start`.
 
         Returns:
-            Lower bound of each pair, shape (…).
+            Lower bound for each pair, shape (…).
         """
         m, delta = self.m, end - start
         oil = _total(np.where(delta > 0.0, self.cap, self.rod) * np.abs(delta))
@@ -216,7 +237,7 @@ class _Pricing:
         return np.asarray(self.weights.energy * energy + self.weights.time * time)
 
     def load_pressure(self, force: FloatArray, out: np.ndarray) -> FloatArray:
-        """Compute the load pressure p_L of piston forces F.
+        """Compute the load pressure p_L, the supply pressure that a load needs, of piston forces F.
 
             p_L = (F + a p_T) / A    extending
             p_L = (-F + A p_T) / a   retracting
@@ -224,7 +245,7 @@ class _Pricing:
         A and a are the areas of cap side and rod side [m²], and p_T is the tank pressure [Pa].
 
         Args:
-            force: Piston forces [N], shape (k, n).
+            force: Piston forces [N], shape (k, n), positive if the load resists extension.
             out: True if the cylinder extends, False if it retracts, shape (k, n).
 
         Returns:
@@ -235,17 +256,19 @@ class _Pricing:
         return np.where(out, extending, (-force + self.cap * tank) / self.rod)
 
     def more_leakage(self, supply: FloatArray) -> FloatArray:
-        """Compute how much more a valve leaks at a supply pressure than at P_S.
+        """Compute how much more a valve leaks at boost pressure than at P_S.
 
-            q (√((p − p_T)/(P_S − p_T)) − 1),  p clipped to P_S … highest boost pressure
+            Δq = q (√((p − p_T)/(P_S − p_T)) − 1)
 
-        q is the leakage of a valve at P_S [m³/s], and p_T the tank pressure.
+        q is the leakage of a valve at P_S [m³/s], P_S the main pump's supply pressure and p_T the
+        tank pressure [Pa]. Before use, p is limited to the range from P_S to the highest boost
+        pressure.
 
         Args:
-            supply: Supply pressures p [Pa].
+            supply: Supply pressures p [Pa], any shape.
 
         Returns:
-            Additional leakage [m³/s], same shape.
+            Additional leakage Δq [m³/s], same shape.
         """
         m = self.m
         drop = np.clip(supply, m.supply_pressure, m.max_boost_pressure) - m.tank_pressure
@@ -257,22 +280,21 @@ class _Pricing:
     ) -> FloatArray:
         """Compute the cost w₁ E + w₂ T of k steps in every mode combination (pattern).
 
-        A pattern is allowed if it boosts exactly the cylinders that need boost at the speeds of
-        this pattern. If no pattern does so for a step, patterns that also boost others are allowed.
-        No pattern is allowed in which a cylinder needs more than the highest boost pressure.
+        E is the energy [J] in the reading `paper`, T the duration [s]; switches are not included. A
+        pattern is exact if it boosts just those cylinders that need boost at the speeds of this
+        pattern. The patterns allowed for a step are:
 
-        To save time, patterns that do not boost a cylinder that needs boost even at rest are not
-        priced. Patterns that boost a cylinder that needs none at V_max are priced only for steps
-        without an exact pattern.
+        - the exact ones, if there is one;
+        - otherwise all that boost every cylinder that needs boost, and perhaps others.
+
+        In both cases, no cylinder may need more than the highest boost pressure.
 
         Args:
             delta: Change of each cylinder length [m], shape (k, n).
-            forces: Piston forces at the start, the middle and the end of the steps [N], each of
-                shape (k, n).
+            forces: Piston forces at start, middle and end of the steps [N], each of shape (k, n).
 
         Returns:
-            Costs without mode switches, shape (k, patterns), with E in the reading `paper`;
-            infinity if the pattern is not allowed.
+            Costs, shape (k, patterns); infinity if the pattern is not allowed.
         """
         demands = self._demands(delta, forces)
         slow, fast = (
@@ -297,14 +319,13 @@ class _Pricing:
     ) -> _Demands:
         """Compute the quantities of k steps that do not depend on the mode combination.
 
-        A cylinder counts as held if its mean speed in the shortest step time is at most the rest
-        speed. A held cylinder needs boost if P_S does not carry its load but the highest boost
-        pressure does.
+        A cylinder rests in a step if its mean speed in the shortest possible duration is at most
+        `rest_speed`. A resting cylinder is held in boost if P_S does not carry its load but the
+        highest boost pressure does. With `rest_speed` 0, no cylinder rests.
 
         Args:
             delta: Change of each cylinder length [m], shape (k, n).
-            forces: Piston forces at the start, the middle and the end of the steps [N], each of
-                shape (k, n).
+            forces: Piston forces at start, middle and end of the steps [N], each of shape (k, n).
 
         Returns:
             The quantities, each of shape (k, n).
@@ -336,8 +357,9 @@ class _Pricing:
             speed: Piston speeds [m/s], a number or an array that broadcasts to (k, n).
 
         Returns:
-            True if p_L + m(v) + margin exceeds P_S, shape (k, n). p_L is the highest load pressure,
-            m(v) the valve's pressure drop and margin the boost margin.
+            Flags of shape (k, n), True if p_L + m(v) + margin exceeds P_S. p_L is the highest load
+            pressure in the step, m(v) the valve's pressure drop at speed v, margin the machine's
+            boost margin and P_S the main pump's pressure, all in Pa.
         """
         needs = (
             demands.highest_load_pressure
@@ -349,17 +371,18 @@ class _Pricing:
     def _price_pattern(
         self, p: int, of_all: _Demands, rows: IntArray, cost: FloatArray, exact: np.ndarray
     ) -> None:
-        """Compute the cost of some steps in one mode combination (pattern).
+        """Compute the cost of some of k steps in one mode combination (pattern).
 
-        Writes `cost[rows, p]` and `exact[rows, p]` in place.
+        Writes `cost[rows, p]` and `exact[rows, p]` in place; other elements stay as they are.
 
         Args:
             p: Index of the pattern.
             of_all: Quantities of all k steps.
-            rows: Indices of the steps to price.
-            cost: Costs, shape (k, patterns); infinity if a needed boost is missing or too high.
-            exact: Whether the pattern boosts exactly the cylinders that need boost, bool, shape (k,
-                patterns).
+            rows: Indices of the steps to price, possibly none.
+            cost: Costs, shape (k, patterns). Infinity if the pattern does not boost a cylinder that
+                needs boost, or if a cylinder needs more than the highest boost pressure.
+            exact: Flags, shape (k, patterns). True if the pattern is possible and boosts exactly
+                the cylinders that need boost.
         """
         if len(rows) == 0:
             return
@@ -391,16 +414,17 @@ class _Pricing:
         cost[rows, p] = np.where(possible, value, np.inf)
 
     def holding_switch_cost(self, force: FloatArray) -> FloatArray:
-        """Compute the cost of switching to the modes that hold a load at rest.
+        """Compute the cost of switching to the mode combination that holds a load at rest.
 
-        Actuators whose load P_S does not hold go to mode DB, the others to mode N.
+        Actuators whose load P_S does not hold switch to mode DB (boosted by their own servo pump),
+        the others to mode N (fed by the main pump).
 
         Args:
             force: Piston forces at rest [N], shape (k, n).
 
         Returns:
-            Cost from each mode combination, w₃ times the number of actuators that change, shape (k,
-            patterns).
+            Cost of the switch from each mode combination, shape (k, patterns): w₃, the weight of
+            mode switches, times the number of actuators that change their mode.
         """
         needs = self.load_pressure(force, force > 0.0) + self.m.boost_margin
         hold = np.where(needs > self.m.supply_pressure, Mode.DB, Mode.N)
@@ -441,7 +465,7 @@ class _Steps:
     cost: list[FloatArray]
 
     def add(self, origin: IntArray, target: IntArray, cost: FloatArray) -> None:
-        """Append edges and leave out edges of infinite cost.
+        """Append edges to the graph; edges of infinite cost are left out.
 
         Args:
             origin: Indices of states, any shape.
@@ -454,13 +478,15 @@ class _Steps:
         self.cost.append(cost[possible])
 
     def matrix(self, states: int) -> csr_array:
-        """Return the edges as a sparse matrix for SciPy; there are no parallel edges.
+        """Return all edges as a sparse matrix for SciPy.
 
         Args:
-            states: Number of states.
+            states: Number of states of the graph.
 
         Returns:
-            Matrix of shape (states, states): costs from row to column, at least `SMALLEST_COST`.
+            Matrix of shape (states, states). Element (i, j) is the cost from state i to state j, at
+            least `SMALLEST_COST`. If several edges join two states, SciPy adds their costs, so the
+            caller must add each edge only once.
         """
         between = np.concatenate(self.origin), np.concatenate(self.target)
         cost = np.maximum(np.concatenate(self.cost), SMALLEST_COST)
@@ -476,13 +502,17 @@ class _Lattice:
     def __init__(
         self, pricing: _Pricing, start: FloatArray, goals: FloatArray, known: float
     ) -> None:
-        """Lay out the lattice and increase its spacing by 10 % until it has few enough points.
+        """Lay out the lattice around the start.
+
+        The spacing is increased by 10 % again and again until the number of points is within the
+        limits MOST_LOOKED_AT and MOST_POINTS.
 
         Args:
             pricing: Step costs of the machine.
             start: Start posture, shape (n,) [rad or m].
             goals: Goal postures, shape (goals, n) [rad or m].
-            known: Cost of the known path.
+            known: Cost of the best path known so far. Points that no cheaper path can pass are left
+                out.
         """
         self._pricing, self._known, self._goals = pricing, known, goals
         self._goal_lengths = pricing.lengths(goals)
@@ -498,19 +528,21 @@ class _Lattice:
     def _choose_points(self, start: FloatArray, here: FloatArray, spacing: float) -> bool:
         """Choose the lattice points for one spacing and store what the search needs of them.
 
-        A point remains if two lower bounds add up to less than the known cost: from the start to
-        the point, and from the point to the nearest goal posture. Sets these attributes, or only an
-        empty `place` if no point remains:
+        A point is kept if a path through it may be cheaper than the known path. Two lower bounds on
+        the cost, from the start to the point and from the point to the nearest goal posture, must
+        add up to less than the known cost. With N points kept, the method sets these attributes; if
+        N is 0, it sets only `place`, which is then empty:
 
         - place: lattice indices of each point, shape (N, n)
         - angle, length, force: joint positions [rad or m], cylinder lengths [m] and piston forces
           [N] of each point, each of shape (N, n)
-        - excess: distance of the tip outside the workspace [m], shape (N,)
-        - number: index of the point by lattice indices, −1 for left out ones
+        - excess: distance of the tip outside the workspace [m], shape (N,), negative inside
+        - number: index of a point by its lattice indices, −1 if the point is not kept
         - here: index of the point at the start
-        - arms, halves: moment arms [m] of each joint at the lattice's positions and half-way
-          between them
-        - shape, spacing: number of positions along each axis, and their distance [m], rounded up
+        - arms: for each joint, moment arms [m] at its lattice positions
+        - halves: for each joint, moment arms [m] half-way between neighbouring positions
+        - shape: number of lattice positions along each axis
+        - spacing: distance of points along each cylinder [m], enlarged by 0.1 % against rounding
 
         Args:
             start: Start posture, shape (n,) [rad or m].
@@ -518,7 +550,7 @@ class _Lattice:
             spacing: Distance of points along each cylinder [m].
 
         Returns:
-            False if there are too many points; the caller then increases the spacing.
+            False if there are too many points; the caller then tries a larger spacing.
         """
         pricing, axes = self._pricing, self._axes(start, spacing)
         shape = tuple(len(axis) for axis in axes)
@@ -562,17 +594,17 @@ class _Lattice:
         return True
 
     def _axes(self, start: FloatArray, spacing: float) -> list[FloatArray]:
-        """Return the lattice's joint positions along each axis.
+        """Return the joint positions that the lattice has along each axis.
 
-        They are evenly spaced in the cylinder's length, and the start is one of them. Positions
-        that `_may_be_cheaper` rules out are left out.
+        Along an axis, the cylinder lengths are evenly spaced, and the start is one of the
+        positions. Positions that no path cheaper than the known one can pass are left out.
 
         Args:
             start: Start posture, shape (n,) [rad or m].
-            spacing: Distance along each cylinder [m].
+            spacing: Distance of positions, measured in cylinder length [m].
 
         Returns:
-            An array of positions [rad or m] for each joint; lengths differ.
+            An array of positions [rad or m] for each joint; the arrays have different lengths.
         """
         m, axes = self._pricing.m, []
         for j, q in enumerate(start):
@@ -590,18 +622,18 @@ class _Lattice:
         return axes
 
     def _may_be_cheaper(self, j: int, here: float, length: FloatArray) -> np.ndarray:
-        """Return which lengths of one cylinder a cheaper path may pass.
+        """Return which lengths of one cylinder a path cheaper than the known one may pass.
 
-        It compares the known cost with a lower bound: the cost of moving this cylinder alone, from
-        the start to the length and on to the goal posture that is cheapest for it.
+        The known cost is compared with a lower bound: the cost of moving this cylinder alone, first
+        from the start to the tested length, then to the goal posture that is cheapest for it.
 
         Args:
             j: Index of the cylinder.
-            here: Its length at the start [m].
+            here: Length of cylinder j at the start [m].
             length: Lengths to test [m], shape (k,).
 
         Returns:
-            True if the bound is below the known cost, shape (k,).
+            Flags, shape (k,); True if the bound is below the known cost.
         """
         alone, n = np.eye(len(self._goal_lengths[0]))[j], len(length)
         there = np.full(n, np.inf)
@@ -617,33 +649,35 @@ class _Lattice:
     def _evaluate_along_axis(
         start: FloatArray, j: int, angles: FloatArray, of: Callable[[FloatArray], FloatArray]
     ) -> FloatArray:
-        """Evaluate a function of postures along one joint's axis.
+        """Evaluate a function of postures while only one joint moves.
 
         Args:
-            start: Posture of the other joints, shape (n,); they do not matter to the result.
+            start: Posture that gives the positions of the other joints, shape (n,). They must have
+                no influence on the value of joint j.
             j: Index of the joint.
-            angles: Its positions [rad or m], shape (k,).
-            of: Function from postures (k, n) to values (k, n), such as `_Pricing.lengths`.
+            angles: Positions of joint j [rad or m], shape (k,).
+            of: Function from postures (k, n) to a value for each joint (k, n), such as
+                `_Pricing.lengths`.
 
         Returns:
-            Values of joint j, shape (k,).
+            The value of joint j at each of `angles`, shape (k,).
         """
         postures = np.repeat(start[None, :], len(angles), axis=0)
         postures[:, j] = angles
         return of(postures)[:, j]
 
     def find_cheapest_path(self) -> tuple[float, FloatArray | None]:
-        """Search the lattice with Dijkstra's algorithm.
+        """Search the lattice for the cheapest path with Dijkstra's algorithm.
 
-        A state is a lattice point with the mode combination of the last step; mode switches are
-        edges of their own. The search begins in mode N at the lattice point of the start. It ends
-        in one common goal state for all goal postures. The cost includes the switches to the modes
-        that hold the arm there.
+        A state is a lattice point together with a mode combination; a mode switch is an edge
+        between two states of one point. The search begins at the start in mode N (all actuators fed
+        by the main pump). All goal postures lead to one common goal state. The cost includes the
+        final switches to the modes that hold the arm at the goal posture.
 
         Returns:
-            Cost, and cylinder lengths along the path from the start's lattice point to the goal
-            posture, shape (points, n) [m]. Infinity and None if no path costs less than the known
-            one.
+            Cost of the path, and cylinder lengths at its points, shape (points, n) [m]. The first
+            is the lattice point of the start, the last a goal posture. Infinity and None if no path
+            costs less than the known one.
         """
         patterns, w_switch = len(self._pricing.patterns), self._pricing.weights.switches
         count = len(self.place)
@@ -677,15 +711,16 @@ class _Lattice:
         return float(cost[sink]), np.vstack([self.length[points], goal])
 
     def _add_moves(self, steps: _Steps, move: IntArray) -> None:
-        """Add the edges from all points to their neighbours in one direction.
+        """Add the steps from all lattice points to their neighbours in one direction.
 
-        The steps are priced here in all patterns, and each edge keeps its pattern. Edges that leave
-        the workspace are left out. From a point outside the workspace, as the start may be, no edge
-        leads farther out.
+        A step gets one edge for each mode combination in which it is possible; the modes are equal
+        at both ends. A step is left out if its middle or its end is outside the workspace. If it
+        begins outside, as may be at the start, middle and end may be outside as well, but not
+        farther than the beginning.
 
         Args:
             steps: Edges of the graph; extended in place.
-            move: Offset of the neighbour in lattice indices, −1, 0 or 1 for each joint, shape (n,).
+            move: Offset to the neighbour in lattice indices, −1, 0 or 1 for each joint, shape (n,).
         """
         place = self.place + move
         inside = np.flatnonzero(np.all((place >= 0) & (place < self.shape), axis=1))
@@ -706,28 +741,32 @@ class _Lattice:
         self._add(steps, origin, target[:, None] * len(self._pricing.patterns), cost)
 
     def _add(self, steps: _Steps, origin: IntArray, target: IntArray, cost: FloatArray) -> None:
-        """Add steps that keep their mode combination (pattern); switches are edges of their own.
+        """Add edges for steps during which the mode combination (pattern) does not change.
+
+        A state's index is the point's index times the number of patterns, plus the pattern's index.
 
         Args:
             steps: Edges of the graph; extended in place.
-            origin: Indices of the points in which steps begin, shape (k,).
-            target: State index of pattern 0 of the points in which they end, shape (k, 1).
-            cost: Costs, shape (k, patterns).
+            origin: Indices of the points (not states) in which the steps begin, shape (k,).
+            target: For each step, the index of the state with its end point and pattern 0, shape
+                (k, 1).
+            cost: Cost of each step in each pattern, shape (k, patterns); infinity means no edge.
         """
         own = np.arange(cost.shape[1])
         start = origin[:, None] * cost.shape[1] + own
         steps.add(start, target + own, cost)
 
     def _add_endings(self, steps: _Steps, sink: int) -> IntArray:
-        """Add the edges from lattice points near goal postures to the goal state.
+        """Add edges from the lattice points near goal postures to the goal state.
 
-        A point is near if the length of each cylinder differs by at most the lattice's spacing. The
-        cost includes the step to the posture and the switches to the modes that hold the arm there.
-        If several goal postures are near, the state gets the edge to the cheapest.
+        A point is near a goal posture if each cylinder's length differs by at most the lattice's
+        spacing. The cost of an edge is the step to the posture plus the switches to the modes that
+        hold the arm there. Each state gets at most one edge: to the cheapest of the goal postures
+        near it.
 
         Args:
             steps: Edges of the graph; extended in place.
-            sink: Index of the goal state.
+            sink: Index of the goal state, which is the number of all other states.
 
         Returns:
             Index of the goal posture to which each state's edge leads, shape (points, patterns); 0

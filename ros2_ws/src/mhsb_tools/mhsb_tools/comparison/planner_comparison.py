@@ -120,9 +120,10 @@ class PlannerComparer:
     """Planner and simulator of one machine, which compare moves."""
 
     def __init__(self, machine: Machine, weights: Weights) -> None:
-        """Prepare a planner for the machine, and one for it with the highest supply pressure.
+        """Prepare a planner for the machine, and one for a copy of it that never needs boost.
 
-        Builds both posture tables if they are not cached.
+        The copy has its supply pressure P_S at the highest boost pressure. Builds the posture
+        tables of both if they are not cached.
 
         Args:
             machine: The arm.
@@ -137,16 +138,18 @@ class PlannerComparer:
     def compare(self, request: ComparedMove) -> Comparison:
         """Plan one move by every planner and simulate each motion.
 
-        Every plan starts at rest in the modes that hold the start posture. The ground truth counts
-        as another planner if the move asks for it. A planner that finds no plan is listed in
-        `failures`; no error is raised. The motion with P_S at the highest boost pressure is added
-        to the motions if there is one; it is not simulated.
+        Every plan starts at rest, in the modes that hold the start posture. If the move asks for
+        the ground truth (path of a long offline search), that counts as a further planner. One more
+        motion is planned with P_S at the highest boost pressure; it is not simulated. A planner
+        that finds no plan raises no error.
 
         Args:
             request: The move.
 
         Returns:
-            Results, failures and motions by planner name.
+            Numbers of each plan and its simulation, by planner. The sentences of planners without a
+            plan are in `failures`. `motions` has the energy of each motion with every supply; the
+            motion at the highest pressure has the key `UNBOOSTED_MOTION`, if it was found.
         """
         records: dict[str, PlannerResult] = {}
         failures: dict[str, str] = {}
@@ -176,20 +179,23 @@ class PlannerComparer:
         return compute_supply_energies(self._planner.machine, self._leakproof, trajectory, schedule)
 
     def _plan_unboosted_motion(self, move: Move) -> Trajectory:
-        """Plan a move at the highest supply pressure, which never needs boost.
+        """Plan a move with P_S at the highest boost pressure, so that no actuator needs boost.
 
         Args:
             move: Start posture and goal.
 
         Returns:
-            The motion of the integrated planner.
+            Trajectory of the default planner, which follows its path.
+
+        Raises:
+            MhsbError: No plan was found.
         """
         options = PlanOptions(self._weights, planner=DEFAULT_PLANNER, trajectory="followed")
         plan = self._direct.plan(move.goal, MotionState.at_rest(move.start), options=options)
         return plan.motion.trajectory
 
     def _plan_move(self, kind: str, move: Move, modes: StartModes) -> Plan:
-        """Plan a move with one planner; the motion follows its path.
+        """Plan a move from rest with one planner; the trajectory follows the planner's path.
 
         Args:
             kind: Name of the planner.
@@ -198,23 +204,26 @@ class PlannerComparer:
 
         Returns:
             The plan.
+
+        Raises:
+            MhsbError: No plan was found.
         """
         start = MotionState.at_rest(move.start)
         options = PlanOptions(self._weights, planner=kind, trajectory="followed")
         return self._planner.plan(move.goal, start, modes, options=options)
 
     def _plan_ground_truth(self, move: Move, modes: StartModes) -> Plan:
-        """Return the plan along the ground truth's path.
+        """Search the ground truth's path and make a plan along it.
 
-        The path is searched in the arm's plane. If the arm slews, the slew is added so that it
-        turns evenly along the path.
+        The ground truth is the cheapest path of a long offline search. It is searched in the arm's
+        plane. If the arm slews, the slew's turning is distributed evenly over the path afterwards.
 
         Args:
             move: Start posture and goal.
             modes: Modes in force at the start.
 
         Returns:
-            The plan, its motion following the path.
+            The plan; its motion follows the path.
 
         Raises:
             MhsbError: No path or no motion was found.
@@ -241,8 +250,8 @@ class PlannerComparer:
 
         Returns:
             Numbers of the plan and its simulation, and the energy of its motion with every supply.
-            Among these supplies is `SIMULATED_SYSTEM` with the simulated energy, in `leaking` only,
-            the part for valves that leak.
+            The simulated energy is among the latter, as supply `SIMULATED_SYSTEM`. It exists only
+            for valves that leak (`leaking`).
         """
         command = Command(plan.motion.trajectory, plan.motion.schedule)
         run = replay(Simulator(self._planner.machine, posture=start), [command], plan.duration)
@@ -280,7 +289,7 @@ class PlannerComparer:
 
 
 def _simulated(run: Replay) -> SupplyEnergy:
-    """Return the simulated pumps' energy: given to the oil, and at their shafts [J]."""
+    """Return the energy of all pumps in a simulation: to the oil, and at their shafts."""
     sources = energy_by_source(run.energies).values()
     return SupplyEnergy(*(sum(each[kind] for each in sources) for kind in ("hydraulic", "shaft")))
 
@@ -299,10 +308,11 @@ def compare_all(
         machine: The arm.
         weights: Weights of the cost.
         requests: The moves.
-        jobs: Number of processes or a cluster; None takes one process for each processor.
+        jobs: Number of processes, or a cluster that does the work. None takes one process for each
+            processor.
 
     Yields:
-        Comparisons in the order of the requests.
+        Comparisons in the order of the requests, each as soon as it and all before it are done.
     """
     with SharedStateExecutor(jobs, PlannerComparer, machine, weights) as pool:
         tasks = [pool.submit(PlannerComparer.compare, request) for request in requests]
@@ -337,18 +347,18 @@ class Ratios:
 def ratios(
     comparisons: Iterable[Comparison], kind: str, baseline: str = BASELINE_PLANNER
 ) -> Ratios:
-    """Divide energies and duration of one planner's motions by another planner's.
-
-    The energies are the planned ones (readings `paper` and `series`) and the simulated one.
+    """Divide energies and durations of one planner's motions by those of another planner.
 
     Args:
-        comparisons: Compared moves; those that one of the two did not plan are left out.
-        kind: Name of the planner.
-        baseline: Name of the planner to divide by.
+        comparisons: Results of all planners for each move. Moves that one of the two planners did
+            not plan are left out.
+        kind: Name of the planner whose values are divided.
+        baseline: Name of the planner by whose values they are divided.
 
     Returns:
-        Ratios `kind` / `baseline`, each of shape (moves,), for the moves that both planned, in the
-        order of the comparisons.
+        Ratios `kind` / `baseline` of planned energies (readings `paper` and `series`), simulated
+        energies and durations. Each has shape (moves,), in the order of the comparisons; empty if
+        no move was planned by both.
     """
     pairs = [
         (each.records[kind], each.records[baseline])
@@ -359,7 +369,7 @@ def ratios(
     def field_ratios(name: str) -> FloatArray:
         """Return the ratio of one field for every pair of results.
 
-        Takes `pairs` from the enclosing function.
+        Uses `pairs`, results of both planners, from the enclosing function.
 
         Args:
             name: Name of a field of `PlannerResult`.

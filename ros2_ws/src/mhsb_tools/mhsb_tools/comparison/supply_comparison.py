@@ -63,17 +63,19 @@ class Supplied:
 def compute_supply_energies(
     machine: Machine, leakproof: Machine, trajectory: Trajectory, schedule: ModeSchedule | None
 ) -> Supplied:
-    """Compute the energy of a motion with every supply.
+    """Compute the energy that a motion takes with every supply, with and without valve leakage.
+
+    The supplies are MHSB (main pump and booster modules, by the planner's energy model) and those
+    of `baselines`: constant pressure, load sensing and pump control.
 
     Args:
         machine: The arm with leaking valves.
-        leakproof: The arm with valves that do not leak, as `without_leakage` makes it.
+        leakproof: The same arm with valves that do not leak.
         trajectory: The motion.
-        schedule: Its mode schedule; None leaves MHSB out.
+        schedule: Mode schedule of the motion; None leaves MHSB out.
 
     Returns:
-        Energies by supply, with and without leakage, and needed pressure, oil and duration of the
-        motion.
+        Energies by supply, and the motion's needed pressure, oil volume and duration.
     """
     loads = loads_of(machine, trajectory)
     found = Supplied(
@@ -94,20 +96,27 @@ Motions = Mapping[str, Supplied]
 def totals(machine: Machine, moves: Iterable[Motions]) -> dict[str, Any]:
     """Sum the energies of all moves for each supply.
 
-    Only moves count for which MHSB has a motion. For each supply and each of its four energies, the
-    motion of a move that takes least is used. A supply without a value for some move is left out.
-    The one constant pressure for all moves is the lowest with which every move can be done in one
-    of its motions.
+    Each move has several motions, and each supply has four energies for each motion: to the oil and
+    at the shafts, with and without leakage. For each supply and energy, the motion that takes least
+    is used. Moves without a motion for MHSB (main pump and booster modules) do not count. A supply
+    that lacks a value for a counted move has no sum.
+
+    One further supply is one constant pressure for all moves. It is the lowest pressure with which
+    every move can be done in one of its motions.
 
     Args:
         machine: The arm.
-        moves: Motions of each move.
+        moves: Motions of each move, by name.
 
     Returns:
-        `moves` (count), `one_pressure_pa` [Pa] and `systems`. The latter has by supply and by
-        `leaking` or `tight` the sums `hydraulic_j` and `shaft_j` [J]. `cheaper_than_mhsb_hydraulic`
-        and `…_shaft` count the moves in which a supply takes less than planned MHSB. Empty if MHSB
-        can do no move.
+        A dictionary; empty if no move counts. Keys:
+
+        - moves: number of moves that count
+        - one_pressure_pa: the constant pressure for all moves [Pa]
+        - systems: by name of the supply and then by `leaking` or `tight`, a dictionary with the
+          sums `hydraulic_j` and `shaft_j` [J]. `cheaper_than_mhsb_hydraulic` and
+          `cheaper_than_mhsb_shaft` count the moves in which the supply takes less than planned
+          MHSB.
     """
     done = [
         motions
@@ -139,15 +148,15 @@ def totals(machine: Machine, moves: Iterable[Motions]) -> dict[str, Any]:
 def _least_energies(
     machine: Machine, motions: Motions, kind: str, boundary: str, pressure: float
 ) -> dict[str, float]:
-    """Return the least energy of each supply over all motions of one move.
+    """Return the least energy of each supply over all alternative motions of one move.
 
     Args:
         machine: The arm.
         motions: Motions of the move.
-        kind: `leaking` or `tight`.
-        boundary: `hydraulic_j` or `shaft_j`.
-        pressure: One constant pressure for all moves [Pa]. Motions that need a higher one are not
-            used for the supply `ONE_PRESSURE`.
+        kind: `leaking` or `tight`: valves with or without leakage.
+        boundary: `hydraulic_j` for the energy to the oil, `shaft_j` for that at the pumps' shafts.
+        pressure: The one constant pressure for all moves [Pa], for the supply `ONE_PRESSURE`.
+            Motions that need a higher pressure are not used for this supply.
 
     Returns:
         Energy by supply [J]; a supply without any motion is missing.
@@ -165,16 +174,21 @@ def _least_energies(
 def _energy_at_pressure(
     machine: Machine, motion: Supplied, pressure: float, kind: str
 ) -> SupplyEnergy:
-    """Compute the energy at a constant pressure in closed form, E = p (V + n q(p) T).
+    """Compute the energy of a motion with a main pump at constant pressure.
+
+        E = p (V + n q(p) T)
+
+    E is the energy to the oil [J], V the oil volume that the cylinders take [m³], n the number of
+    joints, q(p) the leakage of a valve at pressure p [m³/s] and T the duration of the motion [s].
 
     Args:
-        machine: The arm with n joints; q(p) is the leakage of a valve.
-        motion: Oil volume V and duration T of the motion.
+        machine: The arm; has n, q(p) and the main pump's efficiency map.
+        motion: The motion; has V and T.
         pressure: Pressure p [Pa].
-        kind: `leaking`, or `tight`, for which q = 0.
+        kind: `leaking`, or `tight` for q = 0.
 
     Returns:
-        Energy at both boundaries.
+        Energy to the oil, and at the pump's shaft.
     """
     leaks = machine.joint_count * compute_valve_leakage(
         get_shared_hydraulics(machine.arrays), pressure
@@ -184,18 +198,17 @@ def _energy_at_pressure(
 
 
 def as_text(title: str, found: Mapping[str, Any]) -> list[str]:
-    """Format the totals for a person.
+    """Format the energies of one set of moves as text.
 
     Args:
         title: Name of the set of moves.
-        found: Result of `totals`.
+        found: Result of `totals` for these moves.
 
     Returns:
-        Two title lines, then one line for each supply with four energies [kJ]: to the oil and at
-        the shafts, with leakage and without. A number in brackets counts the moves in which the
-        supply takes less than MHSB. The first title line also gives the number of moves and the one
-        constant pressure [MPa]. Supplies without numbers are left out. An empty list if `found` is
-        empty.
+        Lines without line breaks; empty if `found` is empty. The first has title, number of moves
+        and the one constant pressure [MPa]; the second has column titles. Then each supply that has
+        numbers has a line with four energies [kJ]: to the oil and at the shafts, with leakage and
+        without. A number in brackets counts the moves in which the supply takes less than MHSB.
     """
     if not found:
         return []
@@ -212,14 +225,16 @@ def as_text(title: str, found: Mapping[str, Any]) -> list[str]:
 
 
 def as_markdown(sets: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Format the totals as Markdown tables, one for each set of moves.
+    """Format the energies of several sets of moves as Markdown tables.
 
     Args:
-        sets: Result of `totals` by title of the set.
+        sets: Results of `totals`, by title of the set of moves.
 
     Returns:
-        Lines of the tables, a row for each supply with the four texts of `_cells` [kJ]; a missing
-        value is a dash. Empty sets have no table.
+        Lines without line breaks. Each set that is not empty has a table with a row for each
+        supply. Its four cells are energies [kJ]: to the oil and at the shafts, with leakage and
+        without. A missing value is a dash. A number in brackets counts the moves in which the
+        supply takes less than MHSB.
     """
     lines = []
     for title, found in sets.items():
@@ -238,18 +253,18 @@ def as_markdown(sets: Mapping[str, Mapping[str, Any]]) -> list[str]:
 
 
 def _cells(name: str, systems: Mapping[str, Mapping[str, float]]) -> list[str]:
-    """Format the energies of one supply as table cells.
+    """Format the energies of one supply as four table cells.
 
     Args:
         name: Name of the supply.
-        systems: Entry of this supply in `totals`: by `leaking` and `tight`, then by `hydraulic_j`
-            and `shaft_j` [J]. `cheaper_than_mhsb_hydraulic` and `…_shaft` are the numbers of moves
-            for the brackets.
+        systems: Entry of this supply in the `systems` of `totals`. By `leaking` and `tight`, it has
+            a dictionary with `hydraulic_j`, `shaft_j` [J], `cheaper_than_mhsb_hydraulic` and
+            `cheaper_than_mhsb_shaft` (numbers of moves). May be empty.
 
     Returns:
-        Four texts [kJ]: energy to the oil and at the shafts with leakage, then both without. A text
-        is empty if its value is missing. For supplies other than MHSB, each text has in brackets
-        the number of moves in which the supply takes less than MHSB.
+        Four texts [kJ]: to the oil and at the shafts with leakage, then both without leakage. A
+        text is empty if its value is missing. For supplies other than MHSB, the number in brackets
+        counts the moves in which the supply takes less than MHSB.
     """
     cells = []
     for kind in LEAKAGE_CASES:
@@ -263,16 +278,17 @@ def _cells(name: str, systems: Mapping[str, Mapping[str, float]]) -> list[str]:
 
 
 def by_case(names: Sequence[str], moves: Sequence[Motions], machine: Machine) -> list[str]:
-    """Format the energy to the oil of each move separately.
+    """Format the energy to the oil of each move in a table of supplies and moves.
 
     Args:
         names: Name of each move.
-        moves: Motions of each move.
+        moves: Motions of each move, aligned with `names`.
         machine: The arm.
 
     Returns:
-        Two lines of titles, then a line for each supply with a column for each move: energy with
-        leakage / without leakage [J]. Moves for which MHSB has no motion have no column.
+        Lines without line breaks: a title, a line with the names of the moves, and one line for
+        each supply. A cell has the energy [J] with leakage / without leakage. Moves for which MHSB
+        (main pump and booster modules) has no motion have no column.
     """
     found = [totals(machine, [motions]) for motions in moves]
     shown = [(name, each) for name, each in zip(names, found, strict=True) if each]

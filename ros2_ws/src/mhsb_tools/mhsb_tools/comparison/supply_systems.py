@@ -83,13 +83,18 @@ class MotionLoads:
         return float(self.time[-1] - self.time[0])
 
     def inflow(self, machine: Machine) -> FloatArray:
-        """Compute the flow that valve-controlled cylinders take, Q = Σ A_dir |v|.
+        """Compute the flow that all cylinders together take through their valves.
+
+            Q = Σ A_dir |v|
+
+        A_dir is the area of the cap side if the cylinder extends, else of the rod side [m²]; v is
+        the piston speed [m/s].
 
         Args:
-            machine: The arm, for the areas of cap side (extending) and rod side (retracting).
+            machine: The arm.
 
         Returns:
-            Flow at each instant, shape (k,) [m³/s].
+            Flow Q at each instant, shape (k,) [m³/s].
         """
         m = machine.arrays
         inlet = np.where(self.speed > 0.0, m.cap_area, m.rod_area)
@@ -110,14 +115,15 @@ class MotionLoads:
 def loads_of(machine: Machine, trajectory: Trajectory) -> MotionLoads:
     """Compute piston speeds and piston forces during a trajectory.
 
-    They are sampled at the trajectory's points and half-way between.
+    They are computed at the trajectory's points and half-way between neighbouring points. A piston
+    speed up to MAX_HELD_SPEED counts as 0.
 
     Args:
         machine: The arm.
         trajectory: The motion.
 
     Returns:
-        Speeds and forces at these instants.
+        Speeds and forces at these instants, with and without inertia and friction.
     """
     points = trajectory.offset_ns
     at = np.union1d(points, (points[1:] + points[:-1]) // 2)
@@ -135,12 +141,13 @@ def without_leakage(machine: Machine) -> Machine:
 
 
 def needed_supply(machine: Machine, loads: MotionLoads) -> float:
-    """Return the lowest constant supply pressure with which valves alone do the whole motion.
+    """Return the lowest constant supply pressure with which a motion needs no boost.
 
-        p = max over time and joints of p_L + m(v) + margin
+        p = max over time and joints of (p_L + m(v) + margin)
 
-    margin is the machine's boost margin. While a cylinder stands still, p_L is the pressure that
-    holds its load.
+    p_L is the load pressure of the static load, m(v) the pressure drop of the fully open valve at
+    piston speed v, and margin the machine's boost margin [Pa]. While a cylinder stands still, p_L
+    is the pressure that holds its load.
 
     Args:
         machine: The arm.
@@ -153,17 +160,21 @@ def needed_supply(machine: Machine, loads: MotionLoads) -> float:
 
 
 def constant_pressure(machine: Machine, loads: MotionLoads, supply: float) -> SupplyEnergy:
-    """Compute the energy with a pressure-controlled pump; valves throttle the rest.
+    """Compute the energy of a motion with one pump that keeps its pressure constant.
 
         P = p (Σ A_dir |v| + n q(p))
 
+    P is the power to the oil [W], A_dir the inlet area of a cylinder [m²], v its piston speed
+    [m/s], n the number of joints and q(p) the leakage of a valve [m³/s]. Valves throttle the
+    pressure that a load does not need.
+
     Args:
-        machine: The arm with n joints.
+        machine: The arm.
         loads: Speeds of the motion.
         supply: Constant pressure p [Pa].
 
     Returns:
-        Energy at both boundaries; the pump has the main pump's efficiency map.
+        Energy to the oil, and at the pump's shaft by the main pump's efficiency map.
 
     Source:
         H. E. Merritt, Hydraulic Control Systems (constant pressure supply).
@@ -174,21 +185,26 @@ def constant_pressure(machine: Machine, loads: MotionLoads, supply: float) -> Su
 
 
 def load_sensing(machine: Machine, loads: MotionLoads, margin: float) -> SupplyEnergy:
-    """Compute the energy with one pump that follows the highest load pressure of moving cylinders.
+    """Compute the energy of a motion with one pump that follows the highest load pressure.
 
-        P = p(t) (Σ A_dir |v| + n q(p))
-        p = max(p_T + Δp, max_j p_L,j + max(Δp, m_j))
+        P = p (Σ A_dir |v| + n q(p))
+        p = max(p_T + Δp, max_j (p_L,j + max(Δp, m_j)))
 
-    Cylinders that stand still signal nothing; their closed valves hold them. The system is ideal:
-    no line losses, no drop in compensators, no delay.
+    P is the power to the oil [W] and p the pump's pressure [Pa], both at each instant. A_dir is the
+    inlet area of a cylinder [m²], v its piston speed [m/s], n the number of joints, q(p) the
+    leakage of a valve [m³/s] and p_T the tank pressure. p_L,j is the load pressure of cylinder j
+    with inertia and friction, and m_j the pressure drop of its fully open valve.
+
+    Only cylinders that move count in the maximum over j; the others are held by closed valves. The
+    system is ideal: no line losses, no pressure drop in compensators, no delay.
 
     Args:
-        machine: The arm with n joints; p_T is its tank pressure.
+        machine: The arm.
         loads: Speeds and forces of the motion.
-        margin: Pressure margin Δp [Pa].
+        margin: Pressure margin Δp of load sensing [Pa].
 
     Returns:
-        Energy at both boundaries; the pump has the main pump's efficiency map.
+        Energy to the oil, and at the pump's shaft by the main pump's efficiency map.
 
     Source:
         J. Siebert, M. Wydra, M. Geimer, Energies 2017, 10, 941 (losses of load sensing with
@@ -218,24 +234,27 @@ class PumpMap(NamedTuple):
 def pump_controlled(
     machine: Machine, loads: MotionLoads, pumps: PumpMap, recovering: bool
 ) -> SupplyEnergy:
-    """Compute the energy with a pump of its own for each cylinder and no valve in between.
+    """Compute the energy of a motion if each cylinder has its own pump and no valve.
 
         P_j = (F_j − (A − a) p_T) v_j
 
-    The pump lies between the chambers. Pilot-operated check valves keep the chamber with less load
-    at tank pressure p_T and take the difference (A − a) v from the reservoir. If F > (A − a) p_T,
-    the cap side is loaded, P = (p_A − p_T) A v; else the rod side, P = (p_T − p_B) a v. The shaft
-    takes P/η + P_d. If P < 0, a load lowers: the shaft gets back η |P| if `recovering`, else the
-    load is braked without energy. Lock valves hold loads; leakage counts only as part of η.
+    P_j is the power of pump j to the oil [W]; A and a are the areas of cap side and rod side [m²],
+    and p_T is the tank pressure [Pa]. The pump is connected to both chambers. Pilot-operated check
+    valves keep the chamber with less load at p_T and exchange the flow (A − a) v with the
+    reservoir.
+
+    At P_j > 0 the shaft takes P_j/η. At P_j < 0 a load lowers: the shaft gets back η |P_j| if
+    `recovering`, else nothing. The drag P_d is added for the whole duration. Lock valves hold loads
+    at rest without energy. Leakage counts only as part of η.
 
     Args:
-        machine: The arm: areas A (cap side) and a (rod side), p_T.
-        loads: Speeds v and forces F of the motion.
-        pumps: Efficiency η and drag P_d.
+        machine: The arm.
+        loads: Piston speeds v [m/s] and piston forces F with inertia and friction [N].
+        pumps: Efficiency η, and drag power P_d of all pumps together [W].
         recovering: Whether lowering loads drive their pumps and give energy back.
 
     Returns:
-        Energy at both boundaries.
+        Energy to the oil, less what is recovered, and energy at the pumps' shafts.
 
     Source:
         R. Rahmfeld, M. Ivantysynova, Displacement controlled linear actuator with differential
@@ -251,14 +270,15 @@ def pump_controlled(
 
 
 def pump_maps(machine: Machine) -> Mapping[str, PumpMap]:
-    """Return efficiency maps for pump control, by kind of pump.
+    """Return the efficiency maps of the pumps that pump control is computed with.
 
     Args:
         machine: The arm.
 
     Returns:
-        `servo pumps`: one pump like the machine's servo pumps for each of n joints. `piston pumps`:
-        pumps with the main pump's efficiency that together have its drag.
+        Two maps by kind of pump; each is for the pumps of all n cylinders together. `servo pumps`
+        has efficiency and n times the drag of one of the machine's servo pumps. `piston pumps` has
+        efficiency and drag of the machine's main pump.
     """
     oil, n = machine.config.circuit, machine.joint_count
     return {
@@ -270,15 +290,19 @@ def pump_maps(machine: Machine) -> Mapping[str, PumpMap]:
 def compute_mhsb_energy(
     machine: Machine, trajectory: Trajectory, schedule: ModeSchedule
 ) -> SupplyEnergy:
-    """Compute the energy of MHSB as planned: main pump at P_S, servo pumps in series.
+    """Compute the planned energy of a motion with MHSB, the arm's own supply.
+
+    The main pump runs at P_S, and servo pumps of booster modules lift the pressure in series with
+    it.
 
     Args:
         machine: The arm.
         trajectory: The motion.
-        schedule: Its mode schedule.
+        schedule: Mode schedule of the motion.
 
     Returns:
-        Energy at both boundaries by `motion_energy`; servo pump losses count at the shafts only.
+        Energy that all pumps give to the oil, and energy at their shafts. The losses of the servo
+        pumps count only at the shafts.
     """
     energy = motion_energy(machine, trajectory, schedule)
     main = add_main_pump_shaft(machine, energy.main_pump, trajectory.duration_ns / SECOND_NS)
@@ -287,7 +311,7 @@ def compute_mhsb_energy(
 
 
 def add_main_pump_shaft(machine: Machine, hydraulic: float, duration: float) -> SupplyEnergy:
-    """Convert hydraulic energy to shaft energy by the main pump's efficiency map.
+    """Compute the main pump's shaft energy from the energy that it gives to the oil.
 
         E_shaft = E/η + P_d T
 
@@ -297,7 +321,8 @@ def add_main_pump_shaft(machine: Machine, hydraulic: float, duration: float) -> 
         duration: Time T for which the pump runs [s].
 
     Returns:
-        Both energies; the pump is taken as large as the flow needs.
+        The energy E to the oil and the energy E_shaft at the shaft [J]. Whether the pump can
+        deliver the flow is not checked.
     """
     oil = machine.config.circuit
     drag = oil.main_pump_drag_power * duration
@@ -317,16 +342,18 @@ System = Callable[[Machine, MotionLoads], SupplyEnergy]
 
 
 def baselines(machine: Machine) -> Mapping[str, System]:
-    """Return the supply systems with which MHSB is compared, by name.
+    """Return the supplies with which MHSB is compared, as functions that compute their energy.
+
+    They are constant pressure at the lowest possible level for each motion, load sensing with each
+    of `LOAD_SENSING_MARGINS`, and pump control with each of `pump_maps`, with and without recovery
+    of energy.
 
     Args:
-        machine: The arm, for its pump maps.
+        machine: The arm, whose pump efficiencies are used.
 
     Returns:
-        Functions by name. Each takes a machine (leaking or `without_leakage`) and a motion's loads,
-        and returns the energy. There are constant pressure, load sensing with each of
-        `LOAD_SENSING_MARGINS`, and pump control with each of `pump_maps`, with and without
-        recovery.
+        Functions by name of the supply. Each takes a machine (with or without leakage) and the
+        speeds and forces of a motion, and returns the motion's energy.
     """
     systems: dict[str, System] = {"constant pressure": constant_needed_pressure}
     for margin in LOAD_SENSING_MARGINS:
