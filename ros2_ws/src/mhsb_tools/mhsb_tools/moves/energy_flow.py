@@ -58,13 +58,15 @@ LABEL_DISTANCE = 0.03
 def draw_energy_flow(energy: Mapping[str, float], axes: Axes) -> None:
     """Draw bands from the sources of energy on the left to its uses on the right.
 
-    Parts below 0.4 % of the total are left out. If nothing gives energy, only a text is drawn.
+    Each part has a label with its name, its energy [J] and its share of all energy that the sources
+    give [%]. Parts of at most 0.4 % of that total are left out. If no part gives energy, only the
+    text "no energy" is drawn.
 
     Args:
-        energy: Energy by name [J]; negative if the part gives energy, such as pumps and sinking
-            loads. Names that `ITEM_COLORS` lacks come last, in a pale colour.
-        axes: Axes to draw on; their scales are replaced. Each band has its name, its energy [J] and
-            its share of the energy that is given [%].
+        energy: Energy by name [J], positive if the part uses energy, negative if it gives energy.
+            Pumps give energy, and so do loads that sink. Names that are not in `ITEM_COLORS` come
+            last, in a pale colour.
+        axes: Axes to draw on. Their scales are replaced.
     """
     axes.set_axis_off()
     axes.set_xlim(0.0, 1.0)
@@ -83,15 +85,15 @@ def draw_energy_flow(energy: Mapping[str, float], axes: Axes) -> None:
 
 
 def _parts(energy: Mapping[str, float], sign: float, total: float) -> dict[str, float]:
-    """Return the parts that give, or that take energy, in the order of the diagram.
+    """Select the parts that give energy, or those that take it, in the order of the diagram.
 
     Args:
         energy: Energy by name [J], negative if the part gives energy.
-        sign: −1 for parts that give, 1 for parts that take.
-        total: Energy given by all [J].
+        sign: −1 selects the parts that give, 1 those that take.
+        total: Sum of the energies that all parts give [J].
 
     Returns:
-        Positive amounts by name [J], without amounts of at most `LEAST_SHARE` of the total.
+        Positive amounts by name [J]. Amounts of at most `LEAST_SHARE` of `total` are left out.
     """
     order = [
         *(name for name in ITEM_COLORS if name in energy),
@@ -102,12 +104,14 @@ def _parts(energy: Mapping[str, float], sign: float, total: float) -> dict[str, 
 
 
 def _draw_givers(given: Mapping[str, float], total: float, scale: float, axes: Axes) -> None:
-    """Draw the bars on the left, stacked without gaps and centred vertically.
+    """Draw a bar with a label for each energy source, in a column on the left.
+
+    The bars are stacked without gaps and centred vertically.
 
     Args:
-        given: Energy of each source [J].
-        total: Energy given by all [J], for percentages.
-        scale: Height of a bar per energy [1/J].
+        given: Energy of each source [J], in order from the top.
+        total: Sum of the energies of all sources [J], for the percentages in the labels.
+        scale: Height of a bar, as a share of the axes' height, per energy [1/J].
         axes: Axes to draw on.
     """
     heights = [scale * value for value in given.values()]
@@ -118,12 +122,14 @@ def _draw_givers(given: Mapping[str, float], total: float, scale: float, axes: A
 
 
 def _draw_takers(taken: Mapping[str, float], total: float, scale: float, axes: Axes) -> None:
-    """Draw the bars on the right, each with a band from the stack on the left.
+    """Draw a bar with a label for each use of energy on the right, and a band that leads to it.
+
+    The bands start at the stack of sources on the left.
 
     Args:
-        taken: Energy of each use [J].
-        total: Energy given by all [J], for percentages.
-        scale: Height of a bar per energy [1/J].
+        taken: Energy of each use [J], in order from the top.
+        total: Sum of the energies of all sources [J], for the percentages in the labels.
+        scale: Height of a bar, as a share of the axes' height, per energy [1/J].
         axes: Axes to draw on.
     """
     heights = np.array([scale * value for value in taken.values()])
@@ -136,13 +142,15 @@ def _draw_takers(taken: Mapping[str, float], total: float, scale: float, axes: A
 
 
 def label_places(middles: FloatArray) -> FloatArray:
-    """Return heights of labels near the middles of their bars so that the labels do not overlap.
+    """Choose heights for the labels of bars so that the labels do not overlap.
 
     Args:
-        middles: Middle of each bar, increasing, as a share of the height from the top, shape (k,).
+        middles: Middle of each bar, as a share of the axes' height from the top, increasing, shape
+            (k,).
 
     Returns:
-        Heights within 0 … 1 in the order of the bars, LEAST_PITCH or 1/k apart, shape (k,).
+        Height of each label, in the same unit and order, shape (k,). Each is near the middle of its
+        bar. Neighbours are at least LEAST_PITCH apart, or 1/k if that is smaller.
     """
     pitch = min(LEAST_PITCH, 1.0 / max(len(middles), 1))
     own = pitch * np.arange(len(middles))
@@ -164,9 +172,10 @@ def _write_all(
 
     Args:
         parts: Energy by name [J].
-        middles: Middle of each bar as a share of the height, shape (k,).
-        total: Energy given by all [J], for percentages.
-        edge: Horizontal position of the bars' edge, as a share of the width.
+        middles: Middle of each bar, as a share of the axes' height from the top, shape (k,),
+            aligned with `parts`.
+        total: Sum of the energies of all sources [J], for the percentages.
+        edge: Horizontal position of the bars' edge, as a share of the axes' width.
         side: 1 writes to the right, −1 to the left.
         axes: Axes to draw on.
     """
@@ -199,13 +208,15 @@ def _draw_bar(left: float, top: float, height: float, name: str, axes: Axes) -> 
 
 
 def _draw_band(left_edge: float, right_edge: float, height: float, name: str, axes: Axes) -> None:
-    """Draw a band from the left column to the right, with horizontal tangents at both ends.
+    """Draw a band from the left column of bars to the right one.
+
+    It has the same height everywhere, and horizontal tangents at both ends.
 
     Args:
-        left_edge: Upper edge at the left, as a share of the height.
-        right_edge: Upper edge at the right.
-        height: Height of the band.
-        name: Part of the energy, for the colour.
+        left_edge: Upper edge at the left column, as a share of the axes' height from the top.
+        right_edge: Upper edge at the right column, in the same unit.
+        height: Height of the band, in the same unit.
+        name: Part of the energy; it selects the colour.
         axes: Axes to draw on.
     """
     along = np.linspace(0.0, 1.0, 60)

@@ -63,7 +63,10 @@ class MoveRecord:
 
     @property
     def goals_in_plane(self) -> list[tuple[float, float]]:
-        """Goals (x, z) in the arm's plane when it has turned to them [m]."""
+        """Goals (x, z) in the vertical plane of the arm [m].
+
+        If the arm slews, it is the plane turned towards each goal.
+        """
         places = [self.machine.project_to_plane(goal).tolist() for goal in self.goals]
         return [(x, z) for x, z in places]
 
@@ -74,17 +77,18 @@ class MoveRecord:
 
 
 def move_of_plan(machine: Machine, plan: Plan, goal: Position, title: str) -> MoveRecord:
-    """Return a plan's motion as a record, with static forces, planned pressures and energy.
+    """Convert a planned motion to a record, with static forces, planned pressures and energy.
 
     Args:
         machine: The arm for which the plan was made.
-        plan: The plan; its motion is sampled at `SAMPLE_COUNT` instants.
+        plan: The plan; its motion is sampled at `SAMPLE_COUNT` instants, evenly spaced in time.
         goal: Goal in `base_link` [m].
         title: Title of the picture.
 
     Returns:
-        The record, without a reference. Its `chambers` has the load pressures p_L instead of
-        chamber pressures.
+        The record; time 0 is the beginning of the motion. `reference` is None. `chambers` has the
+        load pressures p_L (supply pressures that the loads need), because a plan has no chamber
+        pressures.
     """
     trajectory, schedule = plan.motion.trajectory, plan.motion.schedule
     offset_ns = np.linspace(0, trajectory.duration_ns, SAMPLE_COUNT).astype(np.int64)
@@ -110,14 +114,15 @@ def move_of_plan(machine: Machine, plan: Plan, goal: Position, title: str) -> Mo
 
 
 def load_pressures(machine: Machine, force: FloatArray, speed: FloatArray) -> FloatArray:
-    """Compute the load pressure p_L of each actuator in its direction of motion.
+    """Compute the load pressure p_L (supply pressure that the load needs) of each actuator.
 
-    Within the dead band of speed, the direction is the one against the load.
+    It depends on the direction of motion. At speeds up to MAX_HELD_SPEED, the actuator counts as at
+    rest, and the direction against its load is taken.
 
     Args:
         machine: The arm.
-        force: Piston forces, shape (k, n) [N].
-        speed: Piston speeds, shape (k, n) [m/s].
+        force: Piston forces, positive if the load resists extension, shape (k, n) [N].
+        speed: Piston speeds, positive extending, shape (k, n) [m/s].
 
     Returns:
         Load pressures [Pa], shape (k, n).
@@ -134,10 +139,11 @@ def load_pressures(machine: Machine, force: FloatArray, speed: FloatArray) -> Fl
 
 
 def energy_of_plan(energy: Energy) -> dict[str, float]:
-    """Return a plan's energy as parts for the energy flow diagram.
+    """Split the energy of a motion into parts for the energy flow diagram.
 
     Args:
-        energy: Energy by the planner's model with pumps in series.
+        energy: Energy of the motion by the planner's model. Its parts for servo pumps in series
+            with the main pump are used.
 
     Returns:
         Energy by name [J], negative for the pumps, which give energy. The names are `main pump`,

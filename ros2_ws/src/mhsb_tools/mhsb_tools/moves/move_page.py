@@ -53,12 +53,13 @@ RANGE_MARGIN = 0.15
 def draw_move_page(move: MoveRecord, file: Path) -> None:
     """Draw one page about a move and write it as PNG.
 
-    On the left are the tip's path and the energy flow. On the right are joints and modes over time,
-    and for each actuator the operating region and the pressures over time.
+    On the left are the tip's path and the energy flow. On the right are joint positions and modes
+    over time. Below them, each actuator has its operating region (possible speeds and forces) and
+    its pressures over time.
 
     Args:
         move: The move.
-        file: File to write, whole or not at all.
+        file: PNG file to write. If drawing fails, no incomplete file is left.
     """
     n = move.machine.joint_count
     with open_figure(file, PAGE_HEIGHT, LEFT_WIDTH + COLUMN_WIDTH * n) as figure:
@@ -80,11 +81,11 @@ def draw_move_page(move: MoveRecord, file: Path) -> None:
 
 
 def plot_plan(plan: Plan, file: str | Path, title: str = "planned motion") -> None:
-    """Draw the page of a plan's motion (`draw_move_page`).
+    """Draw one page about a planned motion and write it as PNG.
 
     Args:
         plan: The plan.
-        file: PNG file to write, whole or not at all.
+        file: PNG file to write. If drawing fails, no incomplete file is left.
         title: Title of the page.
     """
     goal = tuple(plan.machine.tip_in_base(plan.motion.trajectory.position[-1]).tolist())
@@ -95,10 +96,11 @@ def plot_plan(plan: Plan, file: str | Path, title: str = "planned motion") -> No
 
 
 def _draw_path(move: MoveRecord, axes: Axes) -> None:
-    """Draw workspace, obstacles, arm at both ends, the tip's path in mode colours, and the goals.
+    """Draw the tip's path in the arm's plane, with workspace, obstacles, arm and goals.
 
-    The path has at each instant the colour of the strongest mode of any actuator. Several goals are
-    labelled. A legend is added, and the axes are widened if the arm lies beyond them.
+    The path has at each instant the colour of the strongest mode of all actuators (N < DB < SB).
+    The arm is drawn at the start and at the end. Goals have numbers if there are several. The axes
+    get a legend and are widened if the arm does not fit in.
 
     Args:
         move: The move.
@@ -132,7 +134,7 @@ def _draw_path(move: MoveRecord, axes: Axes) -> None:
 
 
 def _widen_axes_to_arm(move: MoveRecord, axes: Axes) -> None:
-    """Widen the axes if a joint lies beyond the workspace at the start or the end of the move.
+    """Widen the axes so that the arm fits in at the start and at the end of the move.
 
     Args:
         move: The move.
@@ -166,11 +168,13 @@ def _places(goals: Sequence[tuple[float, float]]) -> list[tuple[tuple[float, flo
 
 
 def _draw_joints(move: MoveRecord, axes: Axes) -> None:
-    """Draw joint angles [°], or telescope extensions [cm], over time, with the reference in pale.
+    """Draw the joint positions over time, and the reference as a pale line if the move has one.
+
+    Angles are in degrees, extensions of telescopes in cm.
 
     Args:
         move: The move.
-        axes: Axes to draw on.
+        axes: Axes to draw on. Labels, title, legend and the limits of y are set.
     """
     shown = np.where(move.machine.arrays.slides, PER_CM, np.degrees(1.0))
     for j in range(move.machine.joint_count):
@@ -205,11 +209,11 @@ def _draw_modes(move: MoveRecord, axes: Axes) -> None:
 def draw_mode_bars(move: MoveRecord, axes: Axes) -> None:
     """Draw a bar for each actuator over time, in the colours of its modes.
 
-    Labels for a legend are attached to empty bars.
+    Every mode gets a label, so that the caller can add a complete legend; no legend is drawn here.
 
     Args:
         move: The move.
-        axes: Axes to draw on; ticks and limits of y are replaced.
+        axes: Axes to draw on, with time [s] as x. Ticks and limits of y are replaced.
     """
     n = move.machine.joint_count
     for j in range(n):
@@ -227,11 +231,12 @@ def mode_spans(mode: ModeArray) -> Iterator[tuple[int, int, Mode]]:
     """Yield the stretches of rows in which a mode stays the same, in order.
 
     Args:
-        mode: Mode at each instant, such as one actuator's, shape (k,), uint8.
+        mode: Mode at each of k instants, such as that of one actuator, shape (k,), uint8.
 
     Yields:
-        First row of the stretch, first row of the next stretch, and the mode. For the last stretch
-        the second value is the last row k − 1; it is left out if it has this row only.
+        For each stretch its first row, its end and its mode. The end is the first row of the next
+        stretch, so that lines drawn up to it have no gaps. For the last stretch, the end is the
+        last row k − 1. A last stretch of one row only is not yielded.
     """
     edges = [0, *(np.flatnonzero(np.diff(mode.astype(int))) + 1).tolist(), len(mode) - 1]
     for begin, end in pairwise(edges):
@@ -247,17 +252,18 @@ def mode_limits(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the range of piston speeds that a mode allows at given piston forces.
 
-    Valve, pressure and servo pumps limit the speed (`limits.usage.speed_limit`). The main pump's
-    flow, which all actuators share, is not considered.
+    The valve, the supply pressure and the flow of the servo pumps limit the speed. The flow of the
+    main pump, which all actuators share, is not considered.
 
     Args:
         machine: The arm.
-        actuator: Index of the actuator.
-        mode: Its mode.
-        forces: Piston forces [N], shape (k,).
+        actuator: Index of the actuator, from 0.
+        mode: Mode of the actuator.
+        forces: Piston forces, positive if the load resists extension [N], shape (k,).
 
     Returns:
-        Lowest (negative) and highest speed [m/s], each of shape (k,).
+        Lowest speed (negative, retracting) and highest speed (positive, extending) [m/s], each of
+        shape (k,).
     """
     m, oil = machine.arrays, get_shared_hydraulics(machine.arrays)
     own = tuple(float(each[actuator]) for each in (m.valve_coefficient, m.cap_area, m.rod_area))
@@ -270,14 +276,15 @@ def mode_limits(
 
 
 def _draw_regions(move: MoveRecord, panels: np.ndarray) -> None:
-    """Draw each actuator's operating regions in speed and force, and the move in them.
+    """Draw for each actuator which speeds and forces its modes allow, and the move in this plane.
 
-    The region of a mode holds the piston speeds that it allows at each force (`mode_limits`). The
-    move is a line of speed and force in the colours of its modes. A legend names them below.
+    A coloured area shows the piston speeds that a mode allows at each force. The move is a line
+    that has the colours of its modes. The figure gets a legend below the panels.
 
     Args:
         move: The move.
-        panels: Axes, one for each actuator: piston speed [mm/s] to the right, force [kN] upwards.
+        panels: Axes, one for each actuator: piston speed [mm/s] as x, piston force [kN] as y.
+            Limits and titles are set.
     """
     for j, axes in enumerate(panels):
         low, high = _range_with_margin(move.force[:, j], 400.0)
@@ -316,11 +323,14 @@ def _pale(mode: Mode) -> tuple[float, ...]:
 
 
 def _range_with_margin(values: FloatArray, least: float) -> tuple[float, float]:
-    """Return the range of values, widened at both ends by 15 % of their span or by `least`.
+    """Return the range of values with a margin at both ends.
+
+    The margin is 15 % of the difference between largest and smallest value, but not less than
+    `least`.
 
     Args:
         values: At least one value.
-        least: Smallest widening at each end, in the unit of the values.
+        least: Smallest margin, in the unit of the values.
 
     Returns:
         Lower and upper end.
@@ -334,9 +344,10 @@ def _range_with_margin(values: FloatArray, least: float) -> tuple[float, float]:
 
 
 def _draw_pressures(move: MoveRecord, panels: np.ndarray) -> None:
-    """Draw supply pressure and the pressures of `move.chambers` [MPa] of each actuator over time.
+    """Draw the pressures of each actuator [MPa] over time.
 
-    Times in a boost mode are shaded in the colour of the mode. A dashed line marks P_S.
+    They are the pressure in the supply line and those in `move.chambers`. Times in a boosted mode
+    have a background in the colour of the mode. A dashed line marks the main pump's pressure P_S.
 
     Args:
         move: The move.

@@ -60,10 +60,10 @@ class Range:
         """Return evenly spaced values from the lowest to the highest.
 
         Args:
-            count: Number of values, at least 2.
+            count: Number of values, at least 2. If both ends are equal, it has no effect.
 
         Returns:
-            The values; only one if both ends are equal.
+            `count` values, or only one if both ends are equal.
         """
         if self.low == self.high:
             return [self.low]
@@ -121,12 +121,12 @@ class NoOperatingPointError(MhsbError):
     """No examined point has a plan."""
 
     def __init__(self, pressure: Range, v_max: Range, failure: str) -> None:
-        """Compose the message.
+        """Compose the message of the error.
 
         Args:
-            pressure: Range of P_S [Pa].
-            v_max: Range of V_max [m/s].
-            failure: Why there was no plan at the first point.
+            pressure: Range of the supply pressure P_S that was searched [Pa].
+            v_max: Range of V_max (piston speed for planning) that was searched [m/s].
+            failure: Sentence that says why there is no plan at the point of lowest P_S and V_max.
         """
         self.pressure = pressure
         self.v_max = v_max
@@ -146,26 +146,31 @@ def best_operating_point(
     *,
     on_sample: Callable[[OperatingPointResult], None] | None = None,
 ) -> OperatingPoint:
-    """Plan a move from rest at the best point of the given ranges.
+    """Plan a move from rest at the supply pressure and V_max of least cost.
 
-    A quantity without a range stays as the planner's machine has it. The machine's own point is
-    examined as well if it lies within the ranges. The planner keeps its posture table throughout
-    and has the best point's machine afterwards.
+    P_S is the main pump's constant pressure, V_max the piston speed for which plans are made. One
+    or both are chosen from a range; a quantity without a range keeps the value of the planner's
+    machine. The move is planned at evenly spaced samples, and then around the cheapest ones. The
+    machine's own P_S and V_max are tried as well if they are within the ranges.
+
+    Afterwards the planner has the best point's machine. If an error is raised, it may have the
+    machine of any point. It keeps its posture table throughout.
 
     Args:
         planner: The planner; its machine is changed.
         goal: Goal in `base_link` [m].
         start: Start state, at rest.
         options: Options of the plans; None takes the defaults.
-        supply_pressure: Range of P_S [Pa]; None keeps it.
-        v_max: Range of V_max [m/s]; None keeps it.
-        on_sample: Called with each point after it was examined; None calls nothing.
+        supply_pressure: Range of P_S [Pa]; None keeps P_S.
+        v_max: Range of V_max [m/s]; None keeps V_max.
+        on_sample: Function that is called with each point after the move was planned there; None
+            calls nothing.
 
     Returns:
-        The best point, its plan and all examined points.
+        The best point, its plan, its machine, and all points that were tried.
 
     Raises:
-        NoOperatingPointError: No point has a plan.
+        NoOperatingPointError: There is no plan at any of the points.
         MachineFileError: An end of a range is beyond what a machine may have.
         RequestError: No range was given.
     """
@@ -193,15 +198,17 @@ class _Search:
         ranges: tuple[Range, Range],
         on_sample: Callable[[OperatingPointResult], None] | None,
     ) -> None:
-        """Begin a search without points.
+        """Store what the search needs; no point is tried yet.
 
         Args:
-            planner: The planner; its machine is changed at each point.
+            planner: The planner; the search changes its machine at each point.
             goal: Goal in `base_link` [m].
             start: Start state, at rest.
             options: Options of the plans.
-            ranges: Ranges of P_S [Pa] and V_max [m/s].
-            on_sample: Called with each point after it was examined, or None.
+            ranges: Range of the supply pressure P_S [Pa], and range of V_max (piston speed for
+                planning) [m/s].
+            on_sample: Function that is called with each point after the move was planned there, or
+                None.
         """
         self._planner, self._own = planner, planner.machine
         self._goal, self._start, self._options = goal, start, options
@@ -213,15 +220,16 @@ class _Search:
         return self._own.changed(supply_pressure=point[0], max_piston_speed=point[1])
 
     def cost(self, point: Point) -> float:
-        """Return the cost of the move at a point; plan there if that was not done before.
+        """Return the cost of the move at a point, and plan there if that was not done before.
 
-        A new point is stored, and `on_sample` is called with it.
+        A new point is stored, and `on_sample` is called with it. Planning changes the planner's
+        machine.
 
         Args:
             point: P_S [Pa] and V_max [m/s].
 
         Returns:
-            The cost; infinity without a plan.
+            The cost; infinity if no plan was found.
         """
         if point not in self._samples:
             try:
@@ -257,11 +265,11 @@ class _Search:
         )
 
     def look_around(self, own: Point) -> None:
-        """Examine all samples of the ranges, then refine around the cheapest local minima.
+        """Plan at all samples of the ranges, then refine around the cheapest local minima.
 
-        A local minimum is a sample that costs no more than its up to eight neighbours. The
-        machine's own point competes with the local minima if it lies within the ranges. The
-        refinement starts from the `REFINEMENT_STARTS` cheapest of these points.
+        A local minimum is a sample of which no neighbour on the grid (up to eight) is cheaper. The
+        machine's own point is added to the local minima if it is within the ranges. The refinement
+        starts from each of the `REFINEMENT_STARTS` cheapest of these points.
 
         Args:
             own: P_S [Pa] and V_max [m/s] of the planner's machine.
@@ -281,15 +289,16 @@ class _Search:
             self._refine(start, (0.5 * spacing[0], 0.5 * spacing[1]))
 
     def _refine(self, point: Point, stride: Point) -> None:
-        """Improve a point by compass search.
+        """Improve a point by compass search; new points are stored.
 
-        The search moves to the cheapest neighbour. It halves the stride if no neighbour is cheaper
-        or after `MAX_REFINEMENT_MOVES` moves. It stops after `STRIDE_HALVINGS` halvings, or at once
-        if the point has no plan.
+        In each step, the cost of the eight neighbours at a distance of one stride is computed. If
+        the cheapest of them is cheaper than the point, the search moves there. Otherwise, and after
+        `MAX_REFINEMENT_MOVES` moves, the stride is halved. The search ends once the stride has been
+        used after `STRIDE_HALVINGS` halvings. It ends at once if there is no plan at the point.
 
         Args:
             point: P_S [Pa] and V_max [m/s] to begin with.
-            stride: First stride in P_S [Pa] and V_max [m/s].
+            stride: First stride in P_S [Pa] and in V_max [m/s].
         """
         moves = halvings = 0
         while math.isfinite(self.cost(point)) and halvings <= STRIDE_HALVINGS:
@@ -307,7 +316,7 @@ class _Search:
             stride: Stride in P_S [Pa] and V_max [m/s].
 
         Yields:
-            Points that differ from the given one; some may be equal.
+            Points (P_S, V_max) that differ from `point`. By the clipping, several may be equal.
         """
         pressure, v_max = self._ranges
         for i, k in _around((0, 0)):
@@ -319,16 +328,16 @@ class _Search:
                 yield moved
 
     def found(self) -> OperatingPoint:
-        """Return the cheapest of all points and plan there once more.
+        """Return the cheapest of all points that were tried, and plan there once more.
 
-        Of equally cheap points, the one with the lowest P_S, then V_max is taken. The planner has
-        this point's machine afterwards.
+        Of equally cheap points, the one with the lowest P_S is taken, and of these the one with the
+        lowest V_max. Afterwards the planner has this point's machine.
 
         Returns:
-            The best point with its plan.
+            The best point, its plan, its machine, and all points in increasing order.
 
         Raises:
-            NoOperatingPointError: No point has a plan.
+            NoOperatingPointError: There is no plan at any of the points.
         """
         curve = tuple(self._samples[point] for point in sorted(self._samples))
         best = min(curve, key=lambda sample: sample.cost)

@@ -33,18 +33,21 @@ class OperatingRegions:
 
 
 def operating_regions(machine: Machine, table: PostureTable) -> OperatingRegions:
-    """Determine which joints need boost at each node of a posture table.
+    """Determine which joints need boost at each node of the workspace grid.
 
-    A joint needs boost if p_L + m(V_max) + margin > P_S for a motion against its load at V_max.
-    p_L is its load pressure, m the valve's pressure drop and margin the boost margin
-    (`mhsb_model.hydraulics.required_pressure`).
+    At each node, the posture is taken that the posture table has for mode N in all actuators. A
+    joint needs boost there if p_L + m(V_max) + margin > P_S when it moves against its load at
+    V_max. p_L is its load pressure, m the pressure drop of the fully open valve, margin the
+    machine's boost margin and P_S the main pump's pressure [Pa]; V_max is the piston speed for
+    planning [m/s].
 
     Args:
         machine: The arm.
-        table: Its posture table; the postures for all actuators in mode N are used.
+        table: Its posture table.
 
     Returns:
-        The regions, without nodes that the arm cannot reach.
+        The regions. Nodes that the arm cannot reach are left out, so rows are not aligned with the
+        table's nodes.
     """
     normal = int(np.flatnonzero(~any_boosted(table.patterns))[0])
     reached = table.feasible

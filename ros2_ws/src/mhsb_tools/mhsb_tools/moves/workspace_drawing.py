@@ -64,8 +64,9 @@ def draw_workspace_axes(machine: Machine, axes: Axes) -> None:
     """Set up axes x, z [m] of equal scale around the workspace and draw its border.
 
     Args:
-        machine: The arm; if it slews, x and z are those in its plane.
-        axes: Axes to set up.
+        machine: The arm. If it slews, the axes are those of the plane that joint 1 turns, from
+            joint 2.
+        axes: Axes to set up: limits, scale, ticks and labels.
     """
     from matplotlib.ticker import MultipleLocator
 
@@ -82,7 +83,9 @@ def draw_workspace_axes(machine: Machine, axes: Axes) -> None:
 def draw_regions(regions: OperatingRegions, axes: Axes) -> None:
     """Draw a square for each node, coloured by the joints that need boost there.
 
-    Nodes beyond the highest boost pressure get a cross. Each set of joints has a legend entry.
+    The node is at the middle of its square. A cross marks a node at which even the highest boost
+    pressure is too low for some joint. Each set of joints that need boost together has its own
+    colour and label; the legend itself is not drawn.
 
     Args:
         regions: The operating regions.
@@ -104,13 +107,16 @@ def draw_regions(regions: OperatingRegions, axes: Axes) -> None:
 
 
 def _kinds(regions: OperatingRegions) -> list[tuple[str, str, np.ndarray]]:
-    """Return each set of joints that need boost together at some node, also the empty set.
+    """Group the nodes by the set of joints that need boost there.
+
+    The set may be empty. Sets that no node has are left out.
 
     Args:
         regions: The operating regions.
 
     Returns:
-        Label, colour, and which nodes belong to the set (bool, shape (nodes,)); smaller sets first.
+        For each set its label, its colour, and flags of the nodes that have it, bool of shape
+        (nodes,). Sets with fewer joints come first.
     """
     sets = sorted(
         {tuple(np.flatnonzero(row).tolist()) for row in regions.boosted},
@@ -132,10 +138,12 @@ def _kinds(regions: OperatingRegions) -> list[tuple[str, str, np.ndarray]]:
 
 
 def draw_outline(machine: Machine, axes: Axes) -> None:
-    """Draw the border of the workspace, and set the limits of the axes to show it and the base.
+    """Draw the border of the workspace and set the limits of the axes.
+
+    The limits show the whole border and the arm's base, with a margin of BORDER_WIDTH.
 
     Args:
-        machine: The arm with its workspace: smallest and largest radius, smallest x.
+        machine: The arm; its workspace has a smallest radius, a largest radius and a smallest x.
         axes: Axes to draw on.
     """
     area = machine.config.workspace
@@ -152,16 +160,18 @@ def draw_outline(machine: Machine, axes: Axes) -> None:
 
 
 def draw_obstacles(machine: Machine, axes: Axes, postures: FloatArray) -> None:
-    """Draw keep-out zones, ground and base: dark for the whole arm, paler for the tip alone.
+    """Draw keep-out zones, ground and base in the arm's plane.
 
-    If the arm slews, zones in space are drawn as outlines of their shadows in the arm's plane.
-    These are for all slew angles that the postures span, so that the arm may be inside a shadow
-    while its plane is beside the zone.
+    Obstacles of the whole arm are darker than those that only the tip must keep out of. If the arm
+    slews, a zone in space is drawn as the outline of its shadow: the part of the plane that meets
+    the zone at some slew angle of the move. The drawn arm may therefore be inside a shadow without
+    touching the zone.
 
     Args:
         machine: The arm with its obstacles.
         axes: Axes to draw on.
-        postures: Postures of the move, shape (k, n) [rad or m].
+        postures: Postures of the move, shape (k, n) [rad or m]. Only the range of slew angles is
+            used.
     """
     own = machine.obstacles
     _draw_rows(own.rows[~own.is_in_space], machine.joint_count, axes, IN_PLANE)
@@ -172,13 +182,17 @@ def draw_obstacles(machine: Machine, axes: Axes, postures: FloatArray) -> None:
 
 
 def _draw_rows(rows: FloatArray, tip: int, axes: Axes, looks: tuple[dict[str, Any], ...]) -> None:
-    """Draw obstacles of the plane as patches, each shape once and each label once.
+    """Draw circles and boxes in the arm's plane; shape and label are drawn once each.
+
+    Rows that stand for a link of the arm itself are skipped.
 
     Args:
-        rows: Obstacle table with the columns of `obstacles.zones`.
-        tip: Value of `LINK_COLUMN` that stands for the tip alone.
+        rows: Obstacle table with the columns of `obstacles.zones`. A shape may have several rows,
+            one for each link that must keep out of it.
+        tip: Value in the column `LINK_COLUMN` if only the tip must keep out.
         axes: Axes to draw on.
-        looks: Patch styles for the whole arm and for the tip alone.
+        looks: Matplotlib patch properties for obstacles of the whole arm, and for those of the tip
+            alone.
     """
     from matplotlib.patches import Circle, Rectangle
 
@@ -202,11 +216,11 @@ def _draw_rows(rows: FloatArray, tip: int, axes: Axes, looks: tuple[dict[str, An
 
 
 def draw_arm(machine: Machine, q: FloatArray, axes: Axes, **style: Any) -> None:
-    """Draw the links in posture q [rad or m].
+    """Draw the links of the arm in one posture, as a line with a dot at each joint.
 
     Args:
         machine: The arm.
-        q: Posture, shape (n,).
+        q: Posture, shape (n,) [rad, telescopes m].
         axes: Axes to draw on.
         **style: Line properties that replace the default ones.
     """
