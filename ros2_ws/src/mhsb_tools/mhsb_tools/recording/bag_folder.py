@@ -49,21 +49,21 @@ class BagFolder:
 
 
 def find_data_files(path: Path) -> BagFolder:
-    """Find the data files of a recording and compare them with its metadata.
+    """Find the data files of a recording and compare their names with its metadata.
 
-    Files that the metadata list come first, in the listed order. Further data files of the same
-    recording follow, ordered by their number. Contents of the data files are not read.
+    Files that the metadata list come first, in the listed order. Then come unlisted data files of
+    the same recording, ordered by the number in their name. The data files are not opened.
 
     Args:
         path: Folder of the recording.
 
     Returns:
-        The files. Missing or damaged metadata, missing files and unlisted files are reported in
-        `problem`.
+        The files. Its `problem` says whether the metadata are missing or damaged, a listed file is
+        missing, or a file is not listed.
 
     Raises:
-        BagError: The folder cannot be read, holds no recording, or holds one of an unsupported
-            kind.
+        BagError: The folder cannot be read, has no data file, has files of several recordings, or
+            has a recording that is not stored as plain MCAP.
     """
     if not path.is_dir():
         raise BagError(f"{path} is not a folder; name the folder of a recording")
@@ -96,11 +96,14 @@ def find_data_files(path: Path) -> BagFolder:
 def _find_unlisted_files(
     path: Path, existing_names: set[str], listed_names: list[str]
 ) -> list[str]:
-    """Return the data files that belong to the recording but are not listed.
+    """Return the data files that belong to a recording although its metadata do not list them.
 
-    The stem of a name is the part before `_NUMBER.mcap`. A file belongs to the recording if its
-    name has the same stem as a listed file that exists. If no such file is listed, the folder's own
-    name is the stem. If no file has that stem either, all data files must share one stem.
+    A file belongs to the recording if its name begins in the right way. The beginning of
+    `run_3.mcap` is `run`. The right beginning is the first of these that exists:
+
+    1. that of the listed files;
+    2. the name of the folder, if a file begins with it;
+    3. that of all data files, if it is the same for all.
 
     Args:
         path: Folder of the recording.
@@ -111,7 +114,7 @@ def _find_unlisted_files(
         Names that are not in `listed_names`, ordered by file number and then by name.
 
     Raises:
-        BagError: Nothing is listed and the folder holds files of several recordings.
+        BagError: None of the three exists, so the folder has files of several recordings.
     """
     found: dict[str, list[tuple[int, str]]] = {}
     for name in existing_names:
@@ -145,18 +148,18 @@ def _stem_and_number(name: str) -> tuple[str, int]:
 
 
 def _read_metadata(path: Path) -> tuple[dict[str, int], int]:
-    """Read the metadata of a recording.
+    """Read the names of the data files and the message counts from a recording's metadata.
 
     Args:
         path: The file `metadata.yaml`.
 
     Returns:
-        Number of messages of each data file by its name, in the listed order, 0 if not stated; and
-        the number of messages of the whole recording.
+        Number of messages by name of the data file, in the listed order; 0 if the metadata do not
+        state it. Then the number of messages of the whole recording.
 
     Raises:
-        MetadataError: The file is missing or its content cannot be used.
-        BagError: The file cannot be read, or the recording is of an unsupported kind.
+        MetadataError: The file is missing, or its content is not metadata of a recording.
+        BagError: The file cannot be read, or the recording is not stored as plain MCAP.
     """
     if not path.exists() and not path.is_symlink():
         raise MetadataError(f"it has no {METADATA_FILE}")
@@ -185,13 +188,17 @@ def _read_metadata(path: Path) -> tuple[dict[str, int], int]:
 
 
 def _check_kind(folder: Path, metadata: dict[str, Any]) -> None:
-    """Raise BagError unless a recording is stored as MCAP and not compressed by rosbag2.
+    """Check that a recording is stored as MCAP and is not compressed by rosbag2.
 
-    Compressed chunks inside an MCAP file are a different matter; they are supported.
+    Compression of whole files or messages by rosbag2 is not supported. Compressed chunks inside an
+    MCAP file are.
 
     Args:
-        folder: Folder of the recording, for the message.
+        folder: Folder of the recording, for the error message.
         metadata: Content of the metadata.
+
+    Raises:
+        BagError: The recording is stored in another way.
     """
     storage = str(metadata.get("storage_identifier"))[:20]
     if storage != STORAGE_ID:

@@ -96,16 +96,16 @@ class BagContents:
 
 
 def merge_contents(parts: Sequence[BagContents]) -> BagContents:
-    """Combine the contents of several data files.
+    """Combine the contents of several data files of one recording.
 
-    Message counts of equal topics are added. Times of files without messages are ignored.
+    Message counts of equal topics are added. Files without messages have no influence on the times.
 
     Args:
         parts: Contents of each file.
 
     Returns:
-        Contents of all files; topics in the order in which they first occur. Times are 0 if there
-        are no messages.
+        First log time, last log time and message counts of all files together. Topics are in the
+        order in which they first occur. Both times are 0 if there are no messages.
     """
     counts: Counter[BagTopic] = Counter()
     for part in parts:
@@ -204,17 +204,18 @@ def metadata_text(files: Mapping[str, BagContents]) -> str:
 
 
 def write_metadata(folder: Path, files: Mapping[str, BagContents]) -> None:
-    """Write `metadata.yaml` of a recording, whole or not at all.
+    """Write `metadata.yaml` of a recording; an existing file is replaced.
 
-    The text goes into a temporary file in the same folder. It is synchronized to disk, gets the
-    permissions of a new file, and then replaces the old file.
+    The text is first written to a temporary file in the same folder and synchronized to disk. The
+    file therefore has either its old or its complete new content at any time.
 
     Args:
         folder: Folder of the recording.
         files: Contents of each data file by its name, in time order.
 
     Raises:
-        OSError: The file cannot be written; the temporary file is removed.
+        OSError: The file cannot be written; the old one is unchanged and the temporary file
+            deleted.
     """
     text = _yaml({METADATA_KEY: _metadata(files)})
     descriptor, half = tempfile.mkstemp(".part", f".{METADATA_FILE}.", folder)
@@ -234,7 +235,7 @@ def write_metadata(folder: Path, files: Mapping[str, BagContents]) -> None:
 def _umask() -> int:
     """Return the umask of this process.
 
-    The only way to read it is to set it, so it is 0 for an instant.
+    It can only be read by setting it. It is therefore 0 for an instant, also for other threads.
 
     Returns:
         The permission bits that new files do not get.
@@ -302,15 +303,16 @@ def _topics(counts: Sequence[tuple[BagTopic, int]]) -> list[dict[str, Any]]:
 
 
 def _qos_profiles(text: str) -> list[Any]:
-    """Parse the QoS profiles of a topic from YAML that may be damaged or malicious.
+    """Parse the QoS profiles of a topic from YAML of an untrusted source.
 
-    At most LONGEST_QOS characters are read.
+    Only the first LONGEST_QOS characters are parsed.
 
     Args:
         text: YAML text of a list of profiles.
 
     Returns:
-        The profiles; an empty list if the text cannot be read or one profile lacks a key.
+        The profiles as dictionaries. Empty if the text is not YAML within the bounds, or if one
+        profile lacks a key or has a value of a wrong type.
     """
     try:
         profiles = bounded_yaml.parse(text[:LONGEST_QOS], convert_values=True)
@@ -321,14 +323,15 @@ def _qos_profiles(text: str) -> list[Any]:
 
 
 def _is_profile(profile: Any) -> bool:
-    """Return whether a value is a QoS profile in rosbag2's form.
+    """Return whether a value is a complete QoS profile in rosbag2's form.
 
     Args:
         profile: Any value that was parsed from YAML.
 
     Returns:
-        True if it is a dictionary with all keys of PROFILE_KINDS, each with a value of the right
-        type. A duration must have whole numbers `sec` and `nsec`.
+        True if it is a dictionary with all keys of PROFILE_KINDS, each with a value of the type
+        stated there. Durations must be dictionaries with integers `sec` and `nsec`. Further keys
+        are allowed.
     """
     if not isinstance(profile, dict) or not profile.keys() >= PROFILE_KINDS.keys():
         return False

@@ -24,14 +24,15 @@ def read_recording(folder: Path, namespace: str = "", slews: bool = False) -> Re
     Args:
         folder: Folder of the recording.
         namespace: Namespace of its topics, such as `/left`; empty for none.
-        slews: Whether its arm slews, so that goals have a y coordinate.
+        slews: Whether the recorded arm slews, so that its goals have a y coordinate.
 
     Returns:
-        All decoded messages of the suite. Messages that break their contract are left out and
-        noted.
+        All messages on the suite's topics, decoded. A message that is damaged or has a wrong type
+        is left out and noted in `unreadable`.
 
     Raises:
-        BagError: The folder is no complete recording, or has no readable joint states.
+        BagError: The folder has no recording, the recording is damaged or incomplete, or it has no
+            readable joint states.
     """
     namespace = namespace.rstrip("/")
     bag = find_data_files(folder)
@@ -56,19 +57,19 @@ def _map_topic_names(namespace: str) -> dict[str, Topic]:
 def _messages(bag: BagFolder, names: dict[str, Topic]) -> Iterator[RecordedMessage]:
     """Yield the recorded messages of the suite's topics, in the order of the files.
 
-    Files are read chunk by chunk and checked on the way. An error can therefore come after some
-    messages have been yielded.
+    Files are read and checked chunk by chunk. Some messages may therefore be yielded before an
+    error is raised.
 
     Args:
-        bag: Data files, and the message count that the metadata state.
+        bag: Data files, and the number of messages that the metadata state.
         names: Topics to yield, by their absolute names.
 
     Yields:
-        Each message as bytes, with its topic, its stated type and its log time.
+        Each message as bytes, with its topic, its type as the file states it, and its log time.
 
     Raises:
-        BagError: A file is damaged (raised at the first damage), or the number of messages in all
-            files differs from the metadata (raised at the end).
+        BagError: A file is damaged, or the files have another number of messages than the metadata
+            state. The latter is known only at the end.
     """
     kept = 0
     for path in bag.files:
@@ -108,11 +109,11 @@ def _check(bag: BagFolder, survey: Survey) -> None:
 
 
 def _read_unchunked_message(file: DataFile, record: RecordFrame) -> RawMessage:
-    """Read a message that stands outside chunks.
+    """Read one message that is outside all chunks of an MCAP file.
 
     Args:
-        file: File of the message.
-        record: Position of the message record in the file.
+        file: The MCAP file.
+        record: Position of the message record in the file; it must have been checked before.
 
     Returns:
         The message with its serialized content.
@@ -125,18 +126,19 @@ def _read_unchunked_message(file: DataFile, record: RecordFrame) -> RawMessage:
 def _select_topics(
     messages: Iterator[RawMessage], definitions: Definitions, names: dict[str, Topic]
 ) -> Iterator[RecordedMessage]:
-    """Yield the messages of selected topics, each with its topic and stated type.
+    """Yield the messages of selected topics; messages of all other topics are skipped.
 
-    If a channel's encoding is not CDR, the stated type gets ` in ENCODING` appended, so that it
-    cannot be taken for a ROS type. Type and encoding are cut to 80 and 20 characters.
+    The type is the one that the file states, "no type" if it states none. If the messages are not
+    encoded as CDR, ` in ENCODING` is appended to the type, so that it equals no ROS type. Longer
+    names are cut to 80 characters for the type and 20 for the encoding.
 
     Args:
-        messages: Messages by channel; each channel must be in `definitions`.
-        definitions: Channels and schemas of the file.
-        names: Topics to yield, by their absolute names; others are skipped.
+        messages: Messages of one file.
+        definitions: Channels and schemas of the file. It must have the channel of each message.
+        names: Topics to yield, by their absolute names.
 
     Yields:
-        The messages in the given order.
+        The messages in the given order, each with its topic, type and log time [ns].
     """
     known: dict[int, tuple[Topic, str] | None] = {}
     for message in messages:

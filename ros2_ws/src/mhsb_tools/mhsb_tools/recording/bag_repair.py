@@ -68,13 +68,14 @@ class Repair:
     is_complete: bool = False
 
     def sentence(self, folder: Path) -> str:
-        """Return the result as one sentence for the user, without a period.
+        """Describe the result of a repair in one sentence without a period.
 
         Args:
             folder: Folder of the recording, as the user named it.
 
         Returns:
-            Numbers of kept and lost messages, and the names under which the damaged files are kept.
+            The sentence. It has the numbers of kept and lost messages, other numbers that are above
+            0, and the names under which the damaged files are kept.
         """
         if self.is_complete:
             return f"{folder} is complete with {self.kept} messages; nothing was changed"
@@ -96,8 +97,9 @@ class Repair:
 def repair_recording(folder: Path) -> Repair:
     """Repair the recording in a folder.
 
-    A complete recording is left unchanged. Otherwise damaged data files and the metadata are
-    written anew, and the damaged ones are kept under new names.
+    A complete recording is left unchanged. Otherwise, each damaged data file is replaced by a new
+    one with all messages that can be read, and new metadata are written. The damaged files and the
+    old metadata are kept beside them, with `.torn` after their names.
 
     Args:
         folder: Folder of the recording.
@@ -106,8 +108,8 @@ def repair_recording(folder: Path) -> Repair:
         Numbers of kept and lost messages, and the new names of the damaged files.
 
     Raises:
-        BagError: There is no recording, nothing can be read from it, or the repaired one cannot be
-            written. If nothing can be read, nothing is changed.
+        BagError: There is no recording in the folder, no message can be read, or the repaired files
+            cannot be written. If no message can be read, nothing is changed.
     """
     bag = find_data_files(folder)
     surveys = [survey_file(path) for path in bag.files]
@@ -138,11 +140,11 @@ def repair_recording(folder: Path) -> Repair:
 
 
 def _replace(bag: BagFolder, surveys: list[Survey]) -> list[str]:
-    """Write repaired files and exchange them for the damaged ones.
+    """Replace the damaged data files and the metadata of a recording by repaired ones.
 
-    All repaired files are complete on disk before the first damaged file is renamed. Files without
-    damage stay as they are. A damaged file without readable messages is set aside without a
-    replacement. New metadata are written last.
+    All repaired files are complete on disk before the first damaged file is renamed. A damaged file
+    without a readable message is renamed and not replaced. Files without damage do not change. New
+    metadata are written last.
 
     Args:
         bag: Folder of the recording.
@@ -150,6 +152,10 @@ def _replace(bag: BagFolder, surveys: list[Survey]) -> list[str]:
 
     Returns:
         New names of the damaged files and of the old metadata.
+
+    Raises:
+        OSError: A file cannot be written or renamed.
+        BagError: A repaired file does not have all messages that can be read.
     """
     contents: dict[str, BagContents] = {}
     repaired: dict[Path, Path] = {}
@@ -177,9 +183,12 @@ def _replace(bag: BagFolder, surveys: list[Survey]) -> list[str]:
 
 @contextlib.contextmanager
 def _temporary_files() -> Iterator[list[Path]]:
-    """Yield a list of paths; at the end of the `with` block the files in it are deleted.
+    """Provide a list of files that are deleted at the end of the `with` block.
 
-    Remove a path from the list to keep its file.
+    Context manager. The caller appends paths. A path that is removed from the list keeps its file.
+
+    Yields:
+        The list, which is empty at first.
     """
     parts: list[Path] = []
     try:
@@ -191,19 +200,22 @@ def _temporary_files() -> Iterator[list[Path]]:
 
 
 def _rewrite(survey: Survey, temporary_files: list[Path]) -> tuple[Path, BagContents]:
-    """Write the readable part of a damaged file into a temporary file and read that again.
+    """Write the readable part of a damaged file into a new temporary file, and check it.
 
-    The temporary file stands beside the damaged one and gets its permissions.
+    The temporary file is in the same folder as the damaged one and gets its permissions. It is
+    synchronized to disk and read once more.
 
     Args:
         survey: Findings in the damaged file.
         temporary_files: List of temporary files; the new file's path is appended.
 
     Returns:
-        Path of the new file, and its contents for the metadata.
+        Path of the new file, and its topics, times and message counts for the metadata.
 
     Raises:
-        BagError: The new file is damaged, or holds another number of messages.
+        BagError: The new file is damaged, or does not have as many messages as can be read from the
+            old one.
+        OSError: The new file cannot be written.
     """
     path = survey.path
     descriptor, name = tempfile.mkstemp(".part", f".{path.name}.", path.parent)
@@ -220,19 +232,19 @@ def _rewrite(survey: Survey, temporary_files: list[Path]) -> tuple[Path, BagCont
 
 
 def _copy_readable_parts(survey: Survey, file: DataFile, stream: IO[bytes]) -> BagContents:
-    """Copy everything that can be used from a damaged file into a new MCAP file.
+    """Copy everything that can be used from a damaged MCAP file into a new one.
 
-    Repeated chunks are written once. Messages outside chunks are put into new chunks. Attachments
-    and metadata records are copied. Only rosbag2's own metadata record is replaced by a new one,
-    which is written at the end.
+    A chunk that occurs several times is written once. Messages outside chunks are put into new
+    chunks. Attachments and metadata records are copied. Only the metadata record of rosbag2 is not
+    copied; a new one is written at the end.
 
     Args:
         survey: Findings in the damaged file.
         file: The damaged file.
-        stream: Open file that receives the copy.
+        stream: Open binary file that receives the copy.
 
     Returns:
-        Contents of the new file for the metadata.
+        Topics, times and message counts of the new file.
     """
     listed = survey.listed_chunks
     copy = McapCopy(stream, _complete_definitions(survey), _header(survey), listed)
@@ -260,17 +272,17 @@ def _copy_readable_parts(survey: Survey, file: DataFile, stream: IO[bytes]) -> B
 
 
 def _complete_definitions(survey: Survey) -> Definitions:
-    """Return a file's schemas and channels, with substitutes for lost ones.
+    """Return the schemas and channels of a file, with substitutes for those that are lost.
 
-    A lost channel becomes the topic /unknown/channel_ID. A lost schema becomes the type
-    UNKNOWN_TYPE without a text.
+    A channel that has messages but is lost becomes the topic /unknown/channel_ID. A schema that a
+    channel needs but is lost becomes the type UNKNOWN_TYPE without a definition.
 
     Args:
-        survey: Findings in the file; its definitions are not changed.
+        survey: Findings in the file; not changed.
 
     Returns:
-        A copy in which every message has a channel, and every channel has a schema or the schema id
-        0.
+        A new set of definitions. Every message has a channel in it. Every channel has a schema in
+        it, or the schema id 0, which means no schema.
     """
     found = survey.definitions
     definitions = Definitions(dict(found.schemas), dict(found.channels))
@@ -289,15 +301,15 @@ def _complete_definitions(survey: Survey) -> Definitions:
 
 
 def _unknown_schema(definitions: Definitions) -> int:
-    """Return the id of the schema that stands for unknown types.
+    """Return the id of the schema that stands for types that are not known.
 
-    If there is none, it is added to `definitions` under the highest id that is not in use.
+    If there is no such schema, it is added to `definitions` under the highest free id.
 
     Args:
-        definitions: Schemas and channels of the file; may get the new schema.
+        definitions: Schemas and channels of the file; the schema is added in place.
 
     Returns:
-        The schema's id.
+        Id of the schema.
     """
     used = {channel.schema_id for channel in definitions.channels.values()}
     for schema_id, schema in definitions.schemas.items():
@@ -344,16 +356,16 @@ def _content(record: Header | Metadata) -> bytes:
 def summarize_contents(
     survey: Survey, counts: Mapping[int, int], definitions: Definitions
 ) -> BagContents:
-    """Return the contents of a data file in the form that the metadata need.
+    """Collect the topics, times and message counts of a data file for the metadata.
 
     Args:
-        survey: Findings in the file, for its first and last log time.
-        counts: Number of messages by channel id.
-        definitions: Schemas and channels.
+        survey: Findings in the file; only its first and last log time are used.
+        counts: Number of messages by channel id; a missing id means 0.
+        definitions: Schemas and channels of the file.
 
     Returns:
-        The file's times, and each topic with its number of messages, 0 for channels without
-        messages.
+        The file's times, and each topic with its number of messages. Channels that give equal
+        topics are added up.
     """
     topics: Counter[BagTopic] = Counter()
     for channel in definitions.channels.values():
@@ -362,15 +374,16 @@ def summarize_contents(
 
 
 def _topic(channel: Channel, definitions: Definitions) -> BagTopic:
-    """Return a channel as a topic of the metadata.
+    """Convert a channel of an MCAP file to a topic of the metadata.
 
     Args:
         channel: The channel.
-        definitions: Schemas of the file; a channel without schema gets the type UNKNOWN_TYPE.
+        definitions: Schemas of the file. If the channel's schema is not among them, the topic gets
+            the type UNKNOWN_TYPE.
 
     Returns:
-        The topic. If its type hash is missing, it is the hash of the known ROS type of that name,
-        or an empty text.
+        The topic. If the channel has no type hash, the hash of the ROS type with that name is used,
+        or an empty text if the type is unknown here.
     """
     schema = definitions.schema_of(channel)
     type_name = schema.name if schema else UNKNOWN_TYPE
@@ -384,17 +397,21 @@ def _topic(channel: Channel, definitions: Definitions) -> BagTopic:
 
 
 def _rename_to_torn(path: Path, replacement: Path | None) -> str:
-    """Rename a file to the first free name of NAME.torn, NAME.torn.1, NAME.torn.2 and so on.
+    """Rename a damaged file, and optionally put another file in its place.
 
-    A hard link is made first, so that the old name exists until another file takes it. File systems
-    without links get a plain rename.
+    The new name is the first free one of NAME.torn, NAME.torn.1, NAME.torn.2 and so on. The new
+    name is first a hard link, so the file keeps its old name until `replacement` takes it. On a
+    file system without hard links, the file is renamed at once.
 
     Args:
-        path: The file; a symbolic link is renamed itself and its target stays untouched.
-        replacement: File that takes over the old name; None leaves the old name free.
+        path: The damaged file. If it is a symbolic link, the link is renamed, not its target.
+        replacement: File that gets the old name; None leaves the old name free.
 
     Returns:
-        The new name.
+        The new name of the damaged file, without its folder.
+
+    Raises:
+        OSError: The file cannot be renamed or replaced.
     """
     for number in itertools.count():
         torn = path.with_name(f"{path.name}{TORN_SUFFIX}{f'.{number}' if number else ''}")
@@ -415,7 +432,7 @@ def _rename_to_torn(path: Path, replacement: Path | None) -> str:
 
 
 def _sync(folder: Path) -> None:
-    """Write the directory entries of a folder to disk (fsync)."""
+    """Wait until the names of a folder's files are on disk (fsync of the folder)."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)

@@ -34,10 +34,10 @@ class BagWriter:
     """
 
     def __init__(self, folder: Path) -> None:
-        """Make the folder, if it is missing, and open the MCAP file.
+        """Create the folder if it does not exist, and begin its MCAP file.
 
         Args:
-            folder: Folder of the recording; it must be empty or missing.
+            folder: Folder of the recording. If it exists, it must be empty.
 
         Raises:
             BagError: The folder is not empty or cannot be written.
@@ -71,7 +71,7 @@ class BagWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Complete the recording, or only close the file after a BagError.
+        """Complete the recording; after a BagError, only close the file.
 
         Args:
             kind: Class of the exception that ended the block; None without one.
@@ -90,13 +90,14 @@ class BagWriter:
         return sum(self._counts.values())
 
     def add_topic(self, topic: BagTopic) -> None:
-        """Write the schema and channel of a topic.
+        """Write the definition of a topic (MCAP schema and channel).
 
         Call this once for each topic, before its first message.
 
         Args:
-            topic: The topic; its type must be known to ROS 2 Jazzy. Its encoding and type hash are
-                ignored.
+            topic: The topic. Its type must be one of the types that this package knows for ROS 2
+                Jazzy. Messages are always CDR, and the type hash is computed from the type; both
+                fields of the topic are ignored.
         """
         if topic.type_name not in self._schemas:
             self._schemas[topic.type_name] = self._writer.register_schema(
@@ -117,13 +118,13 @@ class BagWriter:
         self._counts[topic.name] = 0
 
     def write(self, topic_name: str, data: bytes, log_ns: int, publish_ns: int) -> None:
-        """Add a serialized message.
+        """Add one serialized message to the recording.
 
         Args:
             topic_name: Name of a topic that was added before.
             data: Message serialized as CDR.
             log_ns: Time at which it was received [ns since the epoch].
-            publish_ns: Time at which it was sent [ns since the epoch].
+            publish_ns: Time at which it was published [ns since the epoch].
 
         Raises:
             BagError: The file cannot be written.
@@ -154,9 +155,10 @@ class BagWriter:
             raise self._cannot_write(error) from error
 
     def close(self) -> None:
-        """Complete the recording with index, summary and metadata, and close the file.
+        """Complete the recording and close its file.
 
-        A second call does nothing.
+        The MCAP file gets its index and summary, and `metadata.yaml` is written. Further calls do
+        nothing.
 
         Raises:
             BagError: The file or the metadata cannot be written.

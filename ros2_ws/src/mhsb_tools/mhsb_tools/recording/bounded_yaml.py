@@ -25,18 +25,23 @@ class YamlError(Exception):
 
 
 def parse(text: str, *, convert_values: bool = False) -> Any:
-    """Parse a YAML text within the bounds of this module.
+    """Parse a YAML text of an untrusted source, within bounds of length and depth.
+
+    The bounds are MAX_TEXT for the text, MAX_DEPTH for nested lists and mappings, and the length of
+    a single value. Aliases are not allowed.
 
     Args:
         text: The YAML text.
-        convert_values: True converts numbers, dates and so on, and limits each value to MAX_NUMBER
-            characters. False returns every value as text, of at most MAX_SCALAR characters.
+        convert_values: True converts values to numbers, dates, booleans and so on. Each single
+            value, text included, may then have at most MAX_NUMBER characters. False returns every
+            value as text; each may have at most MAX_SCALAR characters.
 
     Returns:
-        Nested lists and dictionaries; None for an empty text.
+        Nested lists and dictionaries, or a single value. None for an empty text.
 
     Raises:
-        YamlError: The text is no YAML, exceeds a bound, or refers to a part of itself.
+        YamlError: The text is not YAML, exceeds a bound, has an alias, or has a value that cannot
+            be converted.
     """
     if len(text) > MAX_TEXT:
         raise YamlError(f"it has more than {MAX_TEXT} characters")
@@ -56,11 +61,12 @@ def _check(text: str, max_scalar: int) -> None:
 
     Args:
         text: The YAML text.
-        max_scalar: Length of the longest single value [characters].
+        max_scalar: Largest length of a single value [characters].
 
     Raises:
-        YamlError: The text has references or exceeds a bound.
-        yaml.YAMLError: The text is no YAML.
+        YamlError: The text has an alias (reference to another part of itself), lists and mappings
+            nested deeper than MAX_DEPTH, or a value longer than `max_scalar`.
+        yaml.YAMLError: The text is not YAML.
     """
     depth = 0
     for event in yaml.parse(text, Loader=yaml.CBaseLoader):

@@ -25,14 +25,18 @@ PRIMITIVE_SIZES = {
 
 
 def check_structure(type_name: str, data: bytes) -> None:
-    """Raise MessageError unless bytes hold a complete CDR message of a type.
+    """Check that bytes can be a complete CDR message of a ROS type.
 
-    Checked are the byte order in the first two bytes, and that all fields with their stated lengths
-    fit into the bytes. Values are not checked. Bytes after the end of the message are allowed.
+    The byte order in the first two bytes is checked, and that all fields, with the lengths that the
+    bytes state for arrays and texts, fit into the bytes. Values are not checked. Bytes after the
+    end of the message are allowed.
 
     Args:
-        type_name: ROS type of the message; it must be known.
-        data: Serialized message with its encapsulation header.
+        type_name: ROS type, such as `std_msgs/msg/String`; it must be known to this package.
+        data: Serialized message with its encapsulation header of 4 bytes.
+
+    Raises:
+        MessageError: The bytes are not such a message.
     """
     order = BYTE_ORDERS.get(data[:2])
     if order is None or len(data) < ENCAPSULATION_SIZE:
@@ -44,7 +48,7 @@ class _CdrPosition:
     """A read position in a serialized message that is moved past one field after the other."""
 
     def __init__(self, type_name: str, data: bytes, order: str) -> None:
-        """Begin behind the encapsulation header.
+        """Set the read position to the first field, directly after the encapsulation header.
 
         Args:
             type_name: ROS type of the whole message, for error messages.
@@ -57,24 +61,28 @@ class _CdrPosition:
         self._at = ENCAPSULATION_SIZE
 
     def skip_message(self, type_name: str) -> None:
-        """Move past a message, or a nested message, of a type.
+        """Move the read position past all fields of a message, or of a nested message.
 
         Args:
             type_name: ROS type of the message.
 
         Raises:
-            MessageError: The data are shorter than the message.
+            MessageError: The data end before the message does, or a field has an unsupported type.
         """
         for _, (kind, detail) in get_typestore_jazzy().fielddefs[type_name][1]:
             self._skip_field(kind, detail)
 
     def _skip_field(self, kind: Nodetype, detail: Any) -> None:
-        """Move past one field of a message.
+        """Move the read position past one field of a message.
 
         Args:
             kind: Kind of the field: nested message, primitive value, array or sequence.
-            detail: Description of the field by `rosbags`: name of the nested type, primitive type,
-                or element type and count.
+            detail: Description of the field by the package `rosbags`. It is the name of a nested
+                type, a primitive type, or a pair of element type and count; the count of a sequence
+                is read from the data instead.
+
+        Raises:
+            MessageError: The data end before the field does, or the field has an unsupported type.
         """
         if kind == Nodetype.NAME:
             self.skip_message(detail)
@@ -91,10 +99,10 @@ class _CdrPosition:
                 self.skip_message(inner_detail)
 
     def _skip_values(self, name: str, count: int) -> None:
-        """Move past consecutive values of one primitive type.
+        """Move the read position past consecutive values of one primitive type.
 
         Args:
-            name: Primitive type; `string` values have a length each.
+            name: Primitive type, or `string`; each string begins with its length.
             count: Number of values.
 
         Raises:
@@ -115,15 +123,15 @@ class _CdrPosition:
         return int.from_bytes(self._data[self._at - 4 : self._at], self._order)
 
     def _skip_bytes(self, size: int, alignment: int) -> None:
-        """Move past bytes, after padding up to their alignment.
+        """Move the read position past padding and then past some bytes.
 
         Args:
-            size: Number of bytes.
-            alignment: Alignment of their first byte, relative to the end of the encapsulation
-                header.
+            size: Number of bytes after the padding.
+            alignment: The first of these bytes is at a multiple of this number, counted from the
+                end of the encapsulation header.
 
         Raises:
-            MessageError: The data end before that.
+            MessageError: The data end before the new position.
         """
         self._at += -(self._at - ENCAPSULATION_SIZE) % alignment + size
         if self._at > len(self._data):

@@ -52,7 +52,7 @@ class DataFile:
     """
 
     def __init__(self, path: Path) -> None:
-        """Open a file and set both budgets.
+        """Open a file and set its budgets for reading and unpacking.
 
         Args:
             path: The file; symbolic links are followed.
@@ -87,9 +87,10 @@ class DataFile:
         os.close(self._descriptor)
 
     def read(self, at: int, length: int) -> bytes:
-        """Return bytes of the file, and charge them to the budget for reading.
+        """Read bytes at an offset, and charge them to the budget for reading.
 
-        Reads of at most SMALL_READ bytes are served from a window that is read ahead.
+        Each call is charged COST_OF_A_READ bytes more than it returns. After a small read,
+        READ_AHEAD_SIZE bytes are kept in memory for further small reads.
 
         Args:
             at: Offset of the first byte.
@@ -113,7 +114,7 @@ class DataFile:
         return self._window[begin : begin + length]
 
     def _pread(self, at: int, length: int) -> bytes:
-        """Read bytes from the operating system, in several calls if needed.
+        """Read bytes at an offset from the operating system, in several calls if needed.
 
         Args:
             at: Offset of the first byte.
@@ -140,24 +141,25 @@ class DataFile:
         """Charge unpacked bytes to the budget for unpacking.
 
         Args:
-            size: Number of bytes; the caller adds COST_OF_A_MESSAGE for each message.
+            size: Number of bytes to charge. The caller also charges COST_OF_A_MESSAGE for each
+                message.
 
         Raises:
-            BagError: The budget is used up.
+            BagError: The budget for unpacking is used up.
         """
         self._unpack_left -= size
         if self._unpack_left < 0:
             raise self._too_much_work("unpack")
 
     def next_data(self, at: int) -> int:
-        """Return the first offset from `at` on that is not in a hole of a sparse file.
+        """Return the first offset, not before `at`, that is not in a hole of a sparse file.
 
         Args:
             at: Offset at which the search begins.
 
         Returns:
-            The offset; the file's size if only holes follow, and `at` itself if the file system
-            cannot tell.
+            The offset. It is the file's size if only holes follow, and `at` if the file system does
+            not tell where holes are.
         """
         try:
             return max(at, os.lseek(self._descriptor, at, os.SEEK_DATA))

@@ -124,7 +124,8 @@ def message_at(records: bytes, offset: int) -> RawMessage:
     """Return the message whose record begins at an offset.
 
     Args:
-        records: Verified records, such as the unpacked content of a chunk.
+        records: Records one after the other, such as the unpacked content of a chunk. Their
+            structure must have been checked before.
         offset: Offset of the message's record.
 
     Returns:
@@ -138,20 +139,20 @@ def message_at(records: bytes, offset: int) -> RawMessage:
 
 
 def unpack_chunk(packed: bytes, compression: str, size: int | None) -> bytes:
-    """Return the unpacked content of a chunk.
+    """Unpack the content of a chunk.
 
     Args:
         packed: Content as stored in the file.
-        compression: Name of the compression; empty for none.
-        size: Required size of the unpacked content [bytes]; None allows any size up to
+        compression: Name of the compression: `zstd`, `lz4`, or empty for none.
+        size: Size that the unpacked content must have [bytes]; None allows any size up to
             MAX_CHUNK_SIZE.
 
     Returns:
         The unpacked content.
 
     Raises:
-        StructureError: The unpacked size differs or is above the bound, the compression is unknown,
-            or the content is damaged.
+        StructureError: The compression is unknown, the content cannot be unpacked, or its unpacked
+            size is not `size` or is above MAX_CHUNK_SIZE.
     """
     if size is not None and size > MAX_CHUNK_SIZE:
         raise StructureError(
@@ -181,14 +182,15 @@ def open_chunk(header: ChunkHeader, packed: bytes, *, any_size: bool = False) ->
     Args:
         header: Fields of the chunk record.
         packed: Content as stored in the file.
-        any_size: Ignore the stated unpacked size, which may be damaged; the chunk must then have a
-            checksum.
+        any_size: True ignores the unpacked size in the header, which may be damaged. The chunk must
+            then have a checksum.
 
     Returns:
         The chunk.
 
     Raises:
-        StructureError: The chunk is damaged, or larger than MAX_CHUNK_SIZE.
+        StructureError: The chunk is damaged or larger than MAX_CHUNK_SIZE, or `any_size` is True
+            and it has no checksum.
     """
     if any_size and header.checksum == 0:
         raise StructureError("a chunk has no checksum")
@@ -202,21 +204,21 @@ def open_chunk(header: ChunkHeader, packed: bytes, *, any_size: bool = False) ->
 def find_records(header: ChunkHeader, packed: bytes, unpacked: bytes) -> Chunk:
     """Find the records inside the unpacked content of a chunk.
 
-    If the chunk has a checksum, damage has been ruled out. Definitions that cannot be parsed and
-    records of unknown kinds then come from their writer and are skipped. Without a checksum they
-    are errors.
+    Schemas and channels that cannot be parsed, and records of unknown kinds, are treated in two
+    ways. If the chunk has a checksum, they cannot be damage but come from its writer; they are
+    skipped. Without a checksum they are errors.
 
     Args:
-        header: Fields of the chunk record; its checksum was verified before.
+        header: Fields of the chunk record. Its checksum must have been verified; 0 means none.
         packed: Content as stored in the file.
         unpacked: Unpacked content.
 
     Returns:
-        The chunk.
+        The chunk with its messages and definitions.
 
     Raises:
         StructureError: The records do not fill the content exactly, a record has opcode 0, or a
-            message is too short.
+            message is too short. Without a checksum, also for the errors above.
     """
     channels, log_ns, offsets = array("H"), array("Q"), array("Q")
     definitions: list[tuple[int, Schema | Channel]] = []
@@ -254,15 +256,16 @@ def find_records(header: ChunkHeader, packed: bytes, unpacked: bytes) -> Chunk:
 
 
 def message_index(chunk: Chunk, channel_id: int) -> np.ndarray:
-    """Return the entries that the message index of a channel must have.
+    """Compute the message index of one channel: the list of its messages in a chunk.
 
     Args:
-        chunk: The chunk that the index belongs to.
-        channel_id: The channel.
+        chunk: The chunk.
+        channel_id: Id of the channel; it need not have messages.
 
     Returns:
-        Log time [ns] and offset in the unpacked content of each message, shape (messages, 2),
-        little-endian uint64, in the order of the chunk.
+        A row for each message of the channel, in the order of the chunk, shape (messages, 2),
+        little-endian uint64. Column 0 is the log time [ns], column 1 the offset of the message's
+        record in the unpacked content.
     """
     rows = chunk.channel_ids == channel_id
     entries = np.empty((np.count_nonzero(rows), 2), dtype="<u8")
@@ -271,14 +274,14 @@ def message_index(chunk: Chunk, channel_id: int) -> np.ndarray:
 
 
 def parse_chunk_fields(head: bytes) -> tuple[ChunkHeader, int, int]:
-    """Parse the fields that precede a chunk's packed content.
+    """Parse the fields at the beginning of a chunk record, before its packed content.
 
     Args:
-        head: First bytes of the content of a chunk record; CHUNK_HEAD_SIZE bytes are enough.
+        head: First bytes of the record's content; CHUNK_HEAD_SIZE bytes are enough.
 
     Returns:
-        The header, the offset of the packed content within the record's content, and the stated
-        size of the packed content [bytes].
+        The fields, the offset of the packed content within the record's content, and the size of
+        the packed content as the record states it [bytes].
 
     Raises:
         StructureError: The fields cannot be parsed, or the name of the compression is too long.

@@ -58,14 +58,14 @@ class McapCopy:
         header: bytes,
         listed: Set[tuple[int, int, int]] = frozenset(),
     ) -> None:
-        """Write the beginning of the file: magic, header, and all definitions.
+        """Write the beginning of the new file: magic bytes, header, schemas and channels.
 
         Args:
-            stream: Binary stream that the file is written to.
-            definitions: All known schemas and channels; may get more of them.
+            stream: Binary stream that receives the new file.
+            definitions: All known schemas and channels. Later calls may add more of them, in place.
             header: Content of the header record.
-            listed: Keys (`Chunk.key`) of the chunks that are known to belong to these definitions:
-                first and last log time [ns] and unpacked size [bytes].
+            listed: Keys of the chunks that are known to use these definitions. A key is the first
+                log time [ns], the last log time [ns] and the unpacked size [bytes] of a chunk.
         """
         self.counts: Counter[int] = Counter()
         self.definitions = definitions
@@ -86,11 +86,12 @@ class McapCopy:
         self._write(_definition_bytes(definitions))
 
     def add_chunk(self, chunk: Chunk) -> None:
-        """Write a chunk with its message indexes.
+        """Write a chunk with its message indexes; a chunk without messages is not written.
 
-        If a schema or channel in the chunk differs from the file's one of equal id, the chunk is
-        rewritten with new ids. Later chunks without definitions that belong to the same recording
-        (`_belongs_to_other_recording`) get these ids, too. A chunk without messages is not written.
+        A damaged file may have parts of another recording, in which the same ids have other
+        meanings. A chunk belongs to such a part if it has a schema or channel that contradicts the
+        new file's definition of the same id. It is then rewritten with new ids, uncompressed. Later
+        chunks that belong to the same part get the same new ids, also if they have no definitions.
 
         Args:
             chunk: A verified chunk.
@@ -109,12 +110,13 @@ class McapCopy:
             self._write_chunk(chunk)
 
     def add_message(self, record: bytes) -> None:
-        """Add a message that stood outside chunks to a new chunk.
+        """Add a message that was outside chunks in the damaged file.
 
-        The chunk is written when it has CHUNK_SIZE bytes. A larger message gets a chunk of its own.
+        Such messages are collected, and written as one chunk as soon as they have CHUNK_SIZE bytes.
+        A message of that size or more is written at once, as a chunk of its own.
 
         Args:
-            record: The whole message record.
+            record: The message record with opcode and length.
         """
         if len(record) >= CHUNK_SIZE:
             self.flush()
@@ -128,8 +130,8 @@ class McapCopy:
         """Write an attachment or metadata record, and keep its index for the summary.
 
         Args:
-            opcode: Opcode of the record.
-            content: Content of the record.
+            opcode: ATTACHMENT or METADATA.
+            content: Content of the record, verified.
         """
         self.flush()
         at = self._at
@@ -137,15 +139,18 @@ class McapCopy:
         self._others.append(_make_index_record(opcode, content, at))
 
     def flush(self) -> None:
-        """Write the messages that wait for their chunk to be filled, as a chunk."""
+        """Write the messages that `add_message` has collected as one chunk.
+
+        If there are none, nothing is written.
+        """
         if self._loose:
             unpacked, self._loose = bytes(self._loose), bytearray()
             self._write_records(unpacked)
 
     def finish(self) -> None:
-        """Write the end of the file: summary with all indexes, footer, and magic.
+        """Write the end of the new file: summary with all indexes, footer, and magic bytes.
 
-        The stream stays open.
+        The stream stays open. Nothing may be added afterwards.
         """
         self.flush()
         self._record(Opcode.DATA_END, bytes(4))
@@ -169,7 +174,7 @@ class McapCopy:
     # --- Chunks ----------------------------------------------------------------------------------
 
     def _write_records(self, records: bytes) -> None:
-        """Write records as an uncompressed chunk.
+        """Write message records as one uncompressed chunk with its message indexes.
 
         Args:
             records: Message records, one after the other.
@@ -219,28 +224,32 @@ class McapCopy:
         self._chunk_count += 1
 
     def _has_contradicting_ids(self, chunk: Chunk) -> bool:
-        """Return whether a definition in a chunk differs from the file's definition of equal id.
+        """Return whether a chunk and the new file have different definitions for one id.
+
+        Definitions are schemas and channels.
 
         Args:
-            chunk: A verified chunk.
+            chunk: A verified chunk. If it has no schemas and channels, the result is False.
         """
         tables = self.definitions
         return any(each != tables.table(each).get(each.id, each) for _, each in chunk.definitions)
 
     def _belongs_to_other_recording(self, chunk: Chunk) -> bool:
-        """Return whether a chunk belongs to the same recording as the last contradicting chunk.
+        """Return whether a chunk belongs to the recording of the last contradicting chunk.
 
-        The contradicting chunk and its successors come from another recording than the main one. A
-        chunk with definitions or with a listed key belongs to the main recording. For any other
-        chunk, log times decide: it belongs to the recording whose last chunk ended closest to the
-        chunk's first log time. If no chunk of the main recording has come yet, it belongs to the
-        other recording if any keys are listed.
+        A contradicting chunk has schemas or channels that differ from those of the main recording.
+        It comes from another recording. For any other chunk the first rule that fits decides:
+
+        1. It has schemas or channels, or its key is listed: it belongs to the main recording.
+        2. No chunk of the main recording has come yet: it belongs to the other recording if there
+          are listed keys, else to the main recording.
+        3. It belongs to the recording whose last chunk ended closest in time to its first log time.
 
         Args:
-            chunk: A chunk that contradicts nothing.
+            chunk: A chunk that contradicts nothing. A contradicting chunk must have come before.
 
         Returns:
-            True if its ids have to be translated as in the last contradicting chunk.
+            True if it belongs to the other recording, so that its ids must be translated.
         """
         if chunk.definitions or chunk.key in self._listed:
             return False
@@ -250,15 +259,18 @@ class McapCopy:
         return abs(begin - self._other_end) < abs(begin - self._own_end)
 
     def _new_ids(self, chunk: Chunk) -> _IdTranslation:
-        """Return ids in the new file for the definitions of a contradicting chunk.
+        """Choose ids in the new file for the schemas and channels of a contradicting chunk.
 
-        Definitions that the new file lacks are written to it.
+        Those that the new file does not have yet are written to it.
 
         Args:
-            chunk: The chunk.
+            chunk: A chunk whose schemas or channels contradict those of the new file.
 
         Returns:
-            Translation from the chunk's ids to ids of the new file.
+            Translation from the chunk's ids to ids in the new file.
+
+        Raises:
+            BagError: All ids are in use.
         """
         ids = _IdTranslation({}, {})
         for _, each in chunk.definitions:
@@ -268,15 +280,15 @@ class McapCopy:
         return ids
 
     def _new_id(self, definition: Schema | Channel, schema_ids: dict[int, int]) -> int:
-        """Return the id of a definition in the new file.
+        """Choose the id of a schema or channel in the new file.
 
-        If the file has an equal definition, its id is used. Otherwise the definition is written
-        under the lowest free id.
+        If the new file has a definition that is equal except for its id, that id is used. Otherwise
+        the definition is written to the new file under the lowest free id.
 
         Args:
-            definition: Schema or channel with its former ids.
-            schema_ids: Translation of schema ids, applied to a channel's schema; ids without an
-                entry stay.
+            definition: Schema or channel with the ids of the damaged file.
+            schema_ids: New schema ids by old ones, for the schema of a channel. An id without an
+                entry stays.
 
         Returns:
             The id.
@@ -312,9 +324,9 @@ class McapCopy:
         self._write(RECORD_HEADER.pack(opcode, len(content)) + content)
 
     def _write(self, data: bytes | memoryview) -> None:
-        """Write bytes, advance the file position, and update the checksum of the summary.
+        """Write bytes to the new file and advance the file position.
 
-        Before the summary begins, no checksum is computed.
+        Within the summary, the bytes also enter the summary's checksum.
 
         Args:
             data: The bytes.
@@ -328,7 +340,8 @@ class McapCopy:
         """Return the statistics record of the new file.
 
         Returns:
-            The whole record, made from the counts of all that has been written.
+            The record with opcode and length. Its counts and times are those of everything that was
+            written.
         """
         first, last = self._times[0] if self._times else (0, 0)
         kinds = Counter(each[0] for each in self._others)
@@ -347,12 +360,12 @@ class McapCopy:
         )
 
     def _write_end(self, begin: int, groups: list[tuple[Opcode, int]]) -> None:
-        """Write the summary offsets, the footer with the summary's checksum, and the closing magic.
+        """Write what follows the summary's records: summary offsets, footer and magic bytes.
 
         Args:
             begin: Offset at which the summary begins.
-            groups: Opcode and offset of each group of records in the summary, in order; empty
-                groups get no summary offset.
+            groups: Opcode and file offset of each group of records in the summary, in order. A
+                group without records has the offset of the next one and gets no summary offset.
         """
         ends = [at for _, at in groups[1:]] + [self._at]
         offsets = self._at
@@ -394,7 +407,7 @@ def _definition_bytes(definitions: Definitions) -> bytes:
 
 
 def _make_index_record(opcode: int, content: bytes, at: int) -> bytes:
-    """Return the index record of an attachment or metadata record.
+    """Return the record by which a summary lists an attachment or metadata record.
 
     Args:
         opcode: METADATA or ATTACHMENT.
@@ -402,7 +415,7 @@ def _make_index_record(opcode: int, content: bytes, at: int) -> bytes:
         at: Offset of the record in the file.
 
     Returns:
-        The whole index record.
+        The index record with opcode and length.
     """
     length = RECORD_HEADER.size + len(content)
     if opcode == Opcode.METADATA:
@@ -456,17 +469,17 @@ class _IdTranslation:
 
 
 def _translate_ids(chunk: Chunk, ids: _IdTranslation) -> Chunk:
-    """Return a chunk whose ids are translated.
+    """Return a copy of a chunk with other ids.
 
-    Ids of schemas, of channels and their schemas, and of each message's channel are replaced. The
-    result is not compressed.
+    The ids of its schemas, of its channels, of the channels' schemas and of the messages' channels
+    are replaced. The copy is not compressed.
 
     Args:
-        chunk: The chunk; it is not changed.
-        ids: The translation; ids without an entry stay.
+        chunk: The chunk; not changed.
+        ids: New ids by old ones; an id without an entry stays.
 
     Returns:
-        The new chunk.
+        The copy.
     """
     unpacked = bytearray(chunk.unpacked)
 

@@ -143,7 +143,7 @@ class FieldReader:
         self.at = 0
 
     def take(self, length: int) -> bytes:
-        """Return the next bytes and move past them.
+        """Return the next bytes and move the read position past them.
 
         Args:
             length: Number of bytes.
@@ -164,13 +164,13 @@ class FieldReader:
         return int.from_bytes(self.take(size), "little")
 
     def text(self) -> str:
-        """Return the next text.
+        """Return the next text and move the read position past it.
 
         Returns:
-            The text, which stands behind its length of 4 bytes.
+            The text. In the content, it follows its length, a number of 4 bytes.
 
         Raises:
-            StructureError: It is not UTF-8, or the content ends before it does.
+            StructureError: The text is not UTF-8, or the content ends before the text does.
         """
         try:
             return self.take(self.number(4)).decode("utf-8")
@@ -178,13 +178,14 @@ class FieldReader:
             raise StructureError("a text is not in UTF-8") from None
 
     def table(self) -> tuple[tuple[str, str], ...]:
-        """Return the next table of keys and values.
+        """Return the next table of texts and move the read position past it.
 
         Returns:
-            Pairs of key and value in the order of the file.
+            Pairs of key and value in the order of the file; a key may occur several times.
 
         Raises:
-            StructureError: The entries do not end exactly at the stated length of the table.
+            StructureError: The entries do not end exactly where the length of the table says, or a
+                text cannot be read.
         """
         end = self.number(4) + self.at
         pairs = []
@@ -204,7 +205,7 @@ def parse_schema(content: bytes | memoryview) -> Schema:
     """Parse the content of a schema record.
 
     Args:
-        content: The content.
+        content: Content of the record, without opcode and length.
 
     Returns:
         The schema.
@@ -224,7 +225,7 @@ def parse_channel(content: bytes | memoryview) -> Channel:
     """Parse the content of a channel record.
 
     Args:
-        content: The content.
+        content: Content of the record, without opcode and length.
 
     Returns:
         The channel.
@@ -244,14 +245,16 @@ def parse_definition(opcode: int, content: bytes | memoryview) -> Schema | Chann
     """Parse the content of a schema or channel record.
 
     Args:
-        opcode: Opcode of the record; every other one than SCHEMA means a channel.
-        content: The content.
+        opcode: Opcode of the record: SCHEMA or CHANNEL. Every opcode other than SCHEMA is taken as
+            CHANNEL.
+        content: Content of the record, without opcode and length.
 
     Returns:
         The schema or channel.
 
     Raises:
-        StructureError: The content has another structure, or more than MAX_DEFINITION_SIZE bytes.
+        StructureError: The content is not that of a schema or channel, or has more than
+            MAX_DEFINITION_SIZE bytes.
     """
     if len(content) > MAX_DEFINITION_SIZE:
         raise StructureError(f"a definition has {len(content)} bytes")
@@ -261,17 +264,17 @@ def parse_definition(opcode: int, content: bytes | memoryview) -> Schema | Chann
 def parse_statistics(content: bytes) -> Statistics:
     """Parse the content of a statistics record.
 
-    Only message counts are kept. Other counts and times are skipped, since they are counted anew.
+    Only the message counts are returned. Other counts and times in the record are skipped.
 
     Args:
-        content: The content.
+        content: Content of the record, without opcode and length.
 
     Returns:
         Number of messages in all and for each channel.
 
     Raises:
-        StructureError: The content has another structure, or the counts of the channels do not add
-            up to the whole.
+        StructureError: The content is not that of a statistics record, or the counts of the
+            channels do not add up to the number in all.
     """
     fields = FieldReader(content)
     message_count = fields.number(8)
@@ -285,13 +288,14 @@ def parse_statistics(content: bytes) -> Statistics:
 
 
 def parse_chunk_key(content: bytes) -> tuple[int, int, int]:
-    """Parse the content of a chunk index record.
+    """Return the key of a chunk from the content of its chunk index record.
 
     Args:
-        content: The content.
+        content: Content of the chunk index record, without opcode and length.
 
     Returns:
-        The key of the chunk: first and last log time [ns], unpacked size [bytes].
+        First log time [ns], last log time [ns] and unpacked size [bytes] of the chunk. Together
+        they identify the chunk.
 
     Raises:
         StructureError: The content is not that of a chunk index.
@@ -309,11 +313,14 @@ def parse_chunk_key(content: bytes) -> tuple[int, int, int]:
 
 
 def check_texts(content: bytes, numbers: int) -> None:
-    """Raise StructureError unless the content is some bytes of numbers and then two texts.
+    """Check that the content of a record is a number of bytes and then exactly two texts.
 
     Args:
         content: Content of a header or attachment index record.
-        numbers: Number of bytes before the texts.
+        numbers: Number of bytes before the first text; their values are not checked.
+
+    Raises:
+        StructureError: The content has another structure.
     """
     fields = FieldReader(content)
     fields.take(numbers)
@@ -323,13 +330,13 @@ def check_texts(content: bytes, numbers: int) -> None:
 
 
 def check_metadata(content: bytes) -> str:
-    """Check the content of a metadata record.
+    """Check the content of a metadata record and return the record's name.
 
     Args:
-        content: The content.
+        content: Content of the record, without opcode and length.
 
     Returns:
-        The record's name.
+        Name of the metadata record.
 
     Raises:
         StructureError: The content is not that of a metadata record.
@@ -342,10 +349,13 @@ def check_metadata(content: bytes) -> str:
 
 
 def check_metadata_index(content: bytes) -> None:
-    """Raise StructureError unless the content is that of a metadata index record.
+    """Check the content of a metadata index record.
 
     Args:
-        content: The content.
+        content: Content of the record, without opcode and length.
+
+    Raises:
+        StructureError: The content is not that of a metadata index.
     """
     fields = FieldReader(content)
     fields.take(8 + 8)

@@ -94,19 +94,19 @@ class McapStructure:
         self._has_chunks: bool | None = None
 
     def read_frame(self, at: int) -> RecordFrame:
-        """Return the record at an offset after a check of its structure.
+        """Read the record at an offset and check its structure.
 
-        Checked are opcode, length and, for small records, the content. Neither a chunk's content
-        nor checksums are checked.
+        The check covers opcode and length. Most small records are also parsed completely. Of a
+        chunk, only the fields before its packed content are checked. Checksums are not verified.
 
         Args:
-            at: Offset of the record.
+            at: Offset of the record in the file.
 
         Returns:
-            The record.
+            Position of the record, with the part of its content that the check has read.
 
         Raises:
-            StructureError: There is no record of right structure.
+            StructureError: There is no record of right structure at the offset.
         """
         head = self._file.read(at, RECORD_HEADER.size)
         if len(head) < RECORD_HEADER.size:
@@ -123,14 +123,15 @@ class McapStructure:
         )
 
     def can_continue_at(self, at: int) -> bool:
-        """Return whether the file can continue at an offset behind a chunk.
+        """Return whether an offset can be the end of a chunk, judged by what follows.
 
         Args:
-            at: Offset directly behind a chunk or its indexes.
+            at: Offset directly after a chunk, or after the message indexes that follow it.
 
         Returns:
-            True at the end of the file, or if a record is there of a kind that does not stand
-            inside chunks.
+            True at the end of the file, or if a record of right structure begins there. Schemas,
+            channels and messages do not count, because they are inside chunks. Records of
+            applications do not count either.
         """
         if at == self._file.size:
             return True
@@ -141,15 +142,16 @@ class McapStructure:
         return opcode not in IN_CHUNKS and opcode < FIRST_PRIVATE_OPCODE
 
     def check_succession(self, at: int, chunks_only: bool = False) -> None:
-        """Check that a chunk, or several records in succession, begin at an offset.
+        """Check that a chunk, or several records one after the other, begin at an offset.
 
-        A chunk ends the check. Otherwise RECORDS_IN_SUCCESSION records are required. Fewer are
-        enough if the file ends after them or the last one is the footer.
+        RECORDS_IN_SUCCESSION records of right structure are required. Fewer are enough in three
+        cases: one of them is a chunk, one is the footer, or the file ends after the last one.
 
         Args:
             at: Offset of the first record.
-            chunks_only: Refuse records of the kinds that chunks contain, up to the end of the data
-                section.
+            chunks_only: True refuses schemas, channels and messages outside chunks. After the
+                record that ends the data section they are accepted, because the summary repeats
+                schemas and channels.
 
         Raises:
             StructureError: There are no such records.
@@ -166,16 +168,17 @@ class McapStructure:
             chunks_only &= found.opcode != Opcode.DATA_END  # the summary has such records, too
 
     def find_next_records(self, at: int) -> int:
-        """Return the next offset at which records begin.
+        """Search the file for the next offset at which records begin.
 
-        Schemas, channels and messages are accepted only in a file without chunks. The first call
-        therefore searches the whole file for a chunk.
+        In a file with chunks, schemas, channels and messages outside chunks are not accepted,
+        because they may be inside a damaged chunk. The first call therefore first searches the
+        whole file for a chunk.
 
         Args:
             at: Offset at which the search begins.
 
         Returns:
-            The offset; the file's size if there is none.
+            The first such offset, not before `at`; the file's size if there is none.
         """
         if self._has_chunks is None:
             self._has_chunks = next(self._places(PLACE_OF_A_CHUNK, 0, False), None) is not None
@@ -185,11 +188,11 @@ class McapStructure:
     def find_chunks_between(self, at: int, end: int) -> Iterator[RecordFrame]:
         """Yield the records that look like chunks and lie between two offsets.
 
-        Their content is not unpacked, so they may still be random bytes.
+        Only their structure is checked. They may be random bytes that happen to have it.
 
         Args:
-            at: Offset from which a chunk may begin.
-            end: Offset by which it must end.
+            at: Smallest offset at which a chunk may begin.
+            end: Largest offset at which it may end.
 
         Yields:
             The records in the order of the file; they may overlap.
@@ -202,14 +205,15 @@ class McapStructure:
     def _places(
         self, pattern: re.Pattern[bytes], at: int, chunks_only: bool, end: int | None = None
     ) -> Iterator[int]:
-        """Yield the offsets at which records begin.
+        """Yield the offsets at which bytes match a pattern and records begin.
 
-        Holes of sparse files are skipped.
+        A match counts only if `check_succession` finds records there. Holes of sparse files are
+        skipped.
 
         Args:
-            pattern: Pattern of the first bytes; matches are then checked by `check_succession`.
+            pattern: Pattern of the first bytes of a record.
             at: Offset at which the search begins.
-            chunks_only: Refuse records of the kinds that chunks contain.
+            chunks_only: True refuses schemas, channels and messages outside chunks.
             end: Offset before which a record must begin; None for the end of the file.
 
         Yields:
@@ -230,19 +234,20 @@ class McapStructure:
             at += SEARCH_WINDOW_SIZE
 
     def _check_content(self, opcode: int, begin: int, length: int) -> bytes:
-        """Check the content of a record, and return the part of it that is kept.
+        """Check the content of a record and return the part of it that is of use.
 
         Args:
             opcode: Opcode of the record.
             begin: Offset of the content in the file.
-            length: Length of the content [bytes]; it must lie within the file.
+            length: Length of the content [bytes]; it must end within the file.
 
         Returns:
-            First bytes of a chunk or message; nothing of an attachment, message index or record of
-            an application; the whole content of any other record.
+            The first bytes for a chunk or a message. Nothing for an attachment, a message index or
+            a record of an application. The whole content for any other record.
 
         Raises:
-            StructureError: The content has a wrong structure, or is larger than is read.
+            StructureError: The content has a wrong structure, or is longer than the limit for its
+                kind.
         """
         if opcode >= FIRST_PRIVATE_OPCODE:
             return b""

@@ -56,14 +56,17 @@ class Definitions:
     size: int = 0
 
     def add(self, definition: Schema | Channel) -> bool:
-        """Add a definition, unless its id is taken or all definitions grow too large.
+        """Store a schema or channel under its id.
+
+        It is not stored if the id is taken, or if all definitions together would exceed
+        MAX_DEFINITIONS_SIZE.
 
         Args:
             definition: Schema or channel.
 
         Returns:
-            Whether an equal definition is stored under its id; False if another one has the id, or
-            the limit MAX_DEFINITIONS_SIZE is exceeded.
+            True if the definition, or an equal one, is now stored under its id. False if another
+            one has the id, or if it exceeds the limit.
         """
         table = self.table(definition)
         if definition.id not in table:
@@ -189,16 +192,17 @@ class Survey:
         return f"{damage.reason} (byte {damage.begin})" if damage else ""
 
     def register_chunk(self, chunk: Chunk) -> bool:
-        """Return whether a chunk occurs for the first time, and remember it.
+        """Remember a chunk, and return whether it occurs for the first time.
 
-        Chunks are equal if key and unpacked content are equal. At most MAX_CHUNK_KEYS chunks are
-        remembered; repetitions of later ones are not noticed.
+        A chunk is repeated if one with the same log times and the same unpacked content came
+        before. At most MAX_CHUNK_KEYS chunks are remembered. If a later chunk is repeated, True is
+        returned again.
 
         Args:
             chunk: A verified chunk.
 
         Returns:
-            False if an equal chunk came before.
+            True if the chunk occurs for the first time, False if it is repeated.
         """
         identity = hash((chunk.key, chunk.unpacked))
         if identity in self._chunks:
@@ -208,11 +212,11 @@ class Survey:
         return True
 
     def close(self) -> None:
-        """Evaluate the findings after the walk.
+        """Evaluate the findings after the walk through the file.
 
-        Chunks found elsewhere are removed from `lost`. Then the summary is chosen and, in a damaged
-        file, the definitions. Repeated chunks are judged, and the message count is compared with
-        the statistics.
+        Five steps: remove from `lost` the messages that were found elsewhere in the file. Choose
+        the summary. In a damaged file, choose the definitions. Decide whether repeated chunks
+        count. Compare the number of messages with the statistics; a difference counts as damage.
         """
         self._remove_found_losses()
         self._choose_summary()
@@ -223,10 +227,11 @@ class Survey:
             self._note_fault(f"its statistics count {self.written} messages, it has {self.kept}")
 
     def _judge_repeated(self) -> None:
-        """Count the messages of repeated chunks as kept, or as duplicates.
+        """Decide whether the messages of repeated chunks are kept or are duplicates.
 
-        They are kept in a file without damage that has no statistics, or whose statistics count
-        them. Otherwise they are duplicates, and the file counts as damaged.
+        They are kept if two things hold: no damage was found, and the file has no statistics or its
+        statistics count them. Otherwise they are counted in `duplicates`, and the file counts as
+        damaged.
         """
         repeated = self._repeated.total()
         if self.first_damage is None and self.written in (None, self.kept + repeated):
@@ -236,10 +241,16 @@ class Survey:
             self._note_fault("a part of it is there twice")
 
     def _choose_definitions(self) -> None:
-        """Choose the definitions of a damaged file, in the order of their reliability.
+        """Choose the schemas and channels of a damaged file.
 
-        Definitions of a verified summary come first, and then definitions of chunks with a
-        checksum. All others are added last, and only for channels that have messages.
+        If an id has several definitions, the most reliable one is taken.
+
+        The order of reliability is:
+
+        1. those in the summary, if its checksum is right;
+        2. those in chunks with a checksum;
+        3. all others in undamaged parts, only for channels that have messages;
+        4. those in damaged parts, only for channels that have messages.
         """
         everything, self.definitions, summary = self.definitions, Definitions(), self.summary
         if summary and summary.verified:
@@ -251,14 +262,15 @@ class Survey:
         self._add_needed(self._damaged_definitions, trust_text=False)
 
     def _add_needed(self, others: Definitions, trust_text: bool) -> None:
-        """Add definitions for channels that have messages and are not defined yet.
+        """Add the channels and schemas that kept messages need and that are not defined yet.
 
-        For each such channel its channel record and its schema are added.
+        The definitions of this object are extended; existing ones stay.
 
         Args:
             others: Schemas and channels to choose from.
-            trust_text: True takes a schema's text as it is, if it can be decoded. False replaces
-                it by the known text of that ROS type.
+            trust_text: True takes the text of a schema as it is if it can be decoded. Otherwise,
+                and with False, the text is replaced by the one that is known here for a ROS type of
+                that name.
         """
         held = self.definitions
         for channel_id in self.counts.keys() & others.channels.keys():
@@ -273,7 +285,8 @@ class Survey:
     def _remove_found_losses(self) -> None:
         """Remove entries of `lost` whose messages were found elsewhere in the file.
 
-        An entry is removed if the log times of one kept chunk include its first and last log time.
+        An entry counts as found if one kept chunk has a first log time that is not later, and a
+        last log time that is not earlier. Entries without log times stay.
         """
         if not self._chunks or not self.lost:
             return
@@ -285,10 +298,11 @@ class Survey:
         }
 
     def _choose_summary(self) -> None:
-        """Choose the last verified summary that lists a chunk with kept messages.
+        """Choose the summary that describes the kept messages.
 
-        If no verified summary lists one, a verified summary at the end of the file is dropped,
-        since it belongs to another recording.
+        It is the last one with a right checksum that lists at least one kept chunk with messages.
+        If there is none, and the file ends with a summary with a right checksum, that one is
+        dropped, because it belongs to another recording. An unverified summary at the end stays.
         """
         for summary in reversed(self._summaries):
             unlisted = self._unlisted(summary)
@@ -299,7 +313,7 @@ class Survey:
             self.summary = None  # it belongs to another recording
 
     def _unlisted(self, summary: Summary) -> int:
-        """Return the number of messages in kept chunks that a summary does not list.
+        """Count the messages in kept chunks that a summary does not list.
 
         Args:
             summary: The summary.
@@ -313,12 +327,12 @@ class Survey:
     # --- Pieces ----------------------------------------------------------------------------------
 
     def add(self, piece: Piece, file: DataFile) -> None:
-        """Take one piece of the walk into the counts, definitions, losses, summary or header.
+        """Evaluate one piece of the file: chunk, definition, summary, damage or record.
 
-        Attachments and metadata records are ignored.
+        The attributes of this object are updated. Attachments and metadata records are ignored.
 
         Args:
-            piece: The piece.
+            piece: The next piece in the order of the file.
             file: The file, from which definitions in damaged parts are read.
         """
         match piece:
@@ -339,9 +353,10 @@ class Survey:
                 self.header = piece
 
     def _add_chunk(self, chunk: Chunk) -> None:
-        """Count a chunk's messages, or note it as repeated, and add its definitions.
+        """Count the messages of a chunk and add its schemas and channels.
 
-        Definitions in a chunk with a checksum are also kept as reliable.
+        If the chunk occurred before, its messages are counted separately as repeated. Definitions
+        in a chunk with a checksum are also stored among the reliable ones.
 
         Args:
             chunk: A verified chunk.
@@ -357,10 +372,10 @@ class Survey:
             self._count(chunk.counts().items(), first, last)
 
     def _define(self, definition: Schema | Channel) -> None:
-        """Add a definition, and note a fault if it cannot be added.
+        """Add a schema or channel, and record a fault of the file if that is not possible.
 
-        It cannot if its id has another definition or all definitions grow too large. In both cases
-        `has_contradictions` is set.
+        It is not possible if its id has another definition, or if all definitions together are too
+        large. In both cases `has_contradictions` is set.
 
         Args:
             definition: Schema or channel.
@@ -372,7 +387,7 @@ class Survey:
             )
 
     def _note_fault(self, reason: str) -> None:
-        """Record a fault of the file that costs no bytes, unless damage was found before.
+        """Set `first_damage` to a fault that costs no bytes, unless it is set already.
 
         Args:
             reason: What is wrong, without a period.
@@ -380,13 +395,13 @@ class Survey:
         self.first_damage = self.first_damage or Damage(0, 0, reason, 0)
 
     def _count(self, counts: Iterable[tuple[int, int]], first_ns: int, last_ns: int) -> None:
-        """Count messages and extend the time span of the file.
+        """Count messages, and extend the time span of the kept messages.
 
-        A message on an undefined channel is noted as a fault. Any summary before these messages is
-        dropped, since it does not cover them.
+        A message on a channel that is not defined is recorded as a fault of the file. `summary` is
+        set to None, because a summary that came before these messages does not cover them.
 
         Args:
-            counts: Channel ids, each with its number of messages.
+            counts: Pairs of channel id and number of messages.
             first_ns: First log time of the messages [ns].
             last_ns: Last log time of the messages [ns].
         """
@@ -401,11 +416,12 @@ class Survey:
         self.summary = None  # a summary covers only what precedes it
 
     def _add_damage(self, damage: Damage, file: DataFile) -> None:
-        """Record damage, its lost messages, and the definitions that can still be read in it.
+        """Record a damaged part, its lost messages, and the definitions that can be read in it.
 
-        If the number of lost messages is unknown, or MAX_LOST damaged chunks have been counted,
-        `is_lower_bound` is set. Definitions are searched only if messages may be lost, in at most
-        MAX_CHUNK_SIZE bytes.
+        `is_lower_bound` is set if the number of lost messages is unknown, or if MAX_LOST damaged
+        chunks with lost messages were recorded before. Definitions (schemas and channels) are
+        searched in the first MAX_CHUNK_SIZE bytes of the part, and only if messages may be lost in
+        it.
 
         Args:
             damage: The damaged part.
@@ -425,13 +441,14 @@ class Survey:
 
 
 def _is_usable_text(schema: Schema) -> bool:
-    """Return whether a schema's data can be used as they are.
+    """Return whether the text of a schema can be used as it is.
 
     Args:
         schema: The schema.
 
     Returns:
-        False if it is a ROS message definition that is not UTF-8; other encodings may be binary.
+        False if it is a ROS message definition (encoding `ros2msg`) that is not UTF-8. Schemas of
+        other encodings may be binary, so the result is True.
     """
     if schema.encoding != bag_format.SCHEMA_ENCODING:
         return True
@@ -458,12 +475,13 @@ def _with_known_text(schema: Schema) -> Schema:
 def find_definitions(part: bytes, found: Definitions) -> None:
     """Search a damaged part of a file for readable schemas and channels.
 
-    The search stops when the candidates together exceed MAX_DEFINITIONS_SIZE, so that no input can
-    make it endless.
+    A candidate is a place that looks like the beginning of such a record. The search stops as soon
+    as the stated lengths of all candidates, readable or not, add up to more than
+    MAX_DEFINITIONS_SIZE. No input can therefore make it endless.
 
     Args:
         part: Bytes of the damaged part.
-        found: Receives the schemas and channels, in place.
+        found: The readable schemas and channels are added to it in place, unless their id is taken.
     """
     tried = 0
     for match in PLACE_OF_A_RECORD.finditer(part):
@@ -479,17 +497,17 @@ def find_definitions(part: bytes, found: Definitions) -> None:
 
 
 def survey_file(path: Path) -> Survey:
-    """Walk through a data file of a recording once and collect contents, damage and losses.
+    """Read a data file of a recording once, and collect its contents, damage and losses.
 
     Args:
         path: The file.
 
     Returns:
-        The findings, after `Survey.close`.
+        The findings, complete and evaluated.
 
     Raises:
-        BagError: The file cannot be read, or reading or unpacking it exceeds the budget of
-            `DataFile`.
+        BagError: The file cannot be read, or it takes more reading or unpacking than any usable
+            recording of its size.
     """
     survey = Survey(path)
     with DataFile(path) as file:

@@ -138,16 +138,17 @@ class McapWalk:
         """Offset of the last record if no checksum has verified its length, else None."""
 
     def iterate_pieces(self) -> Iterator[Piece]:
-        """Yield everything that the file contains.
+        """Yield everything that the file contains; call it only once.
 
-        A file without a footer yields damage of no bytes at its end.
+        A piece is a verified chunk, a record, a schema or channel outside chunks, a summary, or
+        damage. If the file does not end with a footer, the last piece is damage of no bytes.
 
         Yields:
             Pieces in the order of the file.
 
         Raises:
-            BagError: The file cannot be read, or reading or unpacking it exceeds the budget of
-                `DataFile`.
+            BagError: The file cannot be read, or it takes more reading or unpacking than any usable
+                recording of its size.
         """
         at = yield from self._begin()
         while at < self._file.size:
@@ -171,10 +172,10 @@ class McapWalk:
         yield Damage(self._file.size, self._file.size, "its end is missing", lost)
 
     def _begin(self) -> Walking:
-        """Check the beginning of the file and yield damage if the magic is wrong.
+        """Check the magic bytes at the beginning of the file, and yield damage if they are wrong.
 
-        If records follow directly behind a wrong magic, only the magic is damaged. Otherwise
-        everything before the next records is damaged.
+        If records follow directly after wrong magic bytes, only the magic bytes are damaged.
+        Otherwise the damage reaches to the next records in the file.
 
         Yields:
             At most one piece of damage.
@@ -194,25 +195,26 @@ class McapWalk:
         return at
 
     def _skip_damage(self, at: int, reason: str) -> Walking:
-        """Handle an offset at which no record of right structure stands.
+        """Yield the damage at an offset, and find where the file continues.
 
-        If it is a chunk with only its head damaged, the head is yielded as damage, then the chunk.
-        The walk continues behind the chunk's message indexes. Otherwise the file is searched for
-        the next records. The search begins behind the start of the last record whose length no
-        checksum has verified, since that length may have led to the wrong offset. The damage
-        reaches from `at` to the records found; it is empty if they begin before `at`.
+        No usable record begins at the offset. There are two cases. If a chunk with a damaged head
+        begins at the offset, its head is yielded as damage, and then the chunk. Otherwise the next
+        records are searched, and everything from `at` to them is damage. The search begins after
+        the start of the last record whose length no checksum has verified. If that length was
+        wrong, the next records may begin before `at`; the damage is then empty.
 
         Args:
             at: Offset of the damage.
             reason: What is wrong, without a period.
 
         Yields:
-            Damage, and possibly a chunk. The number of messages lost in the damage is stated as 0
-            if a summary has begun before, or if only a chunk's head is damaged. Elsewhere it is
-            None.
+            Damage, and possibly a chunk. The damage states 0 lost messages if only the head of a
+            chunk is damaged, or if a summary has begun before. Otherwise the number is None, which
+            means unknown.
 
         Returns:
-            Offset at which the walk continues.
+            Offset at which the walk continues. After a chunk it is behind the message indexes that
+            follow.
         """
         found = self._chunk_of_damaged_head(at)
         if found is not None:
@@ -234,21 +236,21 @@ class McapWalk:
     def _yield_chunk(self, found: RecordFrame) -> Walking:
         """Yield the chunk of a record, or damage if the chunk is damaged.
 
-        The number of lost messages is taken from the message indexes behind a damaged chunk, if
-        these are complete; else it is None. Indexes that contradict a good chunk are damage without
-        lost messages.
+        If the message indexes behind a damaged chunk are complete, they give the number of lost
+        messages. Otherwise the number is None, which means unknown. Message indexes that do not fit
+        an undamaged chunk are yielded as damage with 0 lost messages.
 
         Args:
             found: A chunk record.
 
         Yields:
-            The chunk or damage, and possibly damage of the indexes.
+            The chunk or damage, and possibly damage of the message indexes.
 
         Returns:
-            Offset behind the chunk's message indexes.
+            Offset after the message indexes that follow the chunk.
 
         Raises:
-            StructureError: The chunk is damaged and its stated length must not be trusted.
+            StructureError: The chunk is damaged, and probably its stated length is wrong as well.
         """
         count, end, times = self._indexes(found.end)
         try:
@@ -276,7 +278,8 @@ class McapWalk:
             The chunk.
 
         Raises:
-            StructureError: It is damaged or too large.
+            StructureError: The chunk is damaged or larger than MAX_CHUNK_SIZE.
+            BagError: The budget for reading or unpacking is used up.
         """
         head, begin, size = parse_chunk_fields(found.content)
         if size > MAX_CHUNK_SIZE:
@@ -285,14 +288,15 @@ class McapWalk:
         return open_chunk(head, self._file.read(found.begin + begin, size))
 
     def _has_untrusted_length(self, found: RecordFrame) -> bool:
-        """Return whether the stated length of a damaged chunk must not be trusted.
+        """Return whether the stated length of a damaged chunk is probably wrong.
 
         Args:
             found: Record of the damaged chunk.
 
         Returns:
-            True if no record follows the chunk, if another length gives a chunk with the right
-            checksum, or if a chunk with the right checksum begins inside.
+            True in each of three cases: nothing that can follow a chunk follows it; another length
+            gives a chunk with the right checksum; or a chunk with the right checksum begins inside
+            it.
         """
         if not self._structure.can_continue_at(found.end):
             return True
@@ -307,11 +311,12 @@ class McapWalk:
         return False
 
     def _chunk_of_damaged_head(self, at: int) -> tuple[Chunk, int] | None:
-        """Find a chunk by its checksum although a field of its head is wrong.
+        """Try to find a chunk at an offset although one field of its head is damaged.
 
-        All known compressions are tried with three sizes: the packed size, the one that follows
-        from the record's length, and the unpacked size. The unpacked content must have the stated
-        checksum.
+        Each known compression is tried. For its packed size, three values are tried: the stated
+        packed size, the size that follows from the record's length, and the stated unpacked size.
+        The first combination counts whose unpacked content has the stated checksum. A chunk without
+        a checksum is never found.
 
         Args:
             at: Offset at which the chunk record would begin.
@@ -347,15 +352,18 @@ class McapWalk:
     # --- Indexes ---------------------------------------------------------------------------------
 
     def _indexes(self, at: int) -> tuple[int, int, tuple[int, int] | None]:
-        """Read consecutive message indexes.
+        """Read all message indexes that follow each other from an offset on.
+
+        A message index lists log time and place of the messages of one channel in the chunk before
+        it.
 
         Args:
-            at: Offset of the first index.
+            at: Offset of the first message index.
 
         Returns:
-            Number of messages that the indexes list, offset behind the last index, and first and
-            last log time of these messages [ns]. The times are None if no messages are listed.
-            Without an index at `at`, the number is 0 and the offset is `at`.
+            Number of messages in all these indexes, offset after the last one, and first and last
+            log time of the messages [ns]. The times are None if no messages are listed. Without an
+            index at `at`, the number is 0 and the offset is `at`.
         """
         count, times, self._unverified_offset = 0, None, None
         while at < self._file.size:
@@ -379,24 +387,25 @@ class McapWalk:
             found: Record of the message index.
 
         Returns:
-            Log time [ns] and offset in the chunk of each message, shape (messages, 2), uint64.
+            A row for each message, shape (messages, 2), uint64. Column 0 is its log time [ns],
+            column 1 the offset of its record in the unpacked chunk.
         """
         content = self._file.read(found.begin, found.length)
         return np.frombuffer(content, "<u8", offset=INDEX_HEAD_SIZE).reshape(-1, 2)
 
     def _indexes_agree(self, chunk: Chunk, at: int, end: int) -> bool:
-        """Return whether the message indexes behind a chunk list exactly the chunk's messages.
+        """Return whether the message indexes after a chunk list exactly the chunk's messages.
 
-        Log time and offset of each message are compared. The order of entries in an index does not
-        matter.
+        Log time and offset of each message are compared. The order of the entries in an index does
+        not matter.
 
         Args:
             chunk: The chunk.
             at: Offset of the first message index.
-            end: Offset behind the last one.
+            end: Offset after the last one.
 
         Returns:
-            True also if there are no indexes at all.
+            True if they agree, or if there are no message indexes.
         """
         if at == end:
             return True
@@ -419,16 +428,16 @@ class McapWalk:
         return not missing
 
     def _lost_indexes(self, found: RecordFrame) -> Walking:
-        """Yield damage for message indexes that follow no chunk.
+        """Yield damage for message indexes that do not follow a chunk.
 
         Args:
             found: Record of the first of them.
 
         Yields:
-            Damage, with the number of messages that the indexes count.
+            One piece of damage. The messages that the indexes list count as lost.
 
         Returns:
-            Offset behind the indexes.
+            Offset after the indexes.
         """
         count, end, times = self._indexes(found.at)
         yield Damage(found.at, end, "a chunk is missing before its index", count, times)
@@ -437,18 +446,20 @@ class McapWalk:
     # --- Other records ---------------------------------------------------------------------------
 
     def _yield_other_record(self, found: RecordFrame) -> Iterator[Piece]:
-        """Yield the piece of a record that is no chunk, message index or footer.
+        """Evaluate a record that is no chunk, message index or footer, and yield its piece.
 
-        Records of the summary are collected, and the summary is yielded later. Records without a
-        piece of their own yield nothing. The kind of a record of an application, or of a message on
-        an unknown channel, may be damaged; such a record is accepted only after further checks.
+        Records of the summary are collected; the summary is yielded later as one piece. Records
+        that are of no use yield nothing. Two kinds of records may be chunks with a damaged opcode:
+        records of applications, and messages on an unknown channel. They are accepted only after
+        further checks.
 
         Args:
             found: The record.
 
         Yields:
-            Schema, channel, RecordFrame, or what `_summary` and `_check_data` yield at the end of
-            the data.
+            The schema or channel, or the record of a header, message, attachment or metadata. The
+            record that ends the data section yields a summary if parts of one came before, and
+            damage if the checksum of the data is wrong.
 
         Raises:
             StructureError: The record is damaged.
@@ -483,20 +494,23 @@ class McapWalk:
                     self._parts.chunk_keys.append(records.parse_chunk_key(found.content))
 
     def _check_next(self, at: int) -> None:
-        """Raise StructureError unless a record, or the end of the file, is at an offset."""
+        """Raise StructureError unless a record, or the file's end, is at an offset."""
         if at != self._file.size:
             self._structure.read_frame(at)
 
     def _definition(self, found: RecordFrame) -> Schema | Channel:
         """Parse a schema or channel that stands outside chunks.
 
-        The id of a channel is added to the known channels.
+        If it is a channel, its id is added to the known channels.
 
         Args:
             found: Record of a schema or channel.
 
         Returns:
             The schema or channel.
+
+        Raises:
+            StructureError: The record's content is damaged.
         """
         definition = records.parse_definition(found.opcode, found.content)
         if isinstance(definition, Channel):
@@ -509,10 +523,13 @@ class McapWalk:
         return channel_id in self._channels
 
     def _check_attachment(self, found: RecordFrame) -> None:
-        """Raise StructureError if the lengths in an attachment, or its checksum, are wrong.
+        """Check the lengths of the fields in an attachment, and its checksum if it has one.
 
         Args:
             found: Record of the attachment.
+
+        Raises:
+            StructureError: A length or the checksum is wrong.
         """
         content = self._file.read(found.begin, found.length)
         fields = records.FieldReader(content)
@@ -528,10 +545,11 @@ class McapWalk:
         """Yield damage if the checksum of the data section is wrong.
 
         Args:
-            found: Record that ends the data section and states the checksum; 0 means none.
+            found: Record that ends the data section. It has the checksum of everything before it; 0
+                means none.
 
         Yields:
-            At most one piece of damage, which covers that record only.
+            At most one piece of damage. It covers only the record `found` and has 0 lost messages.
         """
         stated = int.from_bytes(found.content, "little")
         if stated and stated != self._checksum(0, found.at):
@@ -542,7 +560,7 @@ class McapWalk:
 
         Args:
             begin: Offset of its first byte.
-            end: Offset behind its last byte.
+            end: Offset after its last byte.
 
         Returns:
             The checksum.
@@ -553,16 +571,18 @@ class McapWalk:
         return checksum
 
     def _footer(self, found: RecordFrame) -> Walking:
-        """Yield the summary and any damage at the end of the file.
+        """Yield the summary, and damage if the file does not end properly after its footer.
 
         Args:
             found: Record of the footer.
 
         Yields:
-            Summary; damage if the closing magic is wrong or bytes follow it.
+            Damage if the checksum of the summary is wrong; the summary, if there is one; damage if
+            the magic bytes after the footer are wrong; damage if further bytes follow.
 
         Returns:
-            Offset at which the walk continues; the file's size at a regular end.
+            Offset at which the walk continues: the file's size, or the next records in the bytes
+            that follow.
         """
         stated = int.from_bytes(found.content[16:20], "little")
         yield from self._summary(found.end - 4, stated)
@@ -579,14 +599,16 @@ class McapWalk:
     def _summary(self, end: int, stated: int | None) -> Iterator[Piece]:
         """Yield the summary whose parts were collected, and begin to collect a new one.
 
+        If no part was collected, nothing is yielded.
+
         Args:
-            end: Offset of the first byte behind the part that the checksum covers.
+            end: Offset of the first byte after the part that the checksum covers.
             stated: Checksum in the footer; None or 0 if there is none.
 
         Yields:
-            Damage if the checksum is wrong; then the summary, even after damage. Its `verified` is
-            True only if a checksum is stated, the offset where the covered part begins is known,
-            and the checksum is right. Nothing if no parts were found.
+            Damage if the checksum is wrong, and then the summary in any case. The summary counts as
+            verified if it has a checksum, this checksum is right, and the record that ends the data
+            section was found before it.
         """
         parts, self._parts = self._parts, _SummaryParts()
         if not parts.begun:

@@ -52,14 +52,15 @@ class Recorder(Node):
     """
 
     def __init__(self, bag: BagWriter, duration: float | None, silent: bool = False) -> None:
-        """Subscribe to all topics of the suite and start the timers.
+        """Subscribe to all topics of the suite and start recording.
 
-        Both timers use the steady clock, so `/clock` has no influence.
+        Complete chunks are handed to the operating system every FLUSH_PERIOD. This timer and the
+        one for `duration` use the steady clock, so simulated time has no influence.
 
         Args:
             bag: Open recording that receives the messages; the caller completes it.
-            duration: Time after which ROS is shut down [s]; None for never.
-            silent: Print nothing.
+            duration: Time after which ROS is shut down, which ends the node [s]; None for never.
+            silent: True prints nothing, not even "ready".
         """
         super().__init__(NODE_NAME)
         self.faults = Faults(self, ending_errors=(MhsbError,))  # a failed write ends the recorder
@@ -78,11 +79,11 @@ class Recorder(Node):
     def _subscribe(self, topic: Topic) -> None:
         """Add a topic to the recording and subscribe to it as raw bytes.
 
-        Each message is written on arrival. Each publisher that is matched is noted for the line
-        "ready".
+        Each message is written on arrival. If a publisher is matched, the topic counts as
+        connected.
 
         Args:
-            topic: The topic. Its QoS is used with a queue of RECEIVE_DEPTH messages.
+            topic: The topic. Its QoS is used, but with a queue of RECEIVE_DEPTH messages.
         """
         name = self.resolve_topic_name(topic.name)
         profile = QoSProfile(
@@ -124,10 +125,13 @@ class Recorder(Node):
         )
 
     def _note_connected(self, topic: Topic) -> None:
-        """Note a connected topic, and print "ready" once when all READY_WHEN topics are connected.
+        """Mark a topic as connected.
+
+        When all READY_WHEN topics (one of the simulator, one of the planner) are connected for the
+        first time, a line with "ready" is printed, unless the recorder is silent.
 
         Args:
-            topic: Topic that a publisher has been matched on.
+            topic: Topic on which a publisher was matched.
         """
         self._heard.add(topic.name)
         if not self._ready and all(each.name in self._heard for each in READY_WHEN):

@@ -185,13 +185,14 @@ class Recording:
 def decode_recording(
     messages: RecordedMessages, source_name: str, namespace: str = "", slews: bool = False
 ) -> Recording:
-    """Decode the messages of a recording.
+    """Decode the messages of a recording to tables and domain objects.
 
-    Messages that break their contract are left out and noted.
+    A message that is damaged, has a wrong type or has impossible values is left out and noted in
+    `unreadable`.
 
     Args:
         messages: Function that returns all messages; it is called twice.
-        source_name: Name of their source in error messages, such as "the recording DIR".
+        source_name: Name of the recording in error messages, such as "the recording DIR".
         namespace: Namespace of the topics, such as `/left`, for error messages.
         slews: Whether the arm slews, so that goals have a y coordinate.
 
@@ -209,8 +210,8 @@ def _find_joint_count(messages: RecordedMessages, source_name: str, topic_name: 
     """Return the number of joints in the first readable joint states.
 
     Args:
-        messages: Function that returns all messages.
-        source_name: Name of their source in error messages.
+        messages: Function that returns all messages; it is called once.
+        source_name: Name of the recording in error messages.
         topic_name: Name of the joint states' topic in error messages.
 
     Returns:
@@ -253,8 +254,8 @@ def _check_message(message: RecordedMessage, max_size: int) -> bytes:
         The unchanged bytes.
 
     Raises:
-        MessageError: The type is not the topic's, size or log time is out of range, or the bytes
-            are no message of the type.
+        MessageError: The recorded type is not the topic's type, the size or the log time is out of
+            range, or the bytes cannot be a message of the type.
     """
     topic, type_name, log_ns, data = message
     if type_name != topic.type_name:
@@ -285,10 +286,12 @@ class _GrowingTable:
         Args:
             time_ns: ROS time [ns].
             log_ns: Log time [ns].
-            columns: Vectors of the row; their number and size must be equal in all rows.
+            columns: Vectors of the row, float64. All rows must have the same number of vectors, and
+                all vectors the same size.
 
         Raises:
-            MessageError: A number is beyond MAX_NUMBER; the row is not appended.
+            MessageError: The magnitude of a finite number is above MAX_NUMBER; the row is not
+                appended.
         """
         _check_numbers(columns)
         self.time_ns.append(time_ns)
@@ -306,8 +309,8 @@ class _GrowingTable:
             width: Numbers in a vector.
 
         Returns:
-            ROS times, int64 (k,) [ns]; log times, int64 (k,) [ns]; and `count` arrays of shape (k,
-            width).
+            ROS times, int64 (k,) [ns]; log times, int64 (k,) [ns]; and a list of `count` arrays,
+            one for each vector of a row, of shape (k, width). All are in the order of log time.
         """
         log_ns = np.array(self.log_ns, dtype=np.int64)
         order = np.argsort(log_ns, kind="stable")
@@ -320,7 +323,7 @@ class _Decoder:
     """Decoder of all messages of a recording; unreadable messages are noted and left out."""
 
     def __init__(self, joint_count: int, slews: bool) -> None:
-        """Prepare the decoders of all topics.
+        """Prepare the decoders of all topics; no message is decoded yet.
 
         Args:
             joint_count: Number of joints and actuators.
@@ -355,13 +358,14 @@ class _Decoder:
         }
 
     def recording(self, messages: RecordedMessages) -> Recording:
-        """Decode all messages.
+        """Decode all messages and return the recording.
 
         Args:
-            messages: Function that returns all messages; it is called once.
+            messages: Function that returns all messages; it is called once. At least one must be a
+                readable joint state.
 
         Returns:
-            The decoded recording.
+            The decoded recording. Unreadable messages are left out and counted.
         """
         for message in messages():
             try:
@@ -405,7 +409,7 @@ class _Decoder:
             message: The message.
 
         Raises:
-            MessageError: It cannot be read.
+            MessageError: The message is damaged, has a wrong type, or has impossible values.
         """
         topic, log_ns = message.topic, message.log_ns
         if topic is topics.JOINT_STATES:
@@ -428,11 +432,12 @@ class _Decoder:
             self._values[topic].append((log_ns, value))
 
     def _joint_table(self, rows: _GrowingTable, count: int) -> JointTable:
-        """Return a stream of joint motion.
+        """Convert collected rows to a table of joint motion.
 
         Args:
-            rows: Rows of position, velocity and possibly acceleration.
-            count: Number of vectors in a row: 2 without acceleration, which is then nan, or 3.
+            rows: Rows of position, velocity and, if `count` is 3, acceleration.
+            count: Number of vectors in a row, 2 or 3. With 2, all accelerations in the table are
+                nan.
 
         Returns:
             The table, sorted by log time.
@@ -443,7 +448,7 @@ class _Decoder:
         return JointTable(time_ns, position, velocity, acceleration, log_ns)
 
     def _actuator_table(self) -> ActuatorTable:
-        """Return the stream of hydraulic states.
+        """Convert the collected hydraulic states to a table.
 
         Returns:
             The table, sorted by log time; empty arrays if none were recorded.
@@ -492,10 +497,10 @@ class _RecordedClock:
         )
 
     def ros_time(self, log_ns: int) -> int:
-        """Return the ROS time at which a message was recorded.
+        """Convert the log time of a message (system clock) to ROS time.
 
-        Between two joint states it is interpolated linearly. Before the first and after the last
-        one, both clocks are assumed to run at the same rate.
+        Joint states have both times, so the time between two of them is interpolated linearly.
+        Before the first and after the last one, both clocks are assumed to run at the same rate.
 
         Args:
             log_ns: Log time of the message [ns].
@@ -519,10 +524,15 @@ class _RecordedClock:
 
 
 def check_order(recording: Recording) -> None:
-    """Raise BagError if the ROS time of joint states or hydraulic states ever decreases.
+    """Check that the ROS time of joint states and of hydraulic states never decreases.
+
+    It decreases if the simulator was started anew during the recording.
 
     Args:
-        recording: The recording, in the order of log time.
+        recording: The recording; its tables are in the order of log time.
+
+    Raises:
+        BagError: A ROS time decreases.
     """
     for time_ns in (recording.joint_states.time_ns, recording.actuators.time_ns):
         if np.any(time_ns[1:] < time_ns[:-1]):
@@ -530,13 +540,16 @@ def check_order(recording: Recording) -> None:
 
 
 def _check_numbers(value: Any) -> None:
-    """Raise MessageError if a finite number in a decoded value is beyond MAX_NUMBER.
+    """Check that no finite floating-point number in a decoded value is too large.
 
     Lists, tuples and dataclasses are searched recursively. Infinite numbers, nan and integers are
-    not checked.
+    accepted.
 
     Args:
         value: Decoded message or part of one.
+
+    Raises:
+        MessageError: The magnitude of a number is above MAX_NUMBER.
     """
     if isinstance(value, list | tuple):
         for each in value:
@@ -551,13 +564,13 @@ def _check_numbers(value: Any) -> None:
 
 
 def _flatten_reports(timed: Sequence[TimedValue]) -> tuple[TimedValue, ...]:
-    """Return the single reports of messages that hold several reports each.
+    """Return the single reports of messages that have several reports each.
 
     Args:
-        timed: Lists of reports, each with its times.
+        timed: Messages; the value of each is a list of reports.
 
     Returns:
-        Each report with the times of its message.
+        The reports in order, each with the times of its message.
     """
     return tuple(
         TimedValue(each.time_ns, report, each.recorded_ns)
