@@ -50,12 +50,14 @@ Courses = dict[tuple[str, str], list[tuple[float, Estimate]]]
 
 
 def draw_estimates(run: EvaluatedRecording, path: Path) -> None:
-    """Draw each estimated quantity over time with its 95 % interval, and write the figure.
+    """Draw the servo's estimates of machine parameters over time, and write the figure.
 
-    The interval is paler as long as the motion has not determined the quantity.
+    There is a panel for each quantity in PANEL_LABELS that has estimates. Each estimate has its 95
+    % interval, which is paler while the motion has not yet determined the quantity.
 
     Args:
-        run: The evaluated recording.
+        run: The evaluated recording; it must have estimates of at least one quantity in
+            PANEL_LABELS.
         path: PNG file to write.
     """
     courses = group_estimates(run)
@@ -64,14 +66,15 @@ def draw_estimates(run: EvaluatedRecording, path: Path) -> None:
 
 
 def group_estimates(run: EvaluatedRecording) -> Courses:
-    """Collect the estimates of a recording by quantity and actuator.
+    """Collect the servo's estimates in a recording by quantity and actuator.
 
     Args:
         run: The evaluated recording.
 
     Returns:
-        For each (quantity, actuator), pairs of time [s since the first joint state] and estimate,
-        in the order of recording. The actuator is empty for a quantity of the whole arm.
+        A dictionary. The key is a pair: name of the quantity and name of the actuator; the latter
+        is empty for a quantity of the whole arm. The value is a list of pairs in time order: time
+        [s since the first joint state] and estimate.
     """
     courses: Courses = defaultdict(list)
     for heard in run.recording.estimates:
@@ -90,15 +93,15 @@ def _find_drawn_quantities(estimate_series: Courses) -> list[str]:
 
 
 def draw_estimate_panels(run: EvaluatedRecording, estimate_series: Courses, figure: Figure) -> None:
-    """Draw a panel over time for each quantity that has estimates, and one legend.
+    """Draw a panel over time for each estimated quantity, and one legend for all.
 
-    The 95 % interval is drawn as a band, paler while the quantity is not known yet. The panels have
-    the units of PANEL_LABELS.
+    The 95 % interval is drawn as a band, which is paler while the motion has not yet determined the
+    quantity. The panels have the units of PANEL_LABELS; quantities that are not in it are left out.
 
     Args:
         run: The evaluated recording, for the time axis.
-        estimate_series: The estimates by quantity and actuator; at least one quantity of
-            PANEL_LABELS.
+        estimate_series: Estimates over time, by quantity and actuator, as `group_estimates` returns
+            them. At least one quantity must be in PANEL_LABELS.
         figure: Figure that receives the panels.
     """
     drawn = _find_drawn_quantities(estimate_series)
@@ -115,16 +118,17 @@ def draw_estimate_panels(run: EvaluatedRecording, estimate_series: Courses, figu
 
 
 def _draw_quantity(quantity: str, estimate_series: Courses, axes: Axes) -> None:
-    """Draw one quantity over time, with a line and a 95 % band for each actuator or the whole arm.
+    """Draw the estimates of one quantity over time.
 
-    Values are converted from SI to the panel's unit. The band is fainter where the quantity is not
-    determined yet (`known` is False).
+    Each actuator, or the whole arm, has a line and a band for the 95 % interval. The band is paler
+    while the motion has not yet determined the quantity (`known` is False). Values are converted
+    from SI to the unit in PANEL_LABELS.
 
     Args:
         quantity: Key of PANEL_LABELS.
-        estimate_series: The estimates by quantity and actuator.
-        axes: Axes to draw on: time [s] and the quantity in its unit of PANEL_LABELS. Sets the label
-            of the quantity.
+        estimate_series: Estimates over time, by quantity and actuator, as `group_estimates` returns
+            them.
+        axes: Axes to draw on, with time [s] as x. The label of y is set.
     """
     label, factor = PANEL_LABELS[quantity]
     owners = [owner for name, owner in estimate_series if name == quantity]

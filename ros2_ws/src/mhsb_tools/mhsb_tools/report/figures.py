@@ -31,18 +31,18 @@ WORKSPACE_FIGURE = "workspace.png"
 
 
 def draw_all(run: EvaluatedRecording, regions: OperatingRegions, folder: Path) -> list[Path]:
-    """Draw every figure of a run and write it into a folder.
+    """Draw all figures of a recording and write them into a folder.
 
     The figure of estimates is drawn only if the recording has estimates. A progress bar is shown on
     a terminal.
 
     Args:
         run: The evaluated recording.
-        regions: Regions of the workspace in which joints need boost.
+        regions: Nodes of the workspace at which joints need boost.
         folder: Existing folder.
 
     Returns:
-        The written files.
+        The written PNG files.
     """
     figures = dict(FIGURE_FILES)
     if run.recording.estimates:
@@ -57,15 +57,18 @@ def draw_all(run: EvaluatedRecording, regions: OperatingRegions, folder: Path) -
 
 
 def draw_moves(run: EvaluatedRecording, folder: Path) -> list[Path]:
-    """Draw a page for each move of a run and write it into a folder.
+    """Draw a page for each move of a recording and write it into a folder.
+
+    A move begins when a goal's plan takes over. It ends when the next plan takes over or shortly
+    after the arm has come to rest.
 
     Args:
         run: The evaluated recording.
         folder: Existing folder.
 
     Returns:
-        The written files `move_1.png`, `move_2.png` and so on, numbered by the moves that have a
-        page.
+        The written files `move_1.png`, `move_2.png` and so on, in time order. The numbers are those
+        of the pages; goals without a page have no number.
     """
     moves = cut_into_moves(run)
     files = [folder / f"move_{number}.png" for number in range(1, len(moves) + 1)]

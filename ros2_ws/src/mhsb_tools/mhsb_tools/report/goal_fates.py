@@ -78,10 +78,10 @@ class JudgedGoal:
 
     @property
     def lead_ms(self) -> float | None:
-        """Time from goal received to the instant at which its plan left the old one [ms].
+        """Time from the goal's receipt until the arm left its old plan for the goal's plan [ms].
 
-        The planner reports it; it includes retries. None if no plan of the goal's own came into
-        force, or the planner has not reported the time.
+        The planner reports it; it includes attempts that the arm refused. None if no plan of the
+        goal's own came into force, or if the planner did not report the time.
         """
         plan = self.verdict.plan if self.verdict else None
         if not self.plan_stamp_ns or plan is None or self.is_continued:
@@ -111,15 +111,15 @@ class JudgedGoal:
 def judge_recorded_goals(
     recording: Recording, all_feasible: bool = False
 ) -> tuple[JudgedGoal, ...]:
-    """Judge all readable goals of a recording.
+    """Judge each readable goal of a recording: applied, superseded, refused or lost.
 
     Args:
         recording: The recording.
-        all_feasible: Whether a path to every goal exists. A goal that is refused for its own sake
-            then counts as lost.
+        all_feasible: True states that a path to every goal exists. A goal that the planner refused
+            then counts as lost, also if the planner found fault with the goal itself.
 
     Returns:
-        The judged goals in the order in which they were sent.
+        One judgement for each readable goal, in the order in which they were sent.
     """
     plan_ends = {each.stamp_ns: each.end_ns for each in recording.trajectories}
     until_ns = int(recording.joint_states.time_ns[-1])
@@ -141,23 +141,28 @@ def judge_goals(
     until_ns: int,
     all_feasible: bool = False,
 ) -> tuple[JudgedGoal, ...]:
-    """Judge goals by the reports and plans that followed them.
+    """Judge each goal by the reports and plans that followed it.
 
-    A goal is refused if its verdict finds fault with the goal itself. It is applied if its plan
-    came into force or the arm was there already; but it is lost if the arm had the time and did not
-    reach it. A goal whose plan never came into force is superseded if a newer goal came within
-    LEAD_MAX that is not refused. Otherwise it is lost.
+    The first rule that fits decides:
+
+    1. Refused: the verdict finds fault with the goal itself. The rule is skipped if `all_feasible`.
+    2. Lost: the goal's plan came into force and the arm had time to reach the goal, but did not.
+    3. Applied: the goal's plan came into force, or the arm was at the goal already.
+    4. Superseded: the verdict is OK or SUPERSEDED, and a newer goal came within LEAD_MAX. Newer
+      goals that are refused do not count.
+    5. Lost: all other goals.
 
     Args:
         goals: Goals in the order in which they were sent.
-        reports: Verdicts and execution reports.
-        plans_in_force: Stamps [ns] of the plans that came into force; 0 for a hold.
-        plan_ends: End of each published trajectory [ns, ROS time] by its stamp.
-        until_ns: ROS time at which the recording ends [ns].
-        all_feasible: Whether a path to every goal exists; no goal is then refused.
+        reports: Verdicts and execution reports, in any order.
+        plans_in_force: Stamps [ns] of the plans that the arm executed; 0 if it held its position.
+        plan_ends: End of each published trajectory [ns, ROS time], by its stamp [ns].
+        until_ns: End of the recording [ns, ROS time].
+        all_feasible: True states that a path to every goal exists; then no goal is judged as
+            refused.
 
     Returns:
-        The judged goals in the order of `goals`.
+        One judgement for each goal, in the order of `goals`.
     """
     values = [each.value for each in reports]
     verdicts = {each.goal_stamp_ns: each for each in values if isinstance(each, GoalVerdict)}
@@ -187,18 +192,20 @@ def find_applied_stamp(
     execution: ExecutionReport | None,
     in_force: Container[int],
 ) -> int | None:
-    """Return the stamp of a goal's plan that came into force.
+    """Return the stamp of the goal's plan that the arm executed.
 
-    A plan that the arm refused is made again under the same verdict. The execution report names the
-    last plan, the verdict the first; the last one is preferred.
+    If the arm refuses a plan, the planner makes another one under the same verdict. The verdict has
+    the stamp of the first plan, the execution report that of the last one. The last one is looked
+    for first.
 
     Args:
         verdict: Verdict on the goal; None if there was none.
-        execution: Its execution report; None if there was none.
-        in_force: Stamps of all plans that came into force [ns].
+        execution: Execution report of the goal; None if there was none.
+        in_force: Stamps of all plans that the arm executed [ns].
 
     Returns:
-        The stamp [ns]; 0 if no plan was needed, None if no plan came into force.
+        The stamp [ns]; 0 if no plan was needed because the arm was at the goal; None if the arm
+        executed no plan for this goal.
     """
     if verdict is None or verdict.plan is None:
         return None
@@ -214,19 +221,19 @@ def _judge_unapplied_goal(
     execution: ExecutionReport | None,
     newer: TimedValue | None,
 ) -> tuple[GoalResult, str]:
-    """Judge a goal whose plan never came into force and that was not refused for its own sake.
+    """Judge a goal of which no plan came into force.
 
-    It counts as superseded if its verdict is OK or SUPERSEDED, and a newer goal came within
-    LEAD_MAX by the system's clock. Otherwise it is lost.
+    It is superseded if its verdict is OK or SUPERSEDED and a newer goal came less than LEAD_MAX
+    later. The system clock counts. Otherwise it is lost.
 
     Args:
-        sent: The goal with its times.
+        sent: The goal with its times. It was not refused for its own sake.
         verdict: Its verdict; None if there was none.
         execution: Its execution report; None if there was none.
-        newer: The next goal that was not refused; None if there is none.
+        newer: The next goal that was not refused for its own sake; None if there is none.
 
     Returns:
-        `GoalResult.SUPERSEDED` and an empty text, or `GoalResult.LOST` and why.
+        `GoalResult.SUPERSEDED` and an empty text, or `GoalResult.LOST` and the reason.
     """
     if verdict is None:
         return GoalResult.LOST, "it got no verdict"
@@ -251,19 +258,20 @@ def _judge_unapplied_goal(
 def _judge_applied_goal(
     end_ns: int | None, left_until_ns: int, execution: ExecutionReport | None
 ) -> tuple[GoalResult, str]:
-    """Judge a goal whose plan came into force, or that needed none.
+    """Judge a goal whose plan came into force, or that needed no plan.
 
-    It is lost if it was not reached although its plan ended at least SETTLING_NS before
-    `left_until_ns`. In all other cases it counts as applied, also if `end_ns` is None.
+    The goal is lost if two things hold: it was not reached, and its plan ended at least SETTLING_NS
+    before `left_until_ns`. Otherwise it is applied, also if `end_ns` is None.
 
     Args:
-        end_ns: End of its plan [ns, ROS time]; None if there is no plan or it was not recorded.
-        left_until_ns: Time of the next goal that was not refused, or end of the recording [ns, ROS
-            time].
-        execution: Its execution report; None if there was none.
+        end_ns: End of the goal's plan [ns, ROS time]; None if there was no plan, or its trajectory
+            was not recorded.
+        left_until_ns: Time until which the arm could stay at the goal [ns, ROS time]: that of the
+            next goal that was not refused, or the end of the recording.
+        execution: Execution report of the goal; None if there was none.
 
     Returns:
-        `GoalResult.LOST` and why, or `GoalResult.APPLIED` and an empty text.
+        `GoalResult.LOST` and the reason, or `GoalResult.APPLIED` and an empty text.
     """
     reached = execution is not None and execution.outcome is Outcome.REACHED
     if reached or end_ns is None or left_until_ns < end_ns + SETTLING_NS:

@@ -42,11 +42,11 @@ Planned = tuple[FloatArray, str, str, str]
 
 
 def draw_modes(run: EvaluatedRecording, path: Path) -> None:
-    """Draw each actuator's mode and the number of booster modules in use over time.
+    """Draw the actuators' modes and the number of booster modules in use over time.
 
     The upper panel has a bar for each actuator, coloured by mode. The lower panel shows the number
-    of modules in use and the number fitted. Vertical lines mark the times at which plans took over.
-    Writes the figure to `path`.
+    of modules in use and the number that the machine has. Vertical lines mark the times at which
+    plans took over.
 
     Args:
         run: The evaluated recording.
@@ -77,11 +77,12 @@ def draw_modes(run: EvaluatedRecording, path: Path) -> None:
 
 
 def _draw_modules(run: EvaluatedRecording, axes: Axes) -> None:
-    """Draw the number of booster modules in use over time [s], and the number fitted as a line.
+    """Draw how many booster modules are in use over time [s].
 
     Args:
         run: The evaluated recording.
-        axes: Axes to draw on.
+        axes: Axes to draw on. A dashed line marks the number of modules that the machine has.
+            Limits, ticks and label of y are set.
     """
     fitted = run.machine.config.hydraulics.modules
     schedule = run.modes
@@ -104,9 +105,10 @@ def _draw_modules(run: EvaluatedRecording, axes: Axes) -> None:
 def draw_pressures(run: EvaluatedRecording, path: Path) -> None:
     """Draw each actuator's chamber and supply pressures [MPa] over time, and write the figure.
 
-    There is a panel for each actuator. A dashed line marks P_S. The settings of the relief valves
-    of line and chambers are lines, too, or beyond the axis and named above it. Coloured bands mark
-    times in a boosted mode.
+    There is a panel for each actuator. A dashed line marks the main pump's pressure P_S. The relief
+    pressures of supply line and chambers are lines too; if one is beyond the axis, the panel's
+    title names it. Coloured bands mark times in a boosted mode, vertical lines the times at which
+    plans took over.
 
     Args:
         run: The evaluated recording.
@@ -141,16 +143,16 @@ def draw_pressures(run: EvaluatedRecording, path: Path) -> None:
 
 
 def draw_pressure_limits(run: EvaluatedRecording, axes: Axes, actuator: int) -> None:
-    """Draw lines at P_S and at relief pressures that are nearly reached; scale the axis [MPa].
+    """Set the pressure axis of one actuator's panel [MPa], and draw P_S and relief pressures.
 
-    The axis goes from 0 to PRESSURE_HEADROOM times the highest pressure of all actuators, or P_S.
-    The relief pressures of the supply lines and of the actuator's chambers are drawn if they are
-    within; otherwise the title names them.
+    The axis goes from 0 to PRESSURE_HEADROOM times the highest pressure of all actuators, or times
+    P_S if that is higher. P_S, the main pump's pressure, is a dashed line. The relief pressures of
+    supply line and chambers are lines if they are on the axis. Otherwise the title names them.
 
     Args:
         run: The evaluated recording.
-        axes: Axes of one actuator.
-        actuator: Index of the actuator from 0.
+        axes: Axes of the actuator.
+        actuator: Index of the actuator, from 0.
     """
     normal, quantity = run.machine.arrays.supply_pressure, run.recording.actuators.quantity
     seen = [quantity[name] for name in ("cap_pressure", "rod_pressure", "supply_pressure")]
@@ -170,11 +172,12 @@ def draw_pressure_limits(run: EvaluatedRecording, axes: Axes, actuator: int) -> 
 
 
 def draw_energy(run: EvaluatedRecording, path: Path) -> None:
-    """Draw measured and planned energy over time, summed and as mean power, and write the figure.
+    """Draw measured and planned energy and power over time, and write the figure.
 
-    The upper panel stacks the measured energies of main pump and servo pumps [J], with lines for
-    the planned energy in both readings of boost. The lower panel shows the mean power between
-    consecutive reports of the simulator [W].
+    The upper panel stacks the measured energies of main pump and servo pumps [J] since the first
+    report of the simulator. Two lines show the planned energy in the readings `paper` and `series`,
+    two ways to price boosted oil. The lower panel shows the mean power between consecutive reports
+    [W]; it is empty if there are fewer than two.
 
     Args:
         run: The evaluated recording.
@@ -215,14 +218,15 @@ def draw_energy(run: EvaluatedRecording, path: Path) -> None:
 def _draw_power(axes: Axes, time: FloatArray, measured: FloatArray, planned: list[Planned]) -> None:
     """Draw measured and planned mean power [W] between consecutive reports of the simulator.
 
-    Main pump and servo pumps are stacked; each planned energy gives a line.
+    The powers of main pump and servo pumps are stacked. Each planned energy gives a line.
 
     Args:
-        axes: Axes to draw on. Their labels are not set.
-        time: Time of each report, shape (k,) [s].
-        measured: Energies delivered so far by the main pump (row 0) and by all pumps (row 1), shape
-            (2, k) [J].
-        planned: Planned energies so far, shape (k,) [J], each with label, colour and line style.
+        axes: Axes to draw on. Labels and legend are not set.
+        time: Time of each report, shape (k,) [s], k ≥ 2.
+        measured: Energy delivered up to each report, by the main pump (row 0) and by all pumps (row
+            1), shape (2, k) [J].
+        planned: Energies planned up to each report, each an array of shape (k,) [J] with label,
+            colour and line style.
     """
     span = np.diff(time)
     main_pump, all_pumps = np.diff(measured) / span

@@ -26,9 +26,11 @@ LEAST_DISTANCE = 1e-2
 
 
 def draw_joints(run: EvaluatedRecording, path: Path) -> None:
-    """Draw measured position, reference and their difference of each joint over time.
+    """Draw position, reference and position error of each joint over time, and write the figure.
 
-    Revolute joints are drawn in deg with errors in mrad, telescopes in mm. Writes the figure.
+    The error is the measured position minus the reference; it is drawn only at times with a
+    reference. Positions are in deg and errors in mrad; for telescopes, both are in mm. Vertical
+    lines mark the times at which plans took over.
 
     Args:
         run: The evaluated recording.
@@ -80,9 +82,9 @@ def draw_joints(run: EvaluatedRecording, path: Path) -> None:
 def draw_tip_error(run: EvaluatedRecording, path: Path) -> None:
     """Draw the tip's distance from its reference and from its goal over time; write the figure.
 
-    The upper axes show the distance from the reference and its root mean square while the reference
-    moves [mm]. The lower axes show the distance from the goal on a logarithmic scale [mm], and the
-    distance that counts as reached.
+    The upper axes show the distance from the reference [mm]. A dashed line is its root mean square,
+    from the first to the last motion of the reference. The lower axes show the distance from the
+    goal of the plan in force [mm], on a logarithmic scale, and the distance that counts as reached.
 
     Args:
         run: The evaluated recording.
@@ -119,16 +121,17 @@ def draw_tip_error(run: EvaluatedRecording, path: Path) -> None:
 
 
 def compute_goal_distance(run: EvaluatedRecording) -> tuple[IntArray, FloatArray]:
-    """Compute the distance of the measured tip from the goal of the plan that took over last.
+    """Compute the distance of the measured tip from its goal at each time.
 
-    Times before the first plan took over are left out.
+    The goal is the one of the plan that took over last. Times before the first plan took over are
+    left out.
 
     Args:
         run: The evaluated recording.
 
     Returns:
-        ROS times, int64 (k,) [ns], and distances, shape (k,) [m]; both empty if no plan was taken
-        over.
+        ROS times, int64 (k,) [ns], and distances at these times, shape (k,) [m]. Both are empty if
+        no plan took over.
     """
     goals = [goal for goal in run.goals if goal.taken_over_ns is not None]
     since_ns = np.array([goal.taken_over_ns for goal in goals], dtype=np.int64)

@@ -40,23 +40,22 @@ class EnergyRecord:
 def compute_energy_record(
     recording: Recording, machine: Machine, followed: Trajectory, modes: ModeSchedule
 ) -> EnergyRecord:
-    """Compute measured and planned energy over the same time, counted from the first report.
+    """Compute measured and planned energy at each report of the simulator.
 
-    Both are summed between consecutive reports of the simulator. The planner's model
-    (`mhsb_planner.motion.energy`) is applied to the reference that was followed and the modes that
-    were in force. Rests are included: they cost leakage at the price of the holding modes.
-
-    An interval in which the simulator was restarted, so that its counters fall, counts as 0 in
-    both. Reports outside the time of the references are left out.
+    Both are counted from the first report that is used. The planned energy is the planner's model
+    for the reference that the servo followed and the modes that were in force. While the arm rests,
+    the model counts the leakage of the modes that hold it. If the simulator was restarted between
+    two reports, this interval adds 0 to all energies. Reports outside the time of the references
+    are left out.
 
     Args:
         recording: The recording.
         machine: Its machine.
-        followed: All references as one trajectory, see `join_references`.
-        modes: All modes as one schedule, see `join_modes`.
+        followed: All references of the recording as one trajectory.
+        modes: All modes of the recording as one schedule.
 
     Returns:
-        Energies at each report that is used; empty arrays without one.
+        Energies at each report that is used; empty arrays if there is none.
     """
     reports: list[SimulatorReport] = [
         each.value
@@ -76,7 +75,7 @@ def _step(
     before: SimulatorReport,
     after: SimulatorReport,
 ) -> list[float]:
-    """Return the measured and planned energies between two reports of the simulator.
+    """Compute measured and planned energy between two reports of the simulator.
 
     Args:
         machine: The machine.
@@ -86,9 +85,10 @@ def _step(
         after: The later report.
 
     Returns:
-        Energy of the main pump and shaft work of the servo pumps, both measured; planned energy in
-        the reading `paper` and in the reading `series` [J]. All are 0 if the simulator was
-        restarted in between.
+        Four energies [J]: measured energy of the main pump, measured shaft work of the servo pumps,
+        and planned energy in the readings `paper` and `series` (two ways to price boosted oil). All
+        are 0 if the time does not increase or a measured energy falls, as after a restart of the
+        simulator.
     """
     main_pump = after.main_pump_j - before.main_pump_j
     servo_pumps = after.servo_pumps_j - before.servo_pumps_j

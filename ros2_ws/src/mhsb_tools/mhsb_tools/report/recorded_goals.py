@@ -46,9 +46,9 @@ def find_take_over_times(recording: Recording) -> dict[int, int]:
         recording: The recording.
 
     Returns:
-        ROS time [ns] by the stamp of each plan, in the order of execution. Times at which the arm
-        held its position without a plan (stamp 0) are left out. A plan that took over twice keeps
-        its first time.
+        ROS time [ns] by the plan's stamp [ns], in the order of execution. If a plan took over
+        twice, the first time counts. Times at which the arm held its position without a plan (stamp
+        0) are left out.
     """
     times: dict[int, int] = {}
     for each in recording.plans_in_force:
@@ -60,12 +60,14 @@ def find_take_over_times(recording: Recording) -> dict[int, int]:
 def evaluate_goals(
     recording: Recording, followed: Trajectory, tip: TipMotion
 ) -> tuple[RecordedGoal, ...]:
-    """Collect verdict, outcome, take-over and final distance of all goals that got a verdict.
+    """Collect verdict, outcome, take-over time and final distance of each goal.
+
+    Only goals that got a verdict are included.
 
     Args:
         recording: The recording.
-        followed: All references as one trajectory, see `join_references`.
-        tip: Motion of the tip, see `compute_tip_motion`.
+        followed: All references of the recording as one trajectory.
+        tip: Measured and reference motion of the tip.
 
     Returns:
         The goals in the order of their verdicts.
@@ -105,11 +107,12 @@ def _is_moving(followed: Trajectory, time_ns: int) -> bool:
     """Return whether the reference was moving at a time.
 
     Args:
-        followed: All references as one trajectory.
-        time_ns: ROS time [ns]; the last reference at or before it counts.
+        followed: All references of the recording as one trajectory.
+        time_ns: ROS time [ns]. The last reference at or before it counts; if there is none, the
+            first.
 
     Returns:
-        True if any joint's reference is faster than REST_SPEED.
+        True if the reference of any joint is faster than REST_SPEED.
     """
     row = int(np.searchsorted(followed.offset_ns, time_ns - followed.stamp_ns, "right")) - 1
     return bool(np.any(np.abs(followed.velocity[max(row, 0)]) > REST_SPEED))
@@ -118,19 +121,19 @@ def _is_moving(followed: Trajectory, time_ns: int) -> bool:
 def _distance_at_rest(
     recording: Recording, tip: TipMotion, verdict: GoalVerdict, stamp_ns: int
 ) -> float | None:
-    """Return the mean distance of the measured tip from its goal at the end of its rest there.
+    """Return the mean distance of the resting tip from its goal.
 
-    The mean is over a window: the last REST_WINDOW_NS before the next plan takes over or the tip's
-    measurements end. The window does not begin before the plan's end.
+    The mean is over a window of REST_WINDOW_NS that ends when the next plan takes over, or at the
+    last measurement. If the goal's plan ends later than the window begins, the window begins there.
 
     Args:
         recording: The recording.
-        tip: Motion of the tip.
-        verdict: Verdict on the goal.
-        stamp_ns: Stamp of the goal's plan [ns].
+        tip: Measured motion of the tip.
+        verdict: Verdict on the goal; it has the goal's position.
+        stamp_ns: Stamp of the goal's plan [ns]; the plan must have taken over.
 
     Returns:
-        The distance [m]; None if no measurement lies in the window.
+        The distance [m]; None if there is no measurement in the window.
     """
     taken_over = find_take_over_times(recording)
     later = [time for time in taken_over.values() if time > taken_over[stamp_ns]]

@@ -43,15 +43,15 @@ class TipMotion:
 
 
 def compute_tip_motion(recording: Recording, machine: Machine, followed: Trajectory) -> TipMotion:
-    """Compute measured and reference position of the tip while there are references.
+    """Compute measured and reference position of the tip at the times of the joint states.
 
     Args:
         recording: The recording.
         machine: Its machine.
-        followed: All references as one trajectory, see `join_references`.
+        followed: All references of the recording as one trajectory.
 
     Returns:
-        Motion of the tip at the times of the joint states; times without a reference are left out.
+        Motion of the tip. Joint states before the first or after the last reference are left out.
 
     Raises:
         BagError: Joint states and references do not overlap in time.
@@ -71,16 +71,17 @@ def compute_tip_motion(recording: Recording, machine: Machine, followed: Traject
 
 
 def join_references(recording: Recording) -> Trajectory:
-    """Join the references of all joints that the arm published to one trajectory.
+    """Join all references in a recording to one trajectory.
 
-    Each reference has position, velocity and acceleration. The quintic between two of them
-    therefore equals the plan's curve up to rounding errors.
+    A reference is what the servo follows at one time: position, velocity and acceleration of all
+    joints. Between two references, the trajectory is the quintic through both. It equals the plan's
+    curve, except for rounding errors.
 
     Args:
         recording: The recording.
 
     Returns:
-        The trajectory; its stamp is the time of the first reference.
+        The trajectory; its stamp is the ROS time of the first reference.
 
     Raises:
         BagError: There are no references, or their time does not increase.
@@ -105,11 +106,12 @@ def cut_trajectory(trajectory: Trajectory, begin_ns: int, end_ns: int) -> Trajec
 
     Args:
         trajectory: The trajectory.
-        begin_ns: Absolute time of its first point [ns], within the trajectory.
-        end_ns: Absolute time of its last point [ns], within the trajectory.
+        begin_ns: Absolute time at which the piece begins [ns], within the trajectory.
+        end_ns: Absolute time at which the piece ends [ns], within the trajectory.
 
     Returns:
-        The piece, with both ends and all points between them.
+        A new trajectory with stamp `begin_ns`. Its points are those of `trajectory` in between, and
+        one at each end.
     """
     points = trajectory.stamp_ns + trajectory.offset_ns
     inside = points[(points > begin_ns) & (points < end_ns)]
@@ -118,14 +120,14 @@ def cut_trajectory(trajectory: Trajectory, begin_ns: int, end_ns: int) -> Trajec
 
 
 def join_modes(recording: Recording) -> ModeSchedule:
-    """Join all recorded modes to one schedule.
+    """Convert the modes in a recording to one schedule.
 
     Args:
-        recording: The recording.
+        recording: The recording; it has the modes of all actuators at many times.
 
     Returns:
-        The schedule, with a row for the first recorded modes and for each change of any mode. Of
-        several changes at one time, the last is kept.
+        The schedule. Its first row has the first recorded modes, and each further row a change of
+        one or more modes. If several changes have the same time, the last one is kept.
 
     Raises:
         BagError: No modes were recorded.
@@ -141,13 +143,13 @@ def join_modes(recording: Recording) -> ModeSchedule:
 
 
 def _fill_between_first_and_last(flags: np.ndarray) -> np.ndarray:
-    """Set all elements between the first True and the last True to True, in a copy.
+    """Return a copy of flags in which all elements from the first True to the last True are True.
 
     Args:
-        flags: bool (k,).
+        flags: Flags, bool of shape (k,); not changed.
 
     Returns:
-        bool (k,); all False if `flags` has no True.
+        Flags, bool of shape (k,); all False if `flags` has no True.
     """
     between = np.logical_or.accumulate(flags)
     between &= np.logical_or.accumulate(flags[::-1])[::-1]

@@ -18,11 +18,11 @@ REST_NS = SECOND_NS // 2
 
 
 def cut_into_moves(run: EvaluatedRecording) -> list[MoveRecord]:
-    """Cut a recording into moves.
+    """Cut a recording into moves, one for each goal whose plan took over.
 
-    A move begins when a goal's plan takes over. It ends when the next goal's plan takes over, or
-    REST_NS after the reference has come to rest. Moves with fewer than two hydraulic states are
-    left out.
+    A move begins when the goal's plan takes over. It ends when the next goal's plan takes over, or
+    REST_NS after the reference has come to rest if that is earlier. Moves with fewer than two
+    recorded hydraulic states are left out.
 
     Args:
         run: The evaluated recording.
@@ -46,17 +46,18 @@ def cut_into_moves(run: EvaluatedRecording) -> list[MoveRecord]:
 
 
 def get_whole_run_as_move(run: EvaluatedRecording, title: str) -> tuple[MoveRecord, int]:
-    """Return everything that was recorded as one move without a goal.
+    """Return the whole recording as one move without a goal.
 
     Args:
         run: The evaluated recording.
         title: Title of the move.
 
     Returns:
-        The move, and the ROS time of its beginning [ns].
+        The move, and the ROS time at which it begins [ns]. It begins and ends with the first and
+        last hydraulic state for which there is a reference.
 
     Raises:
-        BagError: No hydraulic states were recorded.
+        BagError: There are fewer than two such hydraulic states.
     """
     time_ns = _find_hydraulic_times(run, run.reference.stamp_ns, run.reference.end_ns)
     if len(time_ns) < 2:
@@ -65,16 +66,17 @@ def get_whole_run_as_move(run: EvaluatedRecording, title: str) -> tuple[MoveReco
 
 
 def _find_end_of_move(run: EvaluatedRecording, goal: RecordedGoal, end_ns: int) -> int:
-    """Return the end of a goal's move.
+    """Return the time at which a goal's move ends.
 
     Args:
         run: The evaluated recording.
-        goal: Goal whose plan was taken over.
-        end_ns: Latest end [ns, ROS time], at which the next plan takes over or the references end.
+        goal: Goal whose plan took over.
+        end_ns: Latest end [ns, ROS time]: the time at which the next plan takes over or the
+            references end.
 
     Returns:
-        REST_NS after the last reference before `end_ns` that moves, at most `end_ns` [ns, ROS
-        time]. If no reference moves, REST_NS after the plan took over.
+        ROS time [ns], at most `end_ns`. It is REST_NS after the last reference before `end_ns` that
+        moves. If none moves, it is REST_NS after the goal's plan took over.
     """
     since_ns = goal.taken_over_ns or 0
     time_ns = run.reference.stamp_ns + run.reference.offset_ns
@@ -85,7 +87,7 @@ def _find_end_of_move(run: EvaluatedRecording, goal: RecordedGoal, end_ns: int) 
 
 
 def _find_hydraulic_times(run: EvaluatedRecording, begin_ns: int, end_ns: int) -> IntArray:
-    """Return the times of the hydraulic states within an interval and within the references.
+    """Return the times of the hydraulic states in an interval for which there is a reference.
 
     Args:
         run: The evaluated recording.
@@ -93,7 +95,7 @@ def _find_hydraulic_times(run: EvaluatedRecording, begin_ns: int, end_ns: int) -
         end_ns: End of the interval [ns, ROS time].
 
     Returns:
-        ROS times, int64 (k,) [ns]; both ends are included.
+        ROS times, int64 (k,) [ns], possibly none. States at the ends of the interval are included.
     """
     time_ns = run.recording.actuators.time_ns
     low, high = max(begin_ns, run.reference.stamp_ns), min(end_ns, run.reference.end_ns)
@@ -103,12 +105,13 @@ def _find_hydraulic_times(run: EvaluatedRecording, begin_ns: int, end_ns: int) -
 def _move(
     run: EvaluatedRecording, number: int, goal: RecordedGoal, time_ns: IntArray
 ) -> MoveRecord:
-    """Return the recorded move to a goal; its title names the goal and the outcome.
+    """Collect the recorded data of the move to one goal.
 
     Args:
         run: The evaluated recording.
-        number: Number of the goal in the title, from 1.
-        goal: The goal, whose outcome is part of the title.
+        number: Number of the goal, from 1, for the title.
+        goal: The goal. Its position and its outcome are in the title, "under way" if there is no
+            outcome.
         time_ns: ROS times of the hydraulic states in the move, int64 (k,) [ns].
 
     Returns:
@@ -123,19 +126,20 @@ def _move(
 def _make_move(
     run: EvaluatedRecording, title: str, goals: tuple[Position, ...], time_ns: IntArray
 ) -> MoveRecord:
-    """Return recorded motion, hydraulic states and energy as a move.
+    """Collect recorded motion, hydraulic states and energy of a time span as a move.
 
     Measured joint positions are interpolated linearly to the times of the hydraulic states. The
-    energy is the planner's model of the reference that was followed.
+    energy is computed by the planner's model from the reference and the modes in force; it is not
+    measured.
 
     Args:
         run: The evaluated recording.
         title: Title of the move.
         goals: Goals in `base_link` [m]; empty for none.
-        time_ns: ROS times of the move, int64 (k,) [ns]; each must be the time of a hydraulic state.
+        time_ns: Times of hydraulic states, int64 (k,) [ns, ROS time], k ≥ 2.
 
     Returns:
-        The move.
+        The move; its time 0 is the first of `time_ns`.
     """
     states, table = run.recording.joint_states, run.recording.actuators
     rows = np.searchsorted(table.time_ns, time_ns)
@@ -167,7 +171,8 @@ def _interpolate_columns(time_ns: IntArray, known_ns: IntArray, values: FloatArr
         values: Values, shape (m, n).
 
     Returns:
-        Values at the wanted times, shape (k, n); constant beyond the ends.
+        Values at the wanted times, shape (k, n). Before the first and after the last known time,
+        the first and last values are used.
     """
     at, known = (each - known_ns[0] for each in (time_ns, known_ns))
     return np.column_stack([np.interp(at, known, column) for column in values.T])

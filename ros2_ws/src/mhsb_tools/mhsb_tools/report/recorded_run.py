@@ -49,17 +49,17 @@ class EvaluatedRecording:
 
 
 def check_machine(recording: Recording, machine: Machine) -> None:
-    """Raise BagError if a recording is of another machine.
+    """Check that a recording is of the given machine.
 
-    The simulator's reports state name and planning hash of the recorded machine. If no report does,
-    a warning is logged.
+    The simulator's reports have the name and the planning hash (hash of all values that planner and
+    arm must share) of the recorded machine. If no report has them, only a warning is logged.
 
     Args:
         recording: The recording.
-        machine: The machine that it is read with.
+        machine: The machine with which the recording is to be evaluated.
 
     Raises:
-        BagError: The recorded arm had another machine file.
+        BagError: The recorded machine has another planning hash.
     """
     reported = {
         (each.value.machine, each.value.machine_hash) for each in recording.simulator_reports
@@ -85,8 +85,8 @@ def evaluate_recording(recording: Recording, machine: Machine) -> EvaluatedRecor
         The recording with all results.
 
     Raises:
-        BagError: The recording belongs to another machine, its time runs backwards, it has no
-            references or no modes, or joint states and references do not overlap in time.
+        BagError: The recording is of another machine, its time runs backwards, it has no references
+            or no modes, or no joint state has a reference at its time.
     """
     if recording.joint_count != machine.joint_count:
         raise BagError(

@@ -70,16 +70,18 @@ def write_report(
 ) -> dict[str, Any]:
     """Write the figures and the summary of a recording into a folder.
 
-    The recording is evaluated completely before anything is written. The summary is written last,
-    whole or not at all.
+    The recording is evaluated completely before anything is written. The summary is written last
+    and never incomplete. The posture table is built if it is not cached.
 
     Args:
-        bag: Folder of the recording.
-        output: Folder for the results; made if it is missing.
+        bag: Folder of the recording (rosbag2).
+        output: Folder for the results; created if it does not exist. Files of the same names are
+            replaced.
         machine: Machine of the recording.
-        table: Posture table file; None takes one from the cache or builds it.
-        namespace: Namespace of the recorded topics, such as `/left`.
-        moves: Also draw a page for each move.
+        table: Posture table file, for the regions where boost is needed; None takes it from the
+            cache or builds it.
+        namespace: Namespace of the recorded topics, such as `/left`; empty for none.
+        moves: Whether to draw also a page for each move.
 
     Returns:
         The summary, as written to summary.json.
@@ -116,14 +118,14 @@ def format_summary(content: dict[str, Any]) -> list[str]:
 
 
 def _text(value: Any) -> str:
-    """Format a value of the summary.
+    """Format a value of the summary as text.
 
     Args:
         value: Number, text, None, or a list or dictionary of such values.
 
     Returns:
-        Floats with four significant digits, None as a dash, lists and dictionaries separated by
-        commas.
+        One line. Floats have four significant digits, None is a dash. Elements of lists and
+        dictionaries are separated by commas; those of dictionaries have their key before the value.
     """
     match value:
         case None:

@@ -28,11 +28,11 @@ def time_axis(run: EvaluatedRecording, axes: Axes) -> None:
 
 
 def mark_take_overs(run: EvaluatedRecording, axes: Axes) -> None:
-    """Draw a thin vertical line at every time at which the arm began to follow a plan.
+    """Draw a thin vertical line at each time at which the arm began to follow a plan.
 
     Args:
         run: The evaluated recording.
-        axes: Axes to draw on.
+        axes: Axes to draw on, with time [s since the first joint state] as x.
     """
     for number, time_ns in enumerate(find_take_over_times(run.recording).values()):
         axes.axvline(
@@ -45,12 +45,14 @@ def mark_take_overs(run: EvaluatedRecording, axes: Axes) -> None:
 
 
 def shade_modes(run: EvaluatedRecording, axes: Axes, actuator: int) -> None:
-    """Draw pale bands of the mode's colour behind the times at which an actuator is boosted.
+    """Draw a pale band behind each time span in which an actuator is boosted.
+
+    The band has the colour of the mode. Each boosted mode has one label for a legend.
 
     Args:
         run: The evaluated recording.
-        axes: Axes to draw on.
-        actuator: Index of the actuator from 0.
+        axes: Axes to draw on, with time [s since the first joint state] as x.
+        actuator: Index of the actuator, from 0.
     """
     for mode in filter(BOOSTED_MODES.__getitem__, Mode):
         label: str | None = f"mode {mode.name}"
@@ -60,16 +62,17 @@ def shade_modes(run: EvaluatedRecording, axes: Axes, actuator: int) -> None:
 
 
 def mode_spans(run: EvaluatedRecording, actuator: int, mode: Mode) -> list[tuple[float, float]]:
-    """Return the intervals in which an actuator is in a mode.
+    """Return the time spans in which an actuator is in a mode.
 
     Args:
         run: The evaluated recording.
-        actuator: Index of the actuator from 0.
+        actuator: Index of the actuator, from 0.
         mode: The mode.
 
     Returns:
-        Begin and end of each interval [s since the first joint state], one for each row of the
-        schedule with this mode. Adjacent intervals are not joined.
+        Begin and end of each span [s since the first joint state], in time order. The schedule
+        begins a new span at each change of any actuator's mode, so the end of one span may be the
+        begin of the next.
     """
     schedule = run.modes
     end_ns = max(int(run.recording.joint_states.time_ns[-1]), schedule.end_ns)

@@ -89,13 +89,14 @@ def compute_summary(run: EvaluatedRecording) -> Summary:
 
 
 def _everything(run: EvaluatedRecording) -> Summary:
-    """Compute all entries of the summary; numbers from messages may still be infinite or nan.
+    """Compute all entries of the summary.
 
     Args:
         run: The evaluated recording.
 
     Returns:
-        The entries that `compute_summary` describes.
+        The entries, with the keys that `compute_summary` lists. Numbers that come from messages may
+        be infinite or nan.
     """
     recording = run.recording
     time_ns = recording.joint_states.time_ns
@@ -131,14 +132,16 @@ def _everything(run: EvaluatedRecording) -> Summary:
 
 
 def _places_not_reached(goals: Sequence[RecordedGoal]) -> int:
-    """Return the number of different goal positions that were never reached.
+    """Count the different goal positions that were never reached.
+
+    A position is reached if the outcome of one of its goals is REACHED, or one of its verdicts is
+    AT_GOAL (the arm was there already).
 
     Args:
-        goals: Goals that got a verdict. A goal counts as reached by its outcome, or if the arm
-            already was there (AT_GOAL).
+        goals: Goals that got a verdict.
 
     Returns:
-        The number of positions; several goals at one position count once.
+        The number of positions. Several goals at one position count once.
     """
     there = {
         goal.verdict.goal.position
@@ -149,16 +152,18 @@ def _places_not_reached(goals: Sequence[RecordedGoal]) -> int:
 
 
 def _tip_errors(tip: TipMotion, goals: Iterable[RecordedGoal]) -> Summary:
-    """Return the entries on the tip's error.
+    """Compute the summary's entries on the errors of the tip.
 
     Args:
-        tip: Motion of the tip.
+        tip: Measured and reference motion of the tip.
         goals: Goals that got a verdict.
 
     Returns:
-        `tip_error_rms_mm` and `tip_error_max_mm`: root mean square and maximum of the measured
-        tip's distance from the reference while that moves. `tip_error_rest_max_mm`: largest
-        distance of the resting tip from a reached goal. Each is None without data.
+        Three entries [mm]; each is None without data:
+
+        - tip_error_rms_mm, tip_error_max_mm: root mean square and maximum of the distance between
+          measured tip and reference, from the first to the last motion of the reference
+        - tip_error_rest_max_mm: largest distance of the resting tip from a goal that it reached
     """
     error = PER_MM * tip.error[tip.moving]
     at_rest = [goal.distance_at_rest for goal in goals if goal.distance_at_rest is not None]
@@ -176,8 +181,8 @@ def _plans(recording: Recording) -> Summary:
         recording: The recording.
 
     Returns:
-        Entries `plans_applied` and `plans_refused`. Each plan counts once, by its stamp. A plan
-        that was applied at any time does not count as refused.
+        Entries `plans_applied` and `plans_refused` (refused or dropped). Each plan counts once. If
+        it has several reports and one of them says applied, it counts as applied.
     """
     values = [each.value for each in recording.hand_overs]
     applied = {each.plan_stamp_ns for each in values if each.outcome == APPLIED_OUTCOME}
@@ -188,13 +193,14 @@ def _plans(recording: Recording) -> Summary:
 
 
 def compute_reference_jumps(recording: Recording) -> Summary:
-    """Return the largest steps of the reference at hand-overs, as the simulator measured them.
+    """Return by how much the reference jumped at most when a new plan took over.
 
     Args:
         recording: The recording.
 
     Returns:
-        Entries for position [rad] and velocity [rad/s]; None if no plan was applied.
+        `reference_jump_max_rad` (position) and `reference_jump_max_rad_s` (velocity), as the
+        simulator measured them; None if no plan took over.
     """
     applied = [each.value for each in recording.hand_overs if each.value.outcome == APPLIED_OUTCOME]
     return {
@@ -204,14 +210,15 @@ def compute_reference_jumps(recording: Recording) -> Summary:
 
 
 def _make_governor_entries(recording: Recording) -> Summary:
-    """Return the entries on the reference governor, from the simulator's reports.
+    """Return the summary's entries on the reference governor, which slows plans near limits.
 
     Args:
         recording: The recording.
 
     Returns:
-        `guard_interventions`: largest count of interventions in any report, 0 without reports.
-        `plan_delay_max_s`: largest delay of plans [s], None without reports.
+        `guard_interventions`: number of times that the governor boosted or slowed beyond the plan,
+        as the simulator counted them; 0 without reports of the simulator. `plan_delay_max_s`:
+        largest delay with which a plan was followed [s]; None without reports.
     """
     values = [each.value for each in recording.simulator_reports]
     return {
@@ -221,15 +228,22 @@ def _make_governor_entries(recording: Recording) -> Summary:
 
 
 def _energies(energy: EnergyRecord) -> Summary:
-    """Return the entries on energy.
+    """Return the summary's entries on energy.
 
     Args:
-        energy: Energies at the simulator's reports.
+        energy: Measured and planned energy up to each report of the simulator.
 
     Returns:
-        Planned energy in both readings of boost, and measured energy of the main pump (`mp`) and of
-        the servo pumps (`sp`) [J]. `energy_span_s` is the time from the first to the last report.
-        Energies are None with fewer than two reports, the span without any.
+        Four entries:
+
+        - energy_planned_j, energy_planned_series_j: planned energy in the readings `paper` and
+          `series`, two ways to price boosted oil [J]
+        - energy_measured_j: a dictionary with the energy of main pump (`mp`) and servo pumps (`sp`)
+          [J]
+        - energy_span_s: time from the first to the last report
+
+        Energies are None if there are fewer than two reports; `energy_span_s` is None without
+        reports.
     """
 
     def total(counter: np.ndarray) -> float | None:
@@ -245,16 +259,21 @@ def _energies(energy: EnergyRecord) -> Summary:
 
 
 def _pressures(run: EvaluatedRecording) -> Summary:
-    """Return the entries on pressures and relief valves.
+    """Return the summary's entries on pressures and relief valves.
 
     Args:
         run: The evaluated recording.
 
     Returns:
-        `max_supply_pressure_mpa`, `max_chamber_pressure_mpa` and `min_chamber_pressure_mpa` of all
-        actuators. `relief_mpa`: settings of the relief valves of line and chambers, the lowest of
-        all actuators. `relief_exceeded`: whether any pressure was above the setting of its own
-        relief valve. Pressures and `relief_exceeded` are None without hydraulic states.
+        Five entries:
+
+        - max_supply_pressure_mpa, max_chamber_pressure_mpa, min_chamber_pressure_mpa: over all
+          actuators and times
+        - relief_mpa: a dictionary with the relief pressure of the supply lines (`line`) and the
+          lowest relief pressure of all chambers (`chamber`)
+        - relief_exceeded: whether a pressure was above that of its own relief valve
+
+        All but `relief_mpa` are None if no hydraulic states were recorded.
     """
     quantity, circuit = run.recording.actuators.quantity, run.machine.config.circuit
     supply = _largest(quantity["supply_pressure"])
@@ -273,14 +292,18 @@ def _pressures(run: EvaluatedRecording) -> Summary:
 
 
 def _cavitation(run: EvaluatedRecording) -> list[Summary]:
-    """Return an entry for each actuator whose load made its inlet chamber cavitate.
+    """List the actuators that cavitated, as entries of the summary.
+
+    An actuator cavitates if its load drives the piston faster than oil at P_S fills the inlet
+    chamber.
 
     Args:
         run: The evaluated recording.
 
     Returns:
-        `actuator` (name), `begin_s` since the first hydraulic state, total `duration_s` and
-        `force_n`, the strongest piston force. Empty without hydraulic states.
+        A dictionary for each actuator that cavitated: `actuator` (name), `begin_s` (first time,
+        since the first hydraulic state), `duration_s` (sum of all times) and `force_n` (piston
+        force of largest magnitude). Empty if none did or no hydraulic states were recorded.
     """
     actuators = run.recording.actuators
     if len(actuators.time_ns) == 0:
@@ -299,17 +322,19 @@ def _cavitation(run: EvaluatedRecording) -> list[Summary]:
 
 
 def compute_speed_excess(run: EvaluatedRecording) -> float | None:
-    """Compute by how much the pistons exceed V_max, the largest |v| / V_max - 1 of all pistons.
+    """Compute by which share the fastest piston exceeded V_max.
 
-    V_max is the limit of each actuator in the machine file, for which the quasi-static plan is
-    made. The speed v = ΔL(q) / Δt is a mean over SPEED_WINDOW, since momentary velocities
-    oscillate; L is the distance between a cylinder's pins and q the measured joint positions.
+        excess = max(|v| / V_max) − 1,  v = ΔL(q) / Δt
+
+    V_max is the actuator's piston speed for which plans are made [m/s], q the measured joint
+    positions and L the length of the actuator's cylinder [m]. Δt is about SPEED_WINDOW, because
+    momentary velocities oscillate. The maximum is over all actuators and times.
 
     Args:
         run: The evaluated recording.
 
     Returns:
-        The excess; negative if V_max was never reached, None if the recording is shorter than
+        The excess; negative if no piston reached V_max, None if the recording is shorter than
         SPEED_WINDOW.
     """
     joints = run.recording.joint_states
@@ -350,16 +375,16 @@ def compute_quantiles(values: Iterable[float | None]) -> Summary:
 
 
 def compute_real_time_factor(recording: Recording) -> float | None:
-    """Compute simulated over real time from the reports of the simulator.
+    """Compute the mean real-time factor of a recorded simulation.
 
-    Each report states the factor of the time since the report before. Intervals without a positive
-    duration or factor are skipped.
+    It is the ratio of simulated time to real time. Each report of the simulator has the factor
+    since the last report. Intervals without a positive duration or a positive factor are skipped.
 
     Args:
         recording: The recording.
 
     Returns:
-        The factor over all intervals; None without any.
+        The factor over all intervals; None if there is none.
     """
     simulated = real = 0.0
     for before, after in pairwise(each.value for each in recording.simulator_reports):
@@ -376,21 +401,34 @@ def _lost(fate: JudgedGoal) -> Summary:
 
 
 def _place(goal: Goal) -> Summary:
-    """Return the position of a goal as entries `x_m`, `z_m`, and `y_m` if it has one [m]."""
-    beside = {} if goal.y is None else {"y_m": _number(goal.y)}
-    return {"x_m": _number(goal.x), **beside, "z_m": _number(goal.z)}
-
-
-def _goal(goal: RecordedGoal) -> Summary:
-    """Return the entry of a goal that got a verdict.
+    """Return the position of a goal as entries of the summary.
 
     Args:
         goal: The goal.
 
     Returns:
-        Position [m], verdict (`code` and `sentence`), `outcome` of the execution, and whether its
-        plan took over `in_motion`. Planning time, energy and duration of its plan (`plan_...`), and
-        `distance_at_rest_mm`; each is None if there is no such value.
+        `x_m`, `z_m`, and `y_m` if the arm slews [m]; None for a coordinate that is not finite.
+    """
+    beside = {} if goal.y is None else {"y_m": _number(goal.y)}
+    return {"x_m": _number(goal.x), **beside, "z_m": _number(goal.z)}
+
+
+def _goal(goal: RecordedGoal) -> Summary:
+    """Return the summary's entry of a goal that got a verdict.
+
+    Args:
+        goal: The goal.
+
+    Returns:
+        Entries:
+
+        - x_m, z_m, and y_m if the arm slews: position [m]
+        - code, sentence: verdict of the planner
+        - outcome: outcome of the execution; None if no execution was reported
+        - in_motion: whether the goal's plan took over while the reference moved
+        - plan_ms, plan_energy_j, plan_duration_s: planning time, planned energy and duration of the
+          plan; None if no plan was made
+        - distance_at_rest_mm: mean distance of the resting tip; None if the goal was not reached
     """
     verdict = goal.verdict
     plan = verdict.plan

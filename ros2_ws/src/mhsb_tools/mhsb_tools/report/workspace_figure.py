@@ -23,14 +23,14 @@ FIGURE_WIDTH, FIGURE_HEIGHT = 8.0, 8.2  # in
 
 
 def draw_workspace(run: EvaluatedRecording, regions: OperatingRegions, path: Path) -> None:
-    """Draw the tip's path with arm, goals and operating regions, and write the figure.
+    """Draw the tip's path over the workspace with arm and goals, and write the figure.
 
-    It shows the arm's plane, x and z [m]. The path has the colour of the strongest mode of all
-    actuators.
+    The figure shows the arm's plane, x and z [m]. Coloured squares show which joints need boost at
+    each node of the workspace. The path has the colour of the strongest mode of all actuators.
 
     Args:
         run: The evaluated recording.
-        regions: Regions of the workspace in which joints need boost.
+        regions: Nodes of the workspace at which joints need boost.
         path: PNG file to write.
     """
     with open_figure(path, FIGURE_HEIGHT, FIGURE_WIDTH) as figure:
@@ -59,10 +59,10 @@ def _draw_arm(run: EvaluatedRecording, axes: Axes) -> None:
 
 
 def _draw_path(run: EvaluatedRecording, axes: Axes) -> None:
-    """Draw the measured path of the tip in the arm's plane, and legend entries for all modes.
+    """Draw the measured path of the tip in the arm's plane, in the colours of the modes.
 
-    Points closer than PATH_STEP along the path are skipped. The path is cut at each change of the
-    strongest mode.
+    The colour at each point is that of the strongest mode of all actuators at that time. About one
+    point is drawn for each PATH_STEP of path length. Each mode has a label for the legend.
 
     Args:
         run: The evaluated recording.
@@ -84,10 +84,11 @@ def _draw_path(run: EvaluatedRecording, axes: Axes) -> None:
 
 
 def _draw_goals(run: EvaluatedRecording, axes: Axes) -> None:
-    """Draw a numbered circle at each goal, or a cross if it was not accepted.
+    """Draw a circle at each goal with an accepted verdict, and a cross at each other goal.
 
-    Goals at one position share a mark that lists their numbers. Goals with an unknown position are
-    left out.
+    The goals are numbered from 1 in the order of their verdicts. If goals have the same position
+    and the same kind of mark, they share one mark with all their numbers. Goals whose position is
+    not finite are left out.
 
     Args:
         run: The evaluated recording.
