@@ -58,14 +58,17 @@ class Tradeoff(NamedTuple):
 
 
 def tradeoffs(runs: Runs, fits: FittedRuns) -> Iterator[Tradeoff]:
-    """Compute energy and mean area of the velocity polytope of all runs of Case 4 with a path.
+    """Compute energy and polytope area of the runs of Case 4.
+
+    The area is that of the velocity polytope (tip velocities that the pistons' speed limits allow).
 
     Args:
         runs: All runs of the machine.
-        fits: Trajectories of the runs, by name.
+        fits: Trajectories that were made for some of the runs.
 
     Yields:
-        The integrated planner's runs by increasing w₄, then the runs of `COMPARED_RUNS`.
+        First the integrated planner's runs by increasing weight w₄ of the area, then the runs of
+        `COMPARED_RUNS`. A run without a path is left out.
     """
     full = reference_area(runs.table)
     for name in (*AREA_RUN_WEIGHTS, *COMPARED_RUNS):
@@ -89,16 +92,16 @@ def tradeoffs(runs: Runs, fits: FittedRuns) -> Iterator[Tradeoff]:
 
 
 def draw_area_tradeoff(runs: Runs, fits: FittedRuns, folder: Path, figure_name: str) -> list[Path]:
-    """Draw the polytope's mean area over energy, for discrete paths and for motions.
+    """Draw the velocity polytope's mean area over energy for the runs of Case 4.
 
     The left panel shows the discrete paths, the right one the motions. The integrated planner's
-    runs of Case 4 form a curve over the weight w₄. The runs of `COMPARED_RUNS` are single points.
-    Runs without a path are left out. Writes a PNG, and a CSV file with the fields of `Tradeoff` for
-    each run.
+    runs with different weights w₄ of the area are joined by a line. The runs of `COMPARED_RUNS` are
+    single points. Runs without a path are left out. Writes a PNG, and a CSV file with the fields of
+    `Tradeoff` for each run.
 
     Args:
         runs: All runs of the machine.
-        fits: Trajectories of the runs, by name.
+        fits: Trajectories that were made for some of the runs.
         folder: An existing folder for the files.
         figure_name: Name of the files without suffix.
 
@@ -125,15 +128,16 @@ def draw_area_tradeoff(runs: Runs, fits: FittedRuns, folder: Path, figure_name: 
 
 
 def _draw(found: list[Tradeoff], axes: Axes, of_motion: bool) -> None:
-    """Draw the polytope's mean area over energy of all runs.
+    """Draw the velocity polytope's mean area over energy for all runs in one panel.
 
-    The integrated planner's runs are joined by a line and labelled with their w₄. A label is left
-    out if its energy is less than `LABELS_APART` above that of the last label.
+    The integrated planner's runs are joined by a line and labelled with their weight w₄ of the
+    area. So that labels do not overlap, a run has a label only if its energy is more than
+    `LABELS_APART` above that of the last labelled run.
 
     Args:
         found: Energy and area of each run.
-        axes: Axes to draw on: energy [J] and area [m²/s²]. Their labels are not set.
-        of_motion: Draw the motions' values; else the discrete paths'.
+        axes: Axes to draw on: energy [J] as x, area [m²/s²] as y. Labels of the axes are not set.
+        of_motion: True draws the values of the motions, False those of the discrete paths.
     """
     at = {
         each.run: (each.energy, each.area)

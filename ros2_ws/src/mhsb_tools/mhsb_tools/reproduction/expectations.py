@@ -83,7 +83,7 @@ class _NoPathOfRunError(Exception):
 
 
 def path_of(runs: Runs, name: str) -> DiscretePath:
-    """Return the path of a run.
+    """Return the path of a run, or raise an error if it has none.
 
     Args:
         runs: All runs of the machine.
@@ -93,7 +93,8 @@ def path_of(runs: Runs, name: str) -> DiscretePath:
         The path.
 
     Raises:
-        _NoPathOfRunError: The run has no path.
+        _NoPathOfRunError: The run has no path. `judge_expectation` turns it into a missed
+            expectation.
     """
     run = runs[name]
     if run.path is None:
@@ -120,15 +121,16 @@ def direct(runs: Runs, path: DiscretePath) -> BoundCheck:
 
 
 def detour(runs: Runs, path: DiscretePath) -> list[BoundCheck]:
-    """Require that a path is longer than the shortest one and that the arm folds on the way.
+    """Require that a path is a detour with the arm folded.
 
     Args:
         runs: All runs of the machine, for the grid spacing.
         path: The path.
 
     Returns:
-        Two conditions: length over shortest of at least `DETOUR_FACTOR`, and a smallest x of the
-        tip that is `ASIDE_DISTANCE` [m] or more below the x of both ends.
+        Two conditions. The path's length divided by that of the shortest grid path is at least
+        `DETOUR_FACTOR`. The smallest x of the tip is at least `ASIDE_DISTANCE` [m] below the x of
+        both ends.
     """
     return [
         at_least("length over shortest", _ratio(runs, path), DETOUR_FACTOR, DETOUR_FACTOR - 1.0),
@@ -150,10 +152,12 @@ def less(name: str, value: float, than: float) -> BoundCheck:
 
 
 def case_1_1(runs: Runs) -> list[BoundCheck]:
-    """Judge Case 1-1, energy weights: a folded detour, N almost throughout, less energy than 1-2.
+    """Judge Case 1-1, weights for least energy, by four conditions.
 
-    Detour: length over shortest ≥ 1.1, and the tip's smallest x at least 0.05 m below both ends.
-    N: all actuators in mode N for at least 90 % of the time.
+    - Detour: the tip's path is at least 1.1 times as long as the shortest path on the grid.
+    - Folded: the tip's smallest x is at least 0.05 m below the x of both ends.
+    - All actuators are in mode N (fed by the main pump) for at least 90 % of the time.
+    - The energy is less than in Case 1-2.
 
     Args:
         runs: All runs of the machine.
@@ -162,7 +166,7 @@ def case_1_1(runs: Runs) -> list[BoundCheck]:
         The conditions; the expectation is met if all hold.
 
     Raises:
-        _NoPathOfRunError: A run that is compared has no path.
+        _NoPathOfRunError: Run 1-1 or 1-2 has no path.
     """
     own, fast = path_of(runs, "1-1"), path_of(runs, "1-2")
     cheaper = less("energy over that of 1-2", measures.energy(own), measures.energy(fast))
@@ -170,10 +174,14 @@ def case_1_1(runs: Runs) -> list[BoundCheck]:
 
 
 def case_1_2(runs: Runs) -> list[BoundCheck]:
-    """Judge Case 1-2, time weights: near-straight, N first, then SB, faster than 1-1.
+    """Judge Case 1-2, weights for least time, by four conditions.
 
-    Near-straight: length over shortest ≤ 1.1. N: all actuators for at least half of the first
-    quarter of the time. SB: at least one actuator for at least half of the other three quarters.
+    - Near-straight: the tip's path is at most 1.1 times as long as the shortest path on the grid.
+    - In the first quarter of the time, all actuators are in mode N (fed by the main pump) for at
+      least half of it.
+    - In the other three quarters, at least one actuator is in mode SB (fed by several servo pumps)
+      for at least half of them.
+    - The duration is less than in Case 1-1.
 
     Args:
         runs: All runs of the machine.
@@ -182,7 +190,7 @@ def case_1_2(runs: Runs) -> list[BoundCheck]:
         The conditions; the expectation is met if all hold.
 
     Raises:
-        _NoPathOfRunError: A run that is compared has no path.
+        _NoPathOfRunError: Run 1-1 or 1-2 has no path.
     """
     own, sparing = path_of(runs, "1-2"), path_of(runs, "1-1")
     shared = measures.mode_share(own, Mode.SB, EARLY_SHARE)
@@ -196,29 +204,31 @@ def case_1_2(runs: Runs) -> list[BoundCheck]:
 
 
 def case_2_1(runs: Runs) -> list[BoundCheck]:
-    """Judge Case 2-1, lowering: N almost throughout, by the shortest path.
+    """Judge Case 2-1, in which the tip is lowered, by two conditions.
 
-    N: all actuators for at least 90 % of the time. Shortest: length over shortest ≤ 1.1.
+    - All actuators are in mode N (fed by the main pump) for at least 90 % of the time.
+    - The tip's path is at most 1.1 times as long as the shortest path on the grid.
 
     Args:
         runs: All runs of the machine.
 
     Returns:
-        The conditions; the expectation is met if all hold.
+        The conditions; the expectation is met if both hold.
 
     Raises:
-        _NoPathOfRunError: A run that is compared has no path.
+        _NoPathOfRunError: Run 2-1 has no path.
     """
     own = path_of(runs, "2-1")
     return [normal(own), direct(runs, own)]
 
 
 def case_2_2(runs: Runs) -> list[BoundCheck]:
-    """Judge Case 2-2, lowering further: N almost throughout, slightly outwards.
+    """Judge Case 2-2, in which the tip is lowered farther than in 2-1, by three conditions.
 
-    N: all actuators for at least 90 % of the time. Outwards: the largest x of the tip exceeds the x
-    of both ends by at least 0.05 m. Slightly: it does so by at most r − x of the start, where r is
-    the start's distance from the base.
+    - All actuators are in mode N (fed by the main pump) for at least 90 % of the time.
+    - Outwards: the tip's largest x is at least 0.05 m above the x of both ends.
+    - Only slightly: it is at most r − x above them. x is the tip's x at the start, and r its
+      distance from the base there.
 
     Args:
         runs: All runs of the machine.
@@ -227,7 +237,7 @@ def case_2_2(runs: Runs) -> list[BoundCheck]:
         The conditions; the expectation is met if all hold.
 
     Raises:
-        _NoPathOfRunError: A run that is compared has no path.
+        _NoPathOfRunError: Run 2-2 has no path.
     """
     own = path_of(runs, "2-2")
     arc = float(np.hypot(*own.tip[0]) - own.tip[0, 0])
@@ -241,10 +251,11 @@ def case_2_2(runs: Runs) -> list[BoundCheck]:
 
 
 def case_3_1(runs: Runs) -> list[BoundCheck]:
-    """Judge Case 3-1, full range: a folded detour, mostly in mode N.
+    """Judge Case 3-1, a motion through the full range, by three conditions.
 
-    Detour: length over shortest ≥ 1.1, and the tip's smallest x at least 0.05 m below both ends.
-    N: all actuators in mode N for at least half of the time.
+    - Detour: the tip's path is at least 1.1 times as long as the shortest path on the grid.
+    - Folded: the tip's smallest x is at least 0.05 m below the x of both ends.
+    - All actuators are in mode N (fed by the main pump) for at least half of the time.
 
     Args:
         runs: All runs of the machine.
@@ -253,23 +264,23 @@ def case_3_1(runs: Runs) -> list[BoundCheck]:
         The conditions; the expectation is met if all hold.
 
     Raises:
-        _NoPathOfRunError: A run that is compared has no path.
+        _NoPathOfRunError: Run 3-1 has no path.
     """
     own = path_of(runs, "3-1")
     return [*detour(runs, own), normal(own, MOSTLY_SHARE)]
 
 
 def case_3_2(runs: Runs) -> list[BoundCheck]:
-    """Judge Case 3-2, full range to a goal at larger x than in Case 3-1: a direct, boosted path.
+    """Judge Case 3-2, whose goal is at larger x than that of 3-1, by two conditions.
 
-    Direct: length over shortest ≤ 1.1. Boosted: at least one actuator for at least half of the
-    time.
+    - Direct: the tip's path is at most 1.1 times as long as the shortest path on the grid.
+    - At least one actuator is boosted for at least half of the time.
 
     Args:
         runs: All runs of the machine.
 
     Returns:
-        The conditions; the expectation is met if all hold.
+        The conditions; the expectation is met if both hold.
 
     Raises:
         _NoPathOfRunError: Run 3-2 has no path.
@@ -283,18 +294,19 @@ def case_3_2(runs: Runs) -> list[BoundCheck]:
 
 
 def case_4_1(runs: Runs) -> list[BoundCheck]:
-    """Judge Case 4-1, the proposed method: larger velocity polytope than the conventional method's.
+    """Judge Case 4-1: its velocity polytope must be larger than in Cases 4-2 and 4-3.
 
-    The polytope's area, as a mean over the steps of the path, must exceed that of 4-2 and of 4-3.
+    Case 4-1 uses the paper's method, 4-2 and 4-3 the conventional one (joint 3 keeps its angle).
+    The mean of the polytope's area over the steps of the path is compared.
 
     Args:
         runs: All runs of the machine.
 
     Returns:
-        The conditions; the expectation is met if all hold.
+        Two conditions, one for each comparison; the expectation is met if both hold.
 
     Raises:
-        _NoPathOfRunError: A run that is compared has no path.
+        _NoPathOfRunError: Run 4-1, 4-2 or 4-3 has no path.
     """
     own, *others = (
         float(np.mean(measures.polytope_profile(runs[name].machine, path_of(runs, name))))
@@ -307,18 +319,19 @@ def case_4_1(runs: Runs) -> list[BoundCheck]:
 
 
 def case_4_2(runs: Runs) -> list[BoundCheck]:
-    """Judge Case 4-2, conventional from a good J3: less energy than 4-1, as J3 hardly moves.
+    """Judge Case 4-2, the conventional method (joint 3 keeps its angle) from a good angle.
 
-    Both the energy and the sum of joint 3's absolute changes must be less than in 4-1.
+    Both the energy and the travel of joint 3 (sum of its absolute changes) must be less than in
+    Case 4-1, the paper's method.
 
     Args:
         runs: All runs of the machine.
 
     Returns:
-        The conditions; the expectation is met if all hold.
+        Two conditions; the expectation is met if both hold.
 
     Raises:
-        _NoPathOfRunError: A run that is compared has no path.
+        _NoPathOfRunError: Run 4-1 or 4-2 has no path.
     """
     own, proposed = path_of(runs, "4-2"), path_of(runs, "4-1")
     travel = measures.joint_travel(own, 2) / measures.joint_travel(proposed, 2)
@@ -329,19 +342,19 @@ def case_4_2(runs: Runs) -> list[BoundCheck]:
 
 
 def case_4_3(runs: Runs) -> list[BoundCheck]:
-    """Judge Case 4-3, conventional from a bad J3: most energy of the three, as J3 moves a lot.
+    """Judge Case 4-3, the conventional method (joint 3 keeps its angle) from a bad angle.
 
-    The energy must exceed that of 4-1 and of 4-2. The sum of joint 3's absolute changes must exceed
-    that of 4-2.
+    The energy must be more than in Cases 4-1 and 4-2. The travel of joint 3 (sum of its absolute
+    changes) must be more than in Case 4-2.
 
     Args:
         runs: All runs of the machine.
 
     Returns:
-        The conditions; the expectation is met if all hold.
+        Two conditions; the expectation is met if both hold.
 
     Raises:
-        _NoPathOfRunError: A run that is compared has no path.
+        _NoPathOfRunError: Run 4-1, 4-2 or 4-3 has no path.
     """
     own, proposed, good = (path_of(runs, name) for name in ("4-3", "4-1", "4-2"))
     most = max(measures.energy(proposed), measures.energy(good))
@@ -356,17 +369,19 @@ def case_4_3(runs: Runs) -> list[BoundCheck]:
 
 
 def _over_weights(runs: Runs, measure: Callable[[DiscretePath], float]) -> np.ndarray:
-    """Evaluate a function of the path for all runs of Figure 10, which vary w₁ and w₂.
+    """Evaluate a function of the path for all runs of Figure 10.
+
+    These runs combine each weight w₁ of energy with each weight w₂ of time.
 
     Args:
         runs: All runs of the machine.
         measure: Function from a discrete path to a number, such as `measures.energy`.
 
     Returns:
-        Values over w₁ and w₂, shape (len(ENERGY_WEIGHTS), len(TIME_WEIGHTS)).
+        Values, shape (len(ENERGY_WEIGHTS), len(TIME_WEIGHTS)); rows are w₁, columns are w₂.
 
     Raises:
-        _NoPathOfRunError: A run has no path.
+        _NoPathOfRunError: One of these runs has no path.
     """
     return np.array(
         [
@@ -377,29 +392,31 @@ def _over_weights(runs: Runs, measure: Callable[[DiscretePath], float]) -> np.nd
 
 
 def _trend(name: str, first: np.ndarray, last: np.ndarray, sign: float) -> BoundCheck:
-    """Require that a mean grows or falls from one end of a sweep to the other.
+    """Require that a mean grows, or falls, by at least `TREND_SHARE` over a sweep of a parameter.
 
     Args:
         name: Name of the condition.
-        first: Values at the first end of the sweep.
-        last: Values at the last end.
-        sign: 1 requires growth, −1 a fall, by `TREND_SHARE` at least.
+        first: Values at the first value of the parameter.
+        last: Values at its last value.
+        sign: 1 requires that the mean grows, −1 that it falls.
 
     Returns:
-        The condition; its value is `sign` times the change of the mean, as a share of its first
-        value.
+        The condition. Its value is `sign` · (mean of `last` / mean of `first` − 1).
     """
     change = sign * (float(np.mean(last)) / float(np.mean(first)) - 1.0)
     return at_least(name, change, TREND_SHARE, 2 * TREND_SHARE)
 
 
 def energy_weight(runs: Runs) -> list[BoundCheck]:
-    """Judge w₁: with it, energy must fall and the path become longer.
+    """Judge the weight w₁ of energy: a larger one must give less energy and a longer path.
 
-    The runs are the runs of Figure 10, each w₁ with each w₂. For no w₂ may the energy rise from one
-    w₁ to the next. Means over all w₂ must change from the least to the largest w₁: the energy must
-    fall by 5 %, and the path length must rise by 5 %. Runs with w₂ = 0 are left out, because the
-    run with both weights at 0 belongs to another expectation.
+    The runs are those of Figure 10, which combine each w₁ with each weight w₂ of time. Runs with w₂
+    = 0 are left out, because the run with w₁ = w₂ = 0 belongs to another expectation. The
+    conditions are:
+
+    - For each w₂, the energy does not rise from one w₁ to the next.
+    - From the smallest to the largest w₁, the mean energy over all w₂ falls by at least 5 %.
+    - From the smallest to the largest w₁, the mean path length over all w₂ rises by at least 5 %.
 
     Args:
         runs: All runs of the machine.
@@ -408,7 +425,7 @@ def energy_weight(runs: Runs) -> list[BoundCheck]:
         The conditions; the expectation is met if all hold.
 
     Raises:
-        _NoPathOfRunError: A run that is compared has no path.
+        _NoPathOfRunError: A run of Figure 10 has no path.
     """
     energy = _over_weights(runs, measures.energy)[:, 1:]
     length = _over_weights(runs, lambda path: path.length)[:, 1:]
@@ -421,21 +438,23 @@ def energy_weight(runs: Runs) -> list[BoundCheck]:
 
 
 def time_weight(runs: Runs) -> list[BoundCheck]:
-    """Judge w₂: with it, the duration must fall.
+    """Judge the weight w₂ of time: a larger one must give a shorter duration.
 
-    The runs are the runs of Figure 10, each w₁ with each w₂. For no w₁ may the duration rise from
-    one w₂ to the next. From the least to the largest w₂, the mean duration over all w₁ must fall by
-    5 %. Runs with w₁ = 0 are left out, because the run with both weights at 0 belongs to another
-    expectation.
+    The runs are those of Figure 10, which combine each weight w₁ of energy with each w₂. Runs with
+    w₁ = 0 are left out, because the run with w₁ = w₂ = 0 belongs to another expectation. The
+    conditions are:
+
+    - For each w₁, the duration does not rise from one w₂ to the next.
+    - From the smallest to the largest w₂, the mean duration over all w₁ falls by at least 5 %.
 
     Args:
         runs: All runs of the machine.
 
     Returns:
-        The conditions; the expectation is met if all hold.
+        The conditions; the expectation is met if both hold.
 
     Raises:
-        _NoPathOfRunError: A run that is compared has no path.
+        _NoPathOfRunError: A run of Figure 10 has no path.
     """
     time = _over_weights(runs, measures.duration)[1:]
     rise = float(np.max(np.diff(time, axis=1) / time[:, :-1], initial=0.0))
@@ -446,10 +465,13 @@ def time_weight(runs: Runs) -> list[BoundCheck]:
 
 
 def weights_of_zero(runs: Runs) -> list[BoundCheck]:
-    """Judge the run with w₁ = w₂ = 0: almost a straight line, most energy and time.
+    """Judge the run with weights w₁ = w₂ = 0 of energy and time, by three conditions.
 
-    Its search is the published one. The tip may be at most 0.05 m from the line through start and
-    goal. Energy and duration must be the largest of all runs of Figure 10.
+    - The tip is at most 0.05 m away from the straight line through start and goal.
+    - The energy is the largest of all runs of Figure 10.
+    - The duration is the largest of all runs of Figure 10.
+
+    This run uses the published search; all other runs of Figure 10 use the exact one.
 
     Args:
         runs: All runs of the machine.
@@ -458,7 +480,7 @@ def weights_of_zero(runs: Runs) -> list[BoundCheck]:
         The conditions; the expectation is met if all hold.
 
     Raises:
-        _NoPathOfRunError: A run that is compared has no path.
+        _NoPathOfRunError: A run of Figure 10 has no path.
     """
     own = path_of(runs, weight_run(0.0, 0.0))
     conditions = [
@@ -471,14 +493,19 @@ def weights_of_zero(runs: Runs) -> list[BoundCheck]:
 
 
 def _kept(runs: Runs, names_with_detour: Mapping[str, bool]) -> BoundCheck:
-    """Require that each run of a sweep is a detour exactly if the paper's path is one.
+    """Require that the runs of a sweep have the same kind of path as in the paper.
+
+    The kind is either a detour with the arm folded, or not.
 
     Args:
         runs: All runs of the machine.
-        names_with_detour: Whether the paper's path is a detour, by name of the run.
+        names_with_detour: By name of each run, whether the paper's path is a detour.
 
     Returns:
-        The condition; its value is the share of runs that agree with the paper, and 1 is required.
+        The condition. Its value is the share of runs whose kind is that of the paper; it must be 1.
+
+    Raises:
+        _NoPathOfRunError: One of the runs has no path.
     """
     right = [
         is_detour(runs, path_of(runs, name)) == expected
@@ -511,9 +538,11 @@ def high_pressure(runs: Runs) -> list[BoundCheck]:
 
 
 def pressure_order(runs: Runs) -> list[BoundCheck]:
-    """Judge P_S = 2.5 and 10 MPa: both take more energy than 1-1, on near-shortest paths.
+    """Judge the supply pressures P_S = 2.5 and 10 MPa against Case 1-1, by four conditions.
 
-    Near-shortest: length over shortest ≤ 1.1.
+    At each of the two pressures, the energy must be more than in Case 1-1 (same move, the machine's
+    own P_S). At each of them, the tip's path must be at most 1.1 times as long as the shortest path
+    on the grid.
 
     Args:
         runs: All runs of the machine.
@@ -522,7 +551,7 @@ def pressure_order(runs: Runs) -> list[BoundCheck]:
         The conditions; the expectation is met if all hold.
 
     Raises:
-        _NoPathOfRunError: A run that is compared has no path.
+        _NoPathOfRunError: One of the three runs has no path.
     """
     base = measures.energy(path_of(runs, "1-1"))
     conditions = []
@@ -537,14 +566,14 @@ def pressure_order(runs: Runs) -> list[BoundCheck]:
 
 
 def published_energy(runs: Runs, name: str) -> list[BoundCheck]:
-    """Judge whether a discrete path's energy is within 15 % of the published one.
+    """Judge whether the energy of a run's discrete path is within 15 % of the published one.
 
     Args:
         runs: All runs of the machine.
         name: Key of `PUBLISHED_ENERGY`.
 
     Returns:
-        One condition on the relative deviation.
+        A list with one condition on the relative deviation.
 
     Raises:
         _NoPathOfRunError: The run has no path.
@@ -675,9 +704,14 @@ def numbers(runs: Runs, name: str) -> dict[str, float]:
         name: Name of the run.
 
     Returns:
-        Values by name, units at the ends of the names: energy (readings paper and series),
-        duration, length, lower bound of the energy, length over shortest, share of time in mode N,
-        number of mode switches. Empty if the run has no path.
+        Values by name, with units at the ends of the names; empty if the run has no path:
+
+        - energy_discrete_j, energy_series_discrete_j: energy in the readings `paper` and `series`
+        - duration_discrete_s, length_m: duration, and length of the tip's path
+        - lower_bound_j: lower bound on the energy
+        - length_over_shortest: length divided by that of the shortest path on the grid
+        - normal_share: share of time with all actuators in mode N (fed by the main pump)
+        - switches: number of mode switches
     """
     path = runs[name].path
     if path is None:
@@ -697,14 +731,14 @@ def numbers(runs: Runs, name: str) -> dict[str, float]:
 
 
 def judge_expectation(expectation: Expectation, runs: Runs) -> ExpectationResult:
-    """Judge one expectation.
+    """Judge one expectation (statement of the paper).
 
     Args:
         expectation: The expectation.
         runs: All runs of the machine.
 
     Returns:
-        The judgement. If a run that is needed has no path, the expectation is not met and its
+        The judgement. If a run that the expectation needs has no path, it is not met and its
         shortfall is 1.
     """
     own = {name: numbers(runs, name) for name in expectation.runs}
@@ -735,7 +769,7 @@ def expectations(
     jobs: int | None = None,
     cases: Mapping[str, PaperCase] | None = None,
 ) -> list[ExpectationResult]:
-    """Run all cases and sweeps for a machine and judge them.
+    """Run all cases and sweeps of the paper for a machine and judge all expectations.
 
     Args:
         machine: The arm.
@@ -743,7 +777,7 @@ def expectations(
         cases: Cases by name in place of the paper's; None takes the paper's.
 
     Returns:
-        The judgements of all expectations.
+        The judgements, in the order of `PAPER_EXPECTATIONS`.
     """
     return records(evaluate(machine, settings(cases), jobs))
 
@@ -765,9 +799,9 @@ def misfit_of(found: list[ExpectationResult]) -> float:
 def misfit(
     machine: Machine, jobs: int | None = 1, cases: Mapping[str, PaperCase] | None = None
 ) -> float:
-    """Compute how far a machine is from showing what the paper shows; takes some seconds.
+    """Compute how far a machine is from meeting all expectations; takes some seconds.
 
-    Used to identify machine parameters that the paper does not state.
+    It is used to identify machine parameters that the paper does not state.
 
     Args:
         machine: The arm.
@@ -775,6 +809,7 @@ def misfit(
         cases: Cases by name in place of the paper's; None takes the paper's.
 
     Returns:
-        0 if all expectations are met, else up to their number.
+        0 if all expectations are met. Each missed one adds between MISSED_PENALTY (just missed) and
+        1 (wholly missed).
     """
     return misfit_of(expectations(machine, jobs, cases))

@@ -61,15 +61,15 @@ class FittedRuns:
 
 
 def fit_runs(runs: Runs, names: Iterable[str]) -> FittedRuns:
-    """Fit trajectories to the paths of some runs.
+    """Make trajectories from the discrete paths of some runs.
 
     Args:
         runs: All runs of the machine.
         names: Names of the runs to fit.
 
     Returns:
-        The trajectories by name. A run without a path or trajectory is in `failures`, with the
-        reason.
+        The trajectories by name of the run. For a run without a path, or whose path gives no
+        trajectory, `failures` has the reason.
     """
     fits, failures = {}, {}
     for name in names:
@@ -85,7 +85,9 @@ def fit_runs(runs: Runs, names: Iterable[str]) -> FittedRuns:
 
 
 def _fit(machine: Machine, path: DiscretePath, rules: FitRules) -> FittedRun:
-    """Fit a trajectory to a path, from rest with all actuators in mode N, and sample it.
+    """Make a trajectory from a discrete path and sample it.
+
+    The motion starts at rest, with all actuators in mode N (fed by the main pump).
 
     Args:
         machine: The arm.
@@ -93,7 +95,8 @@ def _fit(machine: Machine, path: DiscretePath, rules: FitRules) -> FittedRun:
         rules: Kind of trajectory and limits that it must keep.
 
     Returns:
-        The trajectory, sampled every `MAX_POINT_SPACING_NS` and at its end, with its energy.
+        The trajectory with its energy. It is sampled every `MAX_POINT_SPACING_NS` from the start,
+        and at its end.
 
     Raises:
         MhsbError: No trajectory keeps the limits.

@@ -46,22 +46,23 @@ def draw_joints(
     *,
     load_lines: bool,
 ) -> list[Path]:
-    """Draw joint angles [°] and a band of modes for each actuator over time, one column per case.
+    """Draw joint angles and modes of some runs over time, and write the data.
 
-    Runs without a trajectory have empty panels. Writes a PNG, and the sampled trajectories as CSV
-    (`_columns`).
+    There is a column for each run. The upper panel has the joint angles [°], the next one a band of
+    modes for each actuator. A run without a trajectory has empty panels. Writes a PNG, and a CSV
+    file with the sampled trajectories.
 
     Args:
         runs: All runs of the machine.
-        fits: Trajectories of the runs, by name.
+        fits: Trajectories that were made for some of the runs.
         names: Names of the runs to draw.
         folder: An existing folder for the files.
         figure_name: Name of the files without suffix.
-        load_lines: Whether a third row shows piston speed [mm/s] over force [kN] of joint 1's
-            cylinder.
+        load_lines: Whether a third row of panels shows piston speed [mm/s] over force [kN] of joint
+            1's cylinder.
 
     Returns:
-        The files written.
+        The two files.
     """
     picture = folder / f"{figure_name}.png"
     rows = 3 if load_lines else 2
@@ -87,14 +88,14 @@ def draw_joints(
 
 
 def _draw_angles(runs: Runs, name: str, fit: FittedRun, axes: Axes) -> None:
-    """Draw joint angles [°] of a trajectory over time [s], and the discrete path's waypoints.
+    """Draw the joint angles [°] of a trajectory and of its discrete path over time [s].
 
-    The times of the waypoints are scaled so that both have the trajectory's duration.
+    The times of the discrete path are scaled so that it ends together with the trajectory.
 
     Args:
         runs: All runs of the machine.
         name: Name of the run.
-        fit: Its trajectory.
+        fit: Trajectory of the run.
         axes: Axes to draw on.
     """
     path = runs[name].path
@@ -146,7 +147,7 @@ def _spans(fit: FittedRun, actuator: int) -> Iterator[tuple[float, float, Mode]]
         actuator: Index of the actuator.
 
     Yields:
-        Begin [s], end [s] and mode.
+        Begin [s], end [s] and mode. Each interval begins where the last one ended.
     """
     mode = fit.modes[:, actuator]
     edges = [0, *(np.flatnonzero(np.diff(mode.astype(int))) + 1).tolist(), len(mode) - 1]
@@ -155,16 +156,19 @@ def _spans(fit: FittedRun, actuator: int) -> Iterator[tuple[float, float, Mode]]
 
 
 def _draw_load_line(machine: Machine, fit: FittedRun, joint: int, axes: Axes) -> None:
-    """Draw piston speed [mm/s] over force [kN] of one cylinder, coloured by its mode.
+    """Draw piston speed [mm/s] over force [kN] of one cylinder.
 
-    Lines show V_max in both directions, and the speeds with a fully open valve at P_S and at the
-    highest boost pressure.
+    The motion is drawn as points in the colours of the actuator's modes.
+
+    Solid lines show the speeds with a fully open valve at the main pump's pressure P_S and at the
+    highest boost pressure. Dashed lines show V_max, the piston speed for planning, in both
+    directions.
 
     Args:
         machine: The arm.
         fit: The sampled trajectory.
-        joint: Index of the joint.
-        axes: Axes to draw on.
+        joint: Index of the joint, from 0.
+        axes: Axes to draw on. Labels and the limits of y are set.
     """
     force, speed = fit.profile.force[:, joint], fit.profile.speed[:, joint]
     mode = fit.modes[:, joint]
@@ -199,16 +203,16 @@ def _draw_load_line(machine: Machine, fit: FittedRun, joint: int, axes: Axes) ->
 def _valve_limits(
     machine: Machine, joint: int, supply: float, forces: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the range of piston speeds with the valve fully open.
+    """Return the piston speeds with the valve fully open, in both directions.
 
     Args:
         machine: The arm.
-        joint: Index of the joint.
+        joint: Index of the joint, from 0.
         supply: Supply pressure [Pa].
-        forces: Piston forces [N], shape (k,).
+        forces: Piston forces, positive if they resist extension [N], shape (k,).
 
     Returns:
-        Highest (extending) and lowest (retracting, negative) speed [m/s], each of shape (k,).
+        Speed of extension (positive), and speed of retraction (negative) [m/s], each of shape (k,).
     """
     m = machine.arrays
     k, cap, rod = m.valve_coefficient[joint], m.cap_area[joint], m.rod_area[joint]
@@ -232,7 +236,7 @@ def _rows(fits: FittedRuns, names: Sequence[str]) -> Iterator[tuple[Any, ...]]:
     """Yield the CSV rows of the trajectories.
 
     Args:
-        fits: Trajectories by run name.
+        fits: Trajectories that were made for some of the runs.
         names: Names of the runs; those without a trajectory are skipped.
 
     Yields:

@@ -24,12 +24,12 @@ def duration(path: DiscretePath) -> float:
 
 
 def normal_share(path: DiscretePath, begin: float = 0.0, end: float = 1.0) -> float:
-    """Return the share of time in which all actuators are in mode N.
+    """Return the share of time in which all actuators are in mode N (fed by the main pump).
 
     Args:
         path: The path.
-        begin: Beginning of the part of the path that counts, as a share of the duration.
-        end: End of this part.
+        begin: Beginning of the part of the path that counts, as a share of the path's duration.
+        end: End of this part, as a share of the path's duration.
 
     Returns:
         Share of this part's duration, 0 … 1.
@@ -43,8 +43,8 @@ def mode_share(path: DiscretePath, mode: int, begin: float = 0.0, end: float = 1
     Args:
         path: The path.
         mode: Code of the mode.
-        begin: Beginning of the part of the path that counts, as a share of the duration.
-        end: End of this part.
+        begin: Beginning of the part of the path that counts, as a share of the path's duration.
+        end: End of this part, as a share of the path's duration.
 
     Returns:
         Share of this part's duration, 0 … 1.
@@ -53,31 +53,34 @@ def mode_share(path: DiscretePath, mode: int, begin: float = 0.0, end: float = 1
 
 
 def _share(path: DiscretePath, steps: np.ndarray, begin: float, end: float) -> float:
-    """Return the share of time that chosen steps take.
+    """Return the share of time that chosen steps take in a part of a path.
 
     Args:
         path: The path.
         steps: Whether each step is chosen, bool, shape (steps,).
-        begin: Beginning of the part of the path that counts, as a share of the duration.
-        end: End of this part.
+        begin: Beginning of the part, as a share of the path's duration.
+        end: End of the part, as a share of the path's duration.
+
+    Returns:
+        Time of the chosen steps within the part, divided by the part's duration, 0 … 1.
     """
     edges = np.clip(path.time / path.time[-1], begin, end)
     return float(np.diff(edges)[steps].sum() / (end - begin))
 
 
 def path_ratio(path: DiscretePath, spacing: float) -> float:
-    """Return the length of the tip's polygon over that of the shortest grid path between its ends.
+    """Return the path length of the tip divided by that of the shortest grid path between its ends.
 
-    The shortest grid path has straight and diagonal moves only. Its length counts as at least
+    The shortest grid path has only straight and diagonal moves. Its length counts as at least
     `spacing`.
 
     Args:
-        path: The path; its tip positions are the corners of the polygon.
+        path: The path; the tip's path is the polygon through its waypoints.
         spacing: Spacing of the grid [m].
 
     Returns:
-        The ratio: 1 for a shortest grid path, a little less for moves off the grid, 0 for a path
-        without steps.
+        The ratio. It is 1 for a shortest path on the grid, a little less for a path off the grid,
+        and 0 for a path without steps.
     """
     across, along = sorted(np.abs(path.tip[-1] - path.tip[0]))
     shortest = along - across + math.sqrt(2.0) * across
@@ -115,7 +118,10 @@ def joint_travel(path: DiscretePath, joint: int) -> float:
 
 
 def polytope_profile(machine: Machine, path: DiscretePath) -> FloatArray:
-    """Return the velocity polytope's area at the end of each step, in the step's modes.
+    """Compute the area of the velocity polytope at the end of each step of a path.
+
+    The velocity polytope is the set of tip velocities that the pistons' speed limits allow. It is
+    computed with the modes of the step.
 
     Args:
         machine: The arm.

@@ -53,16 +53,18 @@ class BestPoint:
 
 
 def find_points(runs: Runs) -> dict[str, BestPoint]:
-    """Search the best P_S for Case 1-1 and the best V_max for Case 1-2, with two planners.
+    """Search the best supply pressure for Case 1-1 and the best V_max for Case 1-2.
 
-    The best value is that with which the motion costs least, by the weights of the case. Each range
-    goes from the first to the last value of the paper's sweep.
+    V_max is the piston speed for planning. The best value is the one with which the motion costs
+    least, by the weights of the case. Each search is made with the planners `table` and
+    `integrated`. Its range is that of the paper's sweep, from first to last value.
 
     Args:
-        runs: All runs of the machine, for machine and posture table.
+        runs: All runs of the machine; only its machine and posture table are used.
 
     Returns:
-        Best points by name, such as `c5.ps best table`, for P_S or V_max and each planner.
+        Four best points by name. A name such as `c5.ps best table` consists of `c5`, the varied
+        quantity (`ps` for supply pressure or `vmax`) and the planner.
 
     Raises:
         NoOperatingPointError: No point of a range has a plan.
@@ -110,14 +112,15 @@ def as_text(points: Mapping[str, BestPoint]) -> list[str]:
 def draw_points(
     runs: Runs, fits: FittedRuns, points: Mapping[str, BestPoint], folder: Path, figure_name: str
 ) -> list[Path]:
-    """Draw energy over P_S (Case 1-1) and cost over V_max (Case 1-2) of all examined points.
+    """Draw energy over supply pressure (Case 1-1) and cost over V_max (Case 1-2).
 
-    The published energies are drawn beside them. Writes a PNG, and a CSV file with a row for each
-    examined point.
+    All examined points are drawn. The left panel also has the published energies and those of the
+    same runs here. Writes a PNG, and a CSV file with a row for each examined point.
 
     Args:
         runs: All runs; not used.
-        fits: Trajectories of the runs, by name, for comparison with the paper's sweep.
+        fits: Trajectories that were made for some of the runs; those of the sweep over supply
+            pressure are drawn.
         points: Best operating points by name.
         folder: An existing folder for the files.
         figure_name: Name of the files without suffix.
@@ -151,26 +154,27 @@ def draw_points(
 
 
 def _draw_curve(found: BestPoint, axes: Axes) -> None:
-    """Draw energy over P_S, or cost over V_max, of the examined points of one search.
+    """Draw all points that one search for an operating point has examined.
 
     Points without a plan are left out. A star marks the best point.
 
     Args:
-        found: Result of the search. If `found.varied` is `ps`, the axes are P_S [MPa] and energy
-            [J]. If it is `vmax`, they are V_max [mm/s] and cost.
+        found: Result of the search. If `found.varied` is `ps`, x is the supply pressure [MPa] and y
+            the energy [J]. If it is `vmax`, x is V_max [mm/s] and y the cost.
         axes: Axes to draw on. Their labels are not set.
     """
 
     def coordinates(sample: OperatingPointResult) -> tuple[float, float]:
         """Return the place of an examined point in the diagram.
 
-        Takes `found` from the enclosing function.
+        Uses `found`, the result of the search, from the enclosing function.
 
         Args:
             sample: The examined point.
 
         Returns:
-            P_S [MPa] and energy [J], or V_max [mm/s] and cost.
+            Supply pressure [MPa] and energy [J] if `found.varied` is `ps`, else V_max [mm/s] and
+            cost.
         """
         if found.varied == "ps":
             return sample.supply_pressure / PER_MEGA, sample.energy
@@ -183,12 +187,12 @@ def _draw_curve(found: BestPoint, axes: Axes) -> None:
 
 
 def _draw_published(fits: FittedRuns, axes: Axes) -> None:
-    """Draw the two energies that the paper states over P_S, and the energies of the same runs here.
+    """Draw published energies over supply pressure P_S, and the energies of the same runs here.
 
     Args:
-        fits: Trajectories of the runs. Energies of the runs whose posture table was built for their
-            P_S are drawn; a run without a trajectory is left out.
-        axes: Axes to draw on: P_S [MPa] and energy [J]. Their labels are not set.
+        fits: Trajectories that were made for some of the runs. Those with a posture table built for
+            their P_S are drawn. A run without a trajectory is left out.
+        axes: Axes to draw on: P_S [MPa] as x, energy [J] as y. Labels of the axes are not set.
     """
     joules = dict(PUBLISHED_ENERGY.values())
     published = [

@@ -34,18 +34,18 @@ def draw_paths(
     """Draw the tip's paths over the operating regions, one panel for each case.
 
     A panel shows the regions in which joints need boost, postures of the arm, the discrete path and
-    the trajectory. Paths that do not exist are left out. Writes a PNG, and paths (`_path_rows`) and
-    regions (`_region_rows`) as CSV.
+    the trajectory. A path or trajectory that does not exist is left out. Writes a PNG, a CSV file
+    with the paths and one with the regions.
 
     Args:
         runs: All runs of the machine.
-        fits: Trajectories of the runs, by name.
+        fits: Trajectories that were made for some of the runs.
         names: Names of the runs to draw.
         folder: An existing folder for the files.
         figure_name: Name of the files without suffix.
 
     Returns:
-        The files written.
+        The three files.
     """
     regions = operating_regions(runs.machine, runs.table)
     picture = folder / f"{figure_name}.png"
@@ -92,7 +92,7 @@ def draw_discrete_path(path: DiscretePath, axes: Axes) -> None:
 
 
 def _draw_arms(runs: Runs, path: DiscretePath, axes: Axes) -> None:
-    """Draw the arm in postures along a path: DRAWN_POSTURES of them, evenly spread over its steps.
+    """Draw the arm in DRAWN_POSTURES postures along a path, evenly spread over its steps.
 
     Args:
         runs: All runs; only `runs.machine` is used.
@@ -119,17 +119,17 @@ def _draw_tip(fit: FittedRun, axes: Axes) -> None:
 
 
 def _path_rows(runs: Runs, fits: FittedRuns, name: str) -> Iterator[tuple[Any, ...]]:
-    """Yield the CSV rows of a run's discrete path and of its trajectory.
+    """Yield the CSV rows of one run: its discrete path, then its trajectory.
 
     Args:
         runs: All runs of the machine.
-        fits: Trajectories of the runs, by name.
+        fits: Trajectories that were made for some of the runs.
         name: Name of the run.
 
     Yields:
-        Name, `discrete` or `fitted`, time [s], x [m], z [m], modes as one text such as `SB-DB-N`.
         First a row for each waypoint of the discrete path, then one for each sample of the
-        trajectory. There are no rows of a path or trajectory that does not exist.
+        trajectory. A row has name, `discrete` or `fitted`, time [s], tip x [m] and z [m], and modes
+        as one text such as `SB-DB-N`. A path or trajectory that does not exist has no rows.
     """
     path = runs[name].path
     if path is not None:

@@ -46,11 +46,12 @@ RUN_COLORS = (BLUE, ORANGE, VERMILION)
 
 
 def draw_velocity_polytope(runs: Runs, folder: Path, figure_name: str) -> list[Path]:
-    """Draw admissible joint velocities and tip velocities at the start of Case 1-1 (Figure 3).
+    """Draw the joint velocities and tip velocities that piston speed limits allow (Figure 3).
 
-    Both are for the mode combination SHOWN_PATTERN. The posture is that of the posture table, at
-    the node nearest to the start's tip position. Writes a PNG and two CSV files: the corners of the
-    body of joint velocities [rad/s], and the vertices of the polytope of tip velocities [m/s].
+    They are for the start of Case 1-1 and the mode combination SHOWN_PATTERN. The posture is that
+    of the posture table at the grid node nearest to the start. Writes a PNG and two CSV files:
+    corners of the body of joint velocities [rad/s], and vertices of the polygon of tip velocities
+    [m/s].
 
     Args:
         runs: All runs of the machine.
@@ -58,7 +59,7 @@ def draw_velocity_polytope(runs: Runs, folder: Path, figure_name: str) -> list[P
         figure_name: Name of the files without suffix.
 
     Returns:
-        The files written.
+        The three files.
     """
     machine, table = runs.machine, runs.table
     x, z = runs["1-1"].setting.case.start
@@ -85,7 +86,7 @@ def draw_velocity_polytope(runs: Runs, folder: Path, figure_name: str) -> list[P
 
 
 def _draw_body(joint: FloatArray, figure: Figure) -> None:
-    """Draw the convex body of admissible velocities [rad/s] of three joints in three dimensions.
+    """Draw the convex body of allowed velocities of three joints [rad/s] in three dimensions.
 
     Args:
         joint: Corners of the body [rad/s], shape (corners, 3).
@@ -109,7 +110,7 @@ def draw_polytopes_along(runs: Runs, folder: Path, figure_name: str) -> list[Pat
 
     There is a column for each run. The upper panel shows path, arm and polytopes in the plane; it
     is empty if the run has no path. The lower panel shows the areas of all runs over the share of
-    steps. Writes a PNG, and a CSV file with a row for each step (`_area_rows`).
+    steps. Writes a PNG, and a CSV file with the area at the end of each step.
 
     Args:
         runs: All runs of the machine.
@@ -117,7 +118,7 @@ def draw_polytopes_along(runs: Runs, folder: Path, figure_name: str) -> list[Pat
         figure_name: Name of the files without suffix.
 
     Returns:
-        The files written.
+        The two files.
     """
     picture = folder / f"{figure_name}.png"
     paths = {name: path for name in COMPARED_RUNS if (path := runs[name].path) is not None}
@@ -146,12 +147,12 @@ def _polytopes(run: Run, path: DiscretePath) -> Iterator[tuple[FloatArray, Float
     """Yield the velocity polytope of every `STEP_STRIDE`-th step of a path.
 
     Args:
-        run: The run, for its machine.
+        run: The run; only its machine is used.
         path: The run's path.
 
     Yields:
-        Tip position at the end of the step, shape (2,) [m], and corners of the polytope, shape
-        (corners, 2) [m/s].
+        Tip position at the end of the step, shape (2,) [m], and corners of the polytope of tip
+        velocities there, shape (corners, 2) [m/s].
     """
     for k in range(0, path.steps, STEP_STRIDE):
         yield path.tip[k + 1], polytope_vertices(run.machine, path.posture[k + 1], path.modes[k])
@@ -164,12 +165,12 @@ def _largest_speed(run: Run) -> float:
 
 
 def _draw_along(run: Run, path: DiscretePath, scale: float, axes: Axes) -> None:
-    """Draw a path, the arm at every `STEP_STRIDE`-th waypoint, and its velocity polytopes.
+    """Draw a path, and the arm and its velocity polytope at every `STEP_STRIDE`-th waypoint.
 
     Each polytope is drawn around the tip position for which it holds.
 
     Args:
-        run: The run, for its machine.
+        run: The run; only its machine is used.
         path: The run's path.
         scale: Drawn length per tip speed [s].
         axes: Axes to draw on.
@@ -185,11 +186,13 @@ def _draw_along(run: Run, path: DiscretePath, scale: float, axes: Axes) -> None:
 def _draw_areas(
     paths: dict[str, DiscretePath], areas: dict[str, FloatArray], row: np.ndarray
 ) -> None:
-    """Draw the polytope's area over the share of steps: in each panel all runs, its own run wide.
+    """Draw the area of the velocity polytope over the share of steps, in one panel for each run.
+
+    Each panel shows all runs; the panel's own run has a wide line.
 
     Args:
-        paths: Paths by run name. A run that is missing is not drawn.
-        areas: Area at the end of each step by run name, each of shape (steps,) [m²/s²].
+        paths: Paths by name of the run. A run that is missing is not drawn.
+        areas: Area at the end of each step, by name of the run, each of shape (steps,) [m²/s²].
         row: Axes, one for each of `COMPARED_RUNS`. Their labels are set.
     """
     for shown, axes in zip(COMPARED_RUNS, row, strict=True):

@@ -129,13 +129,14 @@ class Runs:
         return self.runs[name]
 
     def by_published_search(self, scale: float = DEFAULT_HEURISTIC_SCALE) -> Runs:
-        """Return the runs of the published search under the names of `settings`.
+        """Select the runs of the published search, and rename them as if they were exact.
 
         Args:
             scale: Scale of the heuristic [1/m].
 
         Returns:
-            Only the runs of `published_settings` with this scale, renamed.
+            Only the runs of the published search with this scale. Each has the name of the exact
+            run with the same case and parameters, such as `1-1`.
         """
         suffix = published_run("", scale)
         found = {
@@ -182,15 +183,16 @@ def area_run(w4: float) -> str:
 
 
 def settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]:
-    """Return the settings of all cases and sweeps by run name.
+    """Return the conditions of all cases and sweeps of the paper, by name of the run.
 
     Args:
         cases: Cases by name in place of the paper's; None takes the paper's.
 
     Returns:
-        Settings of the cases, of Figure 10 (Case 1-1 with other weights), and of the sweeps. Those
-        over V_max and w₃ change Case 1-2, the one over P_S changes Case 1-1. The search is the
-        exact one, except for Figure 10 with w₁ = w₂ = 0, which has the published one.
+        The settings of the cases, then of Figure 10 (Case 1-1 with other weights w₁ and w₂, w₃ =
+        0), of the sweeps over V_max and over w₃ (both change Case 1-2), and of the sweep over
+        supply pressure (changes Case 1-1). All use the exact search. Only the run of Figure 10 with
+        w₁ = w₂ = 0 uses the published one.
     """
     cases = paper_cases() if cases is None else cases
     found = {name: Setting(case) for name, case in cases.items()}
@@ -213,10 +215,10 @@ def settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]
 
 
 def published_settings(scale: float = DEFAULT_HEURISTIC_SCALE) -> dict[str, Setting]:
-    """Return the settings of `settings` with the published search, by run name.
+    """Return the conditions of all cases and sweeps with the published search, by name of the run.
 
     Args:
-        scale: Scale of the heuristic [1/m].
+        scale: Scale of the search's heuristic, cost per distance from the goal [1/m].
     """
     return {
         published_run(name, scale): replace(each, search="published", heuristic_scale=scale)
@@ -240,12 +242,16 @@ def area_settings() -> dict[str, Setting]:
 
 
 def work_units(machine: Machine, asked: Mapping[str, Setting]) -> int:
-    """Return the number of work units that `evaluate` reports: table nodes, and runs.
+    """Return the number of work units that `evaluate` reports as its progress.
 
     Args:
         machine: The arm.
-        asked: Settings to evaluate. There is a table for the machine's own P_S and one for each
-            other P_S of a setting.
+        asked: Settings to evaluate, by name of the run.
+
+    Returns:
+        Number of runs, plus the number of nodes of all posture tables. There is one table for the
+        machine's own supply pressure, and one for each other pressure for which a setting needs its
+        own table.
     """
     tables = {setting.table_pressure for setting in asked.values()} | {None}
     return len(tables) * len(grid_nodes(machine, machine.spacing)) + len(asked)
@@ -260,22 +266,26 @@ def evaluate(
 ) -> Runs:
     """Search a discrete path for each setting.
 
-    Builds posture tables first, one for the machine's own P_S and one for each P_S that a setting
-    asks for. The result does not depend on `jobs`. A run without a path is a result, not an error.
+    Posture tables are built first: one for the machine's own supply pressure, and one for each
+    other pressure for which a setting needs its own table. The result does not depend on `jobs`. A
+    run for which no path is found is a result, not an error.
 
     Args:
         machine: The arm.
-        asked: Settings by run name; None takes `settings`.
+        asked: Settings by name of the run; None takes all cases and sweeps of the paper with the
+            exact search.
         jobs: Number of threads, or a cluster; None takes one thread for each processor.
-        progress: Called with the number of `work_units` done since the last call; None reports
-            nothing.
-        known: Other runs of this machine whose tables are used again; None builds all tables.
+        progress: Function that is called with the number of work units done since its last call;
+            `work_units` gives the total. None reports nothing.
+        known: Earlier runs of this machine. Their posture tables are used again; None builds all
+            tables.
 
     Returns:
         The runs, in the order of the settings.
 
     Raises:
-        MachineFileError: The machine does not allow a change.
+        MachineFileError: A supply pressure or V_max of a setting is beyond what the machine may
+            have.
         ClusterError: The cluster failed.
     """
     asked = settings() if asked is None else asked
@@ -309,7 +319,9 @@ class _Evaluator:
         tables: Mapping[float | None, PostureTable],
         asked: Mapping[str, Setting],
     ) -> None:
-        """Group the settings by posture table, P_S and V_max.
+        """Group the settings that can share a step graph (all steps of the graph search, priced).
+
+        Settings are in one group if posture table, supply pressure and V_max are equal.
 
         Args:
             machine: The arm.
@@ -326,9 +338,10 @@ class _Evaluator:
         self.groups = list(groups.values())
 
     def own_graph(self, jobs: int | None) -> StepGraph:
-        """Return the step graph of the machine without changes; build it on the first call.
+        """Return the step graph of the machine without changes.
 
-        Call it once before threads share this object, which is not locked.
+        The step graph has all steps of the graph search with their prices. It is built on the first
+        call. This object has no lock, so the first call must come before threads share it.
 
         Args:
             jobs: Number of threads that build it; None takes one for each processor.
@@ -348,7 +361,7 @@ class _Evaluator:
             end: Index after the last group.
 
         Returns:
-            Run by name of the setting; a run without a path has the reason.
+            Runs by name. A run without a path has the reason in `failure`.
         """
         own = self.own_graph(1)
         found: dict[str, Run] = {}
@@ -360,12 +373,12 @@ class _Evaluator:
 
 
 def _table(machine: Machine, jobs: Jobs, tell: Progress) -> PostureTable:
-    """Build the posture table of a machine.
+    """Build the posture table of a machine (best posture for each node of the grid).
 
     Args:
         machine: The arm.
-        jobs: Number of threads, or a cluster.
-        tell: Called with the number of nodes done since the last call.
+        jobs: Number of threads, or a cluster; None takes one thread for each processor.
+        tell: Function that is called with the number of nodes done since its last call.
 
     Returns:
         The table.
@@ -373,12 +386,12 @@ def _table(machine: Machine, jobs: Jobs, tell: Progress) -> PostureTable:
     told = 0
 
     def progress(done: int, total: int) -> None:
-        """Convert counts of all nodes done into increments.
+        """Report the number of nodes that were done since the last call.
 
-        Takes `tell` and the count of the previous call from the enclosing function.
+        Calls `tell` of the enclosing function, and stores the count for the next call.
 
         Args:
-            done: Number of nodes done.
+            done: Number of nodes done so far.
             total: Number of all nodes; not used.
         """
         nonlocal told
@@ -389,18 +402,19 @@ def _table(machine: Machine, jobs: Jobs, tell: Progress) -> PostureTable:
 
 
 def _graph(own: StepGraph, table: PostureTable, setting: Setting) -> StepGraph:
-    """Return the step graph of a setting; reuse as much as possible of the machine's own.
+    """Return the step graph (all steps of the graph search, priced) for a setting.
 
-    If P_S or V_max differ but the table is the machine's own, a copy of the machine's graph gets
-    new prices of its steps. With another table, a new graph is built.
+    If the setting changes neither supply pressure nor V_max, it is `own` itself. If it changes one
+    of them but keeps the posture table, it is a copy of `own` with new prices. With another posture
+    table, a new graph is built.
 
     Args:
-        own: Step graph of the machine itself.
+        own: Step graph of the machine without changes.
         table: Posture table of the setting.
         setting: The setting.
 
     Returns:
-        `own` if nothing is changed; else a graph of the changed machine.
+        The step graph for the changed machine.
     """
     if setting.supply_pressure is None and setting.v_max is None:
         return own
@@ -413,16 +427,17 @@ def _graph(own: StepGraph, table: PostureTable, setting: Setting) -> StepGraph:
 
 
 def _run(graph: StepGraph, setting: Setting) -> Run:
-    """Search the path of one setting, from rest with all actuators in mode N.
+    """Search the path of one setting with the planner of its case.
 
-    The start posture is the posture table's, or for the fixed planner the case's.
+    The arm starts at rest, with all actuators in mode N (fed by the main pump). The start posture
+    is that of the posture table; for the planner `fixed` it is that of the case.
 
     Args:
         graph: Step graph of the setting's machine.
         setting: The setting; its case names the planner.
 
     Returns:
-        The run; without a path it has the reason.
+        The run. If no path was found, `path` is None and `failure` has the reason.
     """
     case, machine = setting.case, graph.machine
     normal = np.full(machine.joint_count, Mode.N)

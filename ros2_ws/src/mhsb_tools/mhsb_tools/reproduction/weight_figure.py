@@ -26,10 +26,12 @@ SHOWN_MEASURES = (
 
 
 def draw_weights(runs: Runs, folder: Path, figure_name: str) -> list[Path]:
-    """Draw maps of energy, time and path length over w₁ and w₂ (Figure 10).
+    """Draw maps of energy, time and path length over the weights w₁ and w₂ (Figure 10).
 
     The cell of a run without a path has no colour and the text `nan`. Writes a PNG, and a CSV file
     with a row for each pair of weights.
+
+    w₁ is the weight of energy [1/J], w₂ that of time [1/s].
 
     Args:
         runs: All runs of the machine.
@@ -62,7 +64,7 @@ def draw_weights(runs: Runs, folder: Path, figure_name: str) -> list[Path]:
 
 
 def _draw_map(value: FloatArray, axes: Axes) -> AxesImage:
-    """Draw one map with its values as text, w₁ to the right and w₂ upwards.
+    """Draw one map over the weights w₁ (to the right) and w₂ (upwards), with values as text.
 
     Args:
         value: Values over w₁ and w₂, shape (len(ENERGY_WEIGHTS), len(TIME_WEIGHTS)); NaN if a run
