@@ -21,29 +21,32 @@ TRACKED_ERROR = 5.0
 
 
 def compare(results: Sequence[ScenarioResult]) -> dict[str, Any]:
-    """Compare the coordinated controller (first) with the independent one (second).
+    """Compare the coordinated controller with the independent one.
+
+    Supply overshoot is the pressure in a supply line beyond what the motion needs; negative values
+    count as 0.
 
     Args:
         results: Results of at least one scenario, each with both controllers.
 
     Returns:
-        A dictionary for JSON:
+        A dictionary for JSON. A number "by controller" is a dictionary by name of the controller.
 
         - scenarios: number of scenarios
-        - tip_error_rms_max_mm: largest tip error RMS of each controller
-        - tracking_ratio: tip error RMS of the second controller over the first one's, least value
-            and geometric mean over the scenarios
-        - overshoot_max_mpa, overshoot_mean_mpa: largest and mean supply overshoot of each
-            controller; negative overshoot counts as 0
-        - overshoot_ratio: overshoot of the first controller over the second one's: of the largest
-            values, of the means, and the highest ratio in a scenario. Only scenarios in which the
-            second overshoots have a ratio; all are None if there is none.
-        - energy_ratio: largest ratio of energies, first over second, in the
-            `energy_ratio_scenarios` scenarios in which both track within 5 mm RMS; None without any
-        - planned_ratio: planned (reading `series`) over simulated energy of the first, least and
-            largest
-        - energy_elements_j: planned and simulated energy of the first, part by part, summed over
-            all scenarios
+        - tip_error_rms_max_mm: largest tip error RMS, by controller
+        - tracking_ratio: tip error RMS, independent / coordinated: `least` and `mean` (geometric)
+          over the scenarios
+        - overshoot_max_mpa, overshoot_mean_mpa: largest and mean supply overshoot, by controller
+        - overshoot_ratio: overshoot, coordinated / independent: `of_largest` (ratio of the largest
+          values), `of_mean` (ratio of the means) and `worst_scenario` (highest ratio in a scenario
+          in which the independent one overshoots); all None if it overshoots in no scenario
+        - energy_ratio: largest energy ratio, coordinated / independent, of the scenarios in which
+          both have a tip error RMS of at most 5 mm; None if there is none
+        - energy_ratio_scenarios: number of these scenarios
+        - planned_ratio: energy of the coordinated controller, planned (reading `series`) /
+          simulated: `least` and `largest`
+        - energy_elements_j: its planned and simulated energy, part by part, summed over all
+          scenarios
         - relief_opened: number of scenarios in which a relief valve opened, by controller
         - goals_refused: a sentence for each refused goal
     """
@@ -77,11 +80,13 @@ def _compare_overshoot(overshoot: FloatArray) -> dict[str, Any]:
     """Compare the supply overshoot of both controllers.
 
     Args:
-        overshoot: Overshoot in each scenario (row) by each controller (column) [MPa]; negative
-            values count as 0.
+        overshoot: Overshoot [MPa], shape (scenarios, 2): column 0 for the coordinated, column 1 for
+            the independent controller. Negative values count as 0.
 
     Returns:
-        The keys `overshoot_…` of `compare`.
+        `overshoot_max_mpa` and `overshoot_mean_mpa` by controller. `overshoot_ratio`, coordinated /
+        independent: `of_largest`, `of_mean` and `worst_scenario` (highest ratio in a scenario in
+        which the independent one overshoots); all None if it overshoots in no scenario.
     """
     overshoot = overshoot.clip(0.0)
     largest, mean = overshoot.max(axis=0), overshoot.mean(axis=0)
@@ -103,16 +108,17 @@ def _by_controller(values: Sequence[float]) -> dict[str, float]:
 
 
 def as_text(results: Sequence[ScenarioResult], comparison: dict[str, Any]) -> list[str]:
-    """Format the study for a person.
+    """Format the results of a servo study as text.
 
     Args:
         results: Result of each scenario.
-        comparison: Dictionary of `compare`.
+        comparison: Result of `compare` for these results.
 
     Returns:
-        A table with a line for each scenario and `_columns` of both controllers. Then the planned
-        and simulated energies part by part, the comparison as JSON, and a line for each refused
-        goal.
+        Lines without line breaks. First a table with a line for each scenario: RMS and largest tip
+        error [mm], supply overshoot [MPa] and energy [J] of both controllers. Then planned and
+        simulated energies of the coordinated controller part by part, the other numbers of the
+        comparison as JSON, and a line for each refused goal.
     """
     lines = [
         f"{'':30s} {'coordinated':^32s}   {'independent':^32s}",

@@ -54,7 +54,14 @@ class CountedDraws:
     most: float
 
     def figures(self, records: Sequence[DrawRecord]) -> list[LimitedFigure]:
-        """Return the number of draws that count, in a list."""
+        """Count the draws for which the condition holds.
+
+        Args:
+            records: Records of one controller, one for each draw.
+
+        Returns:
+            A list with one number and its upper limit.
+        """
         count = sum(bool(self.holds(record)) for record in records)
         return [LimitedFigure(f"{self.name} [draws]", count, self.most, runs=len(records))]
 
@@ -74,7 +81,15 @@ class LimitedQuantity:
     limits: Mapping[float, float]
 
     def figures(self, records: Sequence[DrawRecord]) -> list[LimitedFigure]:
-        """Return a figure for each quantile; none if no draw has a value."""
+        """Compute the quantiles of the quantity over the draws.
+
+        Args:
+            records: Records of one controller, one for each draw. Records without a value are left
+                out.
+
+        Returns:
+            A number with its upper limit for each quantile; empty if no record has a value.
+        """
         values = [value for record in records if (value := self.of(record)) is not None]
         return [
             LimitedFigure(
@@ -93,7 +108,15 @@ class PayloadShare:
     """The share of draws whose 95 % interval contains the true payload."""
 
     def figures(self, records: Sequence[DrawRecord]) -> list[LimitedFigure]:
-        """Return the share [%] in a list, which is empty if no draw has an interval."""
+        """Compute the share of draws whose 95 % interval contains the true payload.
+
+        Args:
+            records: Records of one controller, one for each draw. Records without an interval are
+                left out.
+
+        Returns:
+            A list with the share [%] and its limits; empty if no record has an interval.
+        """
         holds = [record.payload_holds for record in records if record.payload_holds is not None]
         if not holds:
             return []
@@ -149,27 +172,29 @@ DRAW_LIMITS = (
 
 
 def figures_of(records: Sequence[DrawRecord]) -> list[LimitedFigure]:
-    """Compute counts and quantiles over the draws of one controller, each with its limits.
+    """Compute all numbers over the draws of one controller that have limits.
 
     Args:
         records: The controller's records, one for each draw.
 
     Returns:
-        The numbers in the order of `DRAW_LIMITS`; each name ends with its unit. A quantile or share
-        is left out if no draw has a value.
+        Counts of draws, quantiles and shares, each with its limits, in the order of `DRAW_LIMITS`.
+        A quantile or share is left out if no draw has a value.
     """
     return [figure for limit in DRAW_LIMITS for figure in limit.figures(records)]
 
 
 def as_text(records: Sequence[DrawRecord]) -> list[str]:
-    """Format the counts and quantiles of every controller with their limits, and what failed.
+    """Format the numbers of every controller with their limits, and the draws that failed.
 
     Args:
         records: Records of all draws and controllers.
 
     Returns:
-        For each controller a line of column titles, then a line for each number of `figures_of`:
-        name, number of runs, value, limit. Then a line for each draw that failed or was held.
+        Lines without line breaks. Each controller has a line of column titles, then a line for each
+        count, quantile or share: name, number of runs, value and limit, with "not held" if the
+        value is beyond its limit. At the end is a line for each draw that failed, had refused
+        goals, or was ended because the guard held the plan too long.
     """
     lines = []
     ran = {record.controller for record in records}

@@ -54,18 +54,19 @@ class PayloadEstimate:
 
 
 def read_payload_estimate(plant: Machine, run: Replay) -> PayloadEstimate | None:
-    """Return the servo's first payload estimate after enough motion in both directions.
+    """Return the servo's payload estimate after a certain amount of motion.
 
-    Enough means what `find_row_moved_both_ways` requires of the first `LIFTING_JOINT_COUNT` joints
-    of the reference.
+    Of the first `LIFTING_JOINT_COUNT` joints, at least one must have moved during `LEARNING_TIME`
+    in all, and one during `EACH_WAY_TIME` in each direction. The motion of the reference counts.
+    The first estimate from that moment on is returned.
 
     Args:
-        plant: The simulated machine with the true payload.
+        plant: The simulated machine; it has the true payload, which must not be 0.
         run: The record of the run.
 
     Returns:
-        The estimate. None if the arm did not move enough, no estimate follows, or the servo does
-        not estimate the payload.
+        The estimate with its deviation from the true payload. None if the arm did not move enough,
+        no estimate was recorded afterwards, or the servo does not estimate the payload.
     """
     row = find_row_moved_both_ways(run.reference[:, 1, :LIFTING_JOINT_COUNT], run.step)
     if row is None or not len(run.payload):
@@ -79,10 +80,10 @@ def read_payload_estimate(plant: Machine, run: Replay) -> PayloadEstimate | None
 
 
 def find_row_moved_both_ways(velocity: FloatArray, step: float) -> int | None:
-    """Return the first row by which joints have moved long enough in both directions.
+    """Find the first row by which joints have moved long enough, in both directions.
 
-    Two conditions must hold. Some joint has moved during `LEARNING_TIME` in all. One of the joints
-    has moved during `EACH_WAY_TIME` in each direction.
+    Two conditions must hold up to and including the row: at least one joint moves, for
+    `LEARNING_TIME` in all; and a single joint has moved for `EACH_WAY_TIME` in each direction.
 
     Args:
         velocity: Joint velocities [rad/s or m/s], shape (k, joints).
@@ -99,17 +100,19 @@ def find_row_moved_both_ways(velocity: FloatArray, step: float) -> int | None:
 
 
 def spool_deviation(simulator: Simulator) -> float:
-    """Measure how much valve spools still move at rest without sensor noise.
+    """Measure how much the valve spools still move at rest, without sensor noise.
 
-    The simulator runs on for 2 s with sensors that keep resolution and offset but lose their noise.
-    The last second counts. What remains are self-sustained oscillations.
+    The sensors keep their resolution and offset. Motion of the spools that remains is a
+    self-sustained oscillation. The simulation goes on for `SETTLING_TIME` plus `RESTING_TIME`; only
+    the latter is measured.
 
     Args:
-        simulator: The simulator at the end of a run; advanced in place, and its noise is switched
-            off.
+        simulator: The simulator at the end of a run, with the arm at rest. It is advanced in place,
+            and its sensor noise stays switched off.
 
     Returns:
-        Largest standard deviation of any spool [% of the stroke from the middle to an end].
+        Largest standard deviation of the position of any spool [% of the stroke from the middle to
+        an end].
     """
     simulator.disable_noise()
     simulator.advance(SETTLING_TIME)
@@ -135,23 +138,23 @@ def rest_error(error: FloatArray, step: float) -> float:
 
 
 def flow_suffices(machine: Machine, plant: Machine, commands: Sequence[Command]) -> bool:
-    """Return whether a plant's main pump can deliver the flow of the plans at every moment.
+    """Return whether the main pump of a plant can deliver the flow of the plans at every moment.
 
         Σ_j (A_dir |v| + q √(p/P_S)) ≤ Q_MP
 
-    A_dir is the inlet area of actuator j and v its piston speed. q is the leakage of a valve at
-    P_S, and Q_MP the flow of the main pump. p ≥ P_S is the supply pressure that the reference needs
-    (`needed_pressure`).
+    The sum is over the actuators j. A_dir is the inlet area of the cylinder [m²], v its piston
+    speed [m/s], q the leakage of a valve at P_S [m³/s] and Q_MP the flow of the main pump [m³/s]. p
+    is the supply pressure that the planned motion needs, at least P_S [Pa].
 
-    Each plan counts until the next one begins. Samples are `SAMPLING_STEP` apart.
+    Each plan counts until the next one begins. It is sampled every `SAMPLING_STEP`.
 
     Args:
         machine: The machine that the planner knows; its moment arms give the piston speeds.
-        plant: The simulated machine: areas, leakage, loads, P_S and Q_MP.
-        commands: Commands by increasing stamp.
+        plant: The simulated machine; all other quantities are its own.
+        commands: Plans with their mode schedules, by increasing stamp.
 
     Returns:
-        False if the flow of any sample exceeds Q_MP; True without commands.
+        False if a sample needs more flow than Q_MP. True otherwise, also without commands.
     """
     ends = [command.stamp_ns for command in commands[1:]] + [2**62]
     m, most = plant.arrays, plant.arrays.main_pump_flow
@@ -174,10 +177,10 @@ def flow_suffices(machine: Machine, plant: Machine, commands: Sequence[Command])
 
 
 def planned_time(commands: Sequence[Command]) -> float:
-    """Return the time from the first plan's beginning to the last plan's end.
+    """Return the time from the beginning of the first plan to the end of the last plan.
 
     Args:
-        commands: Commands by increasing stamp.
+        commands: Plans by increasing stamp.
 
     Returns:
         The time [s]; 0 without commands.

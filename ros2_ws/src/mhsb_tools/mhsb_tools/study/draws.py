@@ -133,15 +133,16 @@ class PlannedSequence:
     refused: str
 
     def motion_time(self, share: float) -> float:
-        """Return the time by which a given share of the total time of motion has passed.
+        """Return the time at which a given share of all motion has been made.
 
-        Pauses between motions do not count as time of motion.
+        The time of motion is the sum of the times in which a plan moves the arm; pauses between
+        plans do not count.
 
         Args:
             share: Share of the time of motion, 0 … 1.
 
         Returns:
-            The time since the start [s]; 0 if there are no commands.
+            Time since the start of the sequence, pauses included [s]; 0 if there are no plans.
         """
         starts = [command.stamp_ns for command in self.commands]
         ends = [*starts[1:], self.commands[-1].trajectory.end_ns] if starts else []
@@ -169,15 +170,16 @@ class DrawStudy:
         goals: int = GOAL_COUNT,
         controllers: Sequence[str] | None = None,
     ) -> None:
-        """Prepare the planner; builds the posture table if it is not cached.
+        """Prepare the planner for all draws; builds the posture table if it is not cached.
 
         Args:
             machine: The machine that planner and servo know.
-            variations: Variations by name.
+            variations: Variations (how a plant may differ from its machine file) by name.
             seed: Seed of all draws.
-            plant: Machine that is varied; None varies `machine`.
+            plant: Machine whose values are varied to make the plants; None varies `machine`.
             goals: Number of goals in each draw.
-            controllers: Names of the controllers that run; None for those that suit the machine.
+            controllers: Names of the controllers to simulate; None takes all that work with the
+                machine's sensors.
         """
         self._machine = machine
         self._plant = plant or machine
@@ -190,13 +192,14 @@ class DrawStudy:
         self._rest = Command.hold(0, start, holding_modes(machine, machine.piston_forces(start)))
 
     def run_draw(self, draw: int) -> list[DrawRecord]:
-        """Simulate every controller on the plant and the plans of a draw.
+        """Draw a plant and goals, and simulate every controller on them.
 
         Args:
             draw: Number of the draw.
 
         Returns:
-            One record for each controller. Any exception becomes the `failure` of a record.
+            One record for each controller. An error is not raised; its text is the record's
+            `failure`.
         """
         names = self._controllers
         try:
@@ -206,13 +209,14 @@ class DrawStudy:
         return [self.run_controller(name, draw, drawn, plant, sequence) for name in names]
 
     def draw_plant(self, draw: int) -> tuple[PlannedSequence, Machine, dict[str, float | str]]:
-        """Draw goals and a plant at random, and plan the goals on the file's machine.
+        """Draw goals and a plant at random, and plan the goals.
 
         Args:
-            draw: Number of the draw; with the seed it determines everything.
+            draw: Number of the draw. The study's seed and this number determine the result.
 
         Returns:
-            Plans, plant, and by name of the variation what was drawn.
+            Plans for the machine that planner and servo know; the plant to simulate; and what was
+            drawn (factor, value, time or choice), by name of the variation.
 
         Raises:
             MhsbError: The variations do not fit the plant.
@@ -223,30 +227,34 @@ class DrawStudy:
         return sequence, plant, drawn
 
     def draw_sequence(self, random: np.random.Generator) -> PlannedSequence:
-        """Draw goals that can be reached from the start, and plan them one after the other.
+        """Draw goals at random and plan them one after the other.
+
+        Each goal can be reached from the start posture. It may still be refused when it is planned
+        from the motion before it.
 
         Args:
-            random: Generator of random numbers; advanced.
+            random: Generator of random numbers; its state changes.
 
         Returns:
-            The plans, their duration, and reasons for refused goals.
+            The plans, the duration of the run, and the reasons of refused goals.
         """
         return self.plan_goals([self._draw_goal(random) for _ in range(self._goals)])
 
     def plan_goals(
         self, goals: Sequence[TimedGoal], options: PlanOptions = PLAN_OPTIONS
     ) -> PlannedSequence:
-        """Plan goals from the start posture on, each from the command before.
+        """Plan goals one after the other; each plan continues the motion of the one before.
 
-        Planning takes no time. A goal that cannot be planned is noted as refused, and the motion
-        before it goes on.
+        The first plan begins at rest in the start posture. Planning is assumed to take no time. If
+        a goal cannot be planned, it counts as refused, and the motion before it goes on.
 
         Args:
             goals: The goals with the time until the next one.
             options: Options of the plans.
 
         Returns:
-            Commands, duration and refusals.
+            The plans, the duration of the run with `TAIL_TIME` at its end, and the reasons of
+            refused goals.
         """
         command, commands, refused, now = self._rest, [], [], 0.0
         for goal in goals:
@@ -266,13 +274,14 @@ class DrawStudy:
         return PlannedSequence(tuple(commands), end + TAIL_TIME, "; ".join(refused))
 
     def _draw_goal(self, random: np.random.Generator) -> TimedGoal:
-        """Draw a goal in the workspace to which there is a plan from the start, and its interval.
+        """Draw a goal that can be reached from the start posture, and the time until the next goal.
 
-        Positions are drawn until the planner of `REACH_OPTIONS` finds a plan. The interval until
-        the next goal is drawn from `MIN_INTERVAL` … `MAX_INTERVAL`.
+        Positions in the workspace are drawn until the planner finds a motion from the start
+        posture. The time is drawn uniformly from `MIN_INTERVAL` to `MAX_INTERVAL`. The method does
+        not end if no position can be reached.
 
         Args:
-            random: Generator of random numbers; advanced.
+            random: Generator of random numbers; its state changes.
 
         Returns:
             The goal with the time until the next one.
@@ -293,17 +302,18 @@ class DrawStudy:
         plant: Machine,
         sequence: PlannedSequence,
     ) -> DrawRecord:
-        """Simulate one controller on a drawn plant with the given plans.
+        """Simulate one controller on a drawn plant with given plans, and measure the run.
 
         Args:
             controller: Name of the controller.
             draw: Number of the draw; also the seed of the sensor noise.
-            drawn: By name of the variation what was drawn.
+            drawn: What was drawn, by name of the variation; stored in the record.
             plant: The plant to simulate.
             sequence: The plans.
 
         Returns:
-            The measured numbers. After an exception, only names and `failure`.
+            The record. An error is not raised: its text is `failure`, and the record has no
+            measured numbers.
         """
         try:
             simulator = Simulator(self._machine, controller, seed=draw, plant=plant)
@@ -350,12 +360,12 @@ def highest_tip_speed(machine: Machine, run: Replay) -> float:
 
 
 def compute_time_lost(commands: Sequence[Command], run: Replay) -> float:
-    """Return the time from the last plan's end to the last motion of the reference.
+    """Return by how much the reference reached the end of the last plan later than planned.
 
-    The reference arrives later than planned if the guard slows the plans.
+    It is later if the guard has slowed the plans.
 
     Args:
-        commands: Commands by increasing stamp.
+        commands: Plans by increasing stamp.
         run: The record of the run.
 
     Returns:
@@ -371,28 +381,31 @@ def compute_time_lost(commands: Sequence[Command], run: Replay) -> float:
 def run_draws(
     make_study: Callable[[], DrawStudy], count: int, jobs: Jobs = None
 ) -> Iterator[list[DrawRecord]]:
-    """Run draws 0 … count − 1 in parallel processes.
+    """Run the draws with numbers 0 … count − 1 in parallel processes.
 
     Args:
-        make_study: Function that makes the study in each process; it can be pickled.
+        make_study: Function that makes the study; it is called once in each process, so it must be
+            picklable.
         count: Number of draws.
         jobs: Number of processes or a cluster; None takes one process for each processor.
 
     Yields:
-        The records of all controllers in one draw; draws come as they are ready, in any order.
+        A list for each draw, with the records of all controllers. Draws come as they are ready, in
+        any order.
     """
     with SharedStateExecutor(jobs, make_study) as pool:
         yield from results_of(pool.submit(DrawStudy.run_draw, draw) for draw in range(count))
 
 
 def as_dicts(records: Sequence[DrawRecord]) -> list[dict[str, object]]:
-    """Return records as plain dictionaries for JSON, ordered by draw, then controller.
+    """Convert records to plain dictionaries for JSON.
 
     Args:
         records: Records of all draws, in any order.
 
     Returns:
-        A dictionary of fields for each record.
+        A dictionary of all fields for each record. They are ordered by number of the draw, and
+        within a draw by the order in which controllers are registered.
     """
     order = list(REGISTERED_CONTROLLERS)
     ordered = sorted(records, key=lambda record: (record.draw, order.index(record.controller)))

@@ -43,18 +43,18 @@ class EnergyPart:
 
 
 def energy_elements(planned: Energy, simulated: dict[str, float]) -> list[EnergyPart]:
-    """List planned and simulated energy of each part.
+    """List planned and simulated energy of each part of a motion's energy.
 
     Args:
-        planned: Energy of the motion that was followed, by the planner's model.
+        planned: Energy by the planner's model of the motion that the servo followed.
         simulated: Energy by circuit element, as `Simulator.energies` [J].
 
     Returns:
-        Parts in this order [J]: `delivered` (by all pumps), `by the main pump`, `by the servo
-        pumps`. Then where the energy went: servo pump losses, leakage, throttling, work on the
-        loads, friction, compression, other valves, oil to the tank. The planned value of friction,
-        compression and other valves is 0. The simulated work on the loads is the piston work less
-        friction.
+        The parts in this order: `delivered` (by all pumps), `by the main pump`, `by the servo
+        pumps`, and then where the energy went: `servo pump losses`, `leakage`, `throttling`, `work
+        on the loads`, `friction`, `compression`, `other valves`, `oil to the tank`. The planner's
+        model has no friction, compression and other valves; their planned value is 0. The simulated
+        work on the loads does not include friction.
     """
     delivered = simulated["main_pump"] + simulated["servo_pumps"]
     against_loads = simulated["piston_work"] - simulated["friction"]
@@ -78,10 +78,10 @@ def sum_parts(runs: Iterable[list[EnergyPart]]) -> list[EnergyPart]:
     """Add the energies of several runs, part by part.
 
     Args:
-        runs: Parts of each run, all in the same order.
+        runs: Parts of each run; all runs must have the same parts in the same order.
 
     Returns:
-        The sums.
+        The parts with summed energies; empty if there are no runs.
     """
     return [
         EnergyPart(
@@ -94,15 +94,15 @@ def sum_parts(runs: Iterable[list[EnergyPart]]) -> list[EnergyPart]:
 
 
 def as_text(elements: list[EnergyPart]) -> list[str]:
-    """Format the comparison as a table.
+    """Format planned and simulated energies as a table.
 
     Args:
-        elements: The parts; the first must be `delivered`.
+        elements: Planned and simulated energy of each part; the first must be `delivered`.
 
     Returns:
-        Two lines of titles, then a line for each part: name, planned energy, simulated energy,
-        simulated minus planned [J], and this difference as a share of the planned delivered energy
-        [%].
+        Two title lines, then a line for each part: name, planned energy [J], simulated energy [J],
+        simulated minus planned [J], and this difference as a share of the planned `delivered`
+        energy [%].
     """
     delivered = elements[0].planned
     lines = [

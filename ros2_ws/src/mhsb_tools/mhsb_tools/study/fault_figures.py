@@ -18,11 +18,11 @@ SHOWN_TIME = 2.0
 
 
 def draw_faults(results: Sequence[FaultResult], folder: Path) -> list[Path]:
-    """Draw one figure for each fault.
+    """Draw one figure for each fault and write it as PNG.
 
     Args:
         results: Result of each fault.
-        folder: An existing folder; files are named after the faults.
+        folder: An existing folder. Each file has the name of its fault.
 
     Returns:
         The files written.
@@ -36,13 +36,13 @@ def draw_faults(results: Sequence[FaultResult], folder: Path) -> list[Path]:
 
 
 def draw_fault(result: FaultResult, path: Path) -> None:
-    """Draw tip error, joint speeds and chamber pressures over the time since a fault.
+    """Draw tip error, joint speeds and chamber pressures over the time since a fault, as PNG.
 
-    Units are mm, rad/s and MPa. A dotted line marks the detection of the fault, a dashed line the
-    closing of the valves.
+    The three panels have mm, rad/s and MPa. `SHOWN_TIME` after the fault is drawn. A dotted line
+    marks the time at which the fault was detected, a dashed line that at which the valves closed.
 
     Args:
-        result: Result of the fault.
+        result: Measured numbers and signals of the fault.
         path: PNG file to write.
     """
     record, trace = result.record, result.trace[result.trace[:, 0] < SHOWN_TIME]

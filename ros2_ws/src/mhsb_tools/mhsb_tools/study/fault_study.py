@@ -113,16 +113,20 @@ class FaultResult:
 
 
 def lift(machine: Machine) -> Command:
-    """Plan the lift from rest in the start posture to GOAL_POSITION with the integrated planner.
+    """Plan the motion during which all faults are simulated.
+
+    It goes from rest in the start posture to GOAL_POSITION, by the default planner. The posture
+    table is built if it is not cached.
 
     Args:
-        machine: The arm.
+        machine: The arm; it must not slew.
 
     Returns:
-        The command.
+        Trajectory and mode schedule.
 
     Raises:
         ScenarioError: The start posture is at the goal already.
+        MhsbError: There is no plan.
     """
     replanner = Replanner(machine, load_or_build_table(machine))
     start = np.array(machine.config.simulation.start_posture)
@@ -135,19 +139,22 @@ def lift(machine: Machine) -> Command:
 
 
 def run_fault(machine: Machine, motion: Command, fault: str, controller: str) -> FaultResult:
-    """Simulate one fault during a motion, with supervision.
+    """Simulate a motion during which a part fails, with supervision.
+
+    The fault comes when the share FAULT_TIME_SHARE of the motion's duration has passed. The
+    simulation ends TAIL_TIME after the planned end of the motion.
 
     Args:
-        machine: The arm.
+        machine: The arm; it must not slew.
         motion: The motion that is followed.
-        fault: The fault, as in the simulator's parameter `fault`.
+        fault: The fault, as in the simulator's parameter `fault`, such as `valve_stuck:actuator_1`.
         controller: Name of the controller.
 
     Returns:
-        Measured numbers and signals.
+        Measured numbers, and signals after the fault.
 
     Raises:
-        FaultError: The fault does not exist.
+        FaultError: There is no such fault.
     """
     arm = SupervisedArm(Simulator(machine, controller), SupervisionLimits())
     simulator, n = arm.simulator, machine.joint_count
@@ -196,11 +203,12 @@ def run_fault(machine: Machine, motion: Command, fault: str, controller: str) ->
 def run_faults(
     machine: Machine, faults: Sequence[str], controller: str, jobs: Jobs = None
 ) -> Iterator[FaultResult]:
-    """Simulate all faults in parallel processes, during the same lift.
+    """Simulate faults in parallel processes, each during the same motion.
 
     Args:
-        machine: The arm.
-        faults: The faults; all are checked before the first run.
+        machine: The arm; it must not slew.
+        faults: Names of the faults, as in the simulator's parameter `fault`. All are checked before
+            the first simulation.
         controller: Name of the controller.
         jobs: Number of processes or a cluster; None takes one process for each processor.
 
@@ -208,7 +216,7 @@ def run_faults(
         Results in the order of the faults.
 
     Raises:
-        FaultError: A fault does not exist.
+        FaultError: One of the faults does not exist.
     """
     for fault in faults:
         parse_faults(fault, machine)
@@ -225,11 +233,11 @@ def as_text(records: Sequence[FaultRecord]) -> list[str]:
         records: Record of each fault.
 
     Returns:
-        A line of column titles, then a line for each fault. The first columns are the fault's name
-        and the time from the fault to the first fault or warning [s], or 'not found'. Then come the
-        largest tip error [mm], largest joint speed [rad/s] and largest chamber pressure [MPa]. The
-        last are the distance to the goal at the end [mm], and the record's sentence. The sentence
-        begins with 'stopped: ' if the arm was stopped.
+        A line of column titles, then a line for each fault. Its columns are the fault's name, the
+        time from the fault to the first fault or warning of the supervision [s] or 'not found', the
+        largest tip error [mm], joint speed [rad/s] and chamber pressure [MPa], the distance to the
+        goal at the end [mm], and the record's sentence. 'stopped: ' precedes the sentence if the
+        arm was stopped.
     """
     lines = [
         f"{'fault':42s}{'found after':>12s}{'tip':>9s}{'joint':>11s}{'chamber':>10s}{'to goal':>9s}"

@@ -82,10 +82,11 @@ class Samples:
 
     @classmethod
     def collect(cls, rows: list[tuple[object, ...]]) -> Samples:
-        """Build the samples from one row for each instant.
+        """Build the samples from rows of signals, one row for each instant.
 
         Args:
-            rows: At least one row; its values are in the order of the fields.
+            rows: At least one row. Its values are in the order of this class's fields; each is a
+                number or an array of shape (n,).
 
         Returns:
             The samples.
@@ -93,9 +94,10 @@ class Samples:
         return cls(*(np.array(column) for column in zip(*rows, strict=True)))
 
     def column_names(self) -> list[str]:
-        """Return a name for each column of `table`, such as `time` or `reference_1`.
+        """Return the names of the columns of `table`.
 
-        Fields of shape (k, n) have n columns, numbered from 1.
+        A field of shape (k,) is one column, such as `time`. A field of shape (k, n) is n columns,
+        numbered from 1, such as `reference_1`.
 
         Returns:
             The names in the order of the columns.
@@ -144,14 +146,13 @@ class HeadlessRun:
         options: PlanOptions,
         budget: float = math.inf,
     ) -> None:
-        """Begin a run in which the arm holds the simulator's present reference at rest.
+        """Begin a run; the arm holds the simulator's present reference position.
 
         Args:
             simulator: The simulated arm.
-            replanner: Planner that continues commands.
+            replanner: Planner that continues the motion in force.
             options: Options of every plan.
-            budget: Largest wall time of planning for each goal [s], as in the node; infinity sets
-                no limit.
+            budget: Largest wall time of planning for each goal [s]; infinity sets no limit.
         """
         self.simulator = simulator
         self._budget = budget
@@ -169,16 +170,16 @@ class HeadlessRun:
         return self.simulator.machine
 
     def run(self, goals: list[TimedGoal]) -> Iterator[GoalRun]:
-        """Plan and simulate goals one after the other.
+        """Plan and simulate goals one after the other; a goal's time may end before it is reached.
 
         Args:
-            goals: The goals with the time until the next one.
+            goals: The goals, each with the time until the next one.
 
         Yields:
-            The result of each goal when its time is up.
+            The result of each goal at the end of its time, before the next one is planned.
 
         Raises:
-            MhsbError: A goal cannot be planned, a hand-over was refused, or the simulation
+            MhsbError: A goal cannot be planned, the simulated arm refused a plan, or the simulation
                 diverged.
         """
         for goal in goals:
@@ -189,15 +190,19 @@ class HeadlessRun:
         return Samples.collect(self._rows)
 
     def _run_goal(self, goal: TimedGoal) -> GoalRun:
-        """Plan a goal, hand the plan over and simulate until the goal's time is up.
+        """Plan a goal, give the plan to the simulated arm, and simulate for the goal's time.
 
-        Records a sample every 10 ms.
+        A sample of the signals is stored every 10 ms of simulated time.
 
         Args:
-            goal: The goal.
+            goal: The goal, with its time.
 
         Returns:
             The state when the goal's time is up.
+
+        Raises:
+            MhsbError: The goal cannot be planned, the simulated arm refused the plan, or the
+                simulation diverged.
         """
         simulator = self.simulator
         end_ns = simulator.time_ns + round(goal.time * SECOND_NS)
@@ -213,13 +218,16 @@ class HeadlessRun:
         return GoalRun(goal, replan, distance, jump, overdue)
 
     def _plan(self, goal: Goal) -> Replan | None:
-        """Make a plan that continues the command in force.
+        """Make a plan to a goal that continues the motion in force.
 
         Args:
             goal: The goal.
 
         Returns:
-            The plan; None if the command in force leads to the goal already.
+            The plan. None if the motion in force leads to this goal already, or the arm is there.
+
+        Raises:
+            MhsbError: The goal cannot be planned.
         """
         if self._current_goal is not None and goal.is_at_same_position(self._current_goal):
             return None
@@ -233,16 +241,16 @@ class HeadlessRun:
         return replan
 
     def _hand_over(self, command: Command) -> float:
-        """Hand a command to the simulator and simulate until its stamp, at which it takes over.
+        """Give a plan to the simulated arm, and simulate until the plan takes over.
 
         Args:
-            command: The command; it becomes the command in force.
+            command: Trajectory and mode schedule of the plan; it takes over at its stamp.
 
         Returns:
-            Largest jump of a joint's reference at the hand-over [rad or m].
+            Largest jump of a joint's reference when the plan took over [rad or m].
 
         Raises:
-            HandOverError: The simulator refused the command.
+            HandOverError: The simulated arm refused the plan.
         """
         simulator, receiver = self.simulator, self._receiver
         reports = receiver.add_trajectory(command.trajectory, 0.0)
@@ -257,9 +265,10 @@ class HeadlessRun:
         return reports[-1].position_jump
 
     def _sample(self) -> None:
-        """Append a row of the simulator's present signals, in the order of the fields of `Samples`.
+        """Store the simulator's present signals as a new row.
 
-        These are reference, true joint motion, tip error, modes and hydraulics.
+        The row has time, reference, true joint motion, tip error, modes and hydraulics, in the
+        order of the fields of `Samples`.
         """
         simulator, machine = self.simulator, self.machine
         wanted, measured = simulator.reference, simulator.joint_state

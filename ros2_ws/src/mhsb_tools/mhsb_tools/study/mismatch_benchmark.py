@@ -79,18 +79,18 @@ class Protocol:
 
 
 def load_protocol(machine: Machine, path: Path | None = None) -> Protocol:
-    """Load the benchmark's protocol.
+    """Load the definition of the mismatch benchmark: goals, variations, seed and number of draws.
 
     Args:
-        machine: The machine that is varied.
+        machine: The machine whose values are varied.
         path: YAML file; None takes the suite's own.
 
     Returns:
-        The protocol.
+        Content of the file, with the variations checked against the machine.
 
     Raises:
-        ScenarioError: The file is invalid.
-        VariationError: The variations are invalid.
+        ScenarioError: The file cannot be read or is invalid.
+        VariationError: The variations are invalid or do not fit the machine.
     """
     path = path or find_config_file(BENCHMARK_FILE)
     file = read_study_file(path, ProtocolFile)
@@ -107,13 +107,13 @@ class BenchmarkStudy:
         self._planned: dict[int, PlannedSequence] = {}
 
     def run_exact(self, number: int) -> list[DrawRecord]:
-        """Simulate every controller in a sequence on the machine as its file says.
+        """Simulate every controller in one sequence of goals, on the machine as its file says.
 
         Args:
             number: Index of the sequence in the protocol; also the seed of the sensor noise.
 
         Returns:
-            One record for each controller, whose `draw` is the sequence's index.
+            One record for each controller. Its field `draw` is `number`.
         """
         sequence = self._sequence(number)
         return [
@@ -122,10 +122,10 @@ class BenchmarkStudy:
         ]
 
     def run_draw(self, draw: int) -> list[DrawRecord]:
-        """Simulate every controller in a draw, on a plant that differs from the machine file.
+        """Simulate every controller on one random plant that differs from the machine file.
 
-        The plant is drawn at random by the protocol's seed and the draw's number. The sequences
-        take turns: draw k uses sequence k modulo the number of sequences.
+        The protocol's seed and the draw's number determine the plant. Draw k uses sequence k modulo
+        the number of sequences.
 
         Args:
             draw: Number of the draw, from 0.
@@ -145,13 +145,13 @@ class BenchmarkStudy:
         ]
 
     def _sequence(self, number: int) -> PlannedSequence:
-        """Return the plans of a sequence, made on the first call and stored.
+        """Return the plans of one sequence of goals.
 
         Args:
-            number: Index of the sequence.
+            number: Index of the sequence in the protocol.
 
         Returns:
-            The plans.
+            The plans. They are made on the first call for a sequence, and stored.
         """
         if number not in self._planned:
             moves = self._protocol.file.sequences[number]
@@ -175,16 +175,17 @@ class BenchmarkRun:
 def run_benchmark(
     machine: Machine, protocol: Protocol, draws: int, jobs: Jobs = None
 ) -> Iterator[BenchmarkRun]:
-    """Simulate each sequence on the exact machine, and then each draw, in parallel processes.
+    """Run the mismatch benchmark in parallel processes.
 
     Args:
-        machine: The machine that planner and servo know.
-        protocol: The benchmark.
+        machine: The machine that planner and servo know; its values are varied in the draws.
+        protocol: Definition of the benchmark.
         draws: Number of draws.
         jobs: Number of processes or a cluster; None takes one process for each processor.
 
     Yields:
-        Results as they are ready, in any order.
+        A result for each sequence of goals on the exact machine, and one for each draw. They come
+        as they are ready, in any order.
     """
     sequences = len(protocol.file.sequences)
     runs = [(True, number) for number in range(sequences)]
@@ -216,12 +217,13 @@ def summarize(records: Sequence[DrawRecord], lost: float) -> dict[str, Any]:
 
     Args:
         records: Records of all controllers.
-        lost: Tip error from which on an arm counts as lost [m].
+        lost: A run counts as lost if its largest tip error exceeds this [m].
 
     Returns:
-        By controller: counts `runs`, `failed`, `lost` and `relief_opened`, and for each key of
-        `REPORTED_MEASURES` a list of median, 95 % quantile and worst. A key is left out if no
-        record has a value.
+        A dictionary by name of the controller. Each entry has the counts `runs`, `failed`, `lost`
+        and `relief_opened`. For each key of `REPORTED_MEASURES` it has a list: median, 95 %
+        quantile and largest value, in the unit that the key names. A key is left out if no record
+        has a value.
     """
     found: dict[str, Any] = {}
     ran = {record.controller for record in records}
@@ -246,11 +248,12 @@ def as_markdown(summaries: dict[str, dict[str, Any]]) -> list[str]:
     """Format summaries as Markdown tables with a column for each controller.
 
     Args:
-        summaries: Result of `summarize` by title.
+        summaries: Results of `summarize`, by title of the table.
 
     Returns:
-        Lines of one table for each summary. It has a row for each count, and a row for each of
-        `REPORTED_MEASURES` with median / 95 % quantile / worst.
+        Lines without line breaks. Each table has a row for each count, and a row for each of
+        `REPORTED_MEASURES` with median / 95 % quantile / largest value; the cell is empty if there
+        is no value.
     """
     lines = []
     for title, summary in summaries.items():

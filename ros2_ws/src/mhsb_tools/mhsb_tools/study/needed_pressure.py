@@ -16,21 +16,22 @@ from mhsb_model.types import FloatArray, ModeArray
 
 
 def needed_pressure(machine: Machine, reference: FloatArray, modes: ModeArray) -> FloatArray:
-    """Compute the supply pressure that each actuator's reference needs.
+    """Compute the supply pressure that each actuator needs to follow a reference.
 
         p = max(P_S, p_hold, p_move)
         p_hold = p_req(F, 0),  p_move = p_req(F, v)
         F = (M q̈ + C q̇ + g)/r + friction(v),  v = r q̇
 
-    F is the piston force [N], v the piston speed [m/s] and r the moment arm [m]. p_req is the
-    planner's law p_L + m(v) + margin: load pressure, valve drop and boost margin [Pa]
-    (`mhsb_model.hydraulics.required_pressure`). p_hold counts in both directions of motion, since
-    the load has to be carried at every reversal. In each row, all actuators in mode SB get the
-    highest p among them, since they share the rail.
+    P_S is the main pump's pressure [Pa], F the piston force [N], v the piston speed [m/s] and r the
+    moment arm [m]. M q̈ + C q̇ + g are the joint torques by inertia, velocity and gravity. p_req is
+    the planner's law p_L + m(v) + margin: load pressure, pressure drop of the fully open valve, and
+    boost margin [Pa]. Actuators in mode SB (fed by a common rail) get the highest p among them at
+    each instant.
 
     Args:
         machine: The arm.
-        reference: q [rad or m], q̇ [rad/s or m/s] and q̈ [rad/s² or m/s²], shape (k, 3, n).
+        reference: q [rad or m], q̇ [rad/s or m/s] and q̈ [rad/s² or m/s²] of n joints at k
+            instants, shape (k, 3, n).
         modes: Modes in force, shape (k, n).
 
     Returns:
@@ -54,22 +55,24 @@ def _needed_pressure(
     reference: FloatArray,
     modes: ModeArray,
 ) -> FloatArray:
-    """Compute the supply pressure that each actuator's reference needs, for all rows.
+    """Compute the supply pressure that each actuator needs to follow a reference (kernel).
 
         p = max(P_S, p_hold, p_move)
         p_hold = p_req(F, 0),  p_move = p_req(F, v)
         F = (M q̈ + C q̇ + g)/r + share · friction(v),  v = r q̇
 
-    p_req is `hydraulics.required_pressure`: load pressure, valve drop and boost margin [Pa]. F is
-    the piston force [N], v the piston speed [m/s] and r the moment arm [m]. In each row all
-    actuators in mode SB get the highest p among them, since they share the rail.
+    P_S is the main pump's pressure [Pa], F the piston force [N], v the piston speed [m/s] and r the
+    moment arm [m]. M q̈ + C q̇ + g are the joint torques by inertia, velocity and gravity. p_req is
+    load pressure plus pressure drop of the fully open valve plus boost margin [Pa]. Actuators in
+    mode SB (fed by a common rail) get the highest p among them at each instant.
 
     Args:
         m: The machine's arrays.
         friction: Coulomb friction [N], viscous friction [N s/m] and friction speed [m/s], shape
             (3,).
         share: Factor on each actuator's friction force, shape (n,) [-].
-        reference: q [rad or m], q̇ [rad/s or m/s] and q̈ [rad/s² or m/s²], shape (k, 3, n).
+        reference: q [rad or m], q̇ [rad/s or m/s] and q̈ [rad/s² or m/s²] of n joints at k
+            instants, shape (k, 3, n).
         modes: Modes in force, shape (k, n).
 
     Returns:

@@ -74,7 +74,7 @@ class Replay:
         return np.maximum(self.pressure[:, 0:-3:3], self.pressure[:, 1:-3:3])
 
     def tip_error(self, machine: Machine) -> FloatArray:
-        """Compute the distance of the tip from its reference.
+        """Compute the distance of the tip from its reference at each step.
 
         Args:
             machine: The arm that was simulated.
@@ -86,13 +86,14 @@ class Replay:
         return np.linalg.norm(machine.tip_in_base(self.position) - wanted, axis=1)
 
     def followed_motion(self, every: int = 1) -> tuple[Trajectory, ModeSchedule]:
-        """Return the motion that the servo followed, with the modes that were in force.
+        """Return the reference that the servo followed as a trajectory, with its mode schedule.
 
         Args:
-            every: Number of steps from one point of the trajectory to the next.
+            every: Number of steps from one point of the trajectory to the next. The schedule has
+                all mode changes, whatever this number is.
 
         Returns:
-            The trajectory, beginning at 0 ns, and a schedule with all mode changes.
+            The trajectory and the schedule of the modes in force. Both have stamp 0.
         """
         step_ns = round(self.step * SECOND_NS)
         path = self.reference[::every]
@@ -104,16 +105,18 @@ class Replay:
 
 
 def replay(simulator: Simulator, commands: Sequence[Command], duration: float) -> Replay:
-    """Run a simulator and give it each command at its stamp.
+    """Simulate an arm to which plans are given that are known in advance.
 
-    The time of the plans is the simulated time less the delays by which the guard has slowed plans.
-    The run ends when that time reaches `duration`. It also ends after `MAX_DURATION_FACTOR` times
-    `duration` of simulated time, or if the guard holds a plan for `HELD_TOO_LONG`.
+    Each plan is given at its stamp. If the guard (reference governor) slows a plan, later stamps
+    are delayed by the same time: stamps and `duration` count in plan time, which is simulated time
+    minus all these delays. The run ends at the first of these: plan time reaches `duration`,
+    simulated time reaches `MAX_DURATION_FACTOR` times `duration`, or the guard has held a plan for
+    `HELD_TOO_LONG`.
 
     Args:
         simulator: The simulated arm, at rest at its start; advanced in place.
-        commands: Commands by increasing stamp, each of which continues the one before.
-        duration: Duration of the run in the time of the plans [s].
+        commands: Plans by increasing stamp, each of which continues the one before.
+        duration: Duration of the run in plan time [s].
 
     Returns:
         The record of all steps.

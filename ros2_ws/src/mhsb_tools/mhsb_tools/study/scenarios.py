@@ -89,7 +89,7 @@ class Scenario:
             machine: The arm of the machine file.
 
         Returns:
-            The changed machine.
+            A changed copy of the machine.
         """
         config = machine.changed(payload=self.payload).config
         circuit = config.circuit.model_copy(update={"servo_pump_lag": self.pump_lag})
@@ -104,10 +104,10 @@ def read_study_file(file: Path, kind: type[Content]) -> Content:
 
     Args:
         file: The file.
-        kind: What the file contains.
+        kind: Class that describes the content of the file, such as `StudyConfig`.
 
     Returns:
-        The content.
+        The content as an object of that class.
 
     Raises:
         ScenarioError: The file cannot be read or is invalid.
@@ -125,15 +125,17 @@ def load_scenarios(file: Path | None = None, machine: Machine | None = None) -> 
     """Load all scenarios of a file.
 
     Args:
-        file: YAML file; None takes the suite's file for this machine, or else the suite's default.
-        machine: The arm; None skips the check that goals fit it.
+        file: YAML file. None takes the suite's file for a machine of this name if there is one,
+            else the suite's default file.
+        machine: The arm. None skips the check that the goals have as many coordinates as the arm
+            needs.
 
     Returns:
         The scenarios in the file's order.
 
     Raises:
-        ScenarioError: The file is invalid, names an unknown training scenario, or has goals that do
-            not fit the machine.
+        ScenarioError: The file cannot be read or is invalid, its training scenarios do not all
+            exist, or a goal has the wrong number of coordinates.
     """
     file = file or find_machine_config_file(SCENARIOS_FILE, machine.name if machine else None)
     config = read_study_file(file, StudyConfig)
@@ -151,12 +153,15 @@ def load_scenarios(file: Path | None = None, machine: Machine | None = None) -> 
 
 
 def _check_goals(file: Path, scenario: Scenario, machine: Machine) -> None:
-    """Raise ScenarioError if a goal has the wrong number of coordinates for a machine.
+    """Check that all goals of a scenario have as many coordinates as a machine needs.
 
     Args:
         file: The scenario file, for the error message.
         scenario: The scenario.
-        machine: The arm.
+        machine: The arm; goals have x, y, z if it slews, else x, z.
+
+    Raises:
+        ScenarioError: A goal has another number of coordinates.
     """
     for goal in scenario.goals:
         if len(goal) != len(machine.axes):
@@ -168,10 +173,10 @@ def _check_goals(file: Path, scenario: Scenario, machine: Machine) -> None:
 
 
 def scenarios_of(config: StudyConfig) -> list[Scenario]:
-    """Combine every sequence with every pump lag and every payload.
+    """Combine every sequence of goals with every pump lag and every payload.
 
-    Each scenario is named SEQUENCE-LAGms-PAYLOADkg, with lag in ms and payload in kg. It is held
-    out from tuning unless `config.training` contains its name.
+    A scenario's name has the form SEQUENCE-LAGms-PAYLOADkg, such as `every_5s-20ms-10kg`. Gains are
+    tuned on a scenario only if `config.training` has its name; otherwise `held_out` is True.
 
     Args:
         config: Content of a scenario file.

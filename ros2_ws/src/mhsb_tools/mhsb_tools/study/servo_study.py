@@ -136,16 +136,19 @@ class ScenarioResult:
 
 
 def plan_scenario(machine: Machine, scenario: Scenario) -> PlannedScenario:
-    """Plan all goals of a scenario, each from the command before.
+    """Plan all goals of a scenario; each plan continues the motion of the one before.
 
-    A goal that is refused leaves the motion as it is. Planning takes no time.
+    The first plan begins at rest in the start posture. Planning is assumed to take no time. If a
+    goal cannot be planned, it counts as refused, and the motion before it goes on. The posture
+    table for the scenario's payload is built if it is not cached.
 
     Args:
-        machine: The arm of the machine file.
+        machine: The arm as its machine file has it.
         scenario: The scenario.
 
     Returns:
-        Machine, commands and refusals.
+        The machine with the scenario's payload and pump lag, the plans, and a sentence for each
+        refused goal.
     """
     loaded = scenario.apply_to(machine)
     replanner = Replanner(loaded, load_or_build_table(loaded))
@@ -169,13 +172,12 @@ def plan_scenario(machine: Machine, scenario: Scenario) -> PlannedScenario:
 def run_controller(
     script: PlannedScenario, controller: str, machine: Machine | None = None
 ) -> Replay:
-    """Let a controller follow the plans of a script.
+    """Simulate a controller that follows the plans of a scenario.
 
     Args:
-        script: Machine and plans.
+        script: The planned scenario.
         controller: Name of the controller.
-        machine: Machine to simulate, which may have other gains than the script's; None takes the
-            script's.
+        machine: Machine to simulate, for example with other gains; None takes that of the scenario.
 
     Returns:
         The record of the run.
@@ -185,24 +187,24 @@ def run_controller(
 
 
 def supply_overshoot(machine: Machine, run: Replay) -> FloatArray:
-    """Compute the excess of each supply line over what the trajectory itself needs.
+    """Compute by how much the pressure in each supply line exceeds what the motion itself needs.
 
-        excess = p_line(t) − p(t) − PRESSURE_ALLOWANCE, where p(t) is the highest of
+        excess(t) = p_line(t) − p(t) − PRESSURE_ALLOWANCE
+        p(t) = max(max of need(t') for t ≤ t' ≤ t + NEED_WINDOW,
+                   p(t − dt) − q_leak/(C_line + C_rail) dt)
 
-            need(t') for t ≤ t' ≤ t + NEED_WINDOW
-            p(t − dt) − q_leak/(C_line + C_rail) dt
-
-    need(t) is the supply pressure of `needed_pressure` [Pa], at least P_S. q_leak is the leakage of
-    a valve [m³/s], and C the volume of line and rail over the bulk modulus [m³/Pa]. The window
-    allows for lines that are charged ahead. The second term allows for a shut line, which loses
-    pressure no faster than its valve leaks.
+    p_line is the pressure in the supply line [Pa]. need(t) is the supply pressure that the
+    reference needs, at least P_S [Pa]. q_leak is the leakage of a valve [m³/s], and C the volume of
+    line and rail divided by the bulk modulus [m³/Pa]. dt is the step [s]. The window accounts for
+    lines that are charged in advance. The second term of p accounts for a closed line, whose
+    pressure falls only by leakage of its valve.
 
     Args:
         machine: The arm that was simulated.
-        run: The record of k steps.
+        run: The record of k steps with n joints.
 
     Returns:
-        Excess [Pa], shape (k, n); negative if the line is below.
+        Excess [Pa], shape (k, n); negative if the line is below p(t).
     """
     width = round(NEED_WINDOW / run.step) + 1
     need = needed_pressure(machine, run.reference, run.modes)
@@ -220,10 +222,10 @@ def planned_energy(script: PlannedScenario, run: Replay) -> Energy:
 
 
 def evaluate_run(script: PlannedScenario, controller: str, run: Replay) -> StudyRecord:
-    """Compute tip errors, pressures, energies and mode switches of a run.
+    """Measure a run: tip errors, pressures, energies and mode switches.
 
     Args:
-        script: Machine, plans and scenario.
+        script: The planned scenario that was simulated.
         controller: Name of the controller.
         run: The record of the run.
 
@@ -254,14 +256,15 @@ def evaluate_run(script: PlannedScenario, controller: str, run: Replay) -> Study
 
 
 def study_scenario(machine: Machine, scenario: Scenario) -> ScenarioResult:
-    """Plan one scenario and simulate every controller with these plans.
+    """Plan one scenario, and simulate each suitable controller with the same plans.
 
     Args:
-        machine: The arm of the machine file.
+        machine: The arm as its machine file has it; its sensors determine which controllers are
+            suitable.
         scenario: The scenario.
 
     Returns:
-        Measured numbers, signals and energies of each controller.
+        Measured numbers, signals and energies of each controller, and the refused goals.
     """
     script = plan_scenario(machine, scenario)
     records, traces, elements = [], {}, {}
@@ -279,12 +282,12 @@ def run_study(
     """Run all scenarios in parallel processes.
 
     Args:
-        machine: The arm of the machine file.
+        machine: The arm as its machine file has it.
         scenarios: The scenarios.
         jobs: Number of processes or a cluster; None takes one process for each processor.
 
     Yields:
-        Results as they are ready, in any order.
+        The result of each scenario, as it is ready, in any order.
     """
     with create_executor(jobs) as pool:
         yield from results_of(pool.submit(study_scenario, machine, each) for each in scenarios)
@@ -296,7 +299,7 @@ def as_dicts(results: Sequence[ScenarioResult]) -> list[dict[str, object]]:
 
 
 def _trace(machine: Machine, run: Replay) -> FloatArray:
-    """Return the signals of a run at 100 rows a second.
+    """Return some signals of a run, with 100 rows for each second.
 
     Args:
         machine: The arm that was simulated.

@@ -18,16 +18,17 @@ TOTAL_NAME = "delivered"
 def simulated_move(
     machine: Machine, samples: Samples, goals: list[TimedGoal], elements: list[EnergyPart]
 ) -> MoveRecord:
-    """Convert a headless run to one move, from its first to its last sample.
+    """Convert a simulated run to one move.
 
     Args:
         machine: The arm that the planner knows.
-        samples: The simulated signals.
-        goals: The goals, for title and marks.
-        elements: Planned and simulated energy of each part; only the simulated is used.
+        samples: The simulated signals; the move goes from the first to the last sample.
+        goals: The goals, for the title and for marks in the picture.
+        elements: Planned and simulated energy of each part; only the simulated energies are used.
 
     Returns:
-        The move. Piston forces follow from the chamber pressures, p_A A − p_B a.
+        The move, beginning at time 0. Its piston forces are p_A A − p_B a, with pressure p and area
+        A or a of cap side and rod side.
     """
     m = machine.arrays
     energy = {

@@ -143,13 +143,16 @@ def study(
 
 
 def _kind(kind: KindArguments, draws: DrawArguments) -> str:
-    """Return the kind of study that the options ask for: a key of `OPTIONS_BY_KIND`.
+    """Return which kind of study the options ask for.
 
-    Benchmark comes before faults, faults before draws; `scenarios` if none is asked for.
+    If options ask for several kinds, the benchmark comes first, then faults, then draws.
 
     Args:
         kind: Options for the kind of study.
-        draws: Options for draws.
+        draws: Options for draws; a number of draws or a file of variations asks for draws.
+
+    Returns:
+        `benchmark`, `faults`, `draws`, or `scenarios` if none of the others is asked for.
     """
     if kind.benchmark:
         return "benchmark"
@@ -176,12 +179,15 @@ FIXED_PROTOCOLS = {
 
 
 def _check_options_have_effect(asked: str, kind: KindArguments, draws: DrawArguments) -> None:
-    """Raise UsageError if an option was given that this kind of study does not use.
+    """Check that every given option has an effect in this kind of study.
 
     Args:
-        asked: Kind of the study, as `_kind` returns it.
+        asked: Kind of the study: `benchmark`, `faults`, `draws` or `scenarios`.
         kind: Options for the kind of study.
         draws: Options for draws.
+
+    Raises:
+        UsageError: An option has no effect; the message names all such options.
     """
     given = {"scenarios": kind.scenarios, **vars(draws), "faults": kind.faults}
     names = ", ".join(
@@ -199,16 +205,17 @@ def _check_options_have_effect(asked: str, kind: KindArguments, draws: DrawArgum
 def study_scenarios(
     arm: Machine, wanted: Sequence[Scenario], workers: Jobs, output: Path
 ) -> list[str]:
-    """Run all scenarios and write summary.json, comparison.json and figures.
+    """Simulate all controllers in all scenarios, and write results and figures.
 
     Args:
-        arm: The machine.
+        arm: The machine that planner and servo know.
         wanted: The scenarios.
-        workers: Number of processes or a cluster.
-        output: Folder to write to; made if it does not exist.
+        workers: Number of processes, or a cluster; None takes one process for each processor.
+        output: Folder for summary.json (one record for each scenario and controller),
+            comparison.json and the figures; created if it does not exist.
 
     Returns:
-        The comparison as lines of text.
+        The comparison of the two controllers as lines of text.
     """
     make_output_folder(output, "the study")
     compile_simulator()  # so that the processes find compiled kernels
@@ -223,22 +230,24 @@ def study_scenarios(
 
 
 def study_draws(machine: Machine, asked: DrawArguments, jobs: Jobs, output: Path) -> list[str]:
-    """Run all draws and write summary.json.
+    """Simulate controllers on random plants (draws), and write their records.
 
-    Draws that have been run are written even if an error or an interrupt ends the study.
+    If an error or an interrupt ends the study, the draws that were finished are written.
 
     Args:
         machine: The machine that planner and servo know.
         asked: Number of draws, and how plants, goals and controllers are chosen.
-        jobs: Number of processes or a cluster.
-        output: Folder to write to; made if it does not exist.
+        jobs: Number of processes, or a cluster; None takes one process for each processor.
+        output: Folder for summary.json, with one record for each draw and controller; created if it
+            does not exist.
 
     Returns:
-        Lines of text: each count and quantile of `figures_of` beside its limit, and what failed.
+        Lines of text: counts and quantiles of each controller beside their limits, and the draws
+        that failed.
 
     Raises:
         UnknownControllerError: A controller does not exist.
-        UsageError: A number is too small.
+        UsageError: The number of draws or goals is below 1, or the seed is below 0.
     """
     controllers = tuple(asked.controllers or select_controllers(machine))
     for name in controllers:
@@ -272,17 +281,17 @@ def study_draws(machine: Machine, asked: DrawArguments, jobs: Jobs, output: Path
 def study_benchmark(
     machine: Machine, protocol: Protocol, draws: int | None, jobs: Jobs, output: Path
 ) -> list[str]:
-    """Run the mismatch benchmark and write records.json, summary.json and results.md.
+    """Run the mismatch benchmark and write its results.
 
     Args:
         machine: The machine that planner and servo know.
-        protocol: The benchmark.
-        draws: Number of draws; None takes the protocol's.
-        jobs: Number of processes or a cluster.
-        output: Folder to write to; made if it does not exist.
+        protocol: Definition of the benchmark.
+        draws: Number of draws (random plants); None takes the protocol's.
+        jobs: Number of processes, or a cluster; None takes one process for each processor.
+        output: Folder for records.json, summary.json and results.md; created if it does not exist.
 
     Returns:
-        The table as lines of Markdown, then a line for each failure.
+        The tables of results.md as lines of Markdown, then a line for each run that failed.
 
     Raises:
         UsageError: The number of draws is below 1.
@@ -313,13 +322,13 @@ def study_benchmark(
 
 
 def study_faults(machine: Machine, faults: Sequence[str], jobs: Jobs, output: Path) -> list[str]:
-    """Run all faults with the coordinated controller and write summary.json and figures.
+    """Simulate faults with the coordinated controller, and write results and figures.
 
     Args:
         machine: The machine.
-        faults: Faults as in the simulator's parameter `fault`.
-        jobs: Number of processes or a cluster.
-        output: Folder to write to; made if it does not exist.
+        faults: Names of the faults, as in the simulator's parameter `fault`.
+        jobs: Number of processes, or a cluster; None takes one process for each processor.
+        output: Folder for summary.json and a figure for each fault; created if it does not exist.
 
     Returns:
         A table of the faults as lines of text.

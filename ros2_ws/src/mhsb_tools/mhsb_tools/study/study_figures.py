@@ -31,7 +31,8 @@ def draw_study(results: Sequence[ScenarioResult], folder: Path) -> list[Path]:
         folder: An existing folder.
 
     Returns:
-        The files written: the overview, then one for each of `select_largest_overshoots`.
+        The files: first the overview, then those of single scenarios. These are, of all scenarios
+        with the same goals and interval, the one with the largest supply overshoot.
     """
     overview = folder / "overview.png"
     draw_overview(results, overview)
@@ -43,15 +44,16 @@ def draw_study(results: Sequence[ScenarioResult], folder: Path) -> list[Path]:
 
 
 def select_largest_overshoots(results: Iterable[ScenarioResult]) -> list[ScenarioResult]:
-    """Select for each pair of goals and interval the scenario of largest supply overshoot.
+    """Select the scenarios with the largest supply overshoot.
 
-    The overshoot is the largest one of any controller.
+    Of all scenarios with the same goals and the same interval, one is selected. The largest
+    overshoot of any controller counts.
 
     Args:
         results: Result of each scenario.
 
     Returns:
-        One result for each pair of goals and interval, in the order of first appearance.
+        The selected results, in the order in which their goals and interval first appear.
     """
     telling: dict[tuple[object, ...], ScenarioResult] = {}
     for result in results:
@@ -62,13 +64,14 @@ def select_largest_overshoots(results: Iterable[ScenarioResult]) -> list[Scenari
 
 
 def draw_overview(results: Sequence[ScenarioResult], path: Path) -> None:
-    """Draw tip error RMS [mm], supply overshoot [MPa] and energy [J] of every scenario.
+    """Draw tip errors, supply overshoots and energies of all scenarios, and write the figure.
 
-    Each is a panel with a row for each scenario and a point for each controller. The energy is that
-    of all pumps, with the planned energy (reading `series`) as a mark.
+    There is a panel each for tip error RMS [mm], supply overshoot [MPa] and energy of all pumps
+    [J]. A panel has a row for each scenario and a point for each controller. A mark shows the
+    planned energy (reading `series`: servo pump in series with the main pump).
 
     Args:
-        results: Result of each scenario, one row each.
+        results: Result of each scenario.
         path: PNG file to write.
     """
     names = [
@@ -107,11 +110,11 @@ def draw_overview(results: Sequence[ScenarioResult], path: Path) -> None:
 
 
 def draw_traces(result: ScenarioResult, path: Path) -> None:
-    """Draw supply pressures and tip error of one scenario over time.
+    """Draw supply pressures and tip error of one scenario over time, and write the figure.
 
-    The two upper panels show for each controller the highest pressure of all supply lines and the
-    pressure that the motion needs [MPa]. The lowest panel shows the tip errors of both controllers
-    [mm].
+    Each of the two upper panels is for one controller. It shows the highest pressure of all supply
+    lines, and the highest pressure that the motion needs [MPa]. The lowest panel shows the tip
+    errors of both controllers [mm].
 
     Args:
         result: Result of the scenario, with a trace for each controller.
@@ -141,8 +144,8 @@ def _draw_pressures(axes: Axes, controller: str, trace: np.ndarray) -> None:
     Args:
         axes: Axes to draw on.
         controller: Name of the controller, for the axis label.
-        trace: Time [s], tip error [m], supply pressure of each actuator [Pa], highest needed
-            pressure [Pa]; shape (k, 3 + n).
+        trace: Signals, shape (k, 3 + n). The columns are time [s], tip error [m], supply pressure
+            of each of n actuators [Pa], and the highest needed pressure [Pa].
     """
     time, lines, need = trace[:, 0], trace[:, 2:-1], trace[:, -1]
     axes.plot(time, 1e-6 * need, color=BLACK, linewidth=1.0, label="needed by the motion")

@@ -113,11 +113,15 @@ def tune_servo(
 
 
 def _check_arguments(budget: int, training: TrainingArguments) -> None:
-    """Raise UsageError if a number is too small or a file of variations has no effect.
+    """Check the numbers among the options, and that a file of variations has an effect.
 
     Args:
-        budget: Trials of each controller.
-        training: Scenarios and draws.
+        budget: Number of trials of each controller; at least 1.
+        training: Options for scenarios and draws.
+
+    Raises:
+        UsageError: A number is too small, or a file of variations is given although there are no
+            draws.
     """
     draws, seed = training.draws, training.seed
     for name, value, lowest in (("budget", budget, 1), ("draws", draws, 0), ("seed", seed, 0)):
@@ -131,14 +135,14 @@ def _check_arguments(budget: int, training: TrainingArguments) -> None:
 
 
 def _build_training(arm: Machine, asked: TrainingArguments) -> Training:
-    """Plan the motions of all training scenarios and of all draws, with progress bars.
+    """Plan the motions of all training scenarios and of all draws (random plants).
 
     Args:
-        arm: The machine to tune.
-        asked: Scenarios and draws.
+        arm: The machine whose gains are tuned.
+        asked: Options for scenarios and draws.
 
     Returns:
-        Scenarios that are not held out, and draws.
+        Training scenarios and draws with their plans.
     """
     wanted = [each for each in load_scenarios(asked.scenarios, arm) if not each.held_out]
     scripts = [

@@ -117,13 +117,15 @@ class Training:
         return scenarios | {draw.plant.arrays.payload for draw in self.draws}
 
     def cost(self, costs: FloatArray) -> float:
-        """Combine the costs of all runs of one set of gains.
+        """Combine the costs of all runs with one set of gains to one cost.
 
         Args:
-            costs: Costs of all scripts, then of all draws, shape (runs,).
+            costs: Cost of each scenario, in the order of `scripts`, then of each draw, shape
+                (runs,).
 
         Returns:
-            Mean over the scripts plus the 90 % quantile over the draws; a part without runs is 0.
+            Mean over the scenarios plus the 90 % quantile over the draws. Without scenarios, or
+            without draws, that term is 0.
         """
         scripts, draws = np.split(costs, [len(self.scripts)])
         in_the_mean = float(scripts.mean()) if len(scripts) else 0.0
@@ -133,11 +135,11 @@ class Training:
 def draws_of(
     machine: Machine, variations: Variations, count: int, seed: int
 ) -> Iterator[TuningDraw]:
-    """Make draws 0 … count − 1 of a seed with their plans, as `draws.run_draws` does.
+    """Make the draws (random plants with plans for random goals) with numbers 0 … count − 1.
 
     Args:
-        machine: The machine that planner and servo know.
-        variations: Variations by name.
+        machine: The machine that planner and servo know; its values are varied.
+        variations: Variations (how a plant may differ from its machine file) by name.
         count: Number of draws.
         seed: Seed of the draws.
 
@@ -151,13 +153,14 @@ def draws_of(
 
 
 def compute_scenario_cost(script: PlannedScenario, controller: str, gains: Gains) -> float:
-    """Compute the cost of gains in one scenario.
+    """Simulate one scenario with given gains, and compute their cost.
 
-    The cost is tip error RMS [mm] + supply overshoot [MPa], and 10 more if a relief valve opened. A
-    run that diverges, or invalid gains, cost 1000. The plant is the machine itself.
+    The cost is tip error RMS [mm] plus supply overshoot [MPa], plus 10 if a relief valve opened. It
+    is 1000 if the simulation diverges or the gains are invalid. The simulated plant is the
+    scenario's machine itself.
 
     Args:
-        script: Machine and plans.
+        script: The planned scenario.
         controller: Name of the controller.
         gains: Value by name of the gain.
 
@@ -175,15 +178,15 @@ def compute_scenario_cost(script: PlannedScenario, controller: str, gains: Gains
 
 
 def compute_draw_cost(draw: TuningDraw, controller: str, gains: Gains) -> float:
-    """Compute the cost of gains in one draw.
+    """Simulate one draw (random plant) with given gains, and compute their cost.
 
-    The cost is tip error RMS [mm] + supply overshoot [MPa]. It is 10 higher if a relief valve
-    opened, and another 10 if the arm fell or its plan was held until the end. A fall is a tip error
-    above `FALLEN_ERROR_MM`, scaled to the arm's size. A run that diverges, or invalid gains, cost
-    1000.
+    The cost is tip error RMS [mm] plus supply overshoot [MPa], plus 10 if a relief valve opened.
+    Another 10 is added if the arm fell, or the run was ended because the guard held a plan too
+    long. The arm has fallen if the tip error was ever above `FALLEN_ERROR_MM`, scaled by the arm's
+    size. The cost is 1000 if the simulation diverges or the gains are invalid.
 
     Args:
-        draw: Machine, plant and plans.
+        draw: The machine that the servo knows, the plant and the plans.
         controller: Name of the controller.
         gains: Value by name of the gain.
 
@@ -215,18 +218,18 @@ def _cost_of_run(rms_mm: float, overshoot_mpa: float, relief: bool, fell: bool) 
 def is_stable(machine: Machine, payloads: set[float], controller: str, gains: Gains) -> bool:
     """Return whether oscillations of the controlled arm decay fast enough under every payload.
 
-    In every posture that is examined, they must decay faster than `SLOWEST_DECAY` times the arm's
-    lowest natural frequency over all joints and postures. The decay is that of the linear loop
-    (`compute_slowest_decay`). The servo itself knows the machine's own payload only.
+    The linear model of the controlled arm is examined in several postures. In each, the slowest
+    decay rate must be above `SLOWEST_DECAY` times the arm's lowest natural frequency over all
+    joints and postures.
 
     Args:
-        machine: The arm.
-        payloads: Payloads to test [kg].
+        machine: The arm; its own payload is the one that the servo knows.
+        payloads: Payloads that the arm really carries, to be tested [kg].
         controller: Name of the controller.
         gains: Value by name of the gain.
 
     Returns:
-        True if the slowest decay is fast enough for all payloads.
+        True if the decay is fast enough for all payloads.
     """
     own = read_gains(with_gains(machine, controller, gains), controller)
     least = SLOWEST_DECAY * float(find_lowest_joint_frequencies(machine).min())
@@ -234,19 +237,19 @@ def is_stable(machine: Machine, payloads: set[float], controller: str, gains: Ga
 
 
 def with_gains(machine: Machine, controller: str, gains: Gains) -> Machine:
-    """Return the machine with other gains of one controller.
+    """Return a copy of the machine with other gains of one controller.
 
     Args:
         machine: The arm.
         controller: Name of the controller.
-        gains: Value by name of the gain; other gains stay.
+        gains: Value by name of the gain; gains that are not named stay.
 
     Returns:
         The changed machine.
 
     Raises:
-        MachineFileError: A gain is out of its range, and the machine was loaded with a check of its
-            gains; otherwise `read_gains` raises it.
+        MachineFileError: A gain is out of its range. The error comes here only if the machine was
+            loaded with a check of its gains; otherwise it comes when the gains are read.
     """
     return machine.with_values({f"servo.{controller}.{name}": gains[name] for name in gains})
 
@@ -266,26 +269,28 @@ def tune(
     jobs: Jobs = None,
     progress: Callable[[Trial], None] | None = None,
 ) -> Trial:
-    """Search the gains of one controller with the lowest cost over the training.
+    """Search the gains of one controller with the lowest cost, by random search.
 
     The present gains are the first trial; they are returned if no other trial is better. In the
-    second half of the budget, trials are drawn around the incumbent. Gains with which the arm is
-    not stable under some payload of the training cost 1000 and are not simulated.
+    first half of the budget, gains are drawn from their whole ranges. In the second half, they are
+    drawn closer and closer around the incumbent (best gains so far). Gains with which the arm is
+    not stable under some payload of the training are not simulated; their cost is 1000.
 
     Args:
-        machine: The arm.
-        training: Scenarios and draws on which each trial runs.
+        machine: The arm with its present gains.
+        training: Scenarios and draws that are simulated with each trial's gains.
         controller: Name of the controller.
         budget: Number of trials.
         seed: Seed of the search.
-        jobs: Number of processes or a cluster; None takes one process for each processor.
-        progress: Called with the incumbent after each trial, or None.
+        jobs: Number of processes, or a cluster; None takes one process for each processor. It does
+            not change the result.
+        progress: Function that is called with the best trial so far after each trial, or None.
 
     Returns:
         The best trial.
 
     Raises:
-        TuningError: The controller has no ranges, or there is nothing to train on.
+        TuningError: The controller has no search ranges, or the training is empty.
     """
     if controller not in GAIN_RANGES:
         raise TuningError(f"{controller!r} cannot be tuned; valid are {', '.join(GAIN_RANGES)}")
@@ -321,22 +326,24 @@ def tune(
 def _parallel_evaluator(
     training: Training, controller: str, jobs: Jobs
 ) -> Iterator[Callable[[Sequence[Gains]], list[float]]]:
-    """Provide a function that computes the costs of gains in parallel processes. Context manager.
+    """Provide a function that computes costs of gains in parallel processes.
+
+    Context manager; the processes run during the `with` block.
 
     Args:
-        training: Scenarios and draws, sent to the processes once.
+        training: Scenarios and draws; they are sent to each process once.
         controller: Name of the controller.
-        jobs: Number of processes or a cluster.
+        jobs: Number of processes, or a cluster; None takes one process for each processor.
 
     Yields:
-        Function from a list of gains to the cost of each.
+        Function from a list of sets of gains to a list with the cost of each, in the same order.
     """
     count = len(training.scripts) + len(training.draws)
 
     def costs_of(batch: Sequence[Gains]) -> list[float]:
-        """Compute the cost of each set of gains over the whole training.
+        """Compute the combined cost of each set of gains over the whole training.
 
-        Takes `pool`, `training`, `controller` and `count` from the enclosing function.
+        Uses `pool`, `training`, `controller` and `count` of the enclosing function.
 
         Args:
             batch: Sets of gains.
@@ -363,7 +370,7 @@ def check_gain_sections(file: Path) -> None:
         file: The machine file.
 
     Raises:
-        TuningError: A section is missing. `write_gains` could not write into it.
+        TuningError: A section is missing, so that `write_gains` could not write into it.
     """
     text = file.read_text(encoding="utf-8")
     for controller in GAIN_RANGES:
@@ -371,9 +378,10 @@ def check_gain_sections(file: Path) -> None:
 
 
 def write_gains(file: Path, controller: str, gains: Gains) -> None:
-    """Write gains into the servo section of a machine file and leave all else as it is.
+    """Write gains of one controller into the servo section of a machine file.
 
-    Gains that the section does not have are appended to it. The file is replaced as a whole.
+    A gain that the section does not have is appended to it. Each written line gets the comment
+    `TUNED_COMMENT`; all other lines of the file stay. The file is replaced as a whole.
 
     Args:
         file: The machine file.
@@ -399,7 +407,7 @@ def _split_section(text: str, controller: str) -> tuple[str, str, str]:
     """Split a machine file at the section of one controller.
 
     Args:
-        text: The whole file.
+        text: Content of the whole file.
         controller: Name of the controller.
 
     Returns:
@@ -422,17 +430,17 @@ def _split_section(text: str, controller: str) -> tuple[str, str, str]:
 def _draw(
     random: np.random.Generator, controller: str, around: Gains | None, width: float
 ) -> Gains:
-    """Draw gains at random.
+    """Draw a set of gains at random.
 
     Values are clipped to their ranges and rounded to three significant digits.
 
     Args:
-        random: Generator of random numbers; advanced.
+        random: Generator of random numbers; its state changes.
         controller: Name of the controller.
         around: Gains at the centre of a log-normal distribution; None draws log-uniformly from the
             whole ranges.
-        width: Width of that distribution as a share of a range's logarithm; twice the standard
-            deviation.
+        width: Twice the standard deviation of the logarithm of a gain, as a share of the
+            logarithmic range ln(highest/lowest). Not used if `around` is None.
 
     Returns:
         Value by name of the gain.
@@ -451,10 +459,10 @@ def _draw(
 def _cost(
     training: Sequence[PlannedScenario | TuningDraw], controller: str, gains: Gains, number: int
 ) -> float:
-    """Return the cost of gains in one run of the training; called in a worker process.
+    """Compute the cost of gains in one run of the training; called in a worker process.
 
     Args:
-        training: All scripts, then all draws.
+        training: All scenarios, then all draws.
         controller: Name of the controller.
         gains: Value by name of the gain.
         number: Index of the run in `training`.

@@ -51,13 +51,14 @@ class Variation(Section):
 
     @model_validator(mode="after")
     def _of_one_kind(self) -> Variation:
-        """Check that exactly one kind is given and that its range has the lower end first.
+        """Check that exactly one kind (factor, value, choice, moment) is given, with a valid range.
 
         Returns:
             The variation, unchanged.
 
         Raises:
-            ValueError: The check failed; pydantic turns it into a ValidationError.
+            ValueError: None or several kinds are given, or a range has its higher end first.
+                Pydantic turns it into a ValidationError.
         """
         given = [kind for kind in VARIATION_KINDS if getattr(self, kind) is not None]
         if len(given) != 1:
@@ -73,17 +74,18 @@ Variations = Mapping[str, Variation]
 
 
 def load_variations(machine: Machine, file: Path | None = None) -> Variations:
-    """Load variations from a file and check that they fit a machine.
+    """Load variations (how a plant may differ from its machine file), and check them.
 
     Args:
-        machine: The machine to vary.
+        machine: The machine whose values are varied.
         file: YAML file; None takes the suite's own.
 
     Returns:
         Variations by name.
 
     Raises:
-        VariationError: The file cannot be used for this machine.
+        VariationError: The file cannot be read, or its content is invalid.
+        MhsbError: The machine does not have one of the values, or a value leaves its range.
     """
     file = file or find_config_file(VARIATIONS_FILE)
     try:
@@ -94,19 +96,19 @@ def load_variations(machine: Machine, file: Path | None = None) -> Variations:
 
 
 def validate_variations(machine: Machine, content: Any, source: str) -> Variations:
-    """Validate variations that were read from a file.
+    """Validate variations that were read from a file, and try them on a machine.
 
     Args:
-        machine: The machine to vary.
-        content: Content of the file: mappings by name of the variation.
+        machine: The machine whose values are varied.
+        content: Content of the file: a mapping for each variation, by its name.
         source: Name of the file, for error messages.
 
     Returns:
         Variations by name.
 
     Raises:
-        VariationError: The content is wrong; all problems are listed, with `source`.
-        MhsbError: A key is none of this machine's.
+        VariationError: The content is invalid; all problems are listed, with `source`.
+        MhsbError: The machine does not have one of the values, or a value leaves its range.
     """
     if not isinstance(content, dict) or not content:
         raise VariationError(f"{source}: names no variation; see config/{VARIATIONS_FILE}")
@@ -128,19 +130,22 @@ def draw_machine(
     random: np.random.Generator,
     moment_to_time: Callable[[float], float],
 ) -> tuple[Machine, dict[str, float | str]]:
-    """Draw a machine whose values differ at random from the file's, as the variations say.
+    """Draw a random machine whose values differ from the file's, as the variations say.
 
     Args:
-        machine: The machine to vary.
-        variations: Variations by name; numbers are drawn in their order.
-        random: Generator of random numbers; advanced.
-        moment_to_time: Function from a share of all time of motion to the time [s].
+        machine: The machine whose values are varied; it is not changed itself.
+        variations: Variations by name. One number is drawn for each, in their order; a choice needs
+            none.
+        random: Generator of random numbers; its state changes.
+        moment_to_time: Function from a share of the time of motion, 0 … 1, to the time since the
+            start [s]. It is called for variations of kind `moment`.
 
     Returns:
-        The varied machine, and by name what was drawn: a factor, a value, a time [s] or a choice.
+        The varied machine, and what was drawn by name of the variation: a factor, a value, a time
+        [s] or a choice.
 
     Raises:
-        MhsbError: The variations do not fit this machine.
+        MhsbError: The machine does not have one of the values, or a value leaves its range.
     """
     drawn: dict[str, float | str] = {}
     values: dict[str, Any] = {}
@@ -168,20 +173,22 @@ def draw_machine(
 def scale_values(machine: Machine, factors: Mapping[str, float], variations: Variations) -> Machine:
     """Multiply some values of a machine by factors.
 
-    A factor on a value common to all actuators also multiplies the values that single actuators
-    have in its place.
+    If a value is common to all actuators, the factor also multiplies the values that single
+    actuators have of their own instead.
 
     Args:
         machine: The machine.
-        factors: Factor by name of a variation or by path of a value in the machine file.
-        variations: Variations by name, of which only the keys are used.
+        factors: Factor by name. The name is that of a variation, such as `payload`, or the path of
+            a value in the machine file, such as `circuit.bulk_modulus`.
+        variations: Variations by name. Only their keys (the values that each one stands for) are
+            used, not their ranges.
 
     Returns:
-        The changed machine.
+        A changed copy of the machine.
 
     Raises:
         VariationError: A value does not exist, is no number, or is 0.
-        MhsbError: A product is out of range.
+        MhsbError: A product leaves the range that the value may have.
     """
     values = {}
     for name, factor in factors.items():
@@ -202,7 +209,7 @@ def scale_values(machine: Machine, factors: Mapping[str, float], variations: Var
 
 
 def _number(machine: Machine, key: str) -> float:
-    """Return a value of the machine file by its path; raise VariationError if it is no number.
+    """Return a number in the machine file by its path.
 
     Args:
         machine: The machine.
@@ -210,6 +217,10 @@ def _number(machine: Machine, key: str) -> float:
 
     Returns:
         The value in the file's unit.
+
+    Raises:
+        ValuePathError: There is no such value.
+        VariationError: The value is not a number.
     """
     number = machine.value(key)
     if isinstance(number, bool) or not isinstance(number, int | float):
