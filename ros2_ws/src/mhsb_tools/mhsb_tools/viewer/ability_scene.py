@@ -35,7 +35,7 @@ class PolytopeScene:
     """
 
     def __init__(self, scene: SceneApi, machine: Machine) -> None:
-        """Prepare an empty drawing.
+        """Prepare the drawing; nothing is added to the scene yet.
 
         Args:
             scene: Scene of the browser.
@@ -48,12 +48,14 @@ class PolytopeScene:
         self._outline: Any = None
 
     def show(self, posture: FloatArray, modes: ModeArray) -> None:
-        """Draw the velocity polytope of a posture and its modes.
+        """Draw the velocity polytope for a posture and its modes around the tip.
 
-        Nothing is drawn if no joint has moved by SMALLEST_TURN and the modes are unchanged.
+        The velocity polytope is the set of tip velocities that the pistons' speed limits allow. The
+        drawing is left as it is if the modes are unchanged and no joint has moved by SMALLEST_TURN
+        or more since the last drawing.
 
         Args:
-            posture: Joint positions, shape (n,) [rad; m for telescopes].
+            posture: Joint positions, shape (n,) [rad, telescopes m].
             modes: Mode codes of all actuators, uint8 (n,).
         """
         if self._drawn is not None:
@@ -85,7 +87,7 @@ class RegionScene:
     """Points of the workspace in the colour of the mode that they need."""
 
     def __init__(self, scene: SceneApi) -> None:
-        """Prepare an empty drawing.
+        """Prepare the drawing; nothing is added to the scene yet.
 
         Args:
             scene: Scene of the browser.
@@ -94,12 +96,12 @@ class RegionScene:
         self._points: Any = None
 
     def show(self, places: FloatArray, needed: IntArray) -> None:
-        """Draw the points in place of those drawn before.
+        """Draw points of the workspace in the colours of modes; they replace those drawn before.
 
         Args:
             places: Points (x, z) in the arm's plane, shape (k, 2) [m].
-            needed: Code of the mode that each point needs, int64 (k,); UNMOVABLE_REGION if none is
-                enough.
+            needed: Code of the mode that each point needs, int64 (k,). UNMOVABLE_REGION means that
+                no mode is enough.
         """
         self.hide()
         colors = np.array(

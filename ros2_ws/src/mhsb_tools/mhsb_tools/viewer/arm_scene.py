@@ -37,15 +37,16 @@ Without it, measurement noise would keep the browser busy while the arm rests.
 
 
 def _box_of(machine: Machine, j: int) -> tuple[float, float, float]:
-    """Return the size of the box that is drawn for a link.
+    """Compute the size of the box that is drawn for a link.
 
     Args:
         machine: The arm.
         j: Index of the joint that moves the link, from 0.
 
     Returns:
-        Length, width across the arm's plane, and height [m]. A telescope's length includes its full
-        extension. Width and height are fixed proportions.
+        Length, width across the arm's plane, and height [m]. The length of a telescope is that at
+        full extension. Width and height are chosen for the picture, in proportion to the arm's
+        size.
     """
     a, size = machine.arrays, machine.relative_size
     length = float(a.link_length[j])
@@ -91,7 +92,9 @@ class ArmScene:
     """The arm with its stand below `/arm` in the browser's scene."""
 
     def __init__(self, scene: SceneApi, machine: Machine) -> None:
-        """Add all parts to the scene and show the arm in the middle of its joint ranges.
+        """Add all parts of the arm to the scene.
+
+        The arm is shown in the middle of its joint ranges, with all actuators in mode N.
 
         Args:
             scene: Scene of the browser.
@@ -145,9 +148,10 @@ class ArmScene:
         self.show(middle, np.zeros(machine.joint_count, dtype=np.uint8))
 
     def show(self, posture: FloatArray, modes: ModeArray) -> None:
-        """Show the arm in a posture, its cylinders in the colours of their modes.
+        """Show the arm in a posture, with cylinders in the colours of their modes.
 
-        The posture is not changed if no joint has moved by more than SMALLEST_TURN.
+        If no joint has moved by more than SMALLEST_TURN since the last change, the shown posture
+        stays. The colours are updated in any case.
 
         Args:
             posture: Joint positions, shape (n,) [rad; m for telescopes].
@@ -162,7 +166,7 @@ class ArmScene:
                 self._bars[barrel].color = bytes_of(rgb(MODE_COLOR[Mode(self._modes[j])]))
 
     def _show_posture(self, posture: FloatArray) -> None:
-        """Move all parts to a posture.
+        """Move all parts of the drawing to a posture.
 
         Args:
             posture: Joint positions, shape (n,) [rad; m for telescopes].
@@ -185,11 +189,13 @@ class ArmScene:
             self._show_bar(number, bar)
 
     def _show_bar(self, number: int, bar: Bar) -> None:
-        """Move a bar of a linkage, and change its length if that differs by SMALLEST_CHANGE.
+        """Move a bar of a linkage, such as a cylinder's barrel or a lever, in the drawing.
+
+        Its drawn length is changed only if the new one differs by more than SMALLEST_CHANGE.
 
         Args:
             number: Index of the bar in `compute_planar_bars`.
-            bar: Its ends in the arm's plane, radius and colour.
+            bar: The bar with its new ends in the arm's plane [m].
         """
         handle, way = self._bars[number], bar.end - bar.start
         length = float(np.linalg.norm(way))

@@ -15,18 +15,18 @@ UNMOVABLE_REGION = MODE_COUNT
 
 
 def find_needed_mode(machine: Machine, posture: FloatArray) -> int:
-    """Return the weakest mode that lets every cylinder move both ways under its static load.
+    """Return the weakest mode in which every cylinder can move both ways under its static load.
 
-    For each joint, the mode of lowest code is found with which it can move in both directions
-    (codes: N 0, DB 1, SB 2). The planner's flow limits decide this (posture search S1 of the
-    paper). The highest of these codes is the result.
+    For each joint, this is the mode with the lowest code (N 0, DB 1, SB 2) whose highest speed is
+    above 0 in both directions. The planner's flow limits give these speeds. The highest code over
+    all joints is the result.
 
     Args:
         machine: The arm in its plane.
-        posture: Joint positions, shape (n,) [rad; m for telescopes].
+        posture: Joint positions, shape (n,) [rad, telescopes m].
 
     Returns:
-        Mode code; UNMOVABLE_REGION if no mode is enough for some joint.
+        Mode code; UNMOVABLE_REGION if for some joint no mode is enough.
     """
     limit = np.empty((machine.joint_count, MODE_COUNT, 2))
     flow_limits(machine.arrays, posture, limit)
@@ -38,16 +38,16 @@ def find_needed_mode(machine: Machine, posture: FloatArray) -> int:
 def compute_boost_regions(machine: Machine, table: PostureTable) -> IntArray:
     """Compute the mode that each node of a posture table needs.
 
-    The table has a posture for each mode combination. The posture that needs the mode of lowest
-    code counts for the node.
+    A node has one posture for each mode combination. Of these, the posture counts whose needed mode
+    has the lowest code (N 0, DB 1, SB 2).
 
     Args:
         machine: The arm in its plane.
         table: Posture table.
 
     Returns:
-        Mode code of each node, int64 (nodes,); UNMOVABLE_REGION if no mode is enough or no posture
-        reaches the node.
+        Mode code of each node, int64 (nodes,). UNMOVABLE_REGION means that no mode is enough, or
+        that the arm does not reach the node.
     """
     return np.array(
         [

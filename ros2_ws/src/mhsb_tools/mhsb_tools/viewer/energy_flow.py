@@ -23,14 +23,15 @@ ITEM_NAMES = ("main pump", "servo pumps", "into the valves", "work of the piston
 def compute_powers(
     supply_pressure: FloatArray, supply_flow: FloatArray, force: FloatArray, speed: FloatArray
 ) -> FloatArray:
-    """Compute the power into the valves and the power of the pistons.
+    """Compute the hydraulic power into all valves and the mechanical power of all pistons.
 
         P_valves = Σ p_s q_s,    P_pistons = Σ F v,    sums over the actuators
 
     Args:
         supply_pressure: Pressure p_s of each supply line, shape (k, n) [Pa].
         supply_flow: Flow q_s from each line into its valve, shape (k, n) [m³/s].
-        force: Force F of each cylinder, shape (k, n) [N].
+        force: Piston force F of each cylinder, positive if the load resists extension, shape (k, n)
+            [N].
         speed: Piston speed v, positive extending, shape (k, n) [m/s].
 
     Returns:
@@ -42,16 +43,16 @@ def compute_powers(
 
 
 def integrate_power(time: FloatArray, power: FloatArray) -> FloatArray:
-    """Integrate power over time by the trapezoidal rule.
+    """Integrate two powers over time by the trapezoidal rule.
 
-    Intervals that are longer than LONGEST_GAP, or in which time decreases, count as 0.
+    An interval adds nothing if it is longer than LONGEST_GAP or time decreases in it.
 
     Args:
         time: Times, shape (k,) [s].
-        power: Power at these times, shape (k, 2) [W].
+        power: Powers at these times, shape (k, 2) [W].
 
     Returns:
-        Energy from the first time up to each time, shape (k, 2) [J].
+        Energies from the first time up to each time, shape (k, 2) [J]; row 0 is 0.
     """
     step = np.diff(time)
     step[(step > LONGEST_GAP) | (step < 0.0)] = 0.0
@@ -72,15 +73,15 @@ class EnergyCounter:
         self._delivered = np.full(2, np.nan)
 
     def add_pump_report(self, main_pump: float, servo_pumps: float) -> None:
-        """Take the energies that the pumps report.
+        """Take over the energies that the simulator reports for its pumps.
 
-        The first report sets the zero of all energies. A report below the last one means that the
-        simulator was restarted, and sets a new zero. Reports before the first sample of the
-        actuators are ignored.
+        All energies count from the first report. If an energy is smaller than in the last report,
+        the simulator was restarted, and all energies count from this report instead. Reports that
+        come before the first sample of the actuators are ignored.
 
         Args:
-            main_pump: Energy that the main pump has delivered since its start [J].
-            servo_pumps: Energy that the servo pumps have delivered since their start [J].
+            main_pump: Energy that the main pump has delivered since the simulator's start [J].
+            servo_pumps: Energy that the servo pumps have delivered since then [J].
         """
         pumps = np.array([main_pump, servo_pumps])
         if self._time is None:  # no sample of the actuators has come yet
@@ -90,9 +91,12 @@ class EnergyCounter:
         self._delivered = pumps - self._pumps
 
     def add_sample(self, sample: ActuatorSample, time: float) -> None:
-        """Take a sample of the actuators and integrate its power since the last sample.
+        """Add a sample of the actuators to the energies into the valves and of the pistons.
 
-        Nothing is integrated before the first report of the pumps that counts.
+        The power is integrated from the last sample to this one by the trapezoidal rule. If they
+        are more than LONGEST_GAP apart, or time decreases, nothing is added. Before
+        `add_pump_report` has set the zero of all energies, nothing is added either; the sample is
+        only stored as the last one.
 
         Args:
             sample: Hydraulic states of all actuators.
@@ -111,9 +115,9 @@ class EnergyCounter:
 
     @property
     def energies(self) -> FloatArray:
-        """Energies in the order of ITEM_NAMES, shape (4,) [J].
+        """Energies of main pump, servo pumps, into the valves and of the pistons, shape (4,) [J].
 
-        Before the first report of the pumps that counts, the first two are nan and the others 0.
+        Before `add_pump_report` has set their zero, the first two are nan and the others 0.
         """
         return np.concatenate([self._delivered, self._used])
 
@@ -122,10 +126,12 @@ def describe_energies(energies: FloatArray) -> str:
     """Describe in one sentence where the energy went.
 
     Args:
-        energies: Energies in the order of ITEM_NAMES, shape (4,) [J]; nan if unknown.
+        energies: Energies of main pump, servo pumps, into the valves, and work of the pistons,
+            shape (4,) [J]; nan if unknown.
 
     Returns:
-        The sentence, with Markdown emphasis.
+        The sentence, with Markdown emphasis. If an energy is unknown, it says that the pumps have
+        not reported any yet.
     """
     if not np.isfinite(energies).all():
         return "energy: the pumps have not told of any yet"

@@ -15,20 +15,22 @@ class MarkerScene:
     """Markers below `/plan` in the browser's scene."""
 
     def __init__(self, scene: SceneApi, frame: str) -> None:
-        """Prepare an empty drawing.
+        """Prepare the drawing; nothing is added to the scene yet.
 
         Args:
             scene: Scene of the browser.
-            frame: Frame whose markers are shown; markers in other frames are ignored.
+            frame: Name of the frame of the scene. Markers in other frames are ignored.
         """
         self._scene = scene
         self._frame = frame
         self._shown: dict[str, Any] = {}
 
     def show(self, message: MarkerArray) -> None:
-        """Add and replace markers, and remove all former ones if the message asks for it.
+        """Update the shown markers by a message.
 
-        Of the marker actions, ADD and DELETEALL are supported.
+        Of the marker actions, ADD and DELETEALL are supported. ADD adds a marker, or replaces the
+        one with the same namespace and id. DELETEALL removes all markers that are shown and not
+        added again later in the message. Other actions are ignored.
 
         Args:
             message: Markers of the planner.
@@ -46,15 +48,15 @@ class MarkerScene:
     def _add_marker(self, name: str, marker: Marker) -> Any:
         """Add a marker to the scene.
 
-        A line strip is drawn at its points, and the marker's pose is ignored. Every other type gets
-        the marker's pose.
+        Types are line strip, cube and cylinder; every other type is drawn as a sphere. The pose of
+        a line strip is ignored: its points count as they are.
 
         Args:
-            name: Name of the object in the scene.
+            name: Name of the object in the scene; an object of the same name is replaced.
             marker: The marker.
 
         Returns:
-            Handle of the object.
+            Handle of the new object.
         """
         if marker.type == Marker.LINE_STRIP:
             return self._line(name, marker)
@@ -65,13 +67,14 @@ class MarkerScene:
         return added
 
     def _solid(self, name: str, marker: Marker) -> Any:
-        """Add a box, a cylinder, or a sphere for any other type, at the origin.
+        """Add the shape of a marker to the scene, at the origin: a box, a cylinder or a sphere.
 
-        Colour, opacity and scale are taken from the marker. Half of its x scale is the radius.
+        Types other than cube and cylinder give a sphere. Colour, opacity and scale are the
+        marker's. The radius of cylinder and sphere is half of the x scale.
 
         Args:
             name: Name of the object in the scene.
-            marker: The marker; its pose is not used.
+            marker: The marker; its pose is not used here.
 
         Returns:
             Handle of the object.
@@ -88,10 +91,10 @@ class MarkerScene:
         return self._scene.add_icosphere(name, radius=radius, color=color, opacity=opacity)
 
     def _line(self, name: str, marker: Marker) -> Any:
-        """Add a polyline.
+        """Add the polyline of a marker to the scene.
 
-        Each segment has the colour of its first point, or the marker's colour if there are no
-        colours of points. The x scale is the thickness.
+        Each segment has the colour of its first point. If the marker has no colours for points, all
+        segments have the marker's colour. The x scale is the thickness [m].
 
         Args:
             name: Name of the object in the scene.

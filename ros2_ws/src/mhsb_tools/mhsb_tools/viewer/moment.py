@@ -55,7 +55,7 @@ class SnapshotHistory:
     """States of the arm from a limited time before the last state on."""
 
     def __init__(self, span: float) -> None:
-        """Begin an empty history.
+        """Create an empty history.
 
         Args:
             span: Time before the last state for which states are kept [s].
@@ -65,10 +65,10 @@ class SnapshotHistory:
         self._moments: deque[ArmSnapshot] = deque()
 
     def add(self, moment: ArmSnapshot) -> None:
-        """Add a state and discard states older than the span.
+        """Add a state, and discard those that are more than the span older than this one.
 
-        A state that is earlier than the last one, as after a restart of the simulator, clears the
-        history first.
+        If the new state is earlier than the last one, as after a restart of the simulator, the
+        history is cleared first.
 
         Args:
             moment: The state.
@@ -83,11 +83,11 @@ class SnapshotHistory:
             kept.popleft()
 
     def get_columns(self) -> SnapshotColumns:
-        """Return the kept states as columns.
+        """Return the kept states as columns; the history must not be empty.
 
         Returns:
-            The states; times count from the first state since the history was begun or cleared [s].
-            The history must not be empty.
+            The states in time order. Times [s] count from the first state that was added to the
+            empty or cleared history.
         """
         kept = list(self._moments)
         return SnapshotColumns(

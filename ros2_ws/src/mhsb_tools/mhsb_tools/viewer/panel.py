@@ -24,10 +24,12 @@ POSITION_STEP = 0.01  # m
 
 
 def make_initial_goal(machine: Machine) -> Goal:
-    """Return a goal ahead of the arm, which the fields show at the beginning.
+    """Return the goal that the fields of the page show at the beginning.
+
+    It is in front of the arm, at slew angle 0.
 
     Args:
-        machine: The arm, whose size scales the position.
+        machine: The arm; its size scales the position.
 
     Returns:
         The goal, with the stamp 0.
@@ -82,7 +84,7 @@ class SentenceList:
     def show(self, sentences: Sequence[str]) -> None:
         """Show the last MOST_SAID sentences, the newest first.
 
-        Nothing is sent to the browser if the text is unchanged.
+        If the text is unchanged, nothing is sent to the browser.
 
         Args:
             sentences: Sentences from the oldest to the newest.
@@ -105,15 +107,18 @@ class Panel:
         initial_goal: Goal,
         size: float = 1.0,
     ) -> None:
-        """Add all controls to the page and connect them with the object that carries out commands.
+        """Add all controls to the page, and the goal that can be dragged to the scene.
 
         Args:
-            server: Web server of the page; its refusals are shown among the sentences.
+            server: Web server of the page. Its `on_refusal` is replaced, so that refused input is
+                shown as a sentence.
             planners: Names of the planners to choose from.
-            actions: Object that carries out the user's commands.
-            initial_goal: Goal that the fields show at the beginning; without y the page has no
-                field for it.
-            size: Size of the arm relative to the paper's arm.
+            actions: Object whose methods are called, in the server's threads, if the user operates
+                a control.
+            initial_goal: Goal that the fields show at the beginning. If its y is None, the page has
+                no field for y.
+            size: Size of the arm relative to the paper's arm, for the size of the handle that is
+                dragged.
         """
         gui = server.gui
         self._sentences: deque[str] = deque(maxlen=MOST_SAID)
@@ -171,7 +176,8 @@ class Panel:
         """Show the state of the arm as one sentence above the controls.
 
         Args:
-            sentence: The sentence, may contain Markdown.
+            sentence: The sentence; it may contain Markdown. If it is unchanged, nothing is sent to
+                the browser.
         """
         if sentence != self._state.content:
             self._state.content = sentence
@@ -188,10 +194,10 @@ class Panel:
         self._payload.value = values["payload"]
 
     def add_sentence(self, sentence: str) -> None:
-        """Add a sentence to the list, unless it equals the last one.
+        """Add a sentence to the list on the page, unless it equals the last one.
 
         Args:
-            sentence: The sentence.
+            sentence: The sentence. Only the last MOST_SAID sentences are kept.
         """
         if self._sentences and self._sentences[-1] == sentence:
             return

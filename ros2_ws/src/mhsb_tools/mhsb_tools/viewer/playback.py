@@ -37,7 +37,7 @@ PLOT_STEP = 0.1
 
 
 def play_recording(server: ViserServer, machine: Machine, recording: Recording) -> int:
-    """Play a recording until a signal ends this process.
+    """Play a recording in the browser until a signal ends this process.
 
     Args:
         server: Web server of the page.
@@ -45,10 +45,10 @@ def play_recording(server: ViserServer, machine: Machine, recording: Recording) 
         recording: The recording.
 
     Returns:
-        The exit code 0.
+        The exit code, 0.
 
     Raises:
-        BagError: The recording's time runs backwards.
+        BagError: The ROS time in the recording decreases.
     """
     check_order(recording)
     playback = Playback(server, machine, recording)
@@ -69,9 +69,9 @@ class Playback:
     """
 
     def __init__(self, server: ViserServer, machine: Machine, recording: Recording) -> None:
-        """Add the time slider, a checkbox for playing, plots and the scene to the page.
+        """Add the time slider, a checkbox for playing, plots and the arm to the page.
 
-        Energies are integrated over the whole recording once.
+        Energies are computed here for the whole recording.
 
         Args:
             server: Web server of the page.
@@ -98,10 +98,11 @@ class Playback:
         self._commands = _commands(recording)
 
     def go_on(self, elapsed: float) -> None:
-        """Advance the slider if playback runs, and show the slider's time if that has changed.
+        """Advance the slider, and show the time of the slider.
 
-        The slider moves only while a browser is connected. After the end of the recording it begins
-        again at 0.
+        The slider advances only if playing is switched on and a browser is connected. Beyond the
+        end of the recording, it goes back to 0. The page is updated only if the slider's time
+        differs from the last shown one.
 
         Args:
             elapsed: Time since the last call [s].
@@ -115,9 +116,11 @@ class Playback:
             self.show(at)
 
     def show(self, at: float) -> None:
-        """Show arm, velocity polytope, plan in force, reports up to then, and plots at an instant.
+        """Show the recorded state at one instant.
 
-        Plots are drawn anew only if the time differs by PLOT_PERIOD from the last drawn one.
+        It consists of arm, velocity polytope, plan in force, all verdicts and execution reports up
+        to then, and plots. The plots are updated only if the instant differs by at least
+        PLOT_PERIOD from that of the last update.
 
         Args:
             at: Time since the recording's first joint state [s].
@@ -137,14 +140,14 @@ class Playback:
             self._plots.show(self.get_columns(at))
 
     def get_columns(self, at: float) -> SnapshotColumns:
-        """Return the columns that the plots show at an instant.
+        """Return the states that the plots show at one instant.
 
         Args:
             at: Time since the recording's first joint state [s].
 
         Returns:
-            States every PLOT_STEP over the last PLOT_SPAN before `at`, not before 0; nan for
-            pressures and energies that were not recorded.
+            A state every PLOT_STEP, from PLOT_SPAN before `at` (or 0 if that is later) to `at`.
+            Pressures and energies that were not recorded are nan.
         """
         seconds = np.arange(max(0.0, at - PLOT_SPAN), at + PLOT_STEP, PLOT_STEP)
         times_ns = self._began_ns + np.round(seconds * SECOND_NS).astype(np.int64)
@@ -164,8 +167,8 @@ class Playback:
             times_ns: ROS times, int64 (k,) [ns].
 
         Returns:
-            Mode codes, uint8 (k, n); 0, mode N, if no modes were recorded. Before the first
-            recorded modes, these count.
+            Mode codes, uint8 (k, n). For times before the first recorded modes, the first ones are
+            returned. If no modes were recorded, all codes are 0 (mode N).
         """
         recording = self._recording
         if len(recording.mode_time_ns) == 0:
@@ -173,13 +176,14 @@ class Playback:
         return recording.modes[_indices(recording.mode_time_ns, times_ns)]
 
     def _energy_at(self, times_ns: IntArray) -> FloatArray:
-        """Return the energies since the simulator's first report at given times.
+        """Return the energies at given times, counted from the simulator's first report.
 
         Args:
             times_ns: ROS times, int64 (k,) [ns].
 
         Returns:
-            Energies in the order of `energy_flow.ITEM_NAMES`, shape (k, 4) [J]; nan if unknown.
+            Energies of main pump, servo pumps, into the valves, and of the pistons, shape (k, 4)
+            [J]; nan if they were not recorded. Each is the last known value at or before its time.
         """
         reports = self._recording.simulator_reports
         if not reports:
@@ -189,10 +193,10 @@ class Playback:
         return np.concatenate([pumps, self._used[_indices(self._used_ns, times_ns)]], axis=1)
 
     def _show_plan(self, now_ns: int) -> None:
-        """Show markers of the plan in force (path, goal, obstacles) if it is not shown already.
+        """Show the plan in force at a time: path, goal and obstacles.
 
-        Only obstacles are shown if no plan is in force, or if its trajectory or mode schedule was
-        not recorded.
+        If this plan is shown already, nothing changes. If no plan is in force, or its trajectory or
+        mode schedule was not recorded, only obstacles are shown.
 
         Args:
             now_ns: ROS time [ns].
@@ -210,14 +214,16 @@ class Playback:
 
 
 def _integrate_recorded_power(recording: Recording) -> tuple[IntArray, FloatArray]:
-    """Integrate the power into the valves and of the pistons over a recording.
+    """Compute the energies into the valves and of the pistons over a recording.
 
     Args:
         recording: The recording.
 
     Returns:
-        ROS times, int64 (k,) [ns], and energies since the simulator's first report, shape (k, 2)
-        [J]; one row of nan if hydraulic states or reports are missing.
+        ROS times of the hydraulic states, int64 (k,) [ns], and energies up to these times, shape
+        (k, 2) [J]: into the valves (column 0) and of the pistons (column 1). They are 0 at the
+        simulator's first report, so negative before. If hydraulic states or reports are missing,
+        there is one row with time 0 and nan.
     """
     actuators, reports = recording.actuators, recording.simulator_reports
     if len(actuators.time_ns) == 0 or not reports:

@@ -36,11 +36,11 @@ class Plots:
     """Three plots with a common time axis [s], and a sentence on where the energy went."""
 
     def __init__(self, gui: GuiApi, machine: Machine) -> None:
-        """Add empty plots of supply pressures [MPa], modes and energies [J] to the controls.
+        """Add empty plots of supply pressures [MPa], modes and energies [J] to the page.
 
         Args:
             gui: Controls of the browser.
-            machine: The arm, which determines the number of lines and the pressure axis.
+            machine: The arm; it determines the number of lines and the limits of the pressure axis.
         """
         numbers = range(1, machine.joint_count + 1)
         highest = HEADROOM_FACTOR * machine.arrays.max_boost_pressure / 1e6
@@ -62,10 +62,10 @@ class Plots:
         self._losses: Any = gui.add_markdown(energy_flow.describe_energies(NO_NUMBERS))
 
     def show(self, lines: SnapshotColumns) -> None:
-        """Replace the lines of all plots, and the sentence on the last energies.
+        """Replace the lines of all plots, and the sentence that describes the last energies.
 
         Args:
-            lines: States of the arm over time.
+            lines: States of the arm over time, at least one.
         """
         apart = MODE_STEP * np.arange(lines.modes.shape[1])
         for plot, values in (
@@ -89,17 +89,19 @@ def _plot(
     colors: Sequence[str],
     y_limits: tuple[float, float] | None = None,
 ) -> Any:
-    """Add a plot over time to the controls.
+    """Add an empty plot over time to the page.
 
     Args:
         gui: Controls of the browser.
         title: Title of the plot.
         labels: Label of each line.
-        colors: Colours of the lines, used cyclically.
+        colors: Colours of the lines; with more lines than colours, they are used again from the
+            first.
         y_limits: Limits of the vertical axis; None fits it to the data.
 
     Returns:
-        Handle of the plot, whose `data` are times and then the values of each line.
+        Handle of the plot. Its attribute `data` is a sequence of arrays: the times, then the values
+        of each line.
     """
     nothing = np.zeros(1)
     series = [

@@ -47,10 +47,10 @@ class LocalServer(ViserServer):
     """
 
     def __init__(self, host: str, port: int) -> None:
-        """Start the server and check the messages of every connection.
+        """Start the server; from now on all input from pages is checked before it is used.
 
         Args:
-            host: Address to listen at.
+            host: Address to listen at, such as `127.0.0.1`.
             port: Port; 0 takes any free one.
         """
         super().__init__(host=host, port=port, label="MHSB", verbose=False)
@@ -62,20 +62,22 @@ class LocalServer(ViserServer):
         """Do nothing, in place of viser's request for a public address."""
 
     def _check_messages_of(self, connection: Any) -> None:
-        """Replace a connection's handler of incoming messages by one that checks them first.
+        """Make a connection check incoming messages before it handles them.
 
-        Only changes of controls are checked, see `check_update`.
+        Only messages that change a control are checked. If a message is refused or its handling
+        fails, `on_refusal` is called with a sentence, and no exception leaves the handler.
 
         Args:
-            connection: Connection of viser, of the whole server or of one page.
+            connection: Connection of viser, of the whole server or of one page; its handler is
+                replaced.
         """
         handle = connection._handle_incoming_message
 
         async def guarded(client_id: int, message: Any) -> None:
-            """Check a message, then handle it; report any exception by `on_refusal`.
+            """Check a message, then handle it; if either fails, call `on_refusal` with a sentence.
 
             Args:
-                client_id: Number of the page.
+                client_id: Number of the connected page.
                 message: The message.
             """
             try:
@@ -92,13 +94,14 @@ class LocalServer(ViserServer):
 def check_update(updates: Mapping[str, Any]) -> None:
     """Check the change of a control that a page asks for.
 
-    Allowed is the property `value`, if it is a number, a short text, or a list of these.
+    Only the property `value` may be changed. Its new value must be a number of at most
+    LARGEST_NUMBER in magnitude, a text of at most LONGEST_TEXT characters, or a list of these.
 
     Args:
-        updates: New values by name of the property.
+        updates: New values by name of the control's property.
 
     Raises:
-        MhsbError: Another property is to be changed, or the value is not allowed.
+        MhsbError: Another property would be changed, or the value is not allowed.
     """
     for name, value in updates.items():
         if name != "value":
@@ -113,15 +116,16 @@ def check_update(updates: Mapping[str, Any]) -> None:
 
 
 def open_server(host: str, port: int, size: float = 1.0) -> LocalServer:
-    """Start the web server and set theme and camera.
+    """Start the web server of the view, and set its theme and camera.
 
-    For local addresses, only pages of this machine are served. Log messages of websockets below the
-    level CRITICAL are suppressed in this process.
+    If `host` is a local address, web pages from other machines that are open in the user's browser
+    cannot connect (check of the origin). Log messages of the package websockets below the level
+    CRITICAL are suppressed in this process.
 
     Args:
-        host: Address to listen at.
+        host: Address to listen at, such as `127.0.0.1`.
         port: Port; 0 takes any free one.
-        size: Size of the arm relative to the paper's arm, which scales the camera's distance.
+        size: Size of the arm relative to the paper's arm; it scales the distance of the camera.
 
     Returns:
         The running server.
@@ -154,14 +158,15 @@ def open_server(host: str, port: int, size: float = 1.0) -> LocalServer:
 
 @contextlib.contextmanager
 def _allow_local_pages_only(host: str) -> Iterator[None]:
-    """Restrict servers that are started in a `with` block to pages of this machine.
+    """Make web servers that start in a `with` block refuse pages from other machines.
 
-    Browsers let any page open web sockets to any address, so a page from the internet could
-    otherwise move the arm. Programs other than browsers state no origin and are accepted.
-    `websockets.serve` is replaced while the block lasts.
+    Context manager; it replaces `websockets.serve` while the block lasts. A browser lets any page
+    open a web socket to any address, so a page from the internet could otherwise move the arm.
+    Programs that are no browsers state no origin and are accepted.
 
     Args:
-        host: Address that the server listens at; if it is not a local one, nothing is restricted.
+        host: Address that the server listens at. If it is not a local address, nothing is
+            restricted.
     """
     changed: Any = sockets
     serve = sockets.serve

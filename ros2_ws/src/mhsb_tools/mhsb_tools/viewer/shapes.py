@@ -21,7 +21,7 @@ def get_rotation_to(direction: FloatArray) -> Quaternion:
         direction: Unit vector, shape (3,).
 
     Returns:
-        Quaternion (w, x, y, z); for -z a half turn about x.
+        Unit quaternion (w, x, y, z). For the direction −z it is a half turn about x.
     """
     x, y, z = direction.tolist()
     if z < -1.0 + 1e-9:

@@ -77,9 +77,10 @@ class ViewerNode(GoalSender):
     """
 
     def __init__(self, server: ViserServer, machine: Machine) -> None:
-        """Build the page, subscribe to the suite's topics, and start the timers.
+        """Build the page, subscribe to modes, markers and diagnostics, and start the timers.
 
-        The streams of STREAM_TOPICS are subscribed to later, while a browser is open.
+        Joint states and actuator states are subscribed to only while a browser is open. The timers
+        use the steady clock, so simulated time has no influence.
 
         Args:
             server: Web server of the page.
@@ -123,7 +124,7 @@ class ViewerNode(GoalSender):
     # --- Asked for in the browser, by its threads ------------------------------------------------
 
     def send_goal(self, *place: float) -> None:
-        """Send a goal; called from any thread.
+        """Send a goal to the planner; may be called from any thread.
 
         Args:
             place: x and z, or x, y and z if the arm slews, in `base_link` [m].
@@ -131,14 +132,15 @@ class ViewerNode(GoalSender):
         self._queue_action(functools.partial(self._go, *place))
 
     def stop(self) -> None:
-        """Stop the arm by the planner's service, or the simulator's if there is no planner.
+        """Stop the arm; may be called from any thread.
 
-        It may be called from any thread.
+        It calls the planner's stop service, or the simulator's if the planner's is not available.
+        The answer appears on the page.
         """
         self._queue_action(self._stop)
 
     def set_planner(self, changes: dict[str, Any]) -> None:
-        """Set parameters of the planner; called from any thread.
+        """Set parameters of the planner; may be called from any thread.
 
         Args:
             changes: Values by name of the parameter.
@@ -146,7 +148,7 @@ class ViewerNode(GoalSender):
         self._queue_action(functools.partial(self._send_settings, changes))
 
     def show_abilities(self, velocities: bool, regions: bool) -> None:
-        """Show or hide what the arm is able to do; called from any thread.
+        """Show or hide what the arm is able to do; may be called from any thread.
 
         Args:
             velocities: Whether to show the velocity polytope of the tip.
@@ -155,10 +157,10 @@ class ViewerNode(GoalSender):
         self._queue_action(functools.partial(self._show_abilities, velocities, regions))
 
     def _queue_action(self, action: Callable[[], None]) -> None:
-        """Queue a function and wake the node's thread, which calls it.
+        """Let the node's thread call a function; may be called from any thread.
 
         Args:
-            action: The function.
+            action: The function, without arguments. It is queued and called after those before it.
         """
         self._queued_actions.put(action)
         self._wake.trigger()
@@ -182,9 +184,9 @@ class ViewerNode(GoalSender):
         self.send(*place)
 
     def _stop(self) -> None:
-        """Call the first available stop service, the planner's before the simulator's.
+        """Call the planner's stop service, or the simulator's if the planner's is not available.
 
-        The answer is shown on the page.
+        The answer is shown on the page. If neither service is available, the page says so.
         """
         ready = [client for client in self._stops if client.service_is_ready()]
         if not ready:
@@ -195,9 +197,9 @@ class ViewerNode(GoalSender):
         )
 
     def _send_settings(self, changes: dict[str, Any]) -> None:
-        """Ask the planner to set parameters, all or none of them.
+        """Ask the planner to set parameters; it sets all of them or none.
 
-        The answer goes to `_on_settings_answer`. If there is no planner, the page says so.
+        The answer comes later and is shown on the page. If there is no planner, the page says so.
 
         Args:
             changes: Values by name of the parameter.
@@ -209,7 +211,9 @@ class ViewerNode(GoalSender):
         self._settings.set_parameters_atomically(wanted).add_done_callback(self._on_settings_answer)
 
     def _on_settings_answer(self, done: Any) -> None:
-        """Show whether the planner took its parameters, and have them read again.
+        """Show on the page whether the planner accepted its new parameters.
+
+        The planner's parameters are then read again, within a second.
 
         Args:
             done: Finished future of the service call.
@@ -223,9 +227,10 @@ class ViewerNode(GoalSender):
         self._settings_known = False  # so that they are read and shown again
 
     def _show_abilities(self, velocities: bool, regions: bool) -> None:
-        """Store whether polytope and regions are to be shown, and hide or compute them.
+        """Show or hide the velocity polytope and the regions that need boost.
 
-        The polytope is drawn with the next frames. Regions are computed when they are switched on.
+        Neither appears at once. The polytope is drawn with one of the next frames. Regions are
+        first computed, in a thread, when they are switched on.
 
         Args:
             velocities: Whether to show the velocity polytope of the tip.
@@ -240,20 +245,18 @@ class ViewerNode(GoalSender):
             self._start_computing_regions()
 
     def _start_computing_regions(self) -> None:
-        """Start a thread that computes the mode that each node of the posture table needs.
+        """Start a thread that computes the mode that each node of the workspace grid needs.
 
-        It counts with the payload that the planner uses. If the cache has no posture table of the
-        machine, the thread builds one first, and stores it there. The computation takes seconds.
-        Its result is queued for `_show_regions` in the node's thread. A sentence on the page says
-        that the computation has begun.
+        The payload that the planner uses counts. If the posture table is not cached, the thread
+        builds it first. The computation takes seconds; then the node's thread draws its result. A
+        sentence on the page says that the computation has begun.
         """
         machine, payload = self._machine, self._payload
 
         def compute_regions() -> None:
-            """Compute the mode that each node of the posture table needs, and queue the result.
+            """Compute the mode that each node needs, and let the node's thread draw the result.
 
-            Takes `machine` and `payload` from the enclosing function. The result is the nodes'
-            positions (x, z) [m] and codes of modes.
+            Uses `machine` and `payload` of the enclosing function. Runs in a thread of its own.
             """
             table = load_or_build_table(machine)
             needed = compute_boost_regions(machine.changed(payload=payload).planar_arm, table)
@@ -264,15 +267,18 @@ class ViewerNode(GoalSender):
         threading.Thread(target=compute_regions, daemon=True).start()
 
     def _show_regions(self, payload: float, places: FloatArray, needed: IntArray) -> None:
-        """Draw the points that need each mode, and say on the page how many there are.
+        """Draw the points of the workspace in the colours of the modes that they need.
 
-        If the payload has changed since, the computation is started again instead. Nothing happens
-        if the user has switched the regions off.
+        A sentence on the page says how many points need each mode.
+
+        If the user has switched the regions off, nothing happens. If the payload has changed since
+        the computation began, a new computation is started instead.
 
         Args:
             payload: Payload for which the modes were computed [kg].
             places: Points (x, z) in the arm's plane, shape (k, 2) [m].
-            needed: Code of the mode that each point needs, int64 (k,).
+            needed: Code of the mode that each point needs, int64 (k,). UNMOVABLE_REGION means that
+                no mode is enough.
         """
         if not self._shown_abilities[1]:
             return
@@ -289,10 +295,11 @@ class ViewerNode(GoalSender):
     # --- Heard -----------------------------------------------------------------------------------
 
     def _on_status(self, message: DiagnosticArray) -> None:
-        """Show verdicts and execution reports as sentences.
+        """Show the verdicts and execution reports in a message as sentences on the page.
 
         Args:
-            message: Message of the planner.
+            message: Message of the planner on `plan_status`. If it cannot be decoded, the page says
+                so.
         """
         try:
             reports = plan_status.decode(message)
@@ -306,7 +313,8 @@ class ViewerNode(GoalSender):
         """Store the modes in force for the next frame.
 
         Args:
-            message: Mode code of each actuator.
+            message: Mode code of each actuator. If it cannot be decoded, it is ignored, with a
+                warning in the log.
         """
         try:
             self._modes = modes_in_force.decode(message, self._machine.joint_count)
@@ -318,10 +326,10 @@ class ViewerNode(GoalSender):
         self._markers.show(message)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        """Store the simulator's report, and add the pumps' energies in it to the energy counter.
+        """Store the simulator's report, and add its pumps' energies to the energy counter.
 
-        Unreadable messages, and reports of other nodes or of simulators in other namespaces, are
-        ignored.
+        Messages that cannot be decoded and reports of other nodes are ignored. Reports of
+        simulators in other namespaces are ignored, too.
 
         Args:
             message: Message on `/diagnostics`.
@@ -336,12 +344,13 @@ class ViewerNode(GoalSender):
                 self._report = report
 
     def _update_stream_subscriptions(self, wanted: bool) -> None:
-        """Subscribe to the streams, or unsubscribe from them.
+        """Subscribe to joint states and actuator states, or unsubscribe from them.
 
-        Unsubscribing also resets the energies, since samples are missing from then on.
+        If the wanted state exists already, nothing happens. Unsubscribing also resets the energies,
+        because samples are missing from then on.
 
         Args:
-            wanted: Whether a browser is open.
+            wanted: True subscribes, False unsubscribes.
         """
         if wanted and not self._streams:
             self._streams = [self._subscribe_newest(topic) for topic in STREAM_TOPICS]
@@ -353,10 +362,12 @@ class ViewerNode(GoalSender):
             self._flow = EnergyCounter()
 
     def _subscribe_newest(self, topic: Topic) -> Any:
-        """Subscribe to a stream and keep only its newest message, as bytes.
+        """Subscribe to a topic and keep only its newest message, as bytes.
+
+        The QoS is best effort with depth 1. The message is in `_newest` under the topic's name.
 
         Args:
-            topic: The stream.
+            topic: The topic.
 
         Returns:
             The subscription.
@@ -376,11 +387,12 @@ class ViewerNode(GoalSender):
     # --- Shown -----------------------------------------------------------------------------------
 
     def _on_frame(self) -> None:
-        """Show the newest joint states, and at a lower rate plots, polytope and state.
+        """Show the newest joint states on the page; called every FRAME_PERIOD.
 
-        The streams are first subscribed to, or unsubscribed from, depending on whether a browser is
-        open. Nothing is shown without new joint states. Plots, polytope and state follow every
-        FRAMES_PER_PLOT shown frames.
+        First, joint states and actuator states are subscribed to if a browser is open, or
+        unsubscribed from if none is. If no new joint states have come, nothing is shown. Plots,
+        velocity polytope and the sentence on the arm's state are updated only in every
+        FRAMES_PER_PLOT-th shown frame.
         """
         self._update_stream_subscriptions(bool(self._server.get_clients()))
         data = self._newest.pop(topics.JOINT_STATES.name, None)
@@ -404,9 +416,9 @@ class ViewerNode(GoalSender):
     def _decode_newest(self, data: bytes) -> tuple[ArmSnapshot, float]:
         """Decode joint states, and combine them with the last known modes, pressures and energies.
 
-        The newest actuator states give the supply pressures, however old they are. The pressures
-        are nan if no actuator states have arrived since a browser was opened. The power of these
-        states is integrated into the energies.
+        The pressures are those of the newest actuator states, however old these are. If none have
+        come since a browser was opened, the pressures are nan. The power in the actuator states is
+        also added to the energies.
 
         Args:
             data: One serialized message of joint states.
@@ -415,7 +427,7 @@ class ViewerNode(GoalSender):
             State of the arm, and largest absolute joint speed [rad/s, telescopes m/s].
 
         Raises:
-            MessageError: A message breaks its contract.
+            MessageError: The joint states or actuator states cannot be decoded.
         """
         machine = self._machine
         message = deserialize_message(data, topics.JOINT_STATES.message)
@@ -433,16 +445,16 @@ class ViewerNode(GoalSender):
         return moment, float(np.abs(joints.velocity).max())
 
     def _describe_state(self, moment: ArmSnapshot, speed: float) -> str:
-        """Return the sentence on the state of the arm.
+        """Describe the state of the arm in words.
 
         Args:
             moment: State of the arm.
-            speed: Largest absolute joint speed [rad/s, telescopes m/s]; above MOVING_SPEED the arm
-                is said to move.
+            speed: Largest absolute joint speed [rad/s, telescopes m/s]. Above MOVING_SPEED, the
+                text says that the arm moves.
 
         Returns:
-            Whether the arm moves, position of the tip [m], and the simulator's fault or warning, if
-            any.
+            Text with Markdown: whether the arm moves, the position of the tip [m], and the
+            simulator's fault or warning if there is one.
         """
         tip = zip(self._machine.axes, self._machine.tip_in_base(moment.posture), strict=True)
         where = ", ".join(f"{axis} {value:.3f} m" for axis, value in tip)
@@ -452,7 +464,11 @@ class ViewerNode(GoalSender):
         return words
 
     def _on_second(self) -> None:
-        """Ask for the planner's parameters once it is available, and again after each change."""
+        """Ask for the planner's parameters if they are not known yet and the planner is available.
+
+        They are known from the first request on. They are asked for again only after this page has
+        set some; changes by other programs are not noticed.
+        """
         if not self._settings_known and self._settings.services_are_ready():
             self._settings_known = True
             self._settings.get_parameters(list(SHOWN_PARAMETERS)).add_done_callback(
@@ -462,7 +478,8 @@ class ViewerNode(GoalSender):
     def _show_settings(self, done: Any) -> None:
         """Show the planner's parameters on the page.
 
-        If the payload has changed and regions of boost are shown, they are computed anew.
+        If the payload has changed, and the regions that need boost are shown, they are computed
+        again.
 
         Args:
             done: Finished future of the service call; its result has the values of

@@ -13,8 +13,9 @@ def describe_report(report: GoalVerdict | ExecutionReport) -> str:
         report: The verdict or execution report.
 
     Returns:
-        For a verdict: its code, goal [m] and sentence; after a new plan also the plan's energy [J],
-        mode switches and planning time [ms]. For an execution report: outcome and sentence.
+        For a verdict: its code, goal [m] and sentence. If a new plan was made, also the plan's
+        energy [J], number of mode switches and planning time [ms]. For an execution report: its
+        outcome and sentence.
     """
     if isinstance(report, ExecutionReport):
         return f"{report.outcome.value}: {report.sentence}"
