@@ -134,7 +134,7 @@ def animate(
 
 
 def _check_source(bag: Path | None, plan: PlannedMoveArguments, namespace: str | None) -> None:
-    """Check that either a recording or a plan is given, and no option without effect.
+    """Check that either a recording or a plan is given, and that each option has an effect.
 
     Args:
         bag: Folder of the recording; None if it was left out.
@@ -142,8 +142,8 @@ def _check_source(bag: Path | None, plan: PlannedMoveArguments, namespace: str |
         namespace: Namespace of the recorded topics; None if it was left out.
 
     Raises:
-        UsageError: Both or neither of recording and plan are given, a planner is given beside a
-            recording, or a namespace without a recording.
+        UsageError: Both or neither of recording and plan are given. Or an option has no effect: a
+            planner beside a recording, or a namespace without a recording.
     """
     if (bag is None) is not plan.is_given:
         raise UsageError("give a recording, or --start and --goal, or --case NAME")

@@ -125,8 +125,8 @@ def _joint_facts(machine: Machine, j: int) -> dict[str, Any]:
         - range_rad (range_m for a telescope): least and largest joint position
         - moment_arm_m: least and largest moment arm dL/dq over the range, signed
         - stroke_m: change of the cylinder length over the range
-        - straight_out_torque_nm (straight_out_force_n for a telescope): what holds the load; None
-          if position 0 is outside the joint's range, or if the joint slews
+        - straight_out_torque_nm (straight_out_force_n for a telescope): torque (or force) that
+          holds the load; None if position 0 is outside the joint's range, or if the joint slews
         - straight_out_load_pressure_pa: supply pressure that holds the load; None in the same cases
         - own: values that the machine file gives to this actuator alone, by their key
     """
@@ -417,11 +417,13 @@ def _slew_angles(machine: Machine) -> FloatArray:
 
 
 def _is_clear_of_zones(machine: Machine, slew: float, postures: FloatArray) -> bool:
-    """Return whether any of some postures is clear of all zones in space, at one slew angle.
+    """Return whether at least one posture keeps clear of the zones in space.
+
+    Zones in space are those that are given by x, y and z.
 
     Args:
         machine: An arm that slews.
-        slew: Angle of joint 1 [rad].
+        slew: Slew angle for all postures [rad].
         postures: Joint positions without joint 1, shape (k, n − 1) [rad or m], k ≥ 1.
 
     Returns:

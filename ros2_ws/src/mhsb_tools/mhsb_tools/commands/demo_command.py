@@ -336,7 +336,9 @@ def _record(
     nodes: tuple[ChildProcess, ...],
     output: Path,
 ) -> None:
-    """Start a recorder, send all goals to the running nodes one after the other, and end it.
+    """Send all goals to the running nodes, one after the other, while a recorder runs.
+
+    The recorder is started first and ended at the end.
 
     Args:
         sender: Node that sends goals and collects verdicts.

@@ -161,8 +161,8 @@ def _energy_lines(summary: Mapping[str, Any], tour: Mapping[str, Any]) -> list[s
     Returns:
         A line with the simulated energy; left out if it was not recorded. Then lines with the
         energy of the default planner, of the other planners, and of one constant pressure without
-        boosters. They are left out if the energy of the default planner, or the constant pressure,
-        is missing.
+        boosters. These further lines are left out if the energy of the default planner, or the
+        constant pressure, is missing.
     """
     lines = []
     pumps = summary["energy_measured_j"]

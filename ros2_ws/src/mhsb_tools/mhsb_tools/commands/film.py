@@ -245,7 +245,7 @@ class _Film:
         """Draw a bar over time [s] for each actuator, in the colours of its modes, and a legend.
 
         Args:
-            axes: Axes to draw on.
+            axes: Axes to draw on. The title is set.
         """
         draw_mode_bars(self._move, axes)
         axes.set_title("modes")

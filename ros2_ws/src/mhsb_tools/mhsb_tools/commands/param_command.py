@@ -178,7 +178,7 @@ def _parse(text: str, kind: Parameter.Type) -> Any:
         has the right type is not checked otherwise.
 
     Raises:
-        ValueError: The text is not JSON.
+        ValueError: The text is not JSON, or a text in an array is not a number.
         TypeError: `kind` is DOUBLE_ARRAY and the text is not an array of numbers.
     """
     if kind is Parameter.Type.STRING:

@@ -146,13 +146,14 @@ class GoalArguments:
         return self.goal_psi if self.goal_psi_range is None else self.goal_psi_range
 
     def create_region(self, goal: Position) -> Region | None:
-        """Return the region around the goal in which the tip may end.
+        """Return the goal region (places at which the tip may end) that the options ask for.
 
         Args:
-            goal: Goal position (x, z) or (x, y, z) [m].
+            goal: Goal position (x, z), or (x, y, z) if the arm slews [m].
 
         Returns:
-            The region; None if the tip must end at the goal itself.
+            The region, relative to the goal. None if no region was given, so that the tip must end
+            at the goal itself.
 
         Raises:
             UsageError: More than one region was given, a size is invalid, or a segment was given
@@ -341,9 +342,8 @@ def build_request(
 ) -> PaperCase:
     """Combine start, goal and planner settings to a request.
 
-    If a case of the paper is named, the request is based on it.
-
-    A value that is not None replaces the case's value.
+    If a case of the paper is named, the request is based on it. A value that is not None then
+    replaces the case's value.
 
     Args:
         start: Tip position at the start (x, z) or (x, y, z) [m]; None takes the case's.
@@ -393,9 +393,9 @@ def list_replaced_values(asked: PaperCase) -> list[str]:
         asked: The request; its name says on which case it is based.
 
     Returns:
-        One phrase for each of start, goal, weights, planner and angle of joint 3 that differs from
-        the case, such as `--goal 0.6 0.1 in place of its 0.55 0.6`. Empty if the request has no
-        case.
+        Phrases such as `--goal 0.6 0.1 in place of its 0.55 0.6`. There is one for each of start,
+        goal, weights, planner and angle of joint 3 that differs from the case. Empty if the request
+        has no case.
     """
     if not asked.name:
         return []
@@ -516,7 +516,8 @@ def change_machine(machine: Machine, **changes: Any) -> Machine:
 
     Args:
         machine: The arm as its file has it.
-        **changes: Keyword arguments of `Machine.changed`; None keeps a value.
+        **changes: New values by name, as `Machine.changed` takes them, such as `payload` [kg]; None
+            keeps a value.
 
     Returns:
         The changed machine; `machine` stays as it is.
@@ -538,7 +539,8 @@ def check_coordinates(machine: Machine, asked: PaperCase) -> None:
         asked: The request with start and goal [m].
 
     Raises:
-        UsageError: A position does not fit; the sentence names the coordinates to give.
+        UsageError: Start or goal has the wrong number of coordinates; the message says which ones
+            to give.
     """
     for name, given in (("start", asked.start), ("goal", asked.goal)):
         if len(given) != len(machine.axes):

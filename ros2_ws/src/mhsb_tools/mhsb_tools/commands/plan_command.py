@@ -181,8 +181,8 @@ def _make_plan(
         log: Log of the planning, filled in place; not used if there is a range. None: no log.
 
     Returns:
-        The plan, and the operating point of least cost with all points that were examined. The
-        latter is None if there is no range.
+        The plan; and the operating point (supply pressure and V_max) of least cost, with all points
+        that were examined. The operating point is None if there is no range.
 
     Raises:
         MhsbError: No plan was found.
@@ -306,9 +306,9 @@ def _trajectory_as_json(trajectory: Trajectory, schedule: ModeSchedule) -> dict[
         schedule: Times of its mode switches.
 
     Returns:
-        A dictionary: `time_s` (k times from the begin of the trajectory [s]), positions, velocities
-        and accelerations of the joints [rad or m, per s and s²] and `modes` (0 N, 1 DB, 2 SB). All
-        but the first are nested lists of shape (k, n).
+        A dictionary: `time_s` (k times since the beginning of the trajectory [s]), positions,
+        velocities and accelerations of the joints [rad or m, per s and s²] and `modes` (0 N, 1 DB,
+        2 SB). All but the first are nested lists of shape (k, n).
     """
     time_ns = trajectory.stamp_ns + trajectory.offset_ns
     return {
@@ -425,14 +425,16 @@ def compute_polytope_areas(planner: Planner, plan: Plan) -> dict[str, float | No
 
 
 def area_line(area: dict[str, float | None]) -> str:
-    """Format the velocity polytope's mean area, the full area and the shortfall as one line.
+    """Format how large the velocity polytope is along a motion, as one line of text.
 
     Args:
-        area: Dictionary of `compute_polytope_areas`. The line shows `area_m2_s2` (mean along the
-            motion), `area_reference_m2_s2` (area that counts as full) and `area_shortfall_m`.
+        area: Result of `compute_polytope_areas`. The line shows `area_m2_s2` (mean area along the
+            motion), `area_reference_m2_s2` (area from which on a polytope counts as full) and
+            `area_shortfall_m`.
 
     Returns:
-        The line without a line break. If `area_m2_s2` is None, it says only that the tip stays.
+        The line without a line break. If `area_m2_s2` is None, it says only that the tip does not
+        move.
     """
     mean = area["area_m2_s2"]
     if mean is None:

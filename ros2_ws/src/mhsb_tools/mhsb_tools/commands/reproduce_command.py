@@ -236,7 +236,8 @@ def _summary(
         runs: All runs.
         fits: Trajectories that were made for some of the runs.
         found: Judgement of all expectations (statements of the paper).
-        points: Best supply pressure and V_max for Case 5, by name of the optimization.
+        points: Best supply pressure, and best V_max (piston speed for planning), for Case 5, by
+            name.
 
     Returns:
         A dictionary. Keys:

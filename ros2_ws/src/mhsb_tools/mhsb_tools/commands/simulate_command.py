@@ -387,10 +387,11 @@ def _goal_numbers(axes: Sequence[str], result: GoalRun) -> dict[str, Any]:
         result: Result of the goal.
 
     Returns:
-        A dictionary: the goal's coordinates by name of the axis [m], `time_s` (time until the next
-        goal) and `goal_distance_mm` (distance of the tip from the goal when that time is over). If
-        a plan was made, also `duration_s`, `energy_planned_j` (reading `paper`),
-        `energy_planned_series_j` (reading `series`), `plan_ms` (planning time) and `warnings`.
+        A dictionary. It has the goal's coordinates by name of the axis [m], and `time_s`, the time
+        until the next goal. `goal_distance_mm` is the tip's distance from the goal when that time
+        is over. If a plan was made, also `duration_s`, `plan_ms` (planning time), `warnings`, and
+        two planned energies. They differ in the price of boosted oil: `energy_planned_j` (reading
+        `paper`) and `energy_planned_series_j` (reading `series`).
     """
     numbers: dict[str, Any] = {
         **dict(zip(axes, result.goal.position, strict=True)),
@@ -416,10 +417,11 @@ def as_text(summary: dict[str, Any]) -> list[str]:
         summary: The dictionary that `summarize` returns.
 
     Returns:
-        A line of column titles, then a line for each goal. It has position [m], time until the next
-        goal [s], duration of the plan [s] and distance of the tip when the time is over [mm]. Then
-        lines with warnings, tip errors [mm], highest pressures [MPa], energies of main pump and
-        servo pumps [J], numbers of mode switches and interventions, and simulated time [s].
+        A line of column titles, then a line for each goal. Each goal's line has position [m], time
+        until the next goal [s], duration of the plan [s] and distance of the tip when the time is
+        over [mm]. Then lines with warnings, tip errors [mm], highest pressures [MPa], energies of
+        main pump and servo pumps [J], numbers of mode switches and interventions, and simulated
+        time [s].
     """
     axes = [axis for axis in "xyz" if axis in summary["goals"][0]]
     head = f"goal {', '.join(axes)} [m]"

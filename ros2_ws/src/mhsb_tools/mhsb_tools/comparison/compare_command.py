@@ -150,11 +150,12 @@ def summarize(comparisons: Sequence[Comparison]) -> dict[str, Any]:
         comparisons: Results of all planners for each move.
 
     Returns:
-        A dictionary by name of the planner; the ground truth counts as a planner. Each entry has
-        the key `moves` and the ratios planner / baseline of `_ratio_numbers`. Its key `failures`
-        has a sentence for each move that the planner did not plan, by name of the move. The entry
-        `integrated over ground truth` has the ratios of these two, without failures. An entry is
-        left out if no move was planned by both.
+        A dictionary by name of the planner; the ground truth (path of a long offline search) counts
+        as a planner. Each entry has the key `moves` and statistics of the ratios planner /
+        baseline, as `_ratio_numbers` returns them. Its key `failures` has a sentence for each move
+        that the planner did not plan, by name of the move. The entry `integrated over ground truth`
+        has the ratios of these two, without failures. An entry is left out if no move was planned
+        by both.
     """
     summary: dict[str, Any] = {}
     for kind in (*PLANNER_KINDS, GROUND_TRUTH):
@@ -217,9 +218,9 @@ def as_text(cases: Sequence[Comparison], summary: dict[str, Any]) -> list[str]:
         summary: Dictionary whose keys `cases` and `random moves` have the results of `summarize`.
 
     Returns:
-        Lines without line breaks. If there are cases: column titles, and a line for each case and
-        planner with energies [J], duration [s], mode switches and largest change of a joint in one
-        step [rad], or with the reason why there is no plan. Then, for cases and random moves
+        Lines without line breaks. If there are cases, first column titles and a line for each case
+        and planner. It has energies [J], duration [s], mode switches and largest change of a joint
+        in one step [rad], or the reason why there is no plan. Then, for cases and random moves
         separately, each planner's ratios to the baseline planner: geometric mean, least and
         largest.
     """

@@ -57,11 +57,12 @@ def ground_truth(
 
     First, the planner's search runs twice: with normal settings, and with far finer ones. The
     cheaper path is the incumbent (best path so far). Then independent code, `least_cost`, searches
-    twice: cylinders at rest whose load P_S does not carry are priced as boosted, or not. Each of
-    its paths is improved by small changes if it costs at most 1.25 times as much as the incumbent.
+    twice. In one search, a cylinder at rest is priced as boosted if the main pump's pressure P_S
+    does not carry its load. In the other it is not. Each of its paths is improved by small changes
+    if it costs at most 1.25 times as much as the incumbent.
 
-    The second part is left out in each of these cases: the reading is `series`, an actuator is
-    boosted at the start, there are obstacles, or the incumbent is within 0.2 % of a lower bound.
+    `least_cost` is left out in each of these cases: the reading is `series`, an actuator is boosted
+    at the start, there are obstacles, or the incumbent is within 0.2 % of a lower bound.
 
     Args:
         machine: An arm that does not slew, or the plane of one that does.

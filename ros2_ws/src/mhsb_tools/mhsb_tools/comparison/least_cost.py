@@ -134,8 +134,8 @@ class _Pricing:
             machine: The arm.
             weights: Weights of the cost.
             rest_speed: A cylinder counts as resting at speeds up to this one [m/s]. It is then
-                priced as boosted if P_S does not carry its load. With 0, no cylinder counts as
-                resting.
+                priced as boosted if the main pump's pressure P_S does not carry its load. With 0,
+                no cylinder counts as resting.
         """
         m, self.rest_speed = machine.arrays, rest_speed
         self.m = m
@@ -280,9 +280,10 @@ class _Pricing:
     ) -> FloatArray:
         """Compute the cost w₁ E + w₂ T of k steps in every mode combination (pattern).
 
-        E is the energy [J] in the reading `paper`, T the duration [s]; switches are not included. A
-        pattern is exact if it boosts just those cylinders that need boost at the speeds of this
-        pattern. The patterns allowed for a step are:
+        E is the energy [J], T the duration [s]; mode switches are not included. Boosted oil has the
+        price p_L/η (reading `paper`), with load pressure p_L and servo pump efficiency η. A pattern
+        is exact if it boosts just those cylinders that need boost at the speeds of this pattern.
+        The patterns allowed for a step are:
 
         - the exact ones, if there is one;
         - otherwise all that boost every cylinder that needs boost, and perhaps others.
@@ -320,8 +321,9 @@ class _Pricing:
         """Compute the quantities of k steps that do not depend on the mode combination.
 
         A cylinder rests in a step if its mean speed in the shortest possible duration is at most
-        `rest_speed`. A resting cylinder is held in boost if P_S does not carry its load but the
-        highest boost pressure does. With `rest_speed` 0, no cylinder rests.
+        this object's `rest_speed`. A resting cylinder is held in boost if the main pump's pressure
+        P_S does not carry its load but the highest boost pressure does. With `rest_speed` 0, no
+        cylinder rests.
 
         Args:
             delta: Change of each cylinder length [m], shape (k, n).
@@ -416,8 +418,8 @@ class _Pricing:
     def holding_switch_cost(self, force: FloatArray) -> FloatArray:
         """Compute the cost of switching to the mode combination that holds a load at rest.
 
-        Actuators whose load P_S does not hold switch to mode DB (boosted by their own servo pump),
-        the others to mode N (fed by the main pump).
+        Actuators whose load the main pump's pressure does not hold switch to mode DB (boosted by
+        their own servo pump), the others to mode N (fed by the main pump).
 
         Args:
             force: Piston forces at rest [N], shape (k, n).
@@ -622,7 +624,7 @@ class _Lattice:
         return axes
 
     def _may_be_cheaper(self, j: int, here: float, length: FloatArray) -> np.ndarray:
-        """Return which lengths of one cylinder a path cheaper than the known one may pass.
+        """Return which lengths of one cylinder can occur on a path cheaper than the known one.
 
         The known cost is compared with a lower bound: the cost of moving this cylinder alone, first
         from the start to the tested length, then to the goal posture that is cheapest for it.

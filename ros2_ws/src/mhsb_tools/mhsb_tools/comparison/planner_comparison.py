@@ -140,8 +140,8 @@ class PlannerComparer:
 
         Every plan starts at rest, in the modes that hold the start posture. If the move asks for
         the ground truth (path of a long offline search), that counts as a further planner. One more
-        motion is planned with P_S at the highest boost pressure; it is not simulated. A planner
-        that finds no plan raises no error.
+        motion is planned with the main pump's pressure P_S at the highest boost pressure; it is not
+        simulated. A planner that finds no plan raises no error.
 
         Args:
             request: The move.
@@ -179,7 +179,7 @@ class PlannerComparer:
         return compute_supply_energies(self._planner.machine, self._leakproof, trajectory, schedule)
 
     def _plan_unboosted_motion(self, move: Move) -> Trajectory:
-        """Plan a move with P_S at the highest boost pressure, so that no actuator needs boost.
+        """Plan a move for a main pump at the highest boost pressure, so that none needs boost.
 
         Args:
             move: Start posture and goal.
@@ -267,7 +267,7 @@ class PlannerComparer:
             run: Its simulation.
 
         Returns:
-            The numbers.
+            The numbers. Tip errors are distances of the simulated tip from its reference.
         """
         machine, path = self._planner.machine, plan.path
         error = 1e3 * run.tip_error(machine)
@@ -356,9 +356,9 @@ def ratios(
         baseline: Name of the planner by whose values they are divided.
 
     Returns:
-        Ratios `kind` / `baseline` of planned energies (readings `paper` and `series`), simulated
-        energies and durations. Each has shape (moves,), in the order of the comparisons; empty if
-        no move was planned by both.
+        Ratios `kind` / `baseline` of planned energies (in the readings `paper` and `series`, two
+        ways to price boosted oil), simulated energies and durations. Each has shape (moves,), in
+        the order of the comparisons; empty if no move was planned by both.
     """
     pairs = [
         (each.records[kind], each.records[baseline])

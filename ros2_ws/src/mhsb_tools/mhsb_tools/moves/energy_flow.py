@@ -195,10 +195,10 @@ def _draw_bar(left: float, top: float, height: float, name: str, axes: Axes) -> 
     """Draw one bar of width `BAR_WIDTH`.
 
     Args:
-        left: Left edge, as a share of the width.
-        top: Upper edge, as a share of the height from the top.
-        height: Height of the bar, as a share of the height.
-        name: Part of the energy, for the colour.
+        left: Left edge, as a share of the axes' width.
+        top: Upper edge, as a share of the axes' height from the top.
+        height: Height of the bar, as a share of the axes' height.
+        name: Part of the energy; it selects the colour.
         axes: Axes to draw on.
     """
     from matplotlib.patches import Rectangle

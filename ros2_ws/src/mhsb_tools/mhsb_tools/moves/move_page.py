@@ -153,13 +153,14 @@ def _widen_axes_to_arm(move: MoveRecord, axes: Axes) -> None:
 
 
 def _places(goals: Sequence[tuple[float, float]]) -> list[tuple[tuple[float, float], str]]:
-    """Group goals by their place.
+    """Group goals by their position.
 
     Args:
         goals: Goal positions (x, z) [m] in order.
 
     Returns:
-        Each different place once, with the numbers of its goals as text such as `1, 3`.
+        Each different position once, in the order of first occurrence, with the numbers of its
+        goals (from 1) as text such as `1, 3`.
     """
     numbers: dict[tuple[float, float], list[str]] = {}
     for number, place in enumerate(goals, start=1):

@@ -52,6 +52,7 @@ class Range:
     high: float
 
     def __post_init__(self) -> None:
+        """Raise RequestError unless both ends are finite, above 0, and in order."""
         if not 0.0 < self.low <= self.high < math.inf:
             rule = "must be two finite numbers above 0, the lower one first"
             raise RequestError("range", f"{self.low:g} … {self.high:g}", rule)
@@ -226,7 +227,7 @@ class _Search:
         machine.
 
         Args:
-            point: P_S [Pa] and V_max [m/s].
+            point: Supply pressure P_S [Pa], and piston speed for planning V_max [m/s].
 
         Returns:
             The cost; infinity if no plan was found.
@@ -272,7 +273,8 @@ class _Search:
         starts from each of the `REFINEMENT_STARTS` cheapest of these points.
 
         Args:
-            own: P_S [Pa] and V_max [m/s] of the planner's machine.
+            own: Supply pressure P_S [Pa] and V_max (piston speed for planning) [m/s] of the
+                planner's machine.
         """
         free = sum(each.low < each.high for each in self._ranges)
         axes = [each.sample(RANGE_SAMPLES[max(1, free)]) for each in self._ranges]
@@ -297,7 +299,8 @@ class _Search:
         used after `STRIDE_HALVINGS` halvings. It ends at once if there is no plan at the point.
 
         Args:
-            point: P_S [Pa] and V_max [m/s] to begin with.
+            point: Supply pressure P_S [Pa] and V_max (piston speed for planning) [m/s] to begin
+                with.
             stride: First stride in P_S [Pa] and in V_max [m/s].
         """
         moves = halvings = 0
@@ -312,7 +315,7 @@ class _Search:
         """Yield the points one stride away in each of eight directions, clipped to the ranges.
 
         Args:
-            point: P_S [Pa] and V_max [m/s].
+            point: Supply pressure P_S [Pa], and piston speed for planning V_max [m/s].
             stride: Stride in P_S [Pa] and V_max [m/s].
 
         Yields:
@@ -330,8 +333,9 @@ class _Search:
     def found(self) -> OperatingPoint:
         """Return the cheapest of all points that were tried, and plan there once more.
 
-        Of equally cheap points, the one with the lowest P_S is taken, and of these the one with the
-        lowest V_max. Afterwards the planner has this point's machine.
+        Of equally cheap points, the one with the lowest supply pressure is taken, and of these the
+        one with the lowest V_max (piston speed for planning). Afterwards the planner has this
+        point's machine.
 
         Returns:
             The best point, its plan, its machine, and all points in increasing order.

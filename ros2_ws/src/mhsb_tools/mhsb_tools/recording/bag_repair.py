@@ -326,13 +326,14 @@ def _nameless(survey: Survey) -> int:
 
 
 def _header(survey: Survey) -> bytes:
-    """Return the content of the header record for a repaired file.
+    """Return the content of the MCAP header record for a repaired file.
 
     Args:
         survey: Findings in the damaged file.
 
     Returns:
-        Content of the file's own header, or of ROS's usual one if that is damaged.
+        Content of the damaged file's own header record. If that one is damaged, content of a new
+        header with the profile of ROS.
     """
     if survey.header is not None:
         return survey.header.content
@@ -340,13 +341,13 @@ def _header(survey: Survey) -> bytes:
 
 
 def _content(record: Header | Metadata) -> bytes:
-    """Return the content of an MCAP record.
+    """Serialize the content of an MCAP record.
 
     Args:
         record: The record.
 
     Returns:
-        Its bytes without opcode and length.
+        The content as bytes, without opcode and length.
     """
     builder = RecordBuilder()
     record.write(builder)

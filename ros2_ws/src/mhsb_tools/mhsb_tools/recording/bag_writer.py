@@ -144,7 +144,9 @@ class BagWriter:
         self._end_ns = max(self._end_ns, log_ns)
 
     def flush(self) -> None:
-        """Hand complete chunks to the operating system, so that they outlive a killed process.
+        """Hand complete chunks to the operating system.
+
+        They are then kept if this process is killed.
 
         Raises:
             BagError: The file cannot be written.

@@ -27,9 +27,9 @@ PRIMITIVE_SIZES = {
 def check_structure(type_name: str, data: bytes) -> None:
     """Check that bytes can be a complete CDR message of a ROS type.
 
-    The byte order in the first two bytes is checked, and that all fields, with the lengths that the
-    bytes state for arrays and texts, fit into the bytes. Values are not checked. Bytes after the
-    end of the message are allowed.
+    Two things are checked: the first two bytes are a known byte order, and all fields of the
+    message fit into the bytes. The lengths of arrays and texts are those that the bytes themselves
+    state. Values are not checked. Bytes after the end of the message are allowed.
 
     Args:
         type_name: ROS type, such as `std_msgs/msg/String`; it must be known to this package.

@@ -185,7 +185,8 @@ class McapCopy:
     def _write_chunk(self, chunk: Chunk) -> None:
         """Write a chunk record and the message indexes of its channels.
 
-        Counts, time span and chunk index are updated for the summary.
+        Message counts, time span and chunk index for the summary are updated. The checksum of the
+        chunk is computed anew.
 
         Args:
             chunk: The chunk, with the ids of the new file.
@@ -242,7 +243,7 @@ class McapCopy:
 
         1. It has schemas or channels, or its key is listed: it belongs to the main recording.
         2. No chunk of the main recording has come yet: it belongs to the other recording if there
-          are listed keys, else to the main recording.
+           are listed keys, else to the main recording.
         3. It belongs to the recording whose last chunk ended closest in time to its first log time.
 
         Args:
@@ -379,13 +380,13 @@ class McapCopy:
 
 
 def _definition_bytes(definitions: Definitions) -> bytes:
-    """Return the records of all schemas, and then of all channels.
+    """Serialize all schemas, and then all channels, as MCAP records.
 
     Args:
         definitions: The schemas and channels.
 
     Returns:
-        The records one after the other.
+        The records one after the other, with opcode and length.
     """
     built = [
         _serialize_record(mcap_records.Schema(each.id, each.data, each.encoding, each.name))

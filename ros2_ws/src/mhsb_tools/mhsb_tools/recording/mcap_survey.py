@@ -150,8 +150,9 @@ class Survey:
     def lost_count(self) -> int:
         """Number of messages known to be lost.
 
-        If statistics exist, it is the count that they state, less the kept messages in chunks that
-        the summary lists; at least 0. Otherwise it is the sum of `lost`.
+        If the file has statistics, it is their number of messages minus the number of kept
+        messages, at least 0. Kept messages in chunks that the summary does not list are not
+        subtracted. Without statistics, it is the sum of `lost`.
         """
         if self.written is not None:
             return max(0, self.written - (self.kept - self.unlisted))
@@ -168,9 +169,11 @@ class Survey:
     def is_exact(self) -> bool:
         """True if `lost_count` is the exact number; False if it is a lower bound.
 
-        Without statistics, `lost_count` is exact if the message indexes of all damaged parts are
-        complete. With statistics, it is exact if a verified summary lists chunks. It is also exact
-        if no id has two definitions and no more messages are kept than the statistics count.
+        Without statistics, it is exact if the message indexes of all damaged parts are complete.
+        With statistics, it is exact in two cases:
+
+        - The summary has a right checksum and lists chunks.
+        - No id has two definitions, and not more messages are kept than the statistics count.
         """
         if self.written is None:
             return not self.is_lower_bound
@@ -231,7 +234,7 @@ class Survey:
 
         They are kept if two things hold: no damage was found, and the file has no statistics or its
         statistics count them. Otherwise they are counted in `duplicates`, and the file counts as
-        damaged.
+        damaged. Without repeated chunks, nothing changes.
         """
         repeated = self._repeated.total()
         if self.first_damage is None and self.written in (None, self.kept + repeated):

@@ -166,10 +166,11 @@ class RecordCommand:
         """Record until a signal or the duration ends it, or repair a recording.
 
         Returns:
-            The exit code.
+            The exit code; 0 after a repair.
 
         Raises:
-            UsageError: The arguments contradict each other.
+            UsageError: Not exactly one of `output` and `repair` is given, or `duration` is not
+                above 0 or is given with `repair`.
             BagError: The recording cannot be written or repaired.
         """
         if (self.output is None) == (self.repair is None):

@@ -149,7 +149,7 @@ def judge_goals(
     2. Lost: the goal's plan came into force and the arm had time to reach the goal, but did not.
     3. Applied: the goal's plan came into force, or the arm was at the goal already.
     4. Superseded: the verdict is OK or SUPERSEDED, and a newer goal came within LEAD_MAX. Newer
-      goals that are refused do not count.
+       goals that are refused do not count.
     5. Lost: all other goals.
 
     Args:

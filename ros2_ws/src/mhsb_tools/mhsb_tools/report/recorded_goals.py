@@ -124,7 +124,8 @@ def _distance_at_rest(
     """Return the mean distance of the resting tip from its goal.
 
     The mean is over a window of REST_WINDOW_NS that ends when the next plan takes over, or at the
-    last measurement. If the goal's plan ends later than the window begins, the window begins there.
+    last measurement. If the goal's plan ends within this window, the window begins at the plan's
+    end.
 
     Args:
         recording: The recording.

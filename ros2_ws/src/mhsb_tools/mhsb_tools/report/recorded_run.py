@@ -85,8 +85,8 @@ def evaluate_recording(recording: Recording, machine: Machine) -> EvaluatedRecor
         The recording with all results.
 
     Raises:
-        BagError: The recording is of another machine, its time runs backwards, it has no references
-            or no modes, or no joint state has a reference at its time.
+        BagError: The recording is of another machine, or its ROS time decreases. Or it has no
+            references, no modes, or no joint state within the time of the references.
     """
     if recording.joint_count != machine.joint_count:
         raise BagError(

@@ -70,9 +70,9 @@ def mode_spans(run: EvaluatedRecording, actuator: int, mode: Mode) -> list[tuple
         mode: The mode.
 
     Returns:
-        Begin and end of each span [s since the first joint state], in time order. The schedule
-        begins a new span at each change of any actuator's mode, so the end of one span may be the
-        begin of the next.
+        Beginning and end of each span [s since the first joint state], in time order. The schedule
+        begins a new span at each change of any actuator's mode, so one span may end where the next
+        begins.
     """
     schedule = run.modes
     end_ns = max(int(run.recording.joint_states.time_ns[-1]), schedule.end_ns)

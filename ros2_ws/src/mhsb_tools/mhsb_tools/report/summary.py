@@ -294,8 +294,8 @@ def _pressures(run: EvaluatedRecording) -> Summary:
 def _cavitation(run: EvaluatedRecording) -> list[Summary]:
     """List the actuators that cavitated, as entries of the summary.
 
-    An actuator cavitates if its load drives the piston faster than oil at P_S fills the inlet
-    chamber.
+    An actuator cavitates if its load drives the piston faster than oil at the main pump's pressure
+    fills the inlet chamber.
 
     Args:
         run: The evaluated recording.
@@ -365,7 +365,8 @@ def compute_quantiles(values: Iterable[float | None]) -> Summary:
         values: Numbers; None is skipped.
 
     Returns:
-        Entries `p50`, `p99` and `max`; each None if there are no values.
+        Entries `p50`, `p99` and `max`. All are None if there are no values; an entry that is not
+        finite is None, too.
     """
     known = [value for value in values if value is not None]
     if not known:
@@ -463,7 +464,7 @@ def _without_infinite(content: Any) -> Any:
     """Replace infinite numbers and nan by None, which JSON can represent.
 
     Args:
-        content: Nested dictionaries and lists.
+        content: Nested dictionaries and lists; not changed.
 
     Returns:
         A copy with the replacements.

@@ -44,7 +44,7 @@ def draw_workspace(run: EvaluatedRecording, regions: OperatingRegions, path: Pat
 
 
 def _draw_arm(run: EvaluatedRecording, axes: Axes) -> None:
-    """Draw the arm in its first and in its last measured posture.
+    """Draw the arm in its first measured posture (dashed) and in its last one (solid).
 
     Args:
         run: The evaluated recording.
@@ -61,8 +61,9 @@ def _draw_arm(run: EvaluatedRecording, axes: Axes) -> None:
 def _draw_path(run: EvaluatedRecording, axes: Axes) -> None:
     """Draw the measured path of the tip in the arm's plane, in the colours of the modes.
 
-    The colour at each point is that of the strongest mode of all actuators at that time. About one
-    point is drawn for each PATH_STEP of path length. Each mode has a label for the legend.
+    The colour at each point is that of the strongest mode of all actuators at that time. Points
+    that are closer than about PATH_STEP along the path are skipped. Each mode has a label for the
+    legend.
 
     Args:
         run: The evaluated recording.

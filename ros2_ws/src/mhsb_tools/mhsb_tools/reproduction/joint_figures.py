@@ -123,7 +123,7 @@ def _draw_modes(fit: FittedRun, axes: Axes) -> None:
 
     Args:
         fit: The sampled trajectory.
-        axes: Axes to draw on; actuator 1 is at the top.
+        axes: Axes to draw on; actuator 1 is at the top. Ticks and the label of x are set.
     """
     for actuator in range(fit.modes.shape[1]):
         for begin, end, mode in _spans(fit, actuator):

@@ -114,8 +114,9 @@ def draw_points(
 ) -> list[Path]:
     """Draw energy over supply pressure (Case 1-1) and cost over V_max (Case 1-2).
 
-    All examined points are drawn. The left panel also has the published energies and those of the
-    same runs here. Writes a PNG, and a CSV file with a row for each examined point.
+    V_max is the piston speed for planning. All examined points are drawn. The left panel also has
+    the published energies and those of the same runs here. Writes a PNG, and a CSV file with a row
+    for each examined point.
 
     Args:
         runs: All runs; not used.
@@ -160,7 +161,8 @@ def _draw_curve(found: BestPoint, axes: Axes) -> None:
 
     Args:
         found: Result of the search. If `found.varied` is `ps`, x is the supply pressure [MPa] and y
-            the energy [J]. If it is `vmax`, x is V_max [mm/s] and y the cost.
+            the energy [J]. If it is `vmax`, x is V_max (piston speed for planning) [mm/s] and y the
+            cost.
         axes: Axes to draw on. Their labels are not set.
     """
 
@@ -173,8 +175,8 @@ def _draw_curve(found: BestPoint, axes: Axes) -> None:
             sample: The examined point.
 
         Returns:
-            Supply pressure [MPa] and energy [J] if `found.varied` is `ps`, else V_max [mm/s] and
-            cost.
+            Supply pressure [MPa] and energy [J] if `found.varied` is `ps`, else V_max (piston speed
+            for planning) [mm/s] and cost.
         """
         if found.varied == "ps":
             return sample.supply_pressure / PER_MEGA, sample.energy

@@ -189,10 +189,15 @@ def settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]
         cases: Cases by name in place of the paper's; None takes the paper's.
 
     Returns:
-        The settings of the cases, then of Figure 10 (Case 1-1 with other weights w₁ and w₂, w₃ =
-        0), of the sweeps over V_max and over w₃ (both change Case 1-2), and of the sweep over
-        supply pressure (changes Case 1-1). All use the exact search. Only the run of Figure 10 with
-        w₁ = w₂ = 0 uses the published one.
+        The settings, in this order:
+
+        - the cases
+        - Figure 10: Case 1-1 with other weights w₁ of energy and w₂ of time, and w₃ = 0
+        - the sweep over V_max (piston speed for planning), which changes Case 1-2
+        - the sweep over the weight w₃ of mode switches, which changes Case 1-2
+        - the sweep over supply pressure, which changes Case 1-1
+
+        All use the exact search. Only the run of Figure 10 with w₁ = w₂ = 0 uses the published one.
     """
     cases = paper_cases() if cases is None else cases
     found = {name: Setting(case) for name, case in cases.items()}
@@ -284,8 +289,8 @@ def evaluate(
         The runs, in the order of the settings.
 
     Raises:
-        MachineFileError: A supply pressure or V_max of a setting is beyond what the machine may
-            have.
+        MachineFileError: A supply pressure or V_max (piston speed for planning) of a setting is
+            beyond what the machine may have.
         ClusterError: The cluster failed.
     """
     asked = settings() if asked is None else asked
@@ -321,7 +326,8 @@ class _Evaluator:
     ) -> None:
         """Group the settings that can share a step graph (all steps of the graph search, priced).
 
-        Settings are in one group if posture table, supply pressure and V_max are equal.
+        Settings are in one group if posture table, supply pressure and V_max (piston speed for
+        planning) are equal.
 
         Args:
             machine: The arm.
@@ -404,9 +410,9 @@ def _table(machine: Machine, jobs: Jobs, tell: Progress) -> PostureTable:
 def _graph(own: StepGraph, table: PostureTable, setting: Setting) -> StepGraph:
     """Return the step graph (all steps of the graph search, priced) for a setting.
 
-    If the setting changes neither supply pressure nor V_max, it is `own` itself. If it changes one
-    of them but keeps the posture table, it is a copy of `own` with new prices. With another posture
-    table, a new graph is built.
+    If the setting changes neither supply pressure nor V_max (piston speed for planning), it is
+    `own` itself. If it changes one of them but keeps the posture table, it is a copy of `own` with
+    new prices. With another posture table, a new graph is built.
 
     Args:
         own: Step graph of the machine without changes.

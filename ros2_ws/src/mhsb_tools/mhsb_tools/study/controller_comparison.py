@@ -43,8 +43,8 @@ def compare(results: Sequence[ScenarioResult]) -> dict[str, Any]:
         - energy_ratio: largest energy ratio, coordinated / independent, of the scenarios in which
           both have a tip error RMS of at most 5 mm; None if there is none
         - energy_ratio_scenarios: number of these scenarios
-        - planned_ratio: energy of the coordinated controller, planned (reading `series`) /
-          simulated: `least` and `largest`
+        - planned_ratio: energy of the coordinated controller, planned (reading `series`: servo pump
+          in series with the main pump) / simulated: `least` and `largest`
         - energy_elements_j: its planned and simulated energy, part by part, summed over all
           scenarios
         - relief_opened: number of scenarios in which a relief valve opened, by controller

@@ -194,7 +194,7 @@ def as_text(records: Sequence[DrawRecord]) -> list[str]:
         Lines without line breaks. Each controller has a line of column titles, then a line for each
         count, quantile or share: name, number of runs, value and limit, with "not held" if the
         value is beyond its limit. At the end is a line for each draw that failed, had refused
-        goals, or was ended because the guard held the plan too long.
+        goals, or was ended because the guard (reference governor) held the plan too long.
     """
     lines = []
     ran = {record.controller for record in records}

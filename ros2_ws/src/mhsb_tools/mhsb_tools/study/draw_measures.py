@@ -56,9 +56,9 @@ class PayloadEstimate:
 def read_payload_estimate(plant: Machine, run: Replay) -> PayloadEstimate | None:
     """Return the servo's payload estimate after a certain amount of motion.
 
-    Of the first `LIFTING_JOINT_COUNT` joints, at least one must have moved during `LEARNING_TIME`
-    in all, and one during `EACH_WAY_TIME` in each direction. The motion of the reference counts.
-    The first estimate from that moment on is returned.
+    The first `LIFTING_JOINT_COUNT` joints count, and the motion of their reference. Two conditions
+    must hold: for `LEARNING_TIME` in all, at least one of them was moving; and a single one has
+    moved for `EACH_WAY_TIME` in each direction. The first estimate after that moment is returned.
 
     Args:
         plant: The simulated machine; it has the true payload, which must not be 0.
@@ -82,8 +82,8 @@ def read_payload_estimate(plant: Machine, run: Replay) -> PayloadEstimate | None
 def find_row_moved_both_ways(velocity: FloatArray, step: float) -> int | None:
     """Find the first row by which joints have moved long enough, in both directions.
 
-    Two conditions must hold up to and including the row: at least one joint moves, for
-    `LEARNING_TIME` in all; and a single joint has moved for `EACH_WAY_TIME` in each direction.
+    Two conditions must hold for the time up to and including the row. For `LEARNING_TIME` in all,
+    at least one joint was moving. A single joint has moved for `EACH_WAY_TIME` in each direction.
 
     Args:
         velocity: Joint velocities [rad/s or m/s], shape (k, joints).

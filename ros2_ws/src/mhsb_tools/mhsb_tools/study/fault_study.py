@@ -233,11 +233,13 @@ def as_text(records: Sequence[FaultRecord]) -> list[str]:
         records: Record of each fault.
 
     Returns:
-        A line of column titles, then a line for each fault. Its columns are the fault's name, the
-        time from the fault to the first fault or warning of the supervision [s] or 'not found', the
-        largest tip error [mm], joint speed [rad/s] and chamber pressure [MPa], the distance to the
-        goal at the end [mm], and the record's sentence. 'stopped: ' precedes the sentence if the
-        arm was stopped.
+        A line of column titles, then a line for each fault. Its columns are:
+
+        - name of the fault
+        - time from the fault to the first message of the supervision [s], or 'not found'
+        - largest tip error [mm], joint speed [rad/s] and chamber pressure [MPa]
+        - distance of the tip from the goal at the end [mm]
+        - sentence of the record, after 'stopped: ' if the arm was stopped
     """
     lines = [
         f"{'fault':42s}{'found after':>12s}{'tip':>9s}{'joint':>11s}{'chamber':>10s}{'to goal':>9s}"

@@ -101,6 +101,12 @@ class BenchmarkStudy:
     """Simulations that a protocol asks for; each sequence of goals is planned only once."""
 
     def __init__(self, machine: Machine, protocol: Protocol) -> None:
+        """Prepare planner and draws for a machine; builds the posture table if it is not cached.
+
+        Args:
+            machine: The machine that planner and servo know.
+            protocol: Definition of the benchmark, loaded for this machine.
+        """
         self._machine = machine
         self._protocol = protocol
         self._study = DrawStudy(machine, protocol.variations, protocol.file.seed)

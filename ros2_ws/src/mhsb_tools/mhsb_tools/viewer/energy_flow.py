@@ -65,7 +65,7 @@ class EnergyCounter:
     """Running sums of the energies since the first report of the pumps."""
 
     def __init__(self) -> None:
-        """Begin without samples and without reports."""
+        """Create a counter that has no samples of the actuators and no reports of the pumps yet."""
         self._time: float | None = None
         self._power = np.zeros(2)
         self._used = np.zeros(2)

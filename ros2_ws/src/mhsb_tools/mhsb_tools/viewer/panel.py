@@ -183,7 +183,7 @@ class Panel:
             self._state.content = sentence
 
     def show_settings(self, values: dict[str, Any]) -> None:
-        """Show the planner's parameters in their fields.
+        """Show the planner's parameters in the fields of the page.
 
         Args:
             values: Values of `planner` (name), `weights` (of energy, time and mode switches) and
