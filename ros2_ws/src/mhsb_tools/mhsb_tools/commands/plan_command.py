@@ -325,9 +325,9 @@ def motion_lines(plan: Plan) -> list[str]:
         plan: The plan.
 
     Returns:
-        A line of column titles, then SHOWN_INSTANTS lines, evenly spaced in time from begin to end.
-        Each has time [s], tip in `base_link` [m] and joint positions [rad, telescopes m]. If the
-        motion has no duration, only one such line follows the titles.
+        A line of column titles, then SHOWN_INSTANTS lines, evenly spaced in time from the beginning
+        to the end. Each has time [s], tip in `base_link` [m] and joint positions [rad, telescopes
+        m]. If the motion has no duration, only one such line follows the titles.
     """
     machine, trajectory = plan.machine, plan.motion.trajectory
     time_ns = np.unique(np.linspace(0, trajectory.duration_ns, SHOWN_INSTANTS).astype(np.int64))

@@ -70,9 +70,9 @@ def least_cost(
 
     The lattice is in the space of cylinder lengths.
 
-    All actuators are in mode N (fed by the main pump) at the start. Obstacles are ignored. Energy
-    is priced by the reading `paper`. The result is optimal on the lattice; a finer lattice may have
-    a cheaper path.
+    All actuators are in mode N (fed by the main pump) at the start. Obstacles are ignored. Boosted
+    oil has the price p_L/η (reading `paper`), with load pressure p_L and servo pump efficiency η.
+    The result is optimal on the lattice; a finer lattice may have a cheaper path.
 
     Args:
         machine: An arm that does not slew, or the plane of one that does.
@@ -80,10 +80,10 @@ def least_cost(
         goal: Tip position (x, z) [m].
         weights: Weights of energy, time and mode switches.
         incumbent_cost: Cost of the best path known so far; only cheaper paths are searched for.
-        boosts_held_loads: Whether a cylinder that rests during a step is boosted if P_S does not
-            carry its load. A cylinder that moves slowly rests in some steps of the lattice, and
-            True prices this boost. False ignores it. Which one estimates the cost of a motion
-            better depends on the move.
+        boosts_held_loads: Whether a cylinder that rests during a step is boosted if the main pump's
+            pressure P_S does not carry its load. A cylinder that moves slowly rests in some steps
+            of the lattice, and True prices this boost. False ignores it. Which one estimates the
+            cost of a motion better depends on the move.
 
     Returns:
         Cost of the path, and cylinder lengths at its points, shape (points, n) [m]; the first is
@@ -716,9 +716,8 @@ class _Lattice:
         """Add the steps from all lattice points to their neighbours in one direction.
 
         A step gets one edge for each mode combination in which it is possible; the modes are equal
-        at both ends. A step is left out if its middle or its end is outside the workspace. If it
-        begins outside, as may be at the start, middle and end may be outside as well, but not
-        farther than the beginning.
+        at both ends. A step is left out if its middle or its end is outside the workspace. A step
+        that begins outside (the start may be there) may stay outside, but may not lead farther out.
 
         Args:
             steps: Edges of the graph; extended in place.

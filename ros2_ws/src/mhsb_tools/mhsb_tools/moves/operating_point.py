@@ -295,8 +295,9 @@ class _Search:
 
         In each step, the cost of the eight neighbours at a distance of one stride is computed. If
         the cheapest of them is cheaper than the point, the search moves there. Otherwise, and after
-        `MAX_REFINEMENT_MOVES` moves, the stride is halved. The search ends once the stride has been
-        used after `STRIDE_HALVINGS` halvings. It ends at once if there is no plan at the point.
+        `MAX_REFINEMENT_MOVES` moves, the stride is halved. The search ends when the stride would
+        have to be halved more than `STRIDE_HALVINGS` times. It ends at once if there is no plan at
+        the point.
 
         Args:
             point: Supply pressure P_S [Pa] and V_max (piston speed for planning) [m/s] to begin

@@ -98,12 +98,12 @@ def _find_unlisted_files(
 ) -> list[str]:
     """Return the data files that belong to a recording although its metadata do not list them.
 
-    A file belongs to the recording if its name begins in the right way. The beginning of
-    `run_3.mcap` is `run`. The right beginning is the first of these that exists:
+    The stem of `run_3.mcap` is `run`. A file belongs to the recording if its name has the
+    recording's stem. That stem is the first of these that exists:
 
-    1. that of the listed files;
-    2. the name of the folder, if a file begins with it;
-    3. that of all data files, if it is the same for all.
+    1. the stem of the listed files;
+    2. the name of the folder, if it is the stem of a file;
+    3. the stem of all data files, if they have only one.
 
     Args:
         path: Folder of the recording.

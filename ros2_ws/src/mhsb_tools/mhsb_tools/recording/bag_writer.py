@@ -96,8 +96,8 @@ class BagWriter:
 
         Args:
             topic: The topic. Its type must be one of the types that this package knows for ROS 2
-                Jazzy. Messages are always CDR, and the type hash is computed from the type; both
-                fields of the topic are ignored.
+                Jazzy. Its `encoding` and `type_hash` are ignored: messages are always CDR, and the
+                type hash is computed from the type.
         """
         if topic.type_name not in self._schemas:
             self._schemas[topic.type_name] = self._writer.register_schema(

@@ -91,7 +91,7 @@ def _find_hydraulic_times(run: EvaluatedRecording, begin_ns: int, end_ns: int) -
 
     Args:
         run: The evaluated recording.
-        begin_ns: Begin of the interval [ns, ROS time].
+        begin_ns: Beginning of the interval [ns, ROS time].
         end_ns: End of the interval [ns, ROS time].
 
     Returns:

@@ -227,7 +227,7 @@ def case_2_2(runs: Runs) -> list[BoundCheck]:
 
     - All actuators are in mode N (fed by the main pump) for at least 90 % of the time.
     - Outwards: the tip's largest x is at least 0.05 m above the x of both ends.
-    - Only slightly: it is at most r − x above them. x is the tip's x at the start, and r its
+    - Only slightly: it is at most r − x₀ above them, where x₀ is the tip's x at the start and r its
       distance from the base there.
 
     Args:
@@ -706,7 +706,8 @@ def numbers(runs: Runs, name: str) -> dict[str, float]:
     Returns:
         Values by name, with units at the ends of the names; empty if the run has no path:
 
-        - energy_discrete_j, energy_series_discrete_j: energy in the readings `paper` and `series`
+        - energy_discrete_j, energy_series_discrete_j: energy in the readings `paper` and `series`,
+          two ways to price boosted oil
         - duration_discrete_s, length_m: duration, and length of the tip's path
         - lower_bound_j: lower bound on the energy
         - length_over_shortest: length divided by that of the shortest path on the grid

@@ -28,10 +28,8 @@ SHOWN_MEASURES = (
 def draw_weights(runs: Runs, folder: Path, figure_name: str) -> list[Path]:
     """Draw maps of energy, time and path length over the weights w₁ and w₂ (Figure 10).
 
-    The cell of a run without a path has no colour and the text `nan`. Writes a PNG, and a CSV file
-    with a row for each pair of weights.
-
-    w₁ is the weight of energy [1/J], w₂ that of time [1/s].
+    w₁ is the weight of energy [1/J], w₂ that of time [1/s]. The cell of a run without a path has no
+    colour and the text `nan`. Writes a PNG, and a CSV file with a row for each pair of weights.
 
     Args:
         runs: All runs of the machine.
