@@ -876,14 +876,13 @@ def load_machine(
 
 
 def _restored(
-    config: MachineConfig, idle_leakage: float, shadows: Obstacles, rating: FileRating | None
+    config: MachineConfig, external_leakage: float, shadows: Obstacles, rating: FileRating | None
 ) -> Machine:
     """Make a machine again from the values that were pickled.
 
     Args:
         config: Content of the machine file.
-        idle_leakage: `arrays.external_leakage`: leakage of valves that do not belong to the n
-            joints [m³/s].
+        external_leakage: Leakage of valves that do not belong to the n joints [m³/s].
         shadows: `Machine.shadows`.
         rating: `Machine.file_rating`.
 
@@ -891,7 +890,7 @@ def _restored(
         A machine equal to the pickled one.
     """
     machine = Machine.from_config(config)
-    arrays = machine.arrays._replace(external_leakage=idle_leakage)
+    arrays = machine.arrays._replace(external_leakage=external_leakage)
     return replace(machine, arrays=arrays, shadows=shadows, file_rating=rating)
 
 

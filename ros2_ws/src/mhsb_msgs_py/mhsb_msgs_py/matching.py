@@ -80,7 +80,7 @@ class MatchingSubscriptions:
             node: Node that gets the subscriptions.
         """
         self._node = node
-        self._heard: list[_SubscribedTopic] = []
+        self._topics: list[_SubscribedTopic] = []
         self.problem = ""
 
     def add(
@@ -105,7 +105,7 @@ class MatchingSubscriptions:
         found = (lambda event: self.update()) if at_once else None
         events = SubscriptionEventCallbacks(incompatible_qos=found, use_default_callbacks=False)
         heard.first = self._subscribe(heard, topic.qos, events)
-        self._heard.append(heard)
+        self._topics.append(heard)
         return heard.first
 
     def update(self) -> None:
@@ -117,7 +117,7 @@ class MatchingSubscriptions:
         subscription serves them.
         """
         problems = []
-        for heard in self._heard:
+        for heard in self._topics:
             offers: dict[Offer, list[str]] = {}
             for each in self._node.get_publishers_info_by_topic(heard.topic.name):
                 offer = each.qos_profile.reliability, each.qos_profile.durability

@@ -127,6 +127,6 @@ def _check_standstill(velocity: FloatArray, joint_names: Sequence[str]) -> None:
     fastest = int(np.argmax(np.abs(velocity)))
     if abs(velocity[fastest]) > SMALLEST_END_VELOCITY:
         raise MessageError(
-            f"{joint_names[fastest]} ends with {velocity[fastest]:g} rad/s; "
+            f"{joint_names[fastest]} ends with {velocity[fastest]:g} rad/s or m/s; "
             "the last point must have zero velocity"
         )

@@ -142,7 +142,7 @@ def set_time(point: int, seconds: int, nanoseconds: int):
         (set_last("effort", [1.0]), "effort of point 1 has 1 values; leave it empty"),
         (
             set_last("velocities", [0.0, -0.25, 0.0]),
-            "joint_2 ends with -0.25 rad/s; the last point must have zero velocity",
+            "joint_2 ends with -0.25 rad/s or m/s; the last point must have zero velocity",
         ),
         (
             set_time(1, 0, 0),

@@ -155,8 +155,8 @@ class Planner:
                 process that has a deadline first compiles all code; its deadline is later by that
                 time.
             rest: Rest of the plan in force, with stamp 0; None: no plan is in force. If it ends at
-                the goal, it stays unless another motion is cheaper by WORTH_LEAVING. If it is short
-                and ends near the goal, steering is tried.
+                the goal, it stays unless another motion is cheaper by MIN_REPLACEMENT_GAIN. If it
+                is short and ends near the goal, steering is tried.
             log: Log that is filled in place, also if there is no plan; None: only the plan has it.
 
         Returns:

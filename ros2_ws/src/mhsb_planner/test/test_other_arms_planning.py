@@ -11,7 +11,7 @@ from mhsb_planner.integrated import goal_postures
 from mhsb_planner.integrated.lower_bound import MAX_CELLS_WITH_DEADLINE, bound_cost_to_goals
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
-from mhsb_planner.search.lower_bound import ENERGY_ALONE, energy_lower_bound
+from mhsb_planner.search.lower_bound import ENERGY_ONLY_WEIGHTS, energy_lower_bound
 from mhsb_planner.search.s2_step import compute_hydraulic_coefficients
 
 START, GOAL = (0.55, -0.05), (0.60, 0.55)
@@ -94,14 +94,16 @@ def test_the_certificate_is_below_every_posture_at_the_goal_and_close_to_the_lea
     for q in np.random.default_rng(9).uniform(low, high, (4, arm.joint_count)):
         for tip in (GOAL, (0.9, -0.2)):
             goals = goal_postures.sample_goal_postures(arm, *tip)
-            bound = bound_cost_to_goals(arm, circuit, arm.cylinder_lengths(q), goals, ENERGY_ALONE)
+            bound = bound_cost_to_goals(
+                arm, circuit, arm.cylinder_lengths(q), goals, ENERGY_ONLY_WEIGHTS
+            )
             dense = arm.postures(*tip, np.linspace(-np.pi, np.pi, angles))
             sampled = energy_lower_bound(arm, q, np.vstack([dense, goals.postures.posture]))
             assert bound <= sampled * (1 + 1e-9)
             assert bound >= share * sampled
             lengths = arm.cylinder_lengths(q)
             coarse = bound_cost_to_goals(
-                arm, circuit, lengths, goals, ENERGY_ALONE, MAX_CELLS_WITH_DEADLINE
+                arm, circuit, lengths, goals, ENERGY_ONLY_WEIGHTS, MAX_CELLS_WITH_DEADLINE
             )
             assert 0.0 <= coarse <= bound * (1 + 1e-9)
 

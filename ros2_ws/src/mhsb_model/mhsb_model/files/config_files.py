@@ -56,6 +56,7 @@ def find_machine_config_file(name: str, machine: str | None) -> Path:
         MhsbError: Neither the variant nor the general file exists.
     """
     own = Path(name)
-    with suppress(MhsbError):
-        return find_config_file(f"{own.stem}_{machine}{own.suffix}")
+    if machine is not None:
+        with suppress(MhsbError):
+            return find_config_file(f"{own.stem}_{machine}{own.suffix}")
     return find_config_file(name)

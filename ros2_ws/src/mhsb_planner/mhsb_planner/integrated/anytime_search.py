@@ -34,12 +34,12 @@ from mhsb_planner.integrated.search_problem import CylinderPath, SearchProblem
 from mhsb_planner.search.s2_search import SEARCH_TASK
 from mhsb_planner.search.s2_step import Postures
 
-GOOD_ENOUGH = 1e-3
+MIN_RELATIVE_GAIN = 1e-3
 """Relative gap to the lower bound below which a path is not improved further. A sweep with a
 smaller relative gain ends the sweeps with a stride.
 """
 
-WORTH_A_LATTICE = 1e-2
+MIN_LATTICE_GAP = 1e-2
 """Relative gap to the lower bound below which no lattice is searched."""
 
 WORTH_A_MOTION = 5e-3
@@ -50,7 +50,7 @@ MAX_COARSE_PIECE_STROKE = 5e-3
 [m].
 """
 
-WORTH_FINDING, WORTH_REFINING = 1.25, 1.5
+MAX_SEARCHED_COST_RATIO, MAX_REFINED_COST_RATIO = 1.25, 1.5
 """Cost limits of a path over a lattice, as factors on the incumbent's cost.
 
 The first limits the search by the lattice's prices. The second limits the path at the real prices,
@@ -60,7 +60,7 @@ before refinement. Both exceed 1 because most lattice paths cost more than neede
 STRAIGHT_GOAL_STRIDE = 3
 """Every how many goal postures a straight line is tried first."""
 
-MAX_TURN_PER_SPACING = 6.0
+MAX_MOTION_PER_SPACING = 6.0
 """Largest motion of the arm per step of an even-angle lattice, as a factor on the lattice spacing.
 """
 
@@ -108,9 +108,9 @@ def yield_paths(task: SearchProblem, work: SearchWork) -> Iterator[CylinderPath 
 
     A cylinder path is a polyline of cylinder lengths. There are three stages: straight lines,
     lattices of decreasing spacing, and a last local refinement. The lattices are skipped if the
-    incumbent (cheapest path so far) costs at most (1 + WORTH_A_LATTICE) times the lower bound. The
-    refinement is skipped if it costs at most (1 + GOOD_ENOUGH) times the lower bound. Both are
-    skipped if the time is up.
+    incumbent (cheapest path so far) costs at most (1 + MIN_LATTICE_GAP) times the lower bound. The
+    refinement is skipped if it costs at most (1 + MIN_RELATIVE_GAIN) times the lower bound. Both
+    are skipped if the time is up.
 
     The first straight line is yielded at once. A path from a lattice is yielded at once if it saves
     at least the share WORTH_A_MOTION of the cost of the path yielded before. The cheapest path of
@@ -135,7 +135,7 @@ def yield_paths(task: SearchProblem, work: SearchWork) -> Iterator[CylinderPath 
             last_yielded = route
             yield last_yielded
         best = route
-    if may_be_improved(task, best, WORTH_A_LATTICE):
+    if may_be_improved(task, best, MIN_LATTICE_GAP):
         for route in yield_lattice_paths(task, best, work):
             best = route or best
             if route is None:
@@ -148,7 +148,7 @@ def yield_paths(task: SearchProblem, work: SearchWork) -> Iterator[CylinderPath 
             raise DeadlineError(SEARCH_TASK)
         x, z = task.machine.tip_position(task.start)
         raise NoPathError((float(x), float(z)), task.goals.tip, task.machine.obstacles.names)
-    if may_be_improved(task, best, GOOD_ENOUGH):
+    if may_be_improved(task, best, MIN_RELATIVE_GAIN):
         best = refine(task, best, lattice_spacings(task, best)[-1], task.limits.max_sweeps)
     if last_yielded is None or best.cost < last_yielded.cost:
         yield best
@@ -299,7 +299,7 @@ def yield_lattice_paths(
     A path found on a lattice is refined. The refinement is left out if the path costs no less than
     the incumbent and runs within one spacing of it.
 
-    The function ends if the incumbent is close to the lower bound (WORTH_A_LATTICE) or the time is
+    The function ends if the incumbent is close to the lower bound (MIN_LATTICE_GAP) or the time is
     up. With an incumbent it also ends once `max_expansions` states have been expanded.
 
     Args:
@@ -315,12 +315,12 @@ def yield_lattice_paths(
     for number, spacing in enumerate(lattice_spacings(task, best)):
         if number == QUICK_LATTICE_COUNT or task.progress.is_half_over:
             yield None
-        if best is not None and may_be_improved(task, best, WORTH_A_LATTICE):
+        if best is not None and may_be_improved(task, best, MIN_LATTICE_GAP):
             best = refine(task, best, spacing)
             yield best
         for priced_by in _lattice_cost_models(task.cost_model, best):
             spent = best is not None and work.expanded >= task.limits.max_expansions
-            if spent or not may_be_improved(task, best, WORTH_A_LATTICE):
+            if spent or not may_be_improved(task, best, MIN_LATTICE_GAP):
                 return
             found = search_lattice(task, priced_by, best, spacing, work)
             if found is None and best is None:
@@ -364,10 +364,10 @@ def search_lattice(
 
     A lattice is a regular grid of cylinder lengths, and its points are the possible waypoints.
 
-    With an incumbent, A* looks for a path below WORTH_FINDING times the incumbent's cost. It may
-    expand what is left of `max_expansions`, and only goal postures with a lower bound below the
-    incumbent's cost count. For arms of more than three joints with a deadline it is weighted with
-    DEADLINE_HEURISTIC_WEIGHT.
+    With an incumbent, A* looks for a path below MAX_SEARCHED_COST_RATIO times the incumbent's cost.
+    It may expand what is left of `max_expansions`, and only goal postures with a lower bound below
+    the incumbent's cost count. For arms of more than three joints with a deadline it is weighted
+    with DEADLINE_HEURISTIC_WEIGHT.
 
     Without an incumbent, A* weighted with FIRST_HEURISTIC_WEIGHT expands FIRST_STATES states. If
     these do not suffice, a second search accepts any path and has no limit on its states.
@@ -381,7 +381,7 @@ def search_lattice(
 
     Returns:
         The path, priced with the cost model of `task`. None if no path was found, it is
-        inadmissible by that model, or it costs WORTH_REFINING times the incumbent or more.
+        inadmissible by that model, or it costs MAX_REFINED_COST_RATIO times the incumbent or more.
     """
     limit = math.inf if best is None else best.cost
     worth = np.flatnonzero(task.goal_lower_bounds < limit)
@@ -394,7 +394,7 @@ def search_lattice(
             else 1.0
         )
         found = search.search(
-            WORTH_FINDING * limit, left, task.progress.search_deadline, heuristic_weight
+            MAX_SEARCHED_COST_RATIO * limit, left, task.progress.search_deadline, heuristic_weight
         )
         work.add(search)
     else:
@@ -415,7 +415,7 @@ def search_lattice(
     if found is None:
         return None
     via, k = found
-    cost = task.price(via, WORTH_REFINING * limit)
+    cost = task.price(via, MAX_REFINED_COST_RATIO * limit)
     return task.path_to_goal(via, int(worth[k]), cost) if cost < math.inf else None
 
 
@@ -475,13 +475,13 @@ def _create_lattice(task: SearchProblem, spacing: float) -> Lattice:
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
         spacing: Spacing of the cylinder lengths [m]. With obstacles: if one joint makes one step,
-            no part of the arm moves by more than MAX_TURN_PER_SPACING · spacing.
+            no part of the arm moves by more than MAX_MOTION_PER_SPACING · spacing.
 
     Returns:
         The lattice; the start is one of its points.
     """
     if len(task.cost_model.obstacles) > 0:
-        return lattice_even_in_angles(task.machine, task.start, MAX_TURN_PER_SPACING * spacing)
+        return lattice_even_in_angles(task.machine, task.start, MAX_MOTION_PER_SPACING * spacing)
     return lattice_even_in_lengths(task.machine, task.start, spacing)
 
 
@@ -556,7 +556,7 @@ def _sweep_with_stride(
     in pieces of the stroke `piece`. After each sweep the path is also priced by the problem's own
     cost model; this is its real cost. The sweeps end early if the real cost exceeds that of the
     best path so far. They also end if a sweep lowers the price of the path by less than the share
-    GOOD_ENOUGH.
+    MIN_RELATIVE_GAIN.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
@@ -581,6 +581,6 @@ def _sweep_with_stride(
         counts = cost if piece == t.max_piece_stroke else task.price(via, route.cost)
         if counts < route.cost:
             route = replace(route, waypoints=via.copy(), free=free.copy(), cost=counts)
-        if counts > route.cost or cost > (1.0 - GOOD_ENOUGH) * before:
+        if counts > route.cost or cost > (1.0 - MIN_RELATIVE_GAIN) * before:
             break
     return route

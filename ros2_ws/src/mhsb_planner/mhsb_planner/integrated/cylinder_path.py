@@ -68,7 +68,7 @@ Boost reduces the area, and a motion follows its path too loosely to avoid boost
 margin.
 """
 
-HALF_WAY = 2
+MIDDLE_POINT = 2
 """Index in `PathCostBuffers.points` of the posture half-way along a piece."""
 
 
@@ -261,10 +261,10 @@ def _leaves_workspace(m: MachineArrays, points: Postures, here: int) -> bool:
         return False
     for j in range(points.length.shape[1]):
         length = 0.5 * (points.length[0, j] + points.length[1, j])
-        points.posture[HALF_WAY, j] = find_joint_angle(
+        points.posture[MIDDLE_POINT, j] = find_joint_angle(
             m.linkage[j], length, m.joint_min[j], m.joint_max[j], points.posture[here, j]
         )
-    return _workspace_excess(m, points.posture[HALF_WAY]) > allowed
+    return _workspace_excess(m, points.posture[MIDDLE_POINT]) > allowed
 
 
 @kernel(borrows=True)

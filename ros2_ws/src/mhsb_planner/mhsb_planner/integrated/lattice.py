@@ -267,7 +267,7 @@ class LatticePointData(NamedTuple):
     indices: IntArray
 
 
-def empty_labels(lattice: Lattice, rows: int) -> LatticePointData:
+def create_point_data(lattice: Lattice, rows: int) -> LatticePointData:
     """Create the data of reached lattice points for a search that has not begun.
 
     Args:
@@ -705,13 +705,13 @@ class LatticeSearch:
         """
         self._problem, self._memory = LatticeProblem(t, lattice, goals), memory
         rows = max(FIRST_ROWS, len(lattice.moves) + 1)
-        self._frontier = create_open_list(rows * len(t.patterns))
-        self._known = empty_labels(lattice, rows)
+        self._open_list = create_open_list(rows * len(t.patterns))
+        self._known = create_point_data(lattice, rows)
 
     @property
     def expanded_count(self) -> int:
         """Number of states expanded so far."""
-        return int(self._frontier.counts[EXPANDED_COUNT])
+        return int(self._open_list.counts[EXPANDED_COUNT])
 
     @property
     def reached_count(self) -> int:
@@ -721,12 +721,12 @@ class LatticeSearch:
     @property
     def priced_count(self) -> int:
         """Number of lattice steps priced so far."""
-        return int(self._frontier.counts[GENERATED_COUNT])
+        return int(self._open_list.counts[GENERATED_COUNT])
 
     @property
     def cost(self) -> float:
         """Cost of the path found; inf before."""
-        return self._frontier.goal_cost
+        return self._open_list.goal_cost
 
     def search(
         self,
@@ -760,13 +760,13 @@ class LatticeSearch:
             status = expand(
                 self._problem,
                 self._memory,
-                self._frontier,
+                self._open_list,
                 self._known,
                 rule,
                 min(portion, max_expansions - self.expanded_count),
             )
             if status == ARRAYS_FULL:
-                self._frontier = enlarge_open_list(self._frontier)
+                self._open_list = enlarge_open_list(self._open_list)
                 self._known = _with_more_rows(self._known)
             elif status != SEARCH_PAUSED or self.expanded_count >= max_expansions:
                 break
@@ -780,7 +780,7 @@ class LatticeSearch:
             Waypoints, shape (points, n) [m], the start first and the goal posture last; and the
             index of the goal posture.
         """
-        lattice, way = self._problem.lattice, trace_path_to_goal(self._frontier)
+        lattice, way = self._problem.lattice, trace_path_to_goal(self._open_list)
         rows = way[:-1] // len(self._problem.cost_model.patterns)
         points = np.append(lattice.start, self._known.point[rows])
         index = (points[:, None] // lattice.stride) % lattice.shape

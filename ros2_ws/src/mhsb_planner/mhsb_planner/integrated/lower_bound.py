@@ -47,7 +47,7 @@ from mhsb_planner.integrated.intervals import (
 )
 from mhsb_planner.integrated.telescope_cells import enclose_with_telescopes
 from mhsb_planner.search.lower_bound import (
-    ENERGY_ALONE,
+    ENERGY_ONLY_WEIGHTS,
     add_other_motion,
     bound_cost_between,
     bound_costs_between,
@@ -396,7 +396,7 @@ def bound_energy_to_goal(
         machine.arrays,
         add_other_motion(circuit, *others),
         machine.cylinder_lengths(start),
-        ENERGY_ALONE,
+        ENERGY_ONLY_WEIGHTS,
     )
     tips = tip_positions(goal, region)
     return _bound_cost_to_tips(machine, cost, tips, angle_range(psi), math.inf, most_cells)

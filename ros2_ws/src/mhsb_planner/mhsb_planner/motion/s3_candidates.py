@@ -27,7 +27,7 @@ from mhsb_planner.motion.trajectory_points import SmoothCurve
 from mhsb_planner.motion.via_check import ViaPoint
 from mhsb_planner.search.discrete_path import DiscretePath
 
-SHORTEST_STEP = 0.1
+MIN_RAMPED_STEP_DURATION = 0.1
 """Shortest duration of a step from rest to rest [s]."""
 
 UNIT_QUINTIC_PEAKS = (15 / 8, 10 / 3**0.5, 60.0)
@@ -82,7 +82,8 @@ def compute_stepped_path(machine: Machine, path: DiscretePath, stretch: float) -
 
     Each step is a straight line in joint space. At stretch 1 no piston is faster than in this step
     of the discrete path, and its acceleration and jerk keep the machine's limits. This holds only
-    approximately if the moment arms vary much within a step. A step lasts at least SHORTEST_STEP.
+    approximately if the moment arms vary much within a step. A step lasts at least
+    MIN_RAMPED_STEP_DURATION.
 
     Args:
         machine: Machine whose piston acceleration and jerk are the limits.
@@ -95,7 +96,7 @@ def compute_stepped_path(machine: Machine, path: DiscretePath, stretch: float) -
     m = machine.arrays
     stroke = np.abs(np.diff(compute_cylinder_lengths(m, path.posture), axis=0)).max(axis=1)
     speed, acceleration, jerk = UNIT_QUINTIC_PEAKS
-    duration = np.maximum(speed * path.duration, SHORTEST_STEP)
+    duration = np.maximum(speed * path.duration, MIN_RAMPED_STEP_DURATION)
     duration = np.maximum(duration, np.sqrt(acceleration * stroke / m.max_piston_acceleration))
     duration = np.maximum(duration, np.cbrt(jerk * stroke / m.max_piston_jerk))
     return SteppedPath(path.posture, np.concatenate([[0.0], np.cumsum(stretch * duration)]))

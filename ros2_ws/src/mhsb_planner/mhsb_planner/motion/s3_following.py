@@ -26,14 +26,14 @@ from mhsb_model.types import FloatArray
 from mhsb_planner.motion.piston_motion import compute_cylinder_lengths
 from mhsb_planner.motion.ramped_motion import RampedMotion
 from mhsb_planner.motion.s3_blend_in import Coasting
-from mhsb_planner.motion.s3_polynomial import SHORTEST_STEP
+from mhsb_planner.motion.s3_polynomial import MIN_STEP_DURATION
 from mhsb_planner.motion.s3_ramps import RAMP_TIME_STEP, Ramp, round_up_to_time_step, shortest_ramp
 from mhsb_planner.search.discrete_path import DiscretePath
 
 SAME_SPEED = 1e-7
 """Difference of the speeds in two adjacent steps below which they count as equal [m/s]."""
 
-AT_ONCE = (1.0, 1.5, 2.5)
+RAMP_DURATION_FACTORS = (1.0, 1.5, 2.5)
 """Factors on the ramps of a path that begins while the start still coasts [-].
 
 They are tried in this order."""
@@ -110,7 +110,7 @@ def smooth_path(
 def _durations(path: DiscretePath, stretch: float) -> FloatArray:
     """Return the stretched durations of a path's steps.
 
-    A step counts as at least SHORTEST_STEP long before it is stretched.
+    A step counts as at least MIN_STEP_DURATION long before it is stretched.
 
     Args:
         path: Discrete path of k steps.
@@ -119,7 +119,7 @@ def _durations(path: DiscretePath, stretch: float) -> FloatArray:
     Returns:
         Durations, shape (k,) [s].
     """
-    return stretch * np.maximum(path.duration, SHORTEST_STEP)
+    return stretch * np.maximum(path.duration, MIN_STEP_DURATION)
 
 
 @kernel
@@ -245,7 +245,7 @@ def _iterate_slower_motions(
 
     For a moving start, six motions come first. Their path begins while the start still coasts
     (comes to rest by itself): one whose first ramp is that of the coasting, three with ramps that
-    are longer by the factors AT_ONCE, and two that begin a little later.
+    are longer by the factors RAMP_DURATION_FACTORS, and two that begin a little later.
 
     MAX_SLOWING_ROUNDS motions follow whose path begins when the coasting has ended; from rest there
     are only these. Each has longer ramps than the one before. The factors are those by which the
@@ -275,7 +275,7 @@ def _iterate_slower_motions(
         at_once = PathBeginning(coast, coast.stop_time)
         sharing_ramp = at_once._replace(ramp=coast.ramp)
         yield smooth_path(machine, path, even, stretch, sharing_ramp, last)
-        for longer in AT_ONCE:
+        for longer in RAMP_DURATION_FACTORS:
             slow = ramp.scale(longer, longer)
             yield smooth_path(machine, path, slow, stretch, at_once, last)
         for later in (round_up_to_time_step(0.5 * rise), rise):

@@ -37,6 +37,7 @@ from mhsb_planner.motion.limits.limit import (
     Violation,
     select_instant,
 )
+from mhsb_planner.motion.limits.node_set import TIP_TOLERANCE
 from mhsb_planner.motion.limits.obstacles import find_obstacle_violation
 from mhsb_planner.motion.limits.registry import STATE_LIMITS, measure_limits
 from mhsb_planner.motion.motion_profile import MotionProfile, compute_profile_arrays, motion_profile
@@ -295,7 +296,7 @@ def keeps_position_limits(machine: Machine, trajectory: Trajectory) -> bool:
     radius = np.hypot(tips[:, 0], tips[:, 1])
     ranges = (m.min_x - tips[:, 0], m.min_radius - radius, radius - m.max_radius)
     beyond = joint_excess(m, trajectory.position).max()
-    if max(np.max(ranges), beyond) > JOINT_TOLERANCE:
+    if beyond > JOINT_TOLERANCE or np.max(ranges) > TIP_TOLERANCE:
         return False
     return find_first_contact(machine, trajectory) is None
 

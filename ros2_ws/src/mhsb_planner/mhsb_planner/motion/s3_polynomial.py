@@ -20,7 +20,7 @@ from mhsb_planner.search.discrete_path import DiscretePath
 
 POLYNOMIAL_DEGREE = 6
 """Degree of the polynomials (paper, step S3)."""
-SHORTEST_STEP = 1e-6
+MIN_STEP_DURATION = 1e-6
 """Least duration that a step of the discrete path is given [s]."""
 CHECK_INSTANTS = frozen((np.arange(96) + 0.5) / 96)
 """Normalised times, evenly spread, at which the polynomials are fitted to the discrete path [-]."""
@@ -101,12 +101,12 @@ def node_times(path: DiscretePath) -> FloatArray:
     """Compute the time at which a motion is to be at each node of a discrete path.
 
     Args:
-        path: Discrete path of k steps. A shorter step counts as SHORTEST_STEP long.
+        path: Discrete path of k steps. A shorter step counts as MIN_STEP_DURATION long.
 
     Returns:
         Ascending times from 0, shape (k + 1,) [s].
     """
-    return np.concatenate([[0.0], np.cumsum(np.maximum(path.duration, SHORTEST_STEP))])
+    return np.concatenate([[0.0], np.cumsum(np.maximum(path.duration, MIN_STEP_DURATION))])
 
 
 def _interpolate_path(

@@ -557,7 +557,7 @@ def _describe_passed_limit(
     """
     beyond = compute_outward_excess(limits, as_frozen(position))
     if beyond > JOINT_TOLERANCE:
-        return f"a joint limit is passed by {beyond:.3g} rad"
+        return f"a joint limit is passed by {beyond:.3g} rad or m"
     if candidate.furthest_travel is not None:
         overrun = _compute_overrun(machine, candidate.start, position, candidate.furthest_travel)
         if overrun > rules.max_overrun:

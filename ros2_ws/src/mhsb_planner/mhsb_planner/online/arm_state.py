@@ -39,7 +39,7 @@ STAMP_SPACING = 0.02
 MIN_CLOCK_JUMP = 1.0
 """Difference between a stamp and its expected time above which the clock has been set ahead [s]."""
 
-AS_THE_WORLD = 0.1
+MAX_UNIT_RATE_DEVIATION = 0.1
 """Largest deviation of a clock's speed from 1 that is attributed to delays of messages [-]."""
 
 
@@ -51,7 +51,7 @@ class ArmClockEstimator:
 
     def forget(self) -> None:
         """Drop all stamps, because another arm sends them or the arm has been restarted."""
-        self._heard: deque[tuple[float, int]] = deque()
+        self._stamps: deque[tuple[float, int]] = deque()
         self._last: tuple[float, int] | None = None
 
     def add_stamp(self, stamp_ns: int, steady_time: float) -> bool:
@@ -74,14 +74,14 @@ class ArmClockEstimator:
         if went_back or self._jumps_ahead(stamp_ns, steady_time):
             self.forget()
         self._last = (steady_time, stamp_ns)
-        if not self._heard or steady_time // STAMP_SPACING != self._heard[-1][0] // STAMP_SPACING:
-            self._heard.append(self._last)
+        if not self._stamps or steady_time // STAMP_SPACING != self._stamps[-1][0] // STAMP_SPACING:
+            self._stamps.append(self._last)
         else:
-            kept, kept_ns = self._heard[-1]
+            kept, kept_ns = self._stamps[-1]
             if stamp_ns - kept_ns > self.speed * (steady_time - kept) * SECOND_NS:
-                self._heard[-1] = self._last
-        while steady_time - self._heard[0][0] > SPEED_WINDOW:
-            self._heard.popleft()
+                self._stamps[-1] = self._last
+        while steady_time - self._stamps[0][0] > SPEED_WINDOW:
+            self._stamps.popleft()
         return not went_back
 
     def keep_last_stamp_only(self) -> None:
@@ -90,7 +90,7 @@ class ArmClockEstimator:
         The caller does this if it finds that the extrapolated clock is ahead of the arm's clock.
         """
         if self._last is not None:
-            self._heard = deque([self._last])
+            self._stamps = deque([self._last])
 
     def _jumps_ahead(self, stamp_ns: int, steady_time: float) -> bool:
         """Return whether a stamp is more than `MIN_CLOCK_JUMP` ahead of its expected time.
@@ -123,15 +123,15 @@ class ArmClockEstimator:
 
         It is the slope between the first and the last kept stamp, which reach back SPEED_WINDOW. It
         is 1 if these two are less than SHORTEST_SPAN apart, or if the slope deviates from 1 by at
-        most AS_THE_WORLD.
+        most MAX_UNIT_RATE_DEVIATION.
         """
-        if not self._heard:
+        if not self._stamps:
             return 1.0
-        (first, first_ns), (last, last_ns) = self._heard[0], self._heard[-1]
+        (first, first_ns), (last, last_ns) = self._stamps[0], self._stamps[-1]
         if last - first < SHORTEST_SPAN:
             return 1.0
         speed = (last_ns - first_ns) / SECOND_NS / (last - first)
-        return 1.0 if abs(speed - 1.0) <= AS_THE_WORLD else speed
+        return 1.0 if abs(speed - 1.0) <= MAX_UNIT_RATE_DEVIATION else speed
 
     def convert_duration(self, seconds: float) -> float:
         """Convert a real duration to the arm's clock [s].
@@ -159,12 +159,12 @@ class ArmClockEstimator:
         Raises:
             ValueError: No stamp has been received.
         """
-        if not self._heard:
+        if not self._stamps:
             raise ValueError("no stamp of the arm has been heard")
-        speed, latest = self.speed, self._heard[-1][0]
+        speed, latest = self.speed, self._stamps[-1][0]
         return max(
             stamp_ns + round(speed * (steady_time - heard) * SECOND_NS)
-            for heard, stamp_ns in self._heard
+            for heard, stamp_ns in self._stamps
             if latest - heard <= STAMP_WINDOW
         )
 
@@ -211,7 +211,7 @@ class RestDetector:
     """
 
     def __init__(self) -> None:
-        self._heard: deque[tuple[float, float, FloatArray]] = deque()
+        self._states: deque[tuple[float, float, FloatArray]] = deque()
         self._since = math.inf
 
     def add_measurement(self, state: MotionState, steady_time: float) -> None:
@@ -224,13 +224,13 @@ class RestDetector:
             state: Measured position [rad or m] and velocity [rad/s or m/s] of all joints.
             steady_time: Time of receipt by the steady clock [s].
         """
-        if self._heard and steady_time - self._heard[-1][0] > OLDEST_STATE:
-            self._heard.clear()
-        if not self._heard:
+        if self._states and steady_time - self._states[-1][0] > OLDEST_STATE:
+            self._states.clear()
+        if not self._states:
             self._since = steady_time
-        self._heard.append((steady_time, float(np.abs(state.velocity).max()), state.position))
-        while steady_time - self._heard[0][0] > REST_TIME:
-            self._heard.popleft()
+        self._states.append((steady_time, float(np.abs(state.velocity).max()), state.position))
+        while steady_time - self._states[0][0] > REST_TIME:
+            self._states.popleft()
 
     def is_at_rest(self, steady_time: float) -> bool:
         """Return whether the arm has been measured at rest for `REST_TIME`.
@@ -243,9 +243,9 @@ class RestDetector:
             Measurements have come for at least `REST_TIME`. The joint speed over the last
             `REST_TIME` is below `REST_SPEED`.
         """
-        if not self._heard or steady_time - self._heard[-1][0] > OLDEST_STATE:
+        if not self._states or steady_time - self._states[-1][0] > OLDEST_STATE:
             return False
-        last = self._heard[-1][0]
+        last = self._states[-1][0]
         return last - self._since >= REST_TIME and self._compute_speed() < REST_SPEED
 
     def describe_motion(self, steady_time: float) -> str:
@@ -259,7 +259,7 @@ class RestDetector:
             `OLDEST_STATE`, it says so. Otherwise it gives the measured joint speed and its limit
             [rad/s].
         """
-        if not self._heard or steady_time - self._heard[-1][0] > OLDEST_STATE:
+        if not self._states or steady_time - self._states[-1][0] > OLDEST_STATE:
             return f"nothing was measured of the arm in the last {OLDEST_STATE:g} s (joint_states)"
         speed = self._compute_speed()
         return f"a joint of the arm moves at {speed:.3g} rad/s, it rests below {REST_SPEED:g} rad/s"
@@ -274,8 +274,8 @@ class RestDetector:
             The smaller of the two speeds, not negative [rad/s]. For a joint that slides it is in
             m/s.
         """
-        by_velocity = max(speed for _, speed, _ in self._heard)
-        by_position = float(np.ptp([position for *_, position in self._heard], axis=0).max())
+        by_velocity = max(speed for _, speed, _ in self._states)
+        by_position = float(np.ptp([position for *_, position in self._states], axis=0).max())
         return min(by_velocity, by_position / REST_TIME)
 
 

@@ -36,7 +36,7 @@ ERROR_VERDICTS: tuple[tuple[type[MhsbError], Verdict], ...] = (
 )
 """Errors of planning with the verdict code of each; the first match counts."""
 
-TOLD_EXCESS = 0.005
+MIN_REPORTED_EXCESS = 0.005
 """Least excess of a piston's speed over V_max that the verdict's sentence states, as a share of it.
 """
 
@@ -53,7 +53,7 @@ def compose_acceptance_sentence(replan: Replan, goal: Goal) -> str:
 
     It states the end of the tip's path and the duration. If they apply, it adds three things: that
     time ran out before the search was complete; an excess over V_max (allowed piston speed) of at
-    least `TOLD_EXCESS`; and the plan's warnings.
+    least `MIN_REPORTED_EXCESS`; and the plan's warnings.
 
     Args:
         replan: The plan.
@@ -68,6 +68,6 @@ def compose_acceptance_sentence(replan: Replan, goal: Goal) -> str:
     if plan.path.statistics.out_of_time:
         sentence += ", the best found within its lead"
     excess = plan.motion.speed_excess
-    if excess >= TOLD_EXCESS:
+    if excess >= MIN_REPORTED_EXCESS:
         sentence += f", pistons up to {100 * excess:.2g} % faster than V_max"
     return "; ".join([sentence, *plan.warnings])

@@ -58,7 +58,7 @@ COMPARED_SHARE = 1.0 / 3.0
 a motion. If fitting takes long, the motion is long, and the own search will find a shorter path.
 """
 
-WORTH_LEAVING = 0.02
+MIN_REPLACEMENT_GAIN = 0.02
 """Relative gain in cost from which another motion replaces the rest of the plan in force."""
 
 MIN_REFUSED_COST_RATIO = 0.8
@@ -392,7 +392,7 @@ class PlanningLoop:
         - If goals follow each other with a period, it may take at most ALLOWED_DELAY_SHARE times
           the period longer than the incumbent.
         - If the incumbent is the remainder of the plan in force, it must be cheaper by at least
-          WORTH_LEAVING times the incumbent's cost.
+          MIN_REPLACEMENT_GAIN times the incumbent's cost.
 
         Args:
             plan: The plan.
@@ -409,7 +409,7 @@ class PlanningLoop:
             and plan.duration > best.duration + ALLOWED_DELAY_SHARE * options.period
         ):
             return False
-        share = WORTH_LEAVING if best.motion.method == FitMethod.CONTINUED else 0.0
+        share = MIN_REPLACEMENT_GAIN if best.motion.method == FitMethod.CONTINUED else 0.0
         return plan.cost(options) <= (1.0 - share) * best.cost(options)
 
     def _fit(self, proposal: PathProposal, rules: FitRules) -> FittedMotion | None:

@@ -112,7 +112,7 @@ class RosOutbox:
             RuntimeError: `start` has not been called yet.
         """
         if self._replanner is None:
-            raise RuntimeError("nothing to plan with yet; call serve() first")
+            raise RuntimeError("nothing to plan with yet; call start() first")
         job = self._worker.submit(request.make_plan, self._replanner)
         job.add_done_callback(lambda done: self._store_answer(request, done))
 

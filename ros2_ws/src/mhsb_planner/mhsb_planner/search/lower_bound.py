@@ -27,7 +27,7 @@ from mhsb_planner.search.s2_step import (
     describe_postures,
 )
 
-ENERGY_ALONE = frozen(np.array([1.0, 0.0]))
+ENERGY_ONLY_WEIGHTS = frozen(np.array([1.0, 0.0]))
 """Weights of energy [1/J] and time [1/s] that make the bound one on the energy alone."""
 
 
@@ -144,4 +144,6 @@ def energy_lower_bound(machine: Machine, start: FloatArray, goals: FloatArray) -
         describe_postures(arrays, np.atleast_2d(np.asarray(q, float))) for q in (start, goals)
     )
     circuit = compute_hydraulic_coefficients(arrays, machine.patterns)
-    return float(bound_costs_between(circuit, one.length[0], many.length, ENERGY_ALONE).min())
+    return float(
+        bound_costs_between(circuit, one.length[0], many.length, ENERGY_ONLY_WEIGHTS).min()
+    )

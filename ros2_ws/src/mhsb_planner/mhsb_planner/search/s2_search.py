@@ -267,7 +267,7 @@ def _check_posture(graph: StepGraph, posture: FloatArray) -> FloatArray:
     posture = np.array(posture, dtype=np.float64)
     n = graph.machine.joint_count
     if posture.shape != (n,) or not np.all(np.isfinite(posture)):
-        raise RequestError("start posture", posture.tolist(), f"must be {n} finite angles")
+        raise RequestError("start posture", posture.tolist(), f"must be {n} finite numbers")
     return posture
 
 

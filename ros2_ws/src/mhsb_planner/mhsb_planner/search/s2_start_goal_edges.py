@@ -37,7 +37,7 @@ from mhsb_planner.search.s2_step import (
 ORIGINS_AT_ONCE = 50
 """Number of postures whose steps to the goal are priced between two checks of the deadline."""
 
-PSI_SPACING = math.radians(5.0)
+GOAL_PSI_SPACING = math.radians(5.0)
 """Largest spacing of the samples in a range of end-link angles [rad]."""
 
 JOIN_TASK = "joining start and goal to the table"
@@ -128,8 +128,8 @@ def create_goal(
         graph: Graph that gives machine, grid and posture rule.
         x: Tip position forward [m].
         z: Tip position upward [m].
-        psi: End-link angle [rad]. A pair is a range, whose samples are at most `PSI_SPACING` apart.
-            None leaves the angle free.
+        psi: End-link angle [rad]. A pair is a range, whose samples are at most `GOAL_PSI_SPACING`
+            apart. None leaves the angle free.
         deadline: Instant at which the work is given up.
 
     Returns:
@@ -147,7 +147,7 @@ def create_goal(
     check_tip_clearance(machine, (x, z))
     node, between = None if psi is not None else graph.grid.node_at(x, z), angle_range(psi)
     if between is not None:
-        count = math.ceil((between[1] - between[0]) / PSI_SPACING) + 1
+        count = math.ceil((between[1] - between[0]) / GOAL_PSI_SPACING) + 1
         postures = machine.postures(x, z, np.linspace(*between, count))
         if len(postures) == 0:
             raise InfeasibleGoalError(x, z, between)

@@ -53,7 +53,7 @@ MAX_HELD_STROKE = 1e-6
 """Largest stroke of a cylinder that counts as held by its closed valve [m]."""
 
 STEP_INADMISSIBLE = 0  # no step in this pattern
-WITHOUT_NEED = 1  # the pattern boosts a joint that does not need it
+STEP_UNNEEDED_BOOST = 1  # the pattern boosts a joint that does not need it
 STEP_CONSISTENT = 2  # the pattern boosts exactly the joints that need it
 
 DURATION_COLUMN, ENERGY_PAPER_COLUMN, ENERGY_SERIES_COLUMN = 0, 1, 2
@@ -310,7 +310,7 @@ class StepBuffers(NamedTuple):
     Attributes:
         cost: Cost in each pattern, shape (patterns, 3): duration [s], energy by the published model
             (`paper`) [J], energy with the pumps in series (`series`) [J].
-        status: STEP_INADMISSIBLE, WITHOUT_NEED or STEP_CONSISTENT for each pattern, shape
+        status: STEP_INADMISSIBLE, STEP_UNNEEDED_BOOST or STEP_CONSISTENT for each pattern, shape
             (patterns,).
         move: Columns of each joint's move to each posture, shape (postures of a node, n,
             MOVE_WIDTH).
@@ -382,7 +382,7 @@ def price_steps_to_node(
     There is one step for each mode pattern (one mode for each actuator). It ends in the posture
     that the node has for this pattern. A step is consistent if its pattern boosts exactly the
     joints that need boost. If no step is consistent, steps that also boost other joints are
-    admitted (WITHOUT_NEED).
+    admitted (STEP_UNNEEDED_BOOST).
 
     Test oracle: the module's equations in plain NumPy.
 
@@ -393,15 +393,15 @@ def price_steps_to_node(
         buffers: Results `buffers.cost` and `buffers.status`, and working memory. Written in place.
 
     Returns:
-        Status of the admissible steps: STEP_CONSISTENT or WITHOUT_NEED; STEP_INADMISSIBLE means
-        that there is none. Exactly the patterns p with `buffers.status[p]` equal to the result are
-        admissible. Only their rows of `buffers.cost` are valid.
+        Status of the admissible steps: STEP_CONSISTENT or STEP_UNNEEDED_BOOST; STEP_INADMISSIBLE
+        means that there is none. Exactly the patterns p with `buffers.status[p]` equal to the
+        result are admissible. Only their rows of `buffers.cost` are valid.
     """
     must, may, boosted = buffers.must_boost, buffers.may_boost, c.boosted
     cost, status = buffers.cost, buffers.status
     for k in range(moves.posture_count):
         _describe_move(c, moves, k, buffers)
-    for wanted in (STEP_CONSISTENT, WITHOUT_NEED):
+    for wanted in (STEP_CONSISTENT, STEP_UNNEEDED_BOOST):
         best = STEP_INADMISSIBLE
         for p in range(len(patterns)):
             status[p] = STEP_INADMISSIBLE
@@ -544,8 +544,8 @@ def _price_move(
             STEP_INADMISSIBLE.
 
     Returns:
-        STEP_INADMISSIBLE; WITHOUT_NEED if the pattern also boosts a joint that does not need it;
-        otherwise STEP_CONSISTENT.
+        STEP_INADMISSIBLE; STEP_UNNEEDED_BOOST if the pattern also boosts a joint that does not need
+        it; otherwise STEP_CONSISTENT.
     """
     duration, rail_leak = _compute_duration(c, pattern, move)
     if duration == math.inf:
@@ -613,7 +613,7 @@ def _check_pressures(
         Status, and supply pressure of the shared rail at the middle of the move [Pa], 0 if no
         loaded joint is on the rail. The status is STEP_INADMISSIBLE if a joint that needs boost is
         not boosted, or needs more than the highest boost pressure; the rail's pressure is then not
-        valid. It is WITHOUT_NEED if a joint is boosted that does not need it, otherwise
+        valid. It is STEP_UNNEEDED_BOOST if a joint is boosted that does not need it, otherwise
         STEP_CONSISTENT.
     """
     status, rail = STEP_CONSISTENT, 0.0
@@ -631,7 +631,7 @@ def _check_pressures(
         if needed and not boosted:
             return STEP_INADMISSIBLE, rail
         if boosted and not needed:
-            status = WITHOUT_NEED
+            status = STEP_UNNEEDED_BOOST
     return status, rail
 
 

@@ -40,7 +40,7 @@ SLEW_PART_ANGLE, MAX_SLEW_PARTS = 0.06, 32
 
 If the number of parts is at its limit, the angle of each part is larger."""
 
-AT_ONCE = 5
+MAX_PARTS_PER_STEP = 5
 """Largest number of parts that the slew turns during one stretch of the path."""
 
 
@@ -272,7 +272,7 @@ def compute_least_times(
 
     State (i, k) means that the path has been followed to corner i and that k parts of the slew's
     stroke are done. A step either turns the slew by one part, or follows one stretch while the slew
-    turns by 0 to AT_ONCE parts. Steps on which the arm touches an obstacle are left out.
+    turns by 0 to MAX_PARTS_PER_STEP parts. Steps on which the arm touches an obstacle are left out.
 
     Tests compare the result with scipy.sparse.csgraph.dijkstra over the same states and steps.
 
@@ -311,7 +311,7 @@ def compute_least_times(
             if i == corners - 1:
                 continue
             first, last = corner[i], corner[i + 1]
-            for more in range(min(AT_ONCE, parts - k) + 1):
+            for more in range(min(MAX_PARTS_PER_STEP, parts - k) + 1):
                 there = least[i, k]
                 for s in range(first, last):
                     way = more * slew.part * _compute_time_share(duration, first, last, s)

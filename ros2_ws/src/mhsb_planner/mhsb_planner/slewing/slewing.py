@@ -135,13 +135,13 @@ def _find_goal_lengths(graph: StepGraph, goal: tuple[float, ...]) -> FloatArray:
     return graph.machine.cylinder_lengths(postures[nearest])
 
 
-CARRIED_OVER = 4
+MAX_CARRYING_POSTURES = 4
 """Largest number of via points that the method "carried" tries."""
 
 FREE_COST_FACTOR = 1.005
 """Cost of the direct path relative to that without zones, up to which other methods are dropped."""
 
-NEAR_CARRYING = 0.15
+MAX_CARRYING_PSI_DEVIATION = 0.15
 """Largest deviation of the end-link angle at a via point from that in the carrying posture [rad].
 """
 
@@ -334,9 +334,9 @@ class SlewingPaths:
         """Yield planar paths over a via point at which the arm may slew without collision.
 
         Zones are avoided at the start's slew angle before the via point, and at the goal's slew
-        angle after it. There are two rounds over at most CARRIED_OVER via points. In the first
-        round each leg (to or from the via point) is the first path found, in the second round the
-        cheapest. Via points without a path are skipped.
+        angle after it. There are two rounds over at most MAX_CARRYING_POSTURES via points. In the
+        first round each leg (to or from the via point) is the first path found, in the second round
+        the cheapest. Via points without a path are skipped.
 
         Args:
             planner: The planner itself, or a baseline (planner for comparison).
@@ -350,7 +350,7 @@ class SlewingPaths:
         """
         turning = self.machine.make_planar_arm_with_shadows(*slew_angles)
         postures = list(
-            islice(yield_carrying_postures(turning, self.graph, in_plane), CARRIED_OVER)
+            islice(yield_carrying_postures(turning, self.graph, in_plane), MAX_CARRYING_POSTURES)
         )
         ends = (
             self._create_source_among_shadows(planner, slew_angles[0], slew_angles[0]),
@@ -397,8 +397,8 @@ class SlewingPaths:
         """Plan a planar path to a via point, and another from rest there on to the goal.
 
         The via point is the tip in the carrying posture, in which the arm may slew. The end-link
-        angle there must be within NEAR_CARRYING of that in the carrying posture. Both paths are
-        planned without the oil and time that the slew needs.
+        angle there must be within MAX_CARRYING_PSI_DEVIATION of that in the carrying posture. Both
+        paths are planned without the oil and time that the slew needs.
 
         Args:
             posture: Carrying posture without the slew, float64[n], [rad or m].
@@ -417,7 +417,7 @@ class SlewingPaths:
         plane = self.machine.planar_arm
         x, z = plane.tip_position(posture).tolist()
         psi = plane.end_link_angle(posture)
-        alike = (psi - NEAR_CARRYING, psi + NEAR_CARRYING)
+        alike = (psi - MAX_CARRYING_PSI_DEVIATION, psi + MAX_CARRYING_PSI_DEVIATION)
         options = replace(in_plane.options.for_via_point, goal_psi=alike)
         leg = replace(in_plane, goal=(x, z), options=options, slew_demand=NOTHING_ELSE)
         first = plan_leg(ends[0], leg, progress, thorough)

@@ -344,7 +344,7 @@ def test_useless_weights_are_refused(weights):
 
 @pytest.mark.parametrize("posture", [[0.0, 0.0], [0.0, 0.0, float("nan")]])
 def test_a_useless_start_is_refused(graph, posture):
-    with pytest.raises(RequestError, match="start posture must be 3 finite angles"):
+    with pytest.raises(RequestError, match="start posture must be 3 finite numbers"):
         search(graph, PathQuery(posture, NORMAL, (0.55, 0.2), Weights(*ENERGY_OPTIMAL)))
 
 

@@ -44,7 +44,7 @@ class Health:
         self._own_clock = own_clock
         self._faults = faults
         self.duplicates = ""
-        self._told: tuple[object, ...] | None = None
+        self._last_key: tuple[object, ...] | None = None
 
     @property
     def level(self) -> Level:
@@ -68,8 +68,8 @@ class Health:
         Returns:
             True if the kind has changed; False at the first call.
         """
-        before, self._told = self._told, self._build_comparison_key()
-        return before not in (None, self._told)
+        before, self._last_key = self._last_key, self._build_comparison_key()
+        return before not in (None, self._last_key)
 
     def log(self, logger: Any) -> None:
         """Write the sentence to a log at its level.

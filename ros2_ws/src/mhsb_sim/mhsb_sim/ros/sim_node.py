@@ -73,7 +73,7 @@ class SimNode(Node):
         exercise_kernels()  # loads all kernels before the node serves
         self._publisher = ArmPublisher(self, self._arm, self._settings.publish_clock, self.faults)
         self._pacer = Pacer(self._settings.real_time_factor, 0, 0)
-        self._left_ns = 0
+        self._last_callback_end_ns = 0
         self._messages_first = False
         self._health = Health(self._arm, self._pacer, self._settings.publish_clock, self.faults)
         self._make_interfaces()
@@ -113,9 +113,9 @@ class SimNode(Node):
         advances. The very first call resets the arm, so that simulated time begins then.
         """
         now_ns = time.monotonic_ns()
-        if not self._left_ns:
+        if not self._last_callback_end_ns:
             self._restart_arm()  # simulated time starts when the node is first served
-        elif now_ns - self._left_ns > LATE_WAKE_NS and not self._messages_first:
+        elif now_ns - self._last_callback_end_ns > LATE_WAKE_NS and not self._messages_first:
             self._messages_first = True
             return
         self._messages_first = False
@@ -123,7 +123,7 @@ class SimNode(Node):
         self._arm.hand_over(time.monotonic())
         self._simulate(due_ns, now_ns + LONGEST_TICK_NS)
         self._publish_reports()
-        self._left_ns = time.monotonic_ns()
+        self._last_callback_end_ns = time.monotonic_ns()
 
     def _simulate(self, due_ns: int, until_ns: int) -> None:
         """Step and publish up to a simulated time, or until the steady clock shows a given time.

@@ -146,7 +146,7 @@ def read_sensors(
 ) -> None:
     """Compute the readings of all sensors in a step, with noise, offsets, rounding and faults.
 
-    Offsets and errors first grow by one step of their drift. The order of sensors is: n lengths;
+    Offsets and errors first grow by the drift of one period. The order of sensors is: n lengths;
     cap, rod and line pressure of each actuator in turn; pressure of the rail; speeds of the m servo
     pumps as flows. A length is rounded to the resolution of the joint position.
 
@@ -156,7 +156,7 @@ def read_sensors(
         plant: True state of the plant.
         readings: Readings of the sensors. Written in place.
         channels: State of the sensors, SensorChannel[4 n + 1 + m]. Updated in place.
-        step: Servo period, float64[1], [s].
+        step: Time from one reading to the next, float64[1], [s].
         row: Row of `noise_rows` for this step.
     """
     noise, h = noise_rows[row], step[0]

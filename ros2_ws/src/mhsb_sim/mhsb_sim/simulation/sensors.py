@@ -129,18 +129,20 @@ PUMP_SPEED = {
 
 
 def build_channels(
-    machine: Machine, random: np.random.Generator
+    machine: Machine, random: np.random.Generator, period: float
 ) -> tuple[Records[SensorChannel], FloatArray]:
     """Build the sensors of a machine, with offsets and drifts drawn at random.
 
     With n actuators and m servo pumps the order is: n lengths; cap, rod and line pressure of
     actuator 1, then of actuator 2 and so on; pressure of the rail (shared boost line); speeds of
     the m servo pumps, as flows. Offsets and drifts are normally distributed, with the standard
-    deviations of the sensor's class. A drift is stored as the change in one servo step.
+    deviations of the sensor's class. A drift is stored as the change from one reading to the
+    next.
 
     Args:
         machine: The simulated machine; its file names the class of each kind of sensor.
         random: Generator for offsets and drifts.
+        period: Time from one reading to the next [s].
 
     Returns:
         Sensors, SensorChannel[4 n + 1 + m]; and standard deviation of the noise of each one,
@@ -166,6 +168,6 @@ def build_channels(
         channels["resolution"][own] = unit * kind.resolution
         channels["offset"][own] = unit * kind.offset * random.standard_normal(count)
         drift = unit * kind.drift * random.standard_normal(count)
-        channels["drift"][own] = drift * machine.config.simulation.step
+        channels["drift"][own] = drift * period
         first += count
     return channels, noise

@@ -40,6 +40,7 @@ from mhsb_sim.errors import ModeError, SimulationDivergedError
 from mhsb_sim.mechanics.mujoco_model import build_model, set_payload
 from mhsb_sim.simulation.exchange import (
     ANGLE_ROW,
+    LARGEST_STATE,
     MOMENT_ARM_ROW,
     SPEED_ROW,
     CommandQueue,
@@ -201,8 +202,13 @@ class Simulator:
         """Start the random numbers from the seed, and draw offsets and drifts of the sensors."""
         self._random = np.random.default_rng(self._seed)
         own = np.random.default_rng((self._seed, 1))
-        self._channels, self._noise_scale = build_channels(self.plant, own)
+        self._channels, self._noise_scale = build_channels(self.plant, own, self._sensor_period)
         self._noise = np.zeros((NOISE_ROWS, len(self._channels)))
+
+    @property
+    def _sensor_period(self) -> float:
+        """Time from one reading of the sensors to the next [s]."""
+        return self._sensor_steps * self._step_ns / SECOND_NS
 
     def _reset_servo(self, q: FloatArray, modes: ModeArray) -> None:
         """Build the sensors' kernel and the servo, open the valves, and hold a posture.
@@ -225,7 +231,7 @@ class Simulator:
                 self._signals.sensors, self._signals.rail_pressure, servo_circuit.modules
             ),
             self._channels,
-            np.full(1, 1e-9 * self._step_ns),
+            np.full(1, self._sensor_period),
             integer_count=1,
         )
         self._measure(0)
@@ -576,9 +582,8 @@ class Simulator:
         """Read the sensors and run the servo.
 
         Noise is drawn for NOISE_ROWS steps at once. Sensors that are slower than the servo keep
-        their readings for several steps; their drifts and silent times advance only with each
-        reading. While the valves are closed, only the sensors are read: the servo keeps its
-        commands, and the mode guard does nothing.
+        their readings for several steps. While the valves are closed, only the sensors are read:
+        the servo keeps its commands, and the mode guard does nothing.
         """
         row = self._steps % NOISE_ROWS
         if row == 0:
@@ -658,22 +663,24 @@ class Simulator:
     def _build_divergence_error(self) -> SimulationDivergedError:
         """Build the error that names the first quantity that is not finite or too large.
 
-        The quantities are checked in a fixed order, causes before effects. If all are within
-        LARGEST_VALUE, the error names the joint motion.
+        The quantities are checked in a fixed order, causes before effects. Joint positions and
+        velocities may be up to LARGEST_STATE, other quantities up to LARGEST_VALUE. If all are
+        within, the error names the joint motion.
 
         Returns:
             The error, to be raised.
         """
-        candidates: list[tuple[str, Any]] = [
-            ("the joint position", self._data.qpos),
-            ("the joint velocity", self._data.qvel),
-            ("the reference", self._signals.reference),
-            ("a pressure", self._circuit.pressure),
-            ("the servo's valve command", self._servo_circuit.actuators["valve_command"]),
-            ("the servo's pump command", self._servo_circuit.modules["flow_command"]),
+        servo = self._servo_circuit
+        candidates: list[tuple[str, Any, float]] = [
+            ("the joint position", self._data.qpos, LARGEST_STATE),
+            ("the joint velocity", self._data.qvel, LARGEST_STATE),
+            ("the reference", self._signals.reference, LARGEST_VALUE),
+            ("a pressure", self._circuit.pressure, LARGEST_VALUE),
+            ("the servo's valve command", servo.actuators["valve_command"], LARGEST_VALUE),
+            ("the servo's pump command", servo.modules["flow_command"], LARGEST_VALUE),
         ]
-        for text, values in candidates:
-            if not np.all(np.isfinite(values)) or np.any(np.abs(values) > LARGEST_VALUE):
+        for text, values, largest in candidates:
+            if not np.all(np.isfinite(values)) or np.any(np.abs(values) >= largest):
                 quantity = text.replace("_", " ")
                 break
         else:

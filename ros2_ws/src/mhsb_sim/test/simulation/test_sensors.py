@@ -27,7 +27,7 @@ def test_every_class_that_a_machine_file_may_name_is_there(machine: Machine) -> 
 
 
 def test_the_files_sensors_have_its_noise_and_no_other_error(machine: Machine) -> None:
-    channels, noise = build_channels(machine, np.random.default_rng(0))
+    channels, noise = build_channels(machine, np.random.default_rng(0), 1e-3)
     n, servo = machine.joint_count, machine.config.servo
     assert not any(channels[name].any() for name in channels.dtype.names)
     np.testing.assert_array_equal(noise[:n], servo.length_noise)
@@ -64,7 +64,22 @@ def test_industrial_sensors_read_multiples_of_their_resolution_about_their_offse
 def test_a_sensor_keeps_its_offset_with_the_seed(machine: Machine) -> None:
     plant = with_sensors(machine, "file", "industrial", "exact")
     one, same, other = (
-        build_channels(plant, np.random.default_rng(seed))[0]["offset"] for seed in (3, 3, 4)
+        build_channels(plant, np.random.default_rng(seed), 1e-3)[0]["offset"] for seed in (3, 3, 4)
     )
     np.testing.assert_array_equal(one, same)
     assert np.any(one != other)
+
+
+def test_slow_sensors_drift_as_fast_as_others(machine: Machine) -> None:
+    grown = []
+    for rate in (1000.0, 50.0):
+        plant = with_sensors(machine, "file", "industrial", "exact")
+        simulator = Simulator(
+            machine, plant=plant.with_values({"imperfections.sensors.rate": rate})
+        )
+        before = simulator._channels["offset"].copy()
+        for _ in range(1000):
+            simulator.step()
+        grown.append(simulator._channels["offset"] - before)
+    assert np.abs(grown[0]).max() > 1.0
+    np.testing.assert_allclose(grown[1], grown[0], rtol=1e-9)

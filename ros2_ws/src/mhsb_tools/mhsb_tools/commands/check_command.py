@@ -98,7 +98,7 @@ def format_report(machine: Machine) -> list[str]:
         pressures in MPa and flows in L/min.
     """
     found = facts(machine)
-    lines = [f"{machine.name}: {machine.joint_count} joints, hash {machine.table_hash[:12]}"]
+    lines = [f"{machine.name}: {machine.joint_count} joints, hash {found['hash'][:12]}"]
     lines += _joint_lines(found["joints"]) + _hydraulic_lines(found["hydraulics"])
     lines += _own_lines(found["joints"])
     sensors = "pressure sensors" if found["pressure_sensors"] else "length sensors alone"

@@ -280,9 +280,9 @@ def log_as_json(log: PlanLog) -> list[dict[str, Any]]:
         log: Log, with an entry in time order for each path that was proposed.
 
     Returns:
-        A dictionary for each entry, aligned with `log.entries`: `time_s`, `proposer` (source of the path),
-        `outcome`, `path_cost`, `motion` (how it was made), `motion_cost` and `reason`. A cost is
-        None if it was not computed.
+        A dictionary for each entry, aligned with `log.entries`: `time_s`, `proposer` (source of the
+        path), `outcome`, `path_cost`, `motion` (how it was made), `motion_cost` and `reason`. A
+        cost is None if it was not computed.
     """
     return [
         {

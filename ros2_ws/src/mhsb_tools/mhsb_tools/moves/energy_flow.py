@@ -97,7 +97,7 @@ def _parts(energy: Mapping[str, float], sign: float, total: float) -> dict[str, 
     """
     order = [
         *(name for name in ITEM_COLORS if name in energy),
-        *(energy.keys() - ITEM_COLORS.keys()),
+        *(name for name in energy if name not in ITEM_COLORS),
     ]
     parts = {name: sign * energy[name] for name in order}
     return {name: value for name, value in parts.items() if value > LEAST_SHARE * total}

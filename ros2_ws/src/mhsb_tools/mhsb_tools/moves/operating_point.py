@@ -213,7 +213,7 @@ class _Search:
         """
         self._planner, self._own = planner, planner.machine
         self._goal, self._start, self._options = goal, start, options
-        self._ranges, self._told = ranges, on_sample
+        self._ranges, self._on_sample = ranges, on_sample
         self._samples: dict[Point, OperatingPointResult] = {}
 
     def machine_at(self, point: Point) -> Machine:
@@ -238,8 +238,8 @@ class _Search:
             except MhsbError as error:
                 sample = OperatingPointResult(*point, failure=str(error))
             self._samples[point] = sample
-            if self._told is not None:
-                self._told(sample)
+            if self._on_sample is not None:
+                self._on_sample(sample)
         return self._samples[point].cost
 
     def _plan(self, point: Point) -> Plan:

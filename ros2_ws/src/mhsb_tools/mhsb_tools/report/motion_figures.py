@@ -133,12 +133,16 @@ def compute_goal_distance(run: EvaluatedRecording) -> tuple[IntArray, FloatArray
         ROS times, int64 (k,) [ns], and distances at these times, shape (k,) [m]. Both are empty if
         no plan took over.
     """
-    goals = [goal for goal in run.goals if goal.taken_over_ns is not None]
-    since_ns = np.array([goal.taken_over_ns for goal in goals], dtype=np.int64)
-    at = np.array([goal.verdict.goal.position for goal in goals])
+    taken_over = sorted(
+        (goal.taken_over_ns, goal.verdict.goal.position)
+        for goal in run.goals
+        if goal.taken_over_ns is not None
+    )
+    since_ns = np.array([since for since, _ in taken_over], dtype=np.int64)
     row = np.searchsorted(since_ns, run.tip.time_ns, "right") - 1
     sent = row >= 0
-    if not goals:
+    if not taken_over:
         return run.tip.time_ns[sent], np.empty(0)
+    at = np.array([position for _, position in taken_over])
     away = run.tip.measured[sent] - at[row[sent]]
     return run.tip.time_ns[sent], np.linalg.norm(away, axis=1)

@@ -171,7 +171,7 @@ def run_fault(machine: Machine, motion: Command, fault: str, controller: str) ->
         arm.step(0.0)
         since = (simulator.time_ns - fails_ns) / SECOND_NS
         said = arm.fault or arm.warning
-        if found is None and said:
+        if found is None and said and since >= 0.0:
             found, sentence = since, said
         if simulator.valves_closed and np.isnan(closed):
             closed = since

@@ -37,7 +37,7 @@ def measure_joint_excess(m: MachineArrays, state: LimitInputs) -> float:
 
 JOINT_LIMIT = StateLimit(
     name="joint range",
-    describe=lambda broken: f"a joint limit is passed by {broken.amount:.3g} rad",
+    describe=lambda broken: f"a joint limit is passed by {broken.amount:.3g} rad or m",
     measure=measure_joint_excess,
     limit=0.0,
     broken_above=JOINT_TOLERANCE,
