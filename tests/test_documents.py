@@ -35,7 +35,7 @@ def script(path: Path):
 
 def test_they_build_without_a_warning(tmp_path):
     build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", tmp_path / "site"]
-    run = subprocess.run(build, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    run = subprocess.run(build, cwd=ROOT, capture_output=True, text=True, timeout=240)
     assert run.returncode == 0, run.stderr
     assert (tmp_path / "site" / "index.html").exists()
 

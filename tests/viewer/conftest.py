@@ -79,7 +79,7 @@ class Page:
         number = next(self._numbers)
         self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
         while True:
-            answer = json.loads(self._socket.recv(timeout=30.0))
+            answer = json.loads(self._socket.recv(timeout=90.0))
             if answer.get("id") == number:
                 assert "error" not in answer, answer
                 return dict(answer["result"])

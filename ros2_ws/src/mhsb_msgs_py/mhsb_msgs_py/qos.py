@@ -20,7 +20,7 @@ DEFAULT = _profile(10)
 """Profile of streams and commands."""
 
 STATUS = _profile(100)
-"""Profile of verdicts and execution reports: none may be lost in a flood of goals."""
+"""Profile of goals, verdicts and execution reports: each goal that came gets its verdict."""
 
 LATCHED = _profile(1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Profile of state that a late subscriber must get: the last message is kept for it."""

@@ -40,7 +40,7 @@ class Topic:
         return f"{package}/msg/{self.message.__name__}"
 
 
-GOAL_POSE = Topic(names.GOAL_POSE, PoseStamped, qos.DEFAULT)
+GOAL_POSE = Topic(names.GOAL_POSE, PoseStamped, qos.STATUS)
 PLAN_STATUS = Topic(names.PLAN_STATUS, DiagnosticArray, qos.STATUS)
 JOINT_STATES = Topic(names.JOINT_STATES, JointState, qos.DEFAULT)
 REFERENCE = Topic(names.REFERENCE, JointTrajectory, qos.DEFAULT)

@@ -9,7 +9,7 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from mhsb_msgs_py import names, topics
 
 CONTRACT = {
-    "goal_pose": ("PoseStamped", False, 10),
+    "goal_pose": ("PoseStamped", False, 100),
     "plan_status": ("DiagnosticArray", False, 100),
     "joint_states": ("JointState", False, 10),
     "reference": ("JointTrajectory", False, 10),
