@@ -589,6 +589,55 @@ def _step_to_goal(
 
 
 @kernel(borrows=True)
+def _step_to_neighbour(
+    problem: LatticeProblem,
+    w: PathCostBuffers,
+    f: OpenList,
+    known: LatticePointData,
+    origin: ExpandedState,
+    point: int,
+    rule: SearchRule,
+) -> None:
+    """Price the step from an expanded state to a neighbouring lattice point.
+
+    States of the point that the step reaches more cheaply than before enter the open list. The step
+    is skipped if a lower bound shows that it cannot lead to a path below the cost limit, or to a
+    cheaper state of the point. If any path will do (`reachability_only`), it is also skipped if the
+    point has been reached.
+
+    Args:
+        problem: Cost model, lattice and goals.
+        w: Working memory of the thread, overwritten; row 0 of its points is the expanded point.
+        f: Open list and state records, changed in place.
+        known: Data of the lattice points that the search has reached, changed in place.
+        origin: The expanded state.
+        point: Number of the neighbouring point.
+        rule: Cost limit, heuristic weight, and whether any path will do.
+    """
+    t, lattice, goals = problem
+    row = known.row[point] - 1
+    is_new = row == NO_STATE
+    if rule.reachability_only and not is_new and known.best[row] != NO_STATE:
+        return
+    if is_new:
+        row = _add_row(known, point)
+    _load_point(known, lattice, row, w.points, 1)
+    if is_new:
+        known.remaining[row] = bound_cost_to_nearest(
+            t.circuit, w.points.length[1], goals.length, t.weight
+        )
+    least, best = known.remaining[row], known.best[row]
+    cost = origin.cost + least_move_cost(t, w.points.length[0], w.points.length[1])
+    if cost + least >= rule.cost_limit:
+        return
+    if best != NO_STATE and cost >= f.states[best].cost + t.weight[2] * len(lattice.shape):
+        return
+    _load_forces(t, known, row, w.points, 1)
+    f.counts[GENERATED_COUNT] += 1
+    _price_step_to(t, w, f, known, origin, StepTarget(row * len(t.patterns), 1, least), rule)
+
+
+@kernel(borrows=True)
 def expand(
     problem: LatticeProblem,
     w: PathCostBuffers,
@@ -651,28 +700,8 @@ def expand(
             rest -= at[j] * lattice.stride[j]
         for move in lattice.moves:
             point = _find_neighbour(lattice, at, move)
-            if point == NO_STATE:
-                continue
-            row = known.row[point] - 1
-            is_new = row == NO_STATE
-            if rule.reachability_only and not is_new and known.best[row] != NO_STATE:
-                continue
-            if is_new:
-                row = _add_row(known, point)
-            _load_point(known, lattice, row, w.points, 1)
-            if is_new:
-                known.remaining[row] = bound_cost_to_nearest(
-                    t.circuit, w.points.length[1], goals.length, t.weight
-                )
-            least, best = known.remaining[row], known.best[row]
-            cost = origin.cost + least_move_cost(t, w.points.length[0], w.points.length[1])
-            if cost + least >= rule.cost_limit or (
-                best != NO_STATE and cost >= f.states[best].cost + t.weight[2] * n
-            ):
-                continue
-            _load_forces(t, known, row, w.points, 1)
-            f.counts[GENERATED_COUNT] += 1
-            _price_step_to(t, w, f, known, origin, StepTarget(row * patterns, 1, least), rule)
+            if point != NO_STATE:
+                _step_to_neighbour(problem, w, f, known, origin, point, rule)
         for k in range(len(goals.length)):
             if _is_around(lattice, at, goals.length[k]):
                 _step_to_goal(problem, w, f, known, origin, k, rule)

@@ -487,10 +487,8 @@ def _fit_candidate(
     for _ in range(MAX_STRETCH_ROUNDS):
         deadline.check(FIT_TASK)
         curve = candidate.curve_at(stretch)
-        if not curve.breaks[-1] <= LONGEST_MOTION:
-            return f"it takes {curve.breaks[-1]:.4g} s, at most {LONGEST_MOTION:g} s is allowed"
-        if isinstance(curve, RampedMotion) and not curve.keeps_dynamic_limits:
-            return "pistons would have to speed up or slow down faster than allowed"
+        if refused := _describe_refused_curve(curve):
+            return refused
         trajectory, first = sample_curve(curve, candidate.start, path.posture[-1]), 0
         slowing = compute_slowing_factor(machine.curve_limits.for_planning, trajectory)
         if lead_in is not None:
@@ -525,14 +523,29 @@ def _fit_candidate(
             scaling = violation.limit.time_scaling
             if scaling not in candidate.stretchable or violation.time < time[first]:
                 return violation
-            if scaling is TimeScaling.INERTIA:
-                needed = THRUST_STRETCH
-            else:
-                needed = USAGE_RESERVE * (1.0 + violation.amount)
+            is_inertia = scaling is TimeScaling.INERTIA
+            needed = THRUST_STRETCH if is_inertia else USAGE_RESERVE * (1.0 + violation.amount)
         stretch *= max(needed, USAGE_RESERVE) if stuck else needed
         if stretch > (candidate.max_stretch or rules.max_stretch) * candidate.stretch:
             return f"V_max, valves and pumps would take a duration {stretch:.3g} times the path's"
     return "stretching it did not bring it within what valves and pumps can do"
+
+
+def _describe_refused_curve(curve: Curve) -> str:
+    """Describe why a curve is refused before it is sampled.
+
+    Args:
+        curve: Curve of joint positions over time.
+
+    Returns:
+        Clause that says that the curve takes longer than LONGEST_MOTION, or that its ramps break
+        the limits of acceleration and jerk; empty if neither is so.
+    """
+    if not curve.breaks[-1] <= LONGEST_MOTION:
+        return f"it takes {curve.breaks[-1]:.4g} s, at most {LONGEST_MOTION:g} s is allowed"
+    if isinstance(curve, RampedMotion) and not curve.keeps_dynamic_limits:
+        return "pistons would have to speed up or slow down faster than allowed"
+    return ""
 
 
 def _describe_passed_limit(

@@ -285,6 +285,7 @@ def _interval_modes(
     free = np.empty(n, dtype=np.int64)
     on = np.empty(intervals, dtype=np.bool_)
     shared = np.empty(intervals, dtype=np.bool_)
+    sharing = np.empty(intervals, dtype=np.bool_)
     one_pump = get_max_servo_pump_flow(get_shared_hydraulics(m), m.modules_per_mode[DB])
     for j in range(n):
         need, lifts, flow = _determine_needs(m, j, speed, force)
@@ -303,21 +304,31 @@ def _interval_modes(
             _ON if BOOSTED_MODES[start[j]] else _OFF,
             _ON if BOOSTED_MODES[hold[j]] else _OFF,
         )
+        for i in range(intervals):
+            sharing[i] = demand[i, j] > one_pump or preferred[i, j] == SB
         for ahead in (lead, 0.0):  # a lengthened SB run may lengthen its boost run
             for i in range(intervals):
-                wanted = demand[i, j] > one_pump or preferred[i, j] == SB
-                shared[i] = on[i] and (start[j] == SB if i < free[j] else wanted)
+                shared[i] = on[i] and (start[j] == SB if i < free[j] else sharing[i])
             beside = (_ON if start[j] == SB else _OFF, _OFF)
             _enforce_lead_and_dwell(time, shared, free[j], intervals, 0.0, dwell, beside)
             on |= shared
             _enforce_lead_and_dwell(time, on, free[j], intervals, ahead, dwell, boost_beside)
         for i in range(free[j], intervals):
-            shared[i] = on[i] and (demand[i, j] > one_pump or preferred[i, j] == SB)
+            shared[i] = on[i] and sharing[i]
         _enforce_shared_boost_dwell(time, on, shared, free[j], rules, start[j], hold[j])
-        for i in range(intervals):
-            modes[i, j] = SB if shared[i] else (DB if on[i] else N)
+        _write_modes(modes[:, j], on, shared)
     _keep_budget(m, time, modes, demand, needed, free, dwell)
     return modes
+
+
+@kernel
+def _write_modes(modes: ModeArray, on: np.ndarray, shared: np.ndarray) -> None:
+    """Write the modes of an actuator into `modes`: SB where `shared`, else DB where `on`, else N.
+
+    All three arrays have one element for each interval, shape (k - 1,).
+    """
+    for i in range(len(modes)):
+        modes[i] = SB if shared[i] else (DB if on[i] else N)
 
 
 @kernel
@@ -589,12 +600,7 @@ def _keep_budget(
     """
     intervals, n = modes.shape
     for i in range(intervals):
-        while True:
-            used = 0
-            for j in range(n):
-                used += m.modules_per_mode[modes[i, j]]
-            if used <= m.module_count:
-                break
+        while _count_modules(m, modes[i]) > m.module_count:
             loser = -1
             least = math.inf
             first = last = 0
@@ -624,6 +630,15 @@ def _keep_budget(
                     break
             if loser < 0:
                 break
+
+
+@kernel
+def _count_modules(m: MachineArrays, modes: ModeArray) -> int:
+    """Return the number of booster modules that a mode combination, shape (n,), needs."""
+    used = 0
+    for mode in modes:
+        used += m.modules_per_mode[mode]
+    return used
 
 
 @kernel

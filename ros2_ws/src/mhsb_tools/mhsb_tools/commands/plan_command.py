@@ -6,6 +6,7 @@ import json
 import math
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -107,10 +108,8 @@ def plan(
             `start` or `case`, a value with its range, or more than one of `goal_tolerance`,
             `goal_segment` and `goal_box`.
     """
-    outputs = (("plot", plot, ".png", "the picture"), ("csv", csv, ".csv", "the table"))
-    for option, file, suffix, _ in outputs:
-        if file is not None and file.suffix.lower() != suffix:
-            raise command_line.UsageError(f"--{option}: '{file}' must end in {suffix}")
+    _check_suffix("plot", plot, ".png")
+    _check_suffix("csv", csv, ".csv")
     base = load_machine(arm.machine)
     posture, start = move.find_start(base)
     asked = build_request(
@@ -118,28 +117,25 @@ def plan(
     )
     ranges = arm.collect_ranges()
     options = build_options(asked, move, goal, planning)
-    for _, file, _, what in outputs:
+    for file, what in ((plot, "the picture"), (csv, "the table")):
         if file is not None:
             make_parent_folder(file, what)
     check_coordinates(base, asked)
     changed = zones.add_to(arm.change(base))
     compile_planner(parts=PARTS_FOR_REST)
     suite = Planner(changed, load_or_build_table(base, arm.table))
-    began = time.perf_counter()
     if posture is None:
         base.check_in_workspace(asked.start)
         posture = asked.start_posture(suite.machine)
     log = PlanLog()
     try:
-        made, found = _make_plan(suite, asked.goal, posture, options, ranges, silent=json_, log=log)
+        made, found, seconds = _make_timed_plan(
+            suite, asked.goal, posture, options, ranges, silent=json_, log=log
+        )
     except MhsbError:
         if explain:
             print(log, file=sys.stderr)
         raise
-    if found is None and time.perf_counter() - began < REPEATED_PLAN_TIME:
-        began = time.perf_counter()  # loading kernels took most of it, so plan again
-        made, _ = _make_plan(suite, asked.goal, posture, options, ranges, silent=json_)
-    seconds = {**made.seconds, "total": time.perf_counter() - began}
     area = compute_polytope_areas(suite, made)
     if plot is not None:
         draw_move_page(move_of_plan(suite.machine, made, asked.goal, _title(asked)), plot)
@@ -152,9 +148,51 @@ def plan(
         return
     print("\n".join([*case_line(asked), str(made), *point_lines(found), "", *motion_lines(made)]))
     if explain:
-        lines = ["", *path_lines(suite.machine, made), "", *fit_lines(made, seconds)]
-        lines += [area_line(area), "", str(made.log)]
-        print("\n".join(lines))
+        print("\n".join(["", *path_lines(suite.machine, made), "", *fit_lines(made, seconds)]))
+        print(f"{area_line(area)}\n\n{made.log}")
+
+
+def _check_suffix(option: str, file: Path | None, suffix: str) -> None:
+    """Raise UsageError if the file that an option names does not end in a suffix, such as .png."""
+    if file is not None and file.suffix.lower() != suffix:
+        raise command_line.UsageError(f"--{option}: '{file}' must end in {suffix}")
+
+
+def _make_timed_plan(
+    planner: Planner,
+    goal: Position,
+    posture: FloatArray,
+    options: PlanOptions,
+    ranges: tuple[Range | None, Range | None],
+    *,
+    silent: bool,
+    log: PlanLog,
+) -> tuple[Plan, OperatingPoint | None, dict[str, float]]:
+    """Plan a motion from rest, and measure the times of planning.
+
+    A plan that took less than REPEATED_PLAN_TIME is made a second time.
+
+    Args:
+        planner: Planner of the arm.
+        goal: Tip position at the goal, (x, z) or (x, y, z) [m].
+        posture: Posture at the start, shape (n,) [rad or m].
+        options: Options of the plan.
+        ranges: See `_make_plan`.
+        silent: True hides the progress bar.
+        log: Log of the first planning, filled in place.
+
+    Returns:
+        Plan and operating point of `_make_plan`, and the times of the stages and in `total` [s].
+
+    Raises:
+        MhsbError: No plan was found.
+    """
+    began = time.perf_counter()
+    made, found = _make_plan(planner, goal, posture, options, ranges, silent=silent, log=log)
+    if found is None and time.perf_counter() - began < REPEATED_PLAN_TIME:
+        began = time.perf_counter()  # loading kernels took most of it, so plan again
+        made, _ = _make_plan(planner, goal, posture, options, ranges, silent=silent)
+    return made, found, {**made.seconds, "total": time.perf_counter() - began}
 
 
 def _make_plan(
