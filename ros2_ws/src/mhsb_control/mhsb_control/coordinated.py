@@ -51,7 +51,7 @@ from mhsb_control.valve_estimate import (
     compute_opening,
 )
 from mhsb_model.arm_reports import Estimate
-from mhsb_model.circuit.elements import compute_orifice_flow
+from mhsb_model.circuit.elements import compute_null_leakage, compute_orifice_flow
 from mhsb_model.circuit.quantities import ActuatorState, CircuitConstants, CylinderConstants
 from mhsb_model.hydraulics import inlet_area, load_pressure
 from mhsb_model.kernels.bound_kernel import bind_kernel
@@ -470,7 +470,7 @@ def control_join_valves(s: ServoArguments, p: PumpState, settings: CoordinationS
         shed = axis.supply_target < highest - joined_drop and not RAIL_MODES[s.modes_ahead[j]]
         if shed:
             drop = axis.supply_target - c.tank_pressure
-            leakage, _ = compute_orifice_flow(c.leakage_coefficient, drop, c.laminar_pressure)
+            leakage = compute_null_leakage(c, drop)
             excess_leakage = p.lines.estimate[1 + j] * (axis.leakage - leakage)
             most = settings.early_leave_flow_share if axis.joined > 0.0 else 1.0
             shed = axis.line_flow - excess_leakage < most * c.servo_pump_flow

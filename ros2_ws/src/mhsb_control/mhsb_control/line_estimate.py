@@ -27,7 +27,7 @@ import numpy as np
 
 from mhsb_control.cascade import ControlAxis, ServoArguments
 from mhsb_control.controller import ActuatorReadings
-from mhsb_model.circuit.elements import compute_orifice_flow
+from mhsb_model.circuit.elements import compute_null_leakage
 from mhsb_model.circuit.quantities import CircuitConstants, CylinderConstants, ModuleState
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.records import Record, Records, create_records
@@ -415,9 +415,7 @@ def compute_line_intake(
             reference, and 0 if the reference rests.
     """
     line, cap, rod = sensor.line_pressure, sensor.cap_pressure, sensor.rod_pressure
-    axis.leakage, _ = compute_orifice_flow(
-        c.leakage_coefficient, line - c.tank_pressure, c.laminar_pressure
-    )
+    axis.leakage = compute_null_leakage(c, line - c.tank_pressure)
     taken[0] = c.line_capacity * (line - before[0])
     taken[1] = axis.leakage * step
     taken[2] = 0.0

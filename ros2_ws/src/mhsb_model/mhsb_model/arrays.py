@@ -76,6 +76,8 @@ class MachineArrays(NamedTuple):
     """Flow coefficient K of one metering edge of each valve, Q = K √Δp, shape (n,) [m³/(s √Pa)]."""
     leakage_flow: float
     """Leakage of one valve at the main pump's pressure q_leak [m³/s]."""
+    land_leakage: float
+    """Share of that leakage which flows over the lands of the spool [-]."""
     external_leakage: float
     """Total leakage, at the main pump's pressure, of valves that do not belong to the n joints
     [m³/s]."""

@@ -11,7 +11,7 @@ Source: paper, Section 2.1, with the asymmetric cylinder worked out.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.modes import BOOSTED_MODES, RAIL_MODES
 from mhsb_model.types import FloatArray, ModeArray
+
+FloatOrArray = TypeVar("FloatOrArray", float, FloatArray)
 
 MARGIN_SHARE_WITHOUT_INERTIA = 0.5
 """Share of the boost margin that is reserved for friction and control [-]; inertia may use the
@@ -253,6 +255,8 @@ class SharedHydraulics(NamedTuple):
     """Largest flow of one servo pump Q_SP [m³/s]."""
     leakage_flow: float
     """Leakage of one valve at the main pump's pressure q_leak [m³/s]."""
+    land_leakage: float
+    """Share s of that leakage which flows over the lands of the spool [-]."""
 
 
 @kernel(borrows=True)
@@ -266,6 +270,7 @@ def get_shared_hydraulics(m: MachineArrays) -> SharedHydraulics:
         m.main_pump_flow,
         m.servo_pump_flow,
         m.leakage_flow,
+        m.land_leakage,
     )
 
 
@@ -443,15 +448,40 @@ def select_supply_pressure(
 
 
 @kernel
-def compute_orifice_leakage(
-    rated_flow: float, rated_pressure: float, tank: float, supply: float
-) -> float:
-    """Compute the leakage of a valve at a supply pressure, as through an orifice to the tank.
+def scale_leakage(land_leakage: float, ratio: FloatOrArray) -> FloatOrArray:
+    """Return the factor on the leakage of a valve at another pressure drop than the rated one.
 
-        q = q_leak √((p − p_T) / (P_S − p_T))
+        f = (1 − s) √r + s r
+
+    The share s flows over the lands of the spool. This flow is laminar. The rest, such as the flow
+    through the pilot stage, is turbulent.
+
+    Args:
+        land_leakage: Share s of the leakage over the lands at the rated drop [-].
+        ratio: Drop from supply to tank over the rated one, r ≥ 0 [-]; any shape.
+
+    Returns:
+        Factor f [-], in the shape of `ratio`.
+
+    Source:
+        H. E. Merritt, Hydraulic Control Systems (leakage of a closed spool valve).
+    """
+    return (1.0 - land_leakage) * np.sqrt(ratio) + land_leakage * ratio
+
+
+@kernel
+def compute_leakage_at(
+    rated_flow: float, land_leakage: float, rated_pressure: float, tank: float, supply: float
+) -> float:
+    """Compute the leakage of a valve at a supply pressure.
+
+        q = q_leak f((p − p_T) / (P_S − p_T))
+
+    The factor f is that of `scale_leakage`.
 
     Args:
         rated_flow: Leakage q_leak at the rated supply pressure [m³/s].
+        land_leakage: Share of the leakage over the lands at that pressure [-].
         rated_pressure: Rated supply pressure P_S [Pa].
         tank: Tank pressure p_T [Pa].
         supply: Present supply pressure p of the valve [Pa].
@@ -459,21 +489,24 @@ def compute_orifice_leakage(
     Returns:
         Leakage [m³/s]; 0 if the supply pressure is below the tank pressure.
     """
-    return rated_flow * math.sqrt(max(0.0, supply - tank) / (rated_pressure - tank))
+    ratio = max(0.0, supply - tank) / (rated_pressure - tank)
+    return rated_flow * scale_leakage(land_leakage, ratio)
 
 
 @kernel
 def compute_valve_leakage(oil: SharedHydraulics, supply: float) -> float:
-    """Compute the leakage of one valve at a supply pressure, as through an orifice to the tank.
+    """Compute the leakage of one valve at a supply pressure.
 
     Args:
-        oil: Rated leakage, and pressures of supply and tank.
+        oil: Rated leakage, its share over the lands, and pressures of supply and tank.
         supply: Present supply pressure of the valve [Pa].
 
     Returns:
         Leakage [m³/s]; 0 if the supply pressure is below the tank pressure.
     """
-    return compute_orifice_leakage(oil.leakage_flow, oil.supply_pressure, oil.tank_pressure, supply)
+    return compute_leakage_at(
+        oil.leakage_flow, oil.land_leakage, oil.supply_pressure, oil.tank_pressure, supply
+    )
 
 
 @kernel

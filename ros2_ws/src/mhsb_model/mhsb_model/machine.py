@@ -992,6 +992,7 @@ def _make_arrays(config: MachineConfig) -> MachineArrays:
         servo_pump_efficiency=oil.servo_pump.efficiency,
         valve_coefficient=frozen(rated_flow / np.sqrt(drop)),
         leakage_flow=oil.valve.leakage_flow,
+        land_leakage=oil.valve.land_leakage,
         external_leakage=0.0,
         max_piston_speed=frozen(np.minimum(fastest, config.motion.max_piston_speed)),
         max_piston_acceleration=config.motion.max_piston_acceleration,

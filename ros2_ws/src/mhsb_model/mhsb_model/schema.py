@@ -390,6 +390,14 @@ class Valve(Section):
     rated_flow: ValveFlow = Field(description="through one edge at the rated drop [m³/s]")
     rated_pressure_drop_per_land: ValveDrop = Field(description="over one edge [Pa]")
     leakage_flow: NonNegative = Field(le=0.01, description="supply to tank, per valve [m³/s]")
+    land_leakage: float = Field(
+        default=0.0,
+        ge=0,
+        le=1,
+        exclude_if=lambda given: given == 0.0,
+        description="share of leakage_flow that passes the work ports, over the lands of the "
+        "spool; loads then sink through a closed valve [-]",
+    )
 
 
 class Hydraulics(Section):
@@ -441,6 +449,21 @@ class CircuitDynamics(Section):
     switching_valve_time: Duration = Field(description="time constant of opening and closing [s]")
     valve_frequency: float = Field(ge=0.01, le=1e5, description="of the servo valve's spool [Hz]")
     valve_damping: Gain = Field(description="damping ratio of the spool [-]")
+    land_length: float = Field(
+        default=0.05,
+        ge=1e-4,
+        le=1,
+        exclude_if=lambda given: given == 0.05,
+        description="overlap that halves the leakage of a land, share of the spool's stroke [-]",
+    )
+    lock_valve_opening: float = Field(
+        default=0.0,
+        ge=0,
+        le=0.5,
+        exclude_if=lambda given: given == 0.0,
+        description="opening of the servo valve below which pilot-operated check valves shut off "
+        "the cylinder [-]; 0 without them",
+    )
     servo_pump_lag: Duration = Field(description="time constant of the servo pump's speed [s]")
     servo_pump_flow_reserve: NonNegative = Field(
         le=0.1,

@@ -107,20 +107,37 @@ def build_modules(module_home: IntArray) -> Records[ModuleState]:
     return modules
 
 
+def compute_viscosity_ratio(temperature: float) -> float:
+    """Return the oil's viscosity at a temperature over that at FILE_TEMPERATURE.
+
+        µ/µ_file = e^(−k_µ ΔT)
+
+    Args:
+        temperature: Temperature of the oil [°C].
+
+    Returns:
+        Ratio of the viscosities [-].
+
+    Source:
+        H. E. Merritt, Hydraulic Control Systems (viscosity over temperature).
+    """
+    return math.exp(-VISCOSITY_SLOPE * (temperature - FILE_TEMPERATURE))
+
+
 def compute_constants(machine: Machine, substep: float) -> Records[CircuitConstants]:
     """Compute the constants of a machine's circuit.
 
     Flows at a rated pressure drop become coefficients: Q/√Δp of an orifice, Q/Δp of a linear valve.
     Volumes become capacities V/β, and lags τ become decays e^(−substep/τ).
 
-    Viscosity µ and bulk modulus β depend on the difference ΔT of the oil's temperature from
-    FILE_TEMPERATURE:
+    The bulk modulus β depends on the difference ΔT of the oil's temperature from FILE_TEMPERATURE,
+    and so does the viscosity µ (`compute_viscosity_ratio`):
 
-        µ/µ_file = e^(−k_µ ΔT),   β/β_file = e^(−k_β ΔT)
+        β/β_file = e^(−k_β ΔT)
 
-    k_µ is VISCOSITY_SLOPE, and k_β BULK_MODULUS_SLOPE. Viscous friction is proportional to µ, and
-    the laminar flow of the rail's bleed valve to 1/µ. The pressure drop at which an orifice turns
-    laminar is proportional to µ², since it follows from the Reynolds number.
+    k_β is BULK_MODULUS_SLOPE. Viscous friction is proportional to µ. The laminar flows of the
+    rail's bleed valve and of the servo valves' lands are proportional to 1/µ. The pressure drop at
+    which an orifice turns laminar is proportional to µ², since it follows from the Reynolds number.
 
     Components that the machine file leaves out get values that switch them off: bristle stiffness
     0, accumulator volume 0, spool rate inf.
@@ -133,12 +150,13 @@ def compute_constants(machine: Machine, substep: float) -> Records[CircuitConsta
         CircuitConstants[1].
 
     Source:
-        H. E. Merritt, Hydraulic Control Systems (viscosity and bulk modulus over temperature).
+        H. E. Merritt, Hydraulic Control Systems (bulk modulus over temperature).
     """
     arrays = machine.arrays
+    drop = arrays.supply_pressure - arrays.tank_pressure
     oil, real = machine.config.circuit, machine.config.imperfections
     warmth = real.oil_temperature - FILE_TEMPERATURE
-    thinner = math.exp(-VISCOSITY_SLOPE * warmth)
+    thinner = compute_viscosity_ratio(real.oil_temperature)
     beta = oil.bulk_modulus * math.exp(-BULK_MODULUS_SLOPE * warmth)
     stiction, accumulator = real.stiction, real.accumulator
     spool = spool_transition(oil.valve_frequency, oil.valve_damping, substep)
@@ -152,8 +170,10 @@ def compute_constants(machine: Machine, substep: float) -> Records[CircuitConsta
         "rail_capacity": oil.rail_volume / beta,
         "manifold_capacity": oil.manifold_volume / beta,
         "laminar_pressure": oil.laminar_pressure * thinner**2,
-        "leakage_coefficient": arrays.leakage_flow
-        / math.sqrt(arrays.supply_pressure - arrays.tank_pressure),
+        "leakage_coefficient": (1.0 - arrays.land_leakage) * arrays.leakage_flow / math.sqrt(drop),
+        "land_conductance": arrays.land_leakage * arrays.leakage_flow / drop / thinner,
+        "land_length": oil.land_length,
+        "lock_valve_opening": oil.lock_valve_opening,
         "check_coefficient": oil.check_valve_flow / math.sqrt(oil.check_valve_pressure_drop),
         "switching_coefficient": oil.switching_valve_flow
         / math.sqrt(oil.switching_valve_pressure_drop),

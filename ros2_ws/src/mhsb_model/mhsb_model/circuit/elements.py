@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from mhsb_model.circuit.quantities import CylinderConstants
+from mhsb_model.circuit.quantities import CircuitConstants, CylinderConstants
 from mhsb_model.kernels.kernel import kernel
 
 
@@ -38,6 +38,53 @@ def compute_orifice_flow(k: float, drop: float, laminar: float) -> tuple[float, 
     flow = k * drop / root
     slope = k * (0.5 * drop * drop + laminar * laminar) / (square * root)
     return flow, slope
+
+
+@kernel(inline="always")
+def compute_land_conductance(conductance: float, overlap: float, length: float) -> float:
+    """Compute the laminar leakage of a spool's land per pressure drop.
+
+        G = G₀ ℓ/(ℓ + max(0, λ))
+
+    The flow through the gap between land and sleeve is inversely proportional to the length of the
+    gap. The rounded edges leave a length ℓ at zero overlap. An open land, λ < 0, leaks like one
+    without overlap, beside the flow of its metering edge.
+
+    Args:
+        conductance: Leakage G₀ at zero overlap [m³/(s Pa)].
+        overlap: Present overlap λ, as a share of the spool's stroke; negative if the land is open.
+        length: Length ℓ of the gap at zero overlap, as a share of the stroke.
+
+    Returns:
+        Conductance G = Q/Δp [m³/(s Pa)].
+
+    Source:
+        H. E. Merritt, Hydraulic Control Systems (laminar flow through the gaps of a closed spool);
+        B. Eryilmaz, B. H. Wilson, Combining leakage and orifice flows in a hydraulic servovalve
+        model (2000), for the decrease with the overlap.
+    """
+    return conductance * length / (length + max(0.0, overlap))
+
+
+@kernel(inline="always")
+def compute_null_leakage(c: CircuitConstants, drop: float) -> float:
+    """Compute the leakage of a closed servo valve from its line to the tank.
+
+        Q = orifice(k_leak, Δp) + G Δp
+
+    The second term is the flow over the lands. Each work port passes G Δp/2, if the pressures of
+    both chambers add up to those of line and tank.
+
+    Args:
+        c: Constants of the circuit. The land conductance G is that at the valve's overlap.
+        drop: Pressure drop Δp from the line to the tank [Pa].
+
+    Returns:
+        Leakage [m³/s].
+    """
+    flow, _ = compute_orifice_flow(c.leakage_coefficient, drop, c.laminar_pressure)
+    overlap = 0.5 * (c.valve_overlap + c.valve_overlap_retracting)
+    return flow + compute_land_conductance(c.land_conductance, overlap, c.land_length) * drop
 
 
 @kernel(inline="always")

@@ -48,7 +48,13 @@ class CircuitConstants(Record):
     laminar_pressure: float
     """Pressure drop at which an orifice turns laminar [Pa]."""
     leakage_coefficient: float
-    """Coefficient of a servo valve's leakage [m³/(s √Pa)]."""
+    """Coefficient of a servo valve's leakage that does not pass a work port [m³/(s √Pa)]."""
+    land_conductance: float
+    """Leakage of each land of a servo valve's spool at zero overlap [m³/(s Pa)]; 0 if tight."""
+    land_length: float
+    """Overlap that halves the leakage of a land, a share of the spool's stroke."""
+    lock_valve_opening: float
+    """Opening of a servo valve below which its lock valves shut; 0 without lock valves."""
     check_coefficient: float
     """Coefficient of an open check valve [m³/(s √Pa)]."""
     switching_coefficient: float

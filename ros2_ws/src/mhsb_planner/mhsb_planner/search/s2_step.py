@@ -135,6 +135,7 @@ class HydraulicCoefficients(NamedTuple):
         tank_pressure: Tank pressure p_T [Pa].
         shared_flow: Main pump flow less the leakage with all joints in mode N [m³/s].
         leakage_flow: Leakage of one valve at P_S [m³/s].
+        land_leakage: Share of that leakage over the lands of the spool [-].
         idle_leakage: Leakage of further valves, which serve none of the n joints [m³/s].
         efficiency: Efficiency of the servo pumps η [-].
         area: Piston area A_dir that the supply fills, shape (n, 2) [m²].
@@ -157,6 +158,7 @@ class HydraulicCoefficients(NamedTuple):
     tank_pressure: float
     shared_flow: float
     leakage_flow: float
+    land_leakage: float
     idle_leakage: float
     efficiency: float
     area: FloatArray
@@ -214,6 +216,7 @@ def compute_hydraulic_coefficients(m: MachineArrays, patterns: ModeArray) -> Hyd
         m.tank_pressure,
         m.main_pump_flow - n * m.leakage_flow,
         m.leakage_flow,
+        m.land_leakage,
         m.external_leakage,
         m.servo_pump_efficiency,
         area,
@@ -261,8 +264,8 @@ def _compute_extra_leakage(c: HydraulicCoefficients, need: float) -> float:
     if need <= c.supply_pressure:
         return 0.0
     supply = min(need, c.max_boost_pressure)
-    leaks = hydraulics.compute_orifice_leakage(
-        c.leakage_flow, c.supply_pressure, c.tank_pressure, supply
+    leaks = hydraulics.compute_leakage_at(
+        c.leakage_flow, c.land_leakage, c.supply_pressure, c.tank_pressure, supply
     )
     return leaks - c.leakage_flow
 

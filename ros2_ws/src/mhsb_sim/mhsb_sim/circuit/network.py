@@ -10,6 +10,7 @@ the tank (constant). Between them:
     line, p_A, p_B, tank                     servo valve: four metering edges, one spool, and
                                              isolating valves between them and the chambers
     line → tank                              the servo valve's leakage
+    line → p_A, p_B → tank                   its leakage over the lands of the spool
     manifold, each line, rail, p_A, p_B → tank    relief valves
     tank → p_A, tank → p_B                   anti-cavitation valves
     further valves                           kinds of `valves.registry`, such as the rail's bleed
@@ -37,6 +38,7 @@ from mhsb_model.circuit.elements import (
     advance_servo_pump_flow,
     chamber_volumes,
     compute_check_valve_flow,
+    compute_land_conductance,
     compute_main_pump_flow,
     compute_orifice_flow,
     compute_pump_filling,
@@ -199,7 +201,7 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
     pressure[-1] = arrays.tank_pressure
     valves = place_valves(CircuitSite(machine, parts.constants))
     energy = create_records(EnergyCounters, 1)
-    net_size = 3 + len(valves.records) + 2 * module_count + 10 * actuator_count
+    net_size = 3 + len(valves.records) + 2 * module_count + 15 * actuator_count
     return Circuit(
         cylinders=parts.cylinders,
         constants=parts.constants,
@@ -447,6 +449,44 @@ def connect_servo_pumps(circuit: Circuit, count: int) -> int:
 
 
 @kernel(inline="always")
+def connect_lands(circuit: Circuit, j: int, count: int) -> int:
+    """Add the leakage over the lands of a servo valve's spool to the elements of a substep.
+
+    The spool at x moves two of the four lands towards an overlap of o − x, and two towards o + x.
+    If the isolating valves are shut, oil passes from the line to the tank over the two lands of
+    each work port in series.
+
+    Args:
+        circuit: The circuit. Writes into `net` in place.
+        j: Index of the actuator, whose spool has been moved in this substep.
+        count: Number of elements so far.
+
+    Returns:
+        New number of elements.
+    """
+    net, pressure, c = circuit.net, circuit.pressure, circuit.constants[0]
+    actuator, line, tank = circuit.actuators[j], 3 * j + 2, len(circuit.pressure) - 1
+    conductance = actuator.leakage * c.land_conductance
+    extending = compute_land_conductance(
+        conductance, c.valve_overlap - actuator.spool, c.land_length
+    )
+    retracting = compute_land_conductance(
+        conductance, c.valve_overlap_retracting + actuator.spool, c.land_length
+    )
+    passing = 1.0 - actuator.isolated
+    for start, end, slope in (
+        (line, 3 * j, passing * extending),
+        (3 * j, tank, passing * retracting),
+        (line, 3 * j + 1, passing * retracting),
+        (3 * j + 1, tank, passing * extending),
+        (line, tank, actuator.isolated * 2.0 * extending * retracting / (extending + retracting)),
+    ):
+        flow = slope * (pressure[start] - pressure[end])
+        count = add_element(net, count, LEAKAGE_PATH, start, end, flow, slope)
+    return count
+
+
+@kernel(inline="always")
 def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
     """Advance the valves of an actuator by a substep, and add its elements to the list.
 
@@ -472,9 +512,8 @@ def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
     overlap = c.valve_overlap if actuator.spool >= 0.0 else c.valve_overlap_retracting
     opening = metered_opening(actuator.spool, overlap, c.valve_exponent)
     fed, emptied = (a, b) if opening >= 0.0 else (b, a)
-    actuator.isolated = advance_first_order_lag(
-        actuator.isolated, actuator.isolating_command, c.switching_decay
-    )
+    locked = 1.0 if abs(opening) < c.lock_valve_opening else actuator.isolating_command
+    actuator.isolated = advance_first_order_lag(actuator.isolated, locked, c.switching_decay)
     k_edge = circuit.cylinders[j].valve_coefficient * abs(opening) * (1.0 - actuator.isolated)
     flow, slope = compute_orifice_flow(k_edge, pressure[line] - pressure[fed], laminar)
     count = add_element(net, count, SERVO_VALVE, line, fed, flow, slope)
@@ -485,6 +524,8 @@ def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
     drop = pressure[line] - pressure[tank]
     flow, slope = compute_orifice_flow(actuator.leakage * c.leakage_coefficient, drop, laminar)
     count = add_element(net, count, LEAKAGE_PATH, line, tank, flow, slope)
+    if c.land_conductance > 0.0:
+        count = connect_lands(circuit, j, count)
     flow, slope = compute_relief_valve_flow(c.relief_gain, drop, c.line_relief)
     count = add_element(net, count, RELIEF_VALVE, line, tank, flow, slope)
     drop = pressure[manifold] - pressure[line]

@@ -96,7 +96,10 @@ class Oracle:
         k_check = oil.check_valve_flow / math.sqrt(oil.check_valve_pressure_drop)
         k_switch = oil.switching_valve_flow / math.sqrt(oil.switching_valve_pressure_drop)
         fill = oil.anti_cavitation_flow / oil.anti_cavitation_pressure_drop
-        k_leak = m.leakage_flow / math.sqrt(m.supply_pressure - tank)
+        share_of_lands = self.machine.config.hydraulics.valve.land_leakage
+        k_leak = (1 - share_of_lands) * m.leakage_flow / math.sqrt(m.supply_pressure - tank)
+        land = share_of_lands * m.leakage_flow / (m.supply_pressure - tank)
+        seal = oil.valves.get("piston_seal", {"leakage_flow": 0.0})["leakage_flow"] / 1e7
         q_chamber = np.zeros((3, 3))
         q_rail = -oil.rail_bleed_flow / 1e7 * (rail - tank)
         q_manifold = m.main_pump_flow * np.clip(
@@ -115,6 +118,14 @@ class Oracle:
             else:
                 into_b, from_a = self.orifice(k, line - b), self.orifice(k, a - tank)
                 q_chamber[j] += (-from_a, into_b, -into_b)
+            lap = self.machine.config.imperfections.valve_overlap
+            one, other = (
+                land * oil.land_length / (oil.land_length + max(0.0, lap + sign * spool[j]))
+                for sign in (-1, 1)
+            )
+            q_chamber[j, 0] += one * (line - a) - other * (a - tank) - seal * (a - b)
+            q_chamber[j, 1] += other * (line - b) - one * (b - tank) + seal * (a - b)
+            q_chamber[j, 2] -= one * (line - a) + other * (line - b)
             q_chamber[j, 0] += fill * max(0.0, tank - a)
             q_chamber[j, 1] += fill * max(0.0, tank - b)
             q_chamber[j, 2] -= self.orifice(k_leak, line - tank)
@@ -210,6 +221,24 @@ def test_pressures_agree_with_radau_and_converge_with_the_step(machine: Machine)
     assert exact[:, 2].max() > machine.arrays.supply_pressure + 1e6  # the run boosts
     assert rms(coarse[:, :11] - exact) < 20e3
     assert rms(fine[:, :11] - exact) < 0.4 * rms(coarse[:, :11] - exact)
+
+
+def test_pressures_agree_with_radau_with_leaking_lands_and_seals(machine: Machine) -> None:
+    leaky = machine.with_values(
+        {
+            "hydraulics.valve.land_leakage": 0.6,
+            "circuit.valves": {"piston_seal": {"leakage_flow": 2e-6}},
+        }
+    )
+    found, circuit = run(leaky, 2.5e-4)
+    tight, _ = run(machine, 2.5e-4)
+    exact = oracle_run(leaky)
+    assert rms(found[:, :11] - exact) < 10e3
+    assert rms(tight[:, :11] - exact) > 100e3
+    assert circuit.energy["piston_seal"][0] > 0.0
+    energy, oil = audited(circuit)
+    assert abs(energy) < 1e-9 * circuit.energy["main_pump"][0]
+    assert abs(oil) < 1e-9 * circuit.volume["main_pump"][0]
 
 
 def test_energy_is_accounted_for_to_rounding(machine: Machine) -> None:

@@ -21,10 +21,11 @@ RECORD = create_record(SETTINGS)[0]
 
 
 def leakage_at(constants: Records[CircuitConstants], pressure: float) -> float:
-    """By the orifice's law, written anew [m³/s]."""
+    """By the laws of the orifice and of lands without overlap, written anew [m³/s]."""
     drop = pressure - constants["tank_pressure"]
     smooth = (drop**2 + constants["laminar_pressure"] ** 2) ** 0.25
-    return float(constants["leakage_coefficient"] * drop / smooth)
+    lands = constants["land_conductance"] * drop
+    return float(constants["leakage_coefficient"] * drop / smooth + lands)
 
 
 def weigh(
@@ -67,6 +68,12 @@ def test_pumps_tell_what_lines_leak_and_what_their_oil_is_compressed_by(
     assert lines.estimate[1] == pytest.approx(share, rel=0.05)
     assert deviation[0] < 0.5 * SETTINGS.compressibility_deviation
     assert deviation[1] < 0.2 * SETTINGS.leakage_deviation
+
+
+def test_pumps_tell_what_lines_leak_over_the_lands_of_spools(machine: Machine) -> None:
+    lands = machine.with_values({"hydraulics.valve.land_leakage": 0.6})
+    lines = weigh(lands, 0.7, 1.4, 0.008, join=0.0)
+    assert lines.estimate[1] == pytest.approx(1.4, rel=0.05)
 
 
 def test_a_line_that_is_half_joined_tells_nothing(machine: Machine) -> None:

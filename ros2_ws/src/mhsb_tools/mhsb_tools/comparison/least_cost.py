@@ -22,6 +22,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from mhsb_model.holding import MAX_HELD_SPEED
+from mhsb_model.hydraulics import scale_leakage
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES, RAIL_MODES, Mode
 from mhsb_model.types import FloatArray, IntArray
@@ -258,11 +259,11 @@ class _Pricing:
     def more_leakage(self, supply: FloatArray) -> FloatArray:
         """Compute how much more a valve leaks at boost pressure than at P_S.
 
-            Δq = q (√((p − p_T)/(P_S − p_T)) − 1)
+            Δq = q (f((p − p_T)/(P_S − p_T)) − 1)
 
-        q is the leakage of a valve at P_S [m³/s], P_S the main pump's supply pressure and p_T the
-        tank pressure [Pa]. Before use, p is limited to the range from P_S to the highest boost
-        pressure.
+        q is the leakage of a valve at P_S [m³/s], P_S the main pump's supply pressure, p_T the tank
+        pressure [Pa], and f the factor of `hydraulics.scale_leakage`. Before use, p is limited to
+        the range from P_S to the highest boost pressure.
 
         Args:
             supply: Supply pressures p [Pa], any shape.
@@ -273,7 +274,7 @@ class _Pricing:
         m = self.m
         drop = np.clip(supply, m.supply_pressure, m.max_boost_pressure) - m.tank_pressure
         rated = m.supply_pressure - m.tank_pressure
-        return np.asarray(m.leakage_flow * (np.sqrt(drop / rated) - 1.0))
+        return np.asarray(m.leakage_flow * (scale_leakage(m.land_leakage, drop / rated) - 1.0))
 
     def price_steps(
         self, delta: FloatArray, forces: tuple[FloatArray, FloatArray, FloatArray]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mhsb_model.command import Command
+from mhsb_model.hydraulics import scale_leakage
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
@@ -140,11 +141,12 @@ def rest_error(error: FloatArray, step: float) -> float:
 def flow_suffices(machine: Machine, plant: Machine, commands: Sequence[Command]) -> bool:
     """Return whether the main pump of a plant can deliver the flow of the plans at every moment.
 
-        Σ_j (A_dir |v| + q √(p/P_S)) ≤ Q_MP
+        Σ_j (A_dir |v| + q f(p/P_S)) ≤ Q_MP
 
     The sum is over the actuators j. A_dir is the inlet area of the cylinder [m²], v its piston
-    speed [m/s], q the leakage of a valve at P_S [m³/s] and Q_MP the flow of the main pump [m³/s]. p
-    is the supply pressure that the planned motion needs, at least P_S [Pa].
+    speed [m/s], q the leakage of a valve at P_S [m³/s], f the factor on it of `scale_leakage`, and
+    Q_MP the flow of the main pump [m³/s]. p is the supply pressure that the planned motion needs,
+    at least P_S [Pa].
 
     Each plan counts until the next one begins. It is sampled every `SAMPLING_STEP`.
 
@@ -170,7 +172,7 @@ def flow_suffices(machine: Machine, plant: Machine, commands: Sequence[Command])
         arms = np.array([machine.moment_arms(q) for q in path[:, 0]])
         speed = arms * path[:, 1]
         strokes = np.where(speed > 0.0, m.cap_area, m.rod_area) * np.abs(speed)
-        leakage = m.leakage_flow * np.sqrt(pressure / m.supply_pressure)
+        leakage = m.leakage_flow * scale_leakage(m.land_leakage, pressure / m.supply_pressure)
         if np.any((strokes + leakage).sum(axis=1) > most):
             return False
     return True

@@ -23,6 +23,7 @@ OTHER_LOSSES = (
     "anti_cavitation",
     "bleed",
     "cavities",
+    "piston_seal",
 )
 """Circuit elements of `Simulator.energies` that are summed as `other valves`."""
 

@@ -17,12 +17,13 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.records import Record, Records, create_records
 from mhsb_model.types import FloatArray
 from mhsb_sim.circuit.quantities import CircuitEnergies
-from mhsb_sim.circuit.valves import rail_bleed
+from mhsb_sim.circuit.valves import piston_seal, rail_bleed
 from mhsb_sim.circuit.valves.valve_kind import CircuitSite, ValveKind
 
 VALVE_KINDS: tuple[ValveKind, ...] = (
     rail_bleed.RAIL_BLEED,
-)  # fmt: skip
+    piston_seal.PISTON_SEAL,
+)
 """Kinds of valves, in the order in which their flows are added."""
 
 
@@ -40,6 +41,8 @@ def compute_valve_flow(kind: int, numbers: FloatArray, drop: float) -> tuple[flo
     """
     if kind == 0:
         return rail_bleed.compute_bleed_flow(numbers, drop)
+    if kind == 1:
+        return piston_seal.compute_seal_flow(numbers, drop)
     return 0.0, 0.0
 
 
