@@ -371,7 +371,7 @@ def select_supply_targets(
 def limit_speeds_by_pumps(s: ServoArguments, p: PumpState, min_speed_ratio: float) -> None:
     """Compute the piston speeds that the pumps of boosted lines can supply, for the next step.
 
-        |u|_max = (n Q_max − leakage − flow of other axes on the rail)/A_dir
+        |u|_max = (n Q_max − leakage − slip − flow of other axes on the rail)/A_dir
 
     n is the number of pumps that feed the rail if the line is joined to it, and 1 otherwise. The
     limit is at least `min_speed_ratio` times the reference's speed. It is inf for a line without
@@ -385,7 +385,8 @@ def limit_speeds_by_pumps(s: ServoArguments, p: PumpState, min_speed_ratio: floa
         min_speed_ratio: Share of the reference's speed that may always be demanded.
     """
     axes, full = s.axes, s.constants[0].servo_pump_flow
-    pumps, shared, diverted = 0, 0.0, p.gains[0].settings.min_diverted_share
+    pumps, diverted = 0, p.gains[0].settings.min_diverted_share
+    shared = p.lines.fed[len(axes), 2]
     for k in range(len(s.modules)):
         user: int = s.serves[k]
         if user >= 0 and feeds_rail(s.modules[k], s.module_home[k], user, axes, diverted):
@@ -401,7 +402,7 @@ def limit_speeds_by_pumps(s: ServoArguments, p: PumpState, min_speed_ratio: floa
         if axis.line_flow == 0.0:
             axis.deliverable_speed = math.inf
             continue
-        left = full - p.lines.estimate[1 + j] * axis.leakage
+        left = full - p.lines.estimate[1 + j] * axis.leakage - p.lines.fed[j, 2]
         if axis.joined > 0.0:
             left = pumps * full - shared + compute_reference_flow(axis, cylinder)
         area = inlet_area(cylinder.cap_area, cylinder.rod_area, axis.demand)

@@ -33,7 +33,12 @@ from mhsb_control.cascade import joins_rail
 from mhsb_control.controller import REFERENCE_POINTS, ServoSignals
 from mhsb_control.reference import PREVIEW_POINT
 from mhsb_model.arm_reports import Estimate
-from mhsb_model.hydraulics import extension_speed, inlet_area, retraction_speed
+from mhsb_model.hydraulics import (
+    compute_slip_flow,
+    extension_speed,
+    inlet_area,
+    retraction_speed,
+)
 from mhsb_model.linkages.linkage import evaluate_linkage_at_angles
 from mhsb_model.machine import Machine
 from mhsb_model.schema import Gain, NonNegative, Section
@@ -335,10 +340,13 @@ class LagCompensatedController:
         """Command join valves, diverters and the flows of the servo pumps.
 
         The pumps that serve an actuator deliver equal shares of its flow. This is
-        A_dir |v| (1 + surplus) plus the leakage of one valve.
+        A_dir |v| (1 + surplus) plus the leakage of one valve. Each pump gets its slip at the
+        highest boost pressure in addition, because the line's pressure is not known.
         """
         signals, arrays = self._signals, self._arrays
         circuit, serves = signals.circuit, signals.serves
+        rise = arrays.max_boost_pressure - arrays.supply_pressure
+        slip = compute_slip_flow(arrays.servo_pump_slip, 1, rise)
         for j in range(len(self.axes)):
             joined = joins_rail(j, signals.modes, circuit.module_home, serves)
             circuit.actuators["join_command"][j] = 1.0 if joined else 0.0
@@ -349,7 +357,7 @@ class LagCompensatedController:
             speed = self.axes[user].speed
             area = inlet_area(arrays.cap_area[user], arrays.rod_area[user], speed)
             flow = area * abs(speed) * (1.0 + self._gains.pump_surplus) + arrays.leakage_flow
-            shared = flow / np.count_nonzero(serves == user)
+            shared = flow / np.count_nonzero(serves == user) + slip
             most = circuit.constants["servo_pump_flow"][0]
             circuit.modules["flow_command"][k] = min(shared, most)
             circuit.modules["to_rail_command"][k] = float(circuit.module_home[k] != user)

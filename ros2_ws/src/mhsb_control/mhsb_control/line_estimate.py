@@ -5,10 +5,10 @@ feed them. Its balance of oil is
 
     ∫ Q dt − Σ A_dir |ΔL| = c Σ C Δp + Σ λ_j ∫ q_leak(p_j) dt
 
-Q is the measured flow of the pumps [m³/s]. C is the capacity of lines, rail and the chambers behind
-open valves, by the machine file [m³/Pa]. A_dir is the area of a cylinder's inlet and q_leak a
-valve's leakage, both by the file. c is the file's bulk modulus over the true one, equal for all
-oil. λ_j is the factor on the leakage of valve j.
+Q is the flow of the pumps by their measured speed, less their slip [m³/s]. C is the capacity of
+lines, rail and the chambers behind open valves, by the machine file [m³/Pa]. A_dir is the area of a
+cylinder's inlet and q_leak a valve's leakage, both by the file. c is the file's bulk modulus over
+the true one, equal for all oil. λ_j is the factor on the leakage of valve j.
 
 A single line gives one balance; the rail with all lines joined to it gives another. A Kalman filter
 updates c and λ window by window. Both follow slow random walks, so that a parameter without data
@@ -28,10 +28,11 @@ import numpy as np
 from mhsb_control.cascade import ControlAxis, ServoArguments
 from mhsb_control.controller import ActuatorReadings
 from mhsb_model.circuit.elements import compute_null_leakage
-from mhsb_model.circuit.quantities import CircuitConstants, CylinderConstants, ModuleState
+from mhsb_model.circuit.quantities import CircuitConstants, CylinderConstants
+from mhsb_model.hydraulics import compute_slip_flow
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.records import Record, Records, create_records
-from mhsb_model.types import FloatArray, IntArray
+from mhsb_model.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -177,7 +178,8 @@ class LineEstimates(NamedTuple):
     before: FloatArray
     # [n + 1, 3] m³ taken in this step by compression, leakage and piston; last row: rail
     intake: FloatArray
-    # [n + 1, 2] m³/s of pumps into each line alone; 1 if a pump in use feeds it; last row: rail
+    # [n + 1, 3] m³/s of pumps into each line alone, less slip; 1 if a pump in use feeds it;
+    # m³/s of that slip; last row: rail
     fed: FloatArray
     gain_work: FloatArray  # [1 + n] working memory
 
@@ -206,7 +208,7 @@ def build_line_estimates(count: int, settings: LineSettings = LineSettings()) ->
         row=np.zeros((count + 1, 1 + count)),
         before=np.zeros((count + 1, 4)),
         intake=np.zeros((count + 1, 3)),
-        fed=np.zeros((count + 1, 2)),
+        fed=np.zeros((count + 1, 3)),
         gain_work=np.zeros(1 + count),
     )
 
@@ -240,7 +242,7 @@ def update_line_estimates(s: ServoArguments, lines: LineEstimates, settings: Lin
         settings: Tuned numbers.
     """
     n, c, step, rail = len(s.axes), s.constants[0], s.gains[0].step, s.rail_pressure[0]
-    compute_fed_flows(s.modules, s.module_home, s.serves, lines.fed, settings.shut_opening)
+    compute_fed_flows(s, lines.fed, settings.shut_opening)
     joined, broken = 0, False
     for j in range(n):
         join = s.actuators[j].join
@@ -280,35 +282,39 @@ def update_line_estimates(s: ServoArguments, lines: LineEstimates, settings: Lin
                 update_line_filter(lines, row, oil, spread, settings)
 
 
-@kernel(borrows=True)
-def compute_fed_flows(
-    modules: Records[ModuleState],
-    module_home: IntArray,
-    serves: IntArray,
-    fed: FloatArray,
-    shut_opening: float,
-) -> None:
+@kernel(inline="always")
+def compute_fed_flows(s: ServoArguments, fed: FloatArray, shut_opening: float) -> None:
     """Compute the flows of the servo pumps into each line and into the rail.
 
     A module's diverter divides its flow between its own line and the rail. A spare module has no
     line of its own.
 
+    Slip is that of `hydraulics.compute_slip_flow`, with P_S at the inlet of the pumps.
+
     Args:
-        modules: Booster modules with flows and diverter positions, ModuleState[m].
-        module_home: Actuator to whose line each module belongs, int64[m]; −1 for a spare.
-        serves: Actuator that each module serves, int64[m]; −1 if idle.
-        fed: Written in place, float64[n + 1, 2], one row for each line and the last for the rail.
-            Column 0 is the flow of all pumps into it, idle ones included [m³/s]. Column 1 is 1 if a
-            pump that is not idle feeds it, else 0.
-        shut_opening: Opening of a diverter up to which it counts as shut, for column 1.
+        s: Signals and circuit of the servo: flows and diverters of the modules, the actuators that
+            they serve, and measured pressures.
+        fed: Written in place, float64[n + 1, 3], one row for each line and the last for the rail.
+            Column 0 is the flow of all pumps into it, less their slip and idle ones included
+            [m³/s]. Column 1 is 1 if a pump that is not idle feeds it, else 0. Column 2 is the slip
+            [m³/s].
+        shut_opening: Opening of a diverter towards the rail up to which it counts as shut, for
+            column 1.
     """
     fed[:] = 0.0
+    modules, module_home, serves, c = s.modules, s.module_home, s.serves, s.constants[0]
     rail = len(fed) - 1
     for k in range(len(modules)):
-        home, to_rail = module_home[k], modules[k].to_rail
-        fed[rail, 0] += to_rail * modules[k].flow
+        home: int = module_home[k]
+        to_rail = modules[k].to_rail
+        slip = compute_slip_flow(c.servo_pump_slip, 1, s.rail_pressure[0] - c.supply_pressure)
+        fed[rail, 2] += to_rail * slip
+        fed[rail, 0] += to_rail * (modules[k].flow - slip)
         if home >= 0:
-            fed[home, 0] += (1.0 - to_rail) * modules[k].flow
+            rise = s.sensors[home].line_pressure - c.supply_pressure
+            slip = compute_slip_flow(c.servo_pump_slip, 1, rise)
+            fed[home, 2] += (1.0 - to_rail) * slip
+            fed[home, 0] += (1.0 - to_rail) * (modules[k].flow - slip)
         if serves[k] >= 0:
             if to_rail > shut_opening:
                 fed[rail, 1] = 1.0

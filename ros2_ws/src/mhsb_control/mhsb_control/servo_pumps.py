@@ -277,10 +277,10 @@ def is_served(j: int, serves: IntArray) -> bool:
 def predict_line_volumes(s: ServoArguments, p: PumpState) -> None:
     """Compute the flow that each boosted line is about to supply, and the oil it supplies ahead.
 
-    The flow is that of `compute_commanded_flow` plus leakage, plus the share `pump_rise` of the
-    increase of the reference's flow up to the next point. The oil up to each point ahead is
+    The flow is that of `compute_commanded_flow` plus leakage and slip, plus the share `pump_rise`
+    of the increase of the reference's flow up to the next point. The oil up to each point ahead is
 
-        V(t) = ∫ (A_dir |v| + leakage) dt + A_dir ΔF/k_h
+        V(t) = ∫ (A_dir |v| + leakage + slip) dt + A_dir ΔF/k_h
 
     by the trapezoidal rule, with v the reference's piston speed. ΔF is the change of the
     cylinder force up to the preview point, positive in the direction of motion [N]. It compresses
@@ -312,7 +312,8 @@ def predict_line_volumes(s: ServoArguments, p: PumpState) -> None:
         cap, rod = cylinder.cap_area, cylinder.rod_area
         pressed = (axis.force_ahead - axis.force) / axis.stiffness
         pressed *= cap if axis.speed_ahead > 0.0 else -rod
-        axis.line_flow = compute_commanded_flow(axis, cylinder) + leakage
+        lost = leakage + p.lines.fed[j, 2]
+        axis.line_flow = compute_commanded_flow(axis, cylinder) + lost
         before, moving = 0.0, 0
         for k in range(1, PREVIEW_POINT + 1):
             moving += 1 if reference[k, 1, j] != 0.0 else 0
@@ -324,7 +325,7 @@ def predict_line_volumes(s: ServoArguments, p: PumpState) -> None:
             else:
                 way = reference[k, 0, j] - reference[PREVIEW_POINT, 0, j]
                 speed = (axis.arm_ahead + axis.arm_slope_ahead * way) * reference[k, 1, j]
-            flow = leakage + abs(speed) * inlet_area(cap, rod, speed)
+            flow = lost + abs(speed) * inlet_area(cap, rod, speed)
             if k == 0:
                 volume[j, k] = spacing * flow
             else:
@@ -555,9 +556,10 @@ def compute_rail_demand(s: ServoArguments, p: PumpState, pending: float) -> floa
     """
     axes, volume, rail_pressure = s.axes, p.volume, s.rail_pressure[0]
     c = s.constants[0]
-    drawn, capacity = 0.0, c.rail_capacity
+    drawn, capacity = p.lines.fed[len(axes), 2], c.rail_capacity
     rail_volume = volume[len(axes)]
-    rail_volume[:] = 0.0
+    for k in range(len(rail_volume)):
+        rail_volume[k] = max(k, 1) * p.gains[0].preview / PREVIEW_POINT * drawn
     p.leakage_uncertainty[len(axes)] = 0.0
     for j in range(len(axes)):
         axis = axes[j]

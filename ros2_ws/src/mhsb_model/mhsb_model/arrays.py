@@ -71,7 +71,9 @@ class MachineArrays(NamedTuple):
     servo_pump_flow: float
     """Largest flow of one servo pump Q_SP [m³/s]."""
     servo_pump_efficiency: float
-    """Hydraulic power out of a servo pump over power into it [-]."""
+    """Hydraulic power out of a servo pump over power into it, slip apart [-]."""
+    servo_pump_slip: float
+    """Slip of a servo pump per pressure rise c [m³/(s Pa)]."""
     valve_coefficient: FloatArray
     """Flow coefficient K of one metering edge of each valve, Q = K √Δp, shape (n,) [m³/(s √Pa)]."""
     leakage_flow: float

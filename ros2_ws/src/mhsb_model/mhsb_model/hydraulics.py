@@ -253,6 +253,8 @@ class SharedHydraulics(NamedTuple):
     """Largest flow of the main pump Q_MP [m³/s]."""
     servo_pump_flow: float
     """Largest flow of one servo pump Q_SP [m³/s]."""
+    servo_pump_slip: float
+    """Slip of one servo pump per pressure rise c [m³/(s Pa)]."""
     leakage_flow: float
     """Leakage of one valve at the main pump's pressure q_leak [m³/s]."""
     land_leakage: float
@@ -269,6 +271,7 @@ def get_shared_hydraulics(m: MachineArrays) -> SharedHydraulics:
         m.boost_margin,
         m.main_pump_flow,
         m.servo_pump_flow,
+        m.servo_pump_slip,
         m.leakage_flow,
         m.land_leakage,
     )
@@ -445,6 +448,34 @@ def select_supply_pressure(
     if RAIL_MODES[mode]:
         return rail
     return line_pressure if BOOSTED_MODES[mode] else oil.supply_pressure
+
+
+@kernel
+def compute_slip_flow(slip: float, pumps: int, rise: float) -> float:
+    """Compute the oil that slips back through pumps, from their outlet to their inlet.
+
+        Q_s = n c Δp
+
+    A pump of theoretical flow Q_t delivers Q = Q_t − c Δp and takes the shaft power Δp Q_t/η_m.
+    With the hydro-mechanical efficiency η_m, its overall efficiency is
+
+        η = η_m η_v,   η_v = Q/(Q + c Δp)
+
+    Slip is laminar flow through the gaps of the pump.
+
+    Args:
+        slip: Slip c of one pump per pressure rise [m³/(s Pa)].
+        pumps: Number n of pumps that work in parallel.
+        rise: Pressure rise Δp from inlet to outlet [Pa].
+
+    Returns:
+        Flow through all n pumps together [m³/s]; 0 without a rise.
+
+    Source:
+        J. Ivantysyn, M. Ivantysynova, Hydrostatic Pumps and Motors (volumetric losses); ISO 4409,
+        for the efficiencies.
+    """
+    return pumps * slip * max(0.0, rise)
 
 
 @kernel

@@ -50,6 +50,9 @@ MACHINE_FILE = "mhsb_arm3.yaml"
 """Name of the machine file of the suite's own arm, in the folder config."""
 PAPER_NODE_SPACING = 0.05
 """Spacing of the workspace nodes of the paper's arm [m]."""
+RATED_SLIP_PRESSURE = 1e7
+"""Pressure rise at which the machine file states the slip of a servo pump [Pa]."""
+
 FILE_SECTIONS = tuple(
     name for name, part in MachineConfig.model_fields.items() if part.is_required()
 )
@@ -990,6 +993,7 @@ def _make_arrays(config: MachineConfig) -> MachineArrays:
         main_pump_flow=oil.main_pump.max_flow,
         servo_pump_flow=oil.servo_pump.max_flow,
         servo_pump_efficiency=oil.servo_pump.efficiency,
+        servo_pump_slip=oil.servo_pump.slip_flow / RATED_SLIP_PRESSURE,
         valve_coefficient=frozen(rated_flow / np.sqrt(drop)),
         leakage_flow=oil.valve.leakage_flow,
         land_leakage=oil.valve.land_leakage,

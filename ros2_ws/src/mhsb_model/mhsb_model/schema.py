@@ -368,7 +368,15 @@ class ServoPump(Section):
     """Servo pump (SP) of one booster module."""
 
     max_flow: Flow = Field(le=0.01, description="[m³/s]")
-    efficiency: float = Field(ge=0.01, le=1, description="hydraulic power out over power in [-]")
+    efficiency: float = Field(
+        ge=0.01, le=1, description="hydraulic power out over power in, slip apart [-]"
+    )
+    slip_flow: NonNegative = Field(
+        default=0.0,
+        le=0.01,
+        exclude_if=lambda given: given == 0.0,
+        description="from its outlet back to its inlet at 10 MPa, beside max_flow [m³/s]",
+    )
     max_boost_pressure: Pressure = Field(le=5e7, description="highest boosted supply pressure [Pa]")
 
 

@@ -124,7 +124,9 @@ def _step_by_the_book(machine, start, end, pattern):
     line = np.clip(line, supply, oil.servo_pump.max_boost_pressure)
     line = np.where(boosted & ~held, line, supply)
     line[(pattern == 2) & ~held] = max([supply, *line[pattern == 2]])
-    leaks = valve.leakage_flow * np.sqrt((line - tank) / (supply - tank))
+    ratio = (line - tank) / (supply - tank)
+    lands = valve.land_leakage
+    leaks = valve.leakage_flow * ((1 - lands) * np.sqrt(ratio) + lands * ratio)
     shared = oil.main_pump.max_flow - leaks.sum()
     if shared <= 0:
         return ("no flow",)
@@ -153,7 +155,10 @@ def _step_by_the_book(machine, start, end, pattern):
         if boosted[j] and not held[j]:
             p_supply = rail if pattern[j] == 2 else middle[j] + reserve[j]
             price[0] = max(supply, middle[j] / oil.servo_pump.efficiency)
-            price[1] = supply + max(0.0, p_supply - supply) / oil.servo_pump.efficiency
+            rise = max(0.0, p_supply - supply)
+            price[1] = supply + rise / oil.servo_pump.efficiency
+            slip = oil.modules.per_mode[pattern[j]] * oil.servo_pump.slip_flow / 1e7 * rise
+            energy[1] += slip * rise / oil.servo_pump.efficiency * duration
         leaked = np.array([valve.leakage_flow, leaks[j]]) * duration
         energy += price * (inlet[j] * abs(delta[j]) + leaked)
     word = "without need" if np.any(boosted & ~need) else "consistent"

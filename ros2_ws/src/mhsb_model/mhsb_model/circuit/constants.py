@@ -13,6 +13,7 @@ from mhsb_model.circuit.quantities import (
     CylinderConstants,
     ModuleState,
 )
+from mhsb_model.hydraulics import compute_slip_flow
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.records import Records, create_records
@@ -124,6 +125,24 @@ def compute_viscosity_ratio(temperature: float) -> float:
     return math.exp(-VISCOSITY_SLOPE * (temperature - FILE_TEMPERATURE))
 
 
+def compute_full_pump_flow(machine: Machine) -> float:
+    """Return the theoretical flow of a servo pump at full speed.
+
+    At the highest boost pressure, the pump then delivers its largest flow and the reserve.
+
+        Q_t = Q_SP + Q_reserve + c (p_max − P_S)
+
+    Args:
+        machine: Machine with largest flow Q_SP, reserve and slip c of its servo pumps.
+
+    Returns:
+        Displacement times full speed [m³/s].
+    """
+    arrays, reserve = machine.arrays, machine.config.circuit.servo_pump_flow_reserve
+    rise = arrays.max_boost_pressure - arrays.supply_pressure
+    return arrays.servo_pump_flow + reserve + compute_slip_flow(arrays.servo_pump_slip, 1, rise)
+
+
 def compute_constants(machine: Machine, substep: float) -> Records[CircuitConstants]:
     """Compute the constants of a machine's circuit.
 
@@ -136,8 +155,9 @@ def compute_constants(machine: Machine, substep: float) -> Records[CircuitConsta
         β/β_file = e^(−k_β ΔT)
 
     k_β is BULK_MODULUS_SLOPE. Viscous friction is proportional to µ. The laminar flows of the
-    rail's bleed valve and of the servo valves' lands are proportional to 1/µ. The pressure drop at
-    which an orifice turns laminar is proportional to µ², since it follows from the Reynolds number.
+    rail's bleed valve, of the servo valves' lands and of the servo pumps' slip are proportional to
+    1/µ. The pressure drop at which an orifice turns laminar is proportional to µ², since it follows
+    from the Reynolds number.
 
     Components that the machine file leaves out get values that switch them off: bristle stiffness
     0, accumulator volume 0, spool rate inf.
@@ -187,7 +207,8 @@ def compute_constants(machine: Machine, substep: float) -> Records[CircuitConsta
         "main_pump_efficiency": oil.main_pump_efficiency,
         "main_pump_drag": oil.main_pump_drag_power,
         "servo_pump_drag": oil.servo_pump_drag_power,
-        "servo_pump_flow": arrays.servo_pump_flow + oil.servo_pump_flow_reserve,
+        "servo_pump_flow": compute_full_pump_flow(machine),
+        "servo_pump_slip": arrays.servo_pump_slip / thinner,
         "servo_pump_decay": math.exp(-substep / oil.servo_pump_lag),
         "servo_pump_slew": oil.servo_pump_slew,
         "servo_pump_power": oil.servo_pump_power,

@@ -80,7 +80,9 @@ class CircuitConstants(Record):
     servo_pump_drag: float
     """Drag power of a servo pump at full speed [W]."""
     servo_pump_flow: float
-    """Largest flow of one servo pump [m³/s]."""
+    """Largest theoretical flow of one servo pump, displacement times speed [m³/s]."""
+    servo_pump_slip: float
+    """Slip of one servo pump per pressure rise [m³/(s Pa)]."""
     servo_pump_decay: float
     """Decay e^(−substep/τ) of a servo pump's lag τ."""
     servo_pump_slew: float
@@ -88,7 +90,7 @@ class CircuitConstants(Record):
     servo_pump_power: float
     """Largest power of a servo pump's motor [W]."""
     servo_pump_efficiency: float
-    """Efficiency of a servo pump, hydraulic over shaft power."""
+    """Efficiency of a servo pump, hydraulic over shaft power, slip apart."""
     switching_time: float
     """Lag of join valves and diverters behind their commands [s]."""
     switching_decay: float
@@ -184,7 +186,7 @@ class ModuleState(Record):
     flow: float
     """Displacement times speed [m³/s]."""
     delivered: float
-    """Flow times the share that the inlet fills [m³/s]."""
+    """Flow times the share that the inlet fills, less the slip [m³/s]."""
     to_rail: float
     """Share of the flow that goes to the rail, 0 … 1."""
     lag_ratio: float

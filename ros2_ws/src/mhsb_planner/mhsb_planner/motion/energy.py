@@ -7,8 +7,9 @@ least P_S. In the reading `series`, with main pump and servo pump in series, it 
 P_S + (p_supply − P_S)/η. There p_supply is that of `hydraulics.boosted_supply`; in SB it is the
 rail's. A cylinder within the dead band counts as held.
 
-Three effects count in the reading `series` only, since the flows of the reading `paper` depend on
-neither pressure nor time. Valves leak by p_supply (`hydraulics.compute_valve_leakage`). Lines are
+Four effects count in the reading `series` only, since the flows of the reading `paper` depend on
+neither pressure nor time. Valves leak by p_supply (`hydraulics.compute_valve_leakage`). Oil slips
+back through servo pumps (`hydraulics.compute_slip_flow`), which raise its pressure again. Lines are
 charged before boosts begin. A boosted cylinder that accelerates its load gets at least
 p_L(F + inertia) + m(v) + margin/2, because the servo raises its pressure.
 
@@ -16,11 +17,13 @@ A line to be boosted is raised from P_S to its supply pressure p. It reaches p s
 cylinder needs it, since pumps take time and may be slower than is known. For this its servo pump
 delivers
 
-    E = [½ V/β (p − P_S)² + (A_dir |v| + leakage) (p − P_S) T] / η,   T = CHARGED_AHEAD · preview
+    E = [½ V/β (p − P_S)² + (A_dir |v| + leakage + slip) (p − P_S) T] / η
+
+    T = CHARGED_AHEAD · preview
 
 V is the volume of the line. In shared boost the volume of the rail is added, divided among the
 actuators that join it, if no actuator was on the rail before. The first term compresses
-the oil. The second is the flow that cylinder and valve take during T.
+the oil. The second is the flow that cylinder, valve and the gaps of the pumps take during T.
 """
 
 from __future__ import annotations
@@ -35,6 +38,7 @@ from mhsb_model.hydraulics import (
     boosted_supply,
     compute_inertia_margin,
     compute_pressure_with_margin,
+    compute_slip_flow,
     compute_valve_leakage,
     get_shared_hydraulics,
     inlet_area,
@@ -157,10 +161,10 @@ def _add_charging(
         Energy [J] whose `servo_pumps` is larger by the charging, and whose `servo_pump_losses` is
         larger by the losses of the charging.
     """
-    charging = charging_energy(machine, profile.speed, profile.force, modes)
+    charging, slipped = _charging_energy_and_slip(machine, profile.speed, profile.force, modes)
     if charging == 0.0:
         return energy
-    losses = (1.0 - machine.arrays.servo_pump_efficiency) * charging
+    losses = (1.0 - machine.arrays.servo_pump_efficiency) * charging + slipped
     return replace(
         energy,
         servo_pumps=energy.servo_pumps + charging,
@@ -187,11 +191,30 @@ def charging_energy(
     Returns:
         Shaft work of the servo pumps [J].
     """
+    return _charging_energy_and_slip(machine, speed, force, modes)[0]
+
+
+def _charging_energy_and_slip(
+    machine: Machine, speed: FloatArray, force: FloatArray, modes: ModeArray
+) -> tuple[float, float]:
+    """Compute the shaft work that charges lines before boosts, and what slip takes of it.
+
+    Args:
+        machine: Machine with its circuit and servo settings.
+        speed: As in `charging_energy`.
+        force: As in `charging_energy`.
+        modes: As in `charging_energy`.
+
+    Returns:
+        Shaft work of the servo pumps, and the hydraulic work lost by slip [J].
+    """
     m, circuit = machine.arrays, machine.config.circuit
     ahead = CHARGED_AHEAD * machine.servo_preview
     volumes = circuit.line_volume, circuit.rail_volume
-    work = _compute_charging_work(m, volumes, circuit.bulk_modulus, ahead, speed, force, modes)
-    return float(work / m.servo_pump_efficiency)
+    work, slipped = _compute_charging_work(
+        m, volumes, circuit.bulk_modulus, ahead, speed, force, modes
+    )
+    return float(work / m.servo_pump_efficiency), float(slipped)
 
 
 def _profiles(
@@ -385,7 +408,7 @@ def _compute_powers(
     oil, efficiency = get_shared_hydraulics(m), m.servo_pump_efficiency
     valve, cap, rod = m.valve_coefficient, m.cap_area, m.rod_area
     normal, tank = oil.supply_pressure, oil.tank_pressure
-    at_paper = main_pump = shafts = leaked = work = returned = 0.0
+    at_paper = main_pump = shafts = slipped = leaked = work = returned = 0.0
     for j in range(len(own)):
         if BOOSTED_MODES[modes[j]]:
             f, v = force[j], speed[j]
@@ -405,7 +428,10 @@ def _compute_powers(
             paper = max(paper, load_pressure(cap[j], rod[j], tank, f, direction) / efficiency)
             supply = select_supply_pressure(oil, modes[j], own[j], rail)
             leaks = compute_valve_leakage(oil, supply)
-            shaft = (supply - normal) / efficiency * (stroke + leaks)
+            rise, pumps = supply - normal, m.modules_per_mode[modes[j]]
+            slip = compute_slip_flow(oil.servo_pump_slip, pumps, rise)
+            shaft = rise / efficiency * (stroke + leaks + slip)
+            slipped += rise * slip
         at_paper += paper * (stroke + oil.leakage_flow)
         main_pump += normal * (stroke + leaks)
         shafts += shaft
@@ -413,7 +439,7 @@ def _compute_powers(
         work += f * v
         returned += tank * (inlet_area(cap[j], rod[j], -v) * abs(v) + leaks)
     power[0], power[1], power[2] = at_paper, main_pump, shafts
-    power[3], power[4] = (1.0 - efficiency) * shafts, leaked
+    power[3], power[4] = (1.0 - efficiency) * shafts + slipped, leaked
     power[5], power[6] = work, returned
 
 
@@ -426,8 +452,8 @@ def _compute_charging_work(
     speed: FloatArray,
     force: FloatArray,
     modes: ModeArray,
-) -> float:
-    """Compute the hydraulic work that charges supply lines before boosts, without pump losses.
+) -> tuple[float, float]:
+    """Compute the hydraulic work that charges supply lines before boosts; slip is the only loss.
 
     A boost begins in a row whose mode is boosted after a row whose mode is not. Its line of the
     volume V is then raised by Δp to the boosted pressure. With the bulk modulus β, the flow Q into
@@ -451,9 +477,10 @@ def _compute_charging_work(
         modes: Mode codes of each row, shape (k, n).
 
     Returns:
-        Work that reaches the oil [J].
+        Work on the oil in the pumps, and the part of it that slip takes [J].
     """
-    oil, work, (line_volume, rail_volume) = get_shared_hydraulics(m), 0.0, volumes
+    oil, work, slipped = get_shared_hydraulics(m), 0.0, 0.0
+    line_volume, rail_volume = volumes
     for k in range(1, len(modes)):
         for j in range(modes.shape[1]):
             if not BOOSTED_MODES[modes[k, j]] or BOOSTED_MODES[modes[k - 1, j]]:
@@ -463,9 +490,12 @@ def _compute_charging_work(
                 volume += rail_volume / _count_on_rail(modes, k)
             supply = boosted_supply(oil, m.valve_coefficient[j], cap, rod, force[k, j], v)
             rise = supply - oil.supply_pressure
-            drawn = inlet_area(cap, rod, v) * abs(v) + compute_valve_leakage(oil, supply)
+            pumps = m.modules_per_mode[modes[k, j]]
+            slip = compute_slip_flow(oil.servo_pump_slip, pumps, rise)
+            drawn = inlet_area(cap, rod, v) * abs(v) + compute_valve_leakage(oil, supply) + slip
             work += 0.5 * volume / bulk_modulus * rise * rise + drawn * rise * charged_time
-    return work
+            slipped += slip * rise * charged_time
+    return work, slipped
 
 
 @kernel(borrows=True)

@@ -27,7 +27,8 @@ servo pumps. Source: paper, Section 2.2.
 
 A valve leaks as in `hydraulics.compute_valve_leakage`, at p_supply at the middle of the step with
 m(V_max). This leakage counts in T and in the reading `series`. In the reading `paper` the leakage
-in E is that at P_S in every mode.
+in E is that at P_S in every mode. The reading `series` also counts the slip of the servo pumps
+(`hydraulics.compute_slip_flow`), oil that they raise to p_supply again.
 """
 
 from __future__ import annotations
@@ -138,6 +139,8 @@ class HydraulicCoefficients(NamedTuple):
         land_leakage: Share of that leakage over the lands of the spool [-].
         idle_leakage: Leakage of further valves, which serve none of the n joints [m³/s].
         efficiency: Efficiency of the servo pumps η [-].
+        slip: Slip of one servo pump per pressure rise [m³/(s Pa)].
+        modules: Number of booster modules that each mode occupies, shape (modes,).
         area: Piston area A_dir that the supply fills, shape (n, 2) [m²].
         per_area: 1/A_dir, shape (n, 2) [1/m²].
         outlet_pressure: Part of p_L that the tank pressure on the outlet causes, shape (n, 2) [Pa].
@@ -161,6 +164,8 @@ class HydraulicCoefficients(NamedTuple):
     land_leakage: float
     idle_leakage: float
     efficiency: float
+    slip: float
+    modules: IntArray
     area: FloatArray
     per_area: FloatArray
     outlet_pressure: FloatArray
@@ -219,6 +224,8 @@ def compute_hydraulic_coefficients(m: MachineArrays, patterns: ModeArray) -> Hyd
         m.land_leakage,
         m.external_leakage,
         m.servo_pump_efficiency,
+        m.servo_pump_slip,
+        m.modules_per_mode,
         area,
         1.0 / area,
         outlet,
@@ -672,7 +679,10 @@ def _compute_energies(
                 speed = move[j, STROKE_COLUMN] / duration
                 supply = middle + move[j, VALVE_COLUMN] * speed * speed + c.boost_margin
             paper = max(paper, middle / c.efficiency)
-            series += max(0.0, supply - c.supply_pressure) / c.efficiency
+            rise = max(0.0, supply - c.supply_pressure)
+            series += rise / c.efficiency
+            slipped = hydraulics.compute_slip_flow(c.slip, c.modules[pattern[j]], rise)
+            series_sum += rise / c.efficiency * slipped * duration
         oil = move[j, OIL_COLUMN] + c.leakage_flow * duration
         paper_sum += paper * oil
         series_sum += series * (oil + more * duration)

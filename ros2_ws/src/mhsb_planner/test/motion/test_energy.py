@@ -51,6 +51,26 @@ def more_leakage(m, supply):
     return np.sqrt((supply - m.tank_pressure) / (m.supply_pressure - m.tank_pressure))
 
 
+def test_slip_lowers_the_overall_efficiency_of_pumps_as_iso_4409_defines_it(machine):
+    """η = η_m Q/(Q + n c Δp) for n pumps at the rise Δp."""
+    slip = 4e-6 / 1e7
+    leaky = machine.with_values({"hydraulics.servo_pump.slip_flow": 4e-6})
+    rest, still = np.zeros(3), np.zeros((2, 3))
+    motion = Trajectory(0, [0, 2 * SECOND_NS], np.array([rest, rest]), still, still)
+    m, force = machine.arrays, machine.piston_forces(rest)
+    supply = required_pressure(m, 0, force[0], 0.0)
+    rise, flow = supply - m.supply_pressure, m.leakage_flow * more_leakage(m, supply)
+    for mode, pumps in ((1, 1), (2, 2)):
+        tight = motion_energy(machine, motion, modes(mode, 0, 0))
+        found = motion_energy(leaky, motion, modes(mode, 0, 0))
+        eta = m.servo_pump_efficiency * flow / (flow + pumps * slip * rise)
+        assert found.servo_pumps == pytest.approx(2 * rise * flow / eta)
+        assert found.servo_pump_losses == pytest.approx((1 - eta) * found.servo_pumps)
+        assert found.main_pump == tight.main_pump
+        assert found.paper == tight.paper
+        assert found.servo_valves == pytest.approx(tight.servo_valves, abs=1e-9)
+
+
 def test_energy_is_delivered_where_it_is_used(machine):
     start, speeds = np.array([0.05, -0.1, -0.1]), np.array([0.008, -0.006, 0.002])
     motion = constant_speed(machine, start, speeds, 0.02)
@@ -114,8 +134,11 @@ def test_a_short_step_at_constant_speed_costs_what_the_search_says(machine, patt
     assert energy.series == pytest.approx(float(series @ (m.cap_area * stroke + leakage)), rel=2e-3)
 
 
-def test_a_step_of_the_search_driven_at_its_own_speed_has_its_own_energy(slider_crank_machine):
-    machine = slider_crank_machine
+@pytest.mark.parametrize("slip", [0.0, 3e-6])
+def test_a_step_of_the_search_driven_at_its_own_speed_has_its_own_energy(
+    slider_crank_machine, slip
+):
+    machine = slider_crank_machine.with_values({"hydraulics.servo_pump.slip_flow": slip})
     start = np.array([0.05, -0.1, -0.1])
     end = start + [0.02, 0.01, 0.01]
     costs = step_costs(machine, start, end)
@@ -174,6 +197,8 @@ def test_a_line_is_charged_once_when_its_boost_begins(machine, mode, parts):
     volume = sum(getattr(machine.config.circuit, f"{part}_volume") for part in parts)
     work = charging_energy(machine, *stretched_out(machine, 3), modes)
     assert work == pytest.approx(charging_by_hand(machine, 0, volume))
+    slipping = machine.with_values({"hydraulics.servo_pump.slip_flow": 4e-6})
+    assert charging_energy(slipping, *stretched_out(machine, 3), modes) > 1.01 * work
     assert charging_energy(machine, *stretched_out(machine, 2), modes[1:]) == 0.0
     assert charging_energy(machine, *stretched_out(machine, 3), modes[::-1]) == 0.0
 

@@ -39,6 +39,8 @@ VARIANTS = {
     "small valves": {"valve__rated_flow": 4e-6},
     "low boost pressure": {"servo_pump__max_boost_pressure": 5e6},
     "two modules": {"modules__count": 2},
+    "leaking lands": {"valve__land_leakage": 0.7},
+    "pumps with slip": {"servo_pump__slip_flow": 2e-6},
     "own valves and speeds": {
         "joints.0.actuator.rated_flow": 5e-5,
         "joints.1.actuator.max_piston_speed": 0.005,
@@ -113,6 +115,17 @@ def test_no_step_takes_less_than_the_lower_bound(start, end):
     for p in np.flatnonzero(costs.admissible):
         assert costs.energy[p] >= bound * (1 - 1e-12)
         assert costs.energy_series[p] >= bound * (1 - 1e-12)
+
+
+def test_slip_costs_nothing_in_the_paper_s_reading_and_more_with_more_modules(machine):
+    start, end = np.array([0.05, -0.1, -0.1]), np.array([0.07, -0.09, -0.09])
+    tight = step_costs(machine, start, end)
+    slipping = step_costs(changed(machine, servo_pump__slip_flow=2e-6), start, end)
+    np.testing.assert_array_equal(slipping.energy, tight.energy)
+    np.testing.assert_array_equal(slipping.duration, tight.duration)
+    boosted = tight.admissible & (machine.patterns > 0).any(axis=1)
+    assert boosted.any()
+    assert np.all(slipping.energy_series[boosted] > 1.01 * tight.energy_series[boosted])
 
 
 @given(postures(), postures())

@@ -15,6 +15,7 @@ from mhsb_sim.circuit.quantities import (
     LEAKAGE_PATH,
     RELIEF_VALVE,
     SERVO_PUMP,
+    SERVO_PUMP_SLIP,
     SERVO_VALVE,
     CircuitElement,
     CircuitEnergies,
@@ -76,6 +77,8 @@ def audit_elements(
             shaft = max(0.0, -work) / c.servo_pump_efficiency
             e.servo_pumps += shaft
             e.servo_pump_losses += shaft + work
+        elif element.kind == SERVO_PUMP_SLIP:
+            e.servo_pump_losses += work
         elif element.kind == RELIEF_VALVE:
             e.relief_valves += work
         elif element.kind == ANTI_CAVITATION:

@@ -6,6 +6,7 @@ the tank (constant). Between them:
     main pump → manifold                     constant-pressure pump with a flow limit
     manifold → each line, manifold → rail    check valves
     manifold → own line or rail              servo pump of each module, through its diverter
+    own line, rail → manifold                slip of the servo pumps
     rail ↔ each line                         join valve
     line, p_A, p_B, tank                     servo valve: four metering edges, one spool, and
                                              isolating valves between them and the chambers
@@ -69,6 +70,7 @@ from mhsb_sim.circuit.quantities import (
     LEAKAGE_PATH,
     RELIEF_VALVE,
     SERVO_PUMP,
+    SERVO_PUMP_SLIP,
     SERVO_VALVE,
     CircuitElement,
     CircuitVolumes,
@@ -201,7 +203,7 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
     pressure[-1] = arrays.tank_pressure
     valves = place_valves(CircuitSite(machine, parts.constants))
     energy = create_records(EnergyCounters, 1)
-    net_size = 3 + len(valves.records) + 2 * module_count + 15 * actuator_count
+    net_size = 3 + len(valves.records) + 4 * module_count + 15 * actuator_count
     return Circuit(
         cylinders=parts.cylinders,
         constants=parts.constants,
@@ -411,6 +413,9 @@ def connect_servo_pumps(circuit: Circuit, count: int) -> int:
 
     Each pump has up to two elements: one feeds the rail, the other its own line.
 
+    Slip is that of `hydraulics.compute_slip_flow`, in both directions. It also lets oil through a
+    pump that stands still.
+
     Args:
         circuit: The circuit. Writes into `net` (the list of elements) and `modules` in place.
         count: Number of elements so far.
@@ -445,6 +450,13 @@ def connect_servo_pumps(circuit: Circuit, count: int) -> int:
         slope *= module.to_rail
         count = add_element(net, count, SERVO_PUMP, manifold, rail, to_rail, slope)
         count = add_element(net, count, SERVO_PUMP, manifold, home, own, own_slope)
+        for start, slip in (
+            (rail, c.servo_pump_slip * module.to_rail),
+            (home, c.servo_pump_slip * (1.0 - module.to_rail)),
+        ):
+            slipped = slip * (pressure[start] - pressure[manifold])
+            module.delivered -= slipped
+            count = add_element(net, count, SERVO_PUMP_SLIP, start, manifold, slipped, slip)
     return count
 
 

@@ -63,10 +63,11 @@ class CircuitVolumes(Record):
     CHECK_VALVE,
     JOIN_VALVE,
     SERVO_PUMP,
+    SERVO_PUMP_SLIP,
     RELIEF_VALVE,
     ANTI_CAVITATION,
     FIRST_VALVE,
-) = range(8)
+) = range(9)
 """Kinds of elements. FIRST_VALVE + i is a valve of the registry with the energy counter i."""
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mhsb_model.circuit.constants import build_cylinders
+from mhsb_model.circuit.constants import build_cylinders, compute_full_pump_flow
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS
@@ -421,7 +421,7 @@ class ServoPumpMonitor:
         """
         oil, arrays = machine.config.circuit, machine.arrays
         self._supply = arrays.supply_pressure
-        self._full = arrays.servo_pump_flow + oil.servo_pump_flow_reserve
+        self._full = compute_full_pump_flow(machine)
         self._power = arrays.servo_pump_efficiency * oil.servo_pump_power
         self._decay = math.exp(-WATCH_PERIOD / oil.servo_pump_lag)
         self._healthy = np.zeros(arrays.module_count)

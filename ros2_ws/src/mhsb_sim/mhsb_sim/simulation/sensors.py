@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mhsb_model.circuit.constants import compute_full_pump_flow
 from mhsb_model.machine import Machine
 from mhsb_model.records import Record, Records, create_records
 from mhsb_model.types import FloatArray, ModeArray
@@ -149,9 +150,9 @@ def build_channels(
         float64[4 n + 1 + m], [m, Pa or m³/s].
     """
     n, m = machine.joint_count, machine.arrays.module_count
-    config, circuit = machine.config.servo, machine.config.circuit
+    config = machine.config.servo
     fitted = machine.config.imperfections.sensors
-    full = machine.arrays.servo_pump_flow + circuit.servo_pump_flow_reserve
+    full = compute_full_pump_flow(machine)
     kinds = (
         (n, LENGTH_CLASSES[fitted.length], config.length_noise, 1.0),
         (3 * n + 1, PRESSURE_CLASSES[fitted.pressure], config.pressure_noise, 1.0),

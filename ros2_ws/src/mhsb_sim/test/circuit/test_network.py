@@ -137,11 +137,15 @@ class Oracle:
             q_rail -= q
             q_chamber[j, 0] -= m.cap_area[j] * SPEED[j]
             q_chamber[j, 1] += m.rod_area[j] * SPEED[j]
+        slip = self.machine.config.hydraulics.servo_pump.slip_flow / 1e7
         for k in range(4):
-            q_manifold -= flow[k]
-            q_rail += flow[k] * share[k]
+            to_rail = (flow[k] - slip * (rail - manifold)) * share[k]
+            q_rail += to_rail
+            q_manifold -= to_rail
             if k < 3:
-                q_chamber[k, 2] += flow[k] * (1 - share[k])
+                own = (flow[k] - slip * (chambers[k, 2] - manifold)) * (1 - share[k])
+                q_chamber[k, 2] += own
+                q_manifold -= own
         stroke = self.length + SPEED * time
         beta, dead = oil.bulk_modulus, oil.chamber_dead_volume
         volumes = np.stack(
@@ -239,6 +243,53 @@ def test_pressures_agree_with_radau_with_leaking_lands_and_seals(machine: Machin
     energy, oil = audited(circuit)
     assert abs(energy) < 1e-9 * circuit.energy["main_pump"][0]
     assert abs(oil) < 1e-9 * circuit.volume["main_pump"][0]
+
+
+def test_pressures_agree_with_radau_with_slipping_pumps(machine: Machine) -> None:
+    leaky = machine.with_values({"hydraulics.servo_pump.slip_flow": 4e-6})
+    found, circuit = run(leaky, 2.5e-4)
+    tight, _ = run(machine, 2.5e-4)
+    exact = oracle_run(leaky)
+    assert rms(found[:, :11] - exact) < 10e3
+    assert rms(tight[:, :11] - exact) > 30e3
+    energy, oil = audited(circuit)
+    assert abs(energy) < 1e-9 * circuit.energy["main_pump"][0]
+    assert abs(oil) < 1e-9 * circuit.volume["main_pump"][0]
+
+
+def test_a_pump_against_a_shut_line_raises_it_until_all_its_oil_slips_back(
+    machine: Machine,
+) -> None:
+    """Δp = (Q_t − q)/c and P = Δp Q_t/η_m, with the leakage q of the line's valve."""
+    slip_flow, pumped = 2e-5, 6e-6
+    slipping = machine.with_values({"hydraulics.servo_pump.slip_flow": slip_flow})
+    circuit = build_circuit(slipping, 5e-4)
+    length, m = slipping.cylinder_lengths(START), slipping.arrays
+    circuit.modules["flow_command"][0] = pumped
+    circuit.advance(length, np.zeros(3), 4000)
+    before = circuit.energy[0].copy()
+    circuit.advance(length, np.zeros(3), 2000)
+    after, line = circuit.energy[0], circuit.pressure[2]
+    leaked = m.leakage_flow * math.sqrt((line - m.tank_pressure) / (4e6 - m.tank_pressure))
+    rise = (pumped - leaked) / (slip_flow / 1e7)
+    assert line - circuit.manifold_pressure == pytest.approx(rise, rel=1e-3)
+    assert circuit.modules["delivered"][0] == pytest.approx(leaked, rel=1e-3)
+    shaft = after["servo_pumps"] - before["servo_pumps"]
+    assert shaft == pytest.approx(rise * pumped / m.servo_pump_efficiency, rel=2e-2)
+    lost = after["servo_pump_losses"] - before["servo_pump_losses"]
+    assert shaft - lost == pytest.approx(rise * leaked, rel=2e-2)  # what the oil got
+    energy, _ = audited(circuit)
+    assert abs(energy) < 1e-9 * circuit.energy["main_pump"][0]
+
+
+def test_a_pump_with_slip_gives_its_largest_flow_at_the_highest_boost_pressure(
+    machine: Machine,
+) -> None:
+    slipping = machine.with_values({"hydraulics.servo_pump.slip_flow": 4e-6})
+    c, m = build_circuit(slipping, 5e-4).constants[0], slipping.arrays
+    slip = c["servo_pump_slip"] * (m.max_boost_pressure - m.supply_pressure)
+    usual = m.servo_pump_flow + machine.config.circuit.servo_pump_flow_reserve
+    assert c["servo_pump_flow"] - slip == pytest.approx(usual)
 
 
 def test_energy_is_accounted_for_to_rounding(machine: Machine) -> None:

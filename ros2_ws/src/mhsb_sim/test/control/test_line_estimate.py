@@ -49,7 +49,8 @@ def weigh(
         servo.sensors["length"][0] += speed * STEP
         servo.sensors["line_pressure"][0] = pressure
         servo.modules["flow"][0] = (
-            share * leakage_at(constants, pressure)
+            machine.config.hydraulics.servo_pump.slip_flow / 1e7 * (pressure - 4e6)
+            + share * leakage_at(constants, pressure)
             + area * abs(speed)
             + squeeze * constants["line_capacity"] * rate
         )
@@ -73,6 +74,12 @@ def test_pumps_tell_what_lines_leak_and_what_their_oil_is_compressed_by(
 def test_pumps_tell_what_lines_leak_over_the_lands_of_spools(machine: Machine) -> None:
     lands = machine.with_values({"hydraulics.valve.land_leakage": 0.6})
     lines = weigh(lands, 0.7, 1.4, 0.008, join=0.0)
+    assert lines.estimate[1] == pytest.approx(1.4, rel=0.05)
+
+
+def test_slip_of_the_pumps_is_no_leakage_of_their_lines(machine: Machine) -> None:
+    slipping = machine.with_values({"hydraulics.servo_pump.slip_flow": 4e-6})
+    lines = weigh(slipping, 0.7, 1.4, 0.008, join=0.0)
     assert lines.estimate[1] == pytest.approx(1.4, rel=0.05)
 
 
