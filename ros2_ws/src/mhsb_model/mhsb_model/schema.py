@@ -450,6 +450,13 @@ class CircuitDynamics(Section):
     main_pump_droop: Pressure = Field(
         description="how far the main pump's pressure sinks up to full flow [Pa]"
     )
+    main_pump_time: float = Field(
+        default=0.0,
+        ge=0,
+        le=10,
+        exclude_if=lambda given: given == 0.0,
+        description="time constant of the main pump's swash plate [s]; 0: follows at once",
+    )
     check_valve_flow: Flow = Field(description="at its rated drop [m³/s]")
     check_valve_pressure_drop: Pressure = Field(description="rated drop [Pa]")
     switching_valve_flow: Flow = Field(description="at its rated drop [m³/s]")

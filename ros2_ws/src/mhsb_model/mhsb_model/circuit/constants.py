@@ -178,13 +178,15 @@ def compute_constants(machine: Machine, substep: float) -> Records[CircuitConsta
     warmth = real.oil_temperature - FILE_TEMPERATURE
     thinner = compute_viscosity_ratio(real.oil_temperature)
     beta = oil.bulk_modulus * math.exp(-BULK_MODULUS_SLOPE * warmth)
-    stiction, accumulator = real.stiction, real.accumulator
+    stiction, accumulator, swing = real.stiction, real.accumulator, oil.main_pump_time
     spool = spool_transition(oil.valve_frequency, oil.valve_damping, substep)
     values = {
         "tank_pressure": arrays.tank_pressure,
         "supply_pressure": arrays.supply_pressure,
         "main_pump_flow": arrays.main_pump_flow,
         "main_pump_droop": oil.main_pump_droop,
+        "main_pump_decay": math.exp(-substep / swing) if swing else 0.0,
+        "main_pump_memory": -swing / substep * math.expm1(-substep / swing) if swing else 0.0,
         "bulk_modulus": beta,
         "line_capacity": oil.line_volume / beta,
         "rail_capacity": oil.rail_volume / beta,

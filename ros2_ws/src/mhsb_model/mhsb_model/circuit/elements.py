@@ -136,9 +136,13 @@ def compute_relief_valve_flow(gain: float, drop: float, setting: float) -> tuple
 def compute_main_pump_flow(
     max_flow: float, setting: float, droop: float, pressure: float
 ) -> tuple[float, float]:
-    """Compute the flow of the main pump, whose regulator holds its outlet pressure.
+    """Compute the flow to which the regulator sets the main pump, to hold its outlet pressure.
 
         Q = Q_max (p_set − p)/droop, limited to 0 … Q_max
+
+    The swash plate follows this flow with the time constant τ, or at once if τ = 0. With the
+    capacity C of the manifold, the damping ratio of the pressure control is
+    ½ √(droop C/(Q_max τ)).
 
     Args:
         max_flow: Largest flow Q_max [m³/s].
@@ -147,7 +151,10 @@ def compute_main_pump_flow(
         pressure: Pressure p in the manifold behind the pump [Pa].
 
     Returns:
-        Flow into the manifold [m³/s] and its slope −dQ/dp ≥ 0 [m³/(s Pa)].
+        Flow [m³/s] and its slope −dQ/dp ≥ 0 [m³/(s Pa)].
+
+    Source:
+        M. Jelali, A. Kroll, Hydraulic Servo-systems (pressure-controlled variable pump).
     """
     share = (setting - pressure) / droop
     if share <= 0.0:

@@ -37,6 +37,10 @@ class CircuitConstants(Record):
     """Largest flow of the main pump [m³/s]."""
     main_pump_droop: float
     """Pressure drop of the main pump from no flow to its largest flow [Pa]."""
+    main_pump_decay: float
+    """Decay e^(−substep/τ) of the lag τ of the main pump's swash plate; 0 without a lag."""
+    main_pump_memory: float
+    """Share of its former flow that the main pump keeps on average in a substep; 0 without lag."""
     bulk_modulus: float
     """Bulk modulus β of the oil [Pa]."""
     line_capacity: float

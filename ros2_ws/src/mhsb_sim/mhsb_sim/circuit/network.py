@@ -153,6 +153,7 @@ class Circuit(NamedTuple):
     actuators: Records[ActuatorState]  # [n]
     modules: Records[ModuleState]  # [m]
     valves: PlacedValves
+    main_pump: FloatArray  # [1] m³/s, flow by the swash plate's position
     energy: Records[EnergyCounters]  # [1]
     counters: FloatArray  # [energies], the memory of `energy`
     volume: Records[CircuitVolumes]  # [1]
@@ -213,6 +214,7 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
         actuators=parts.actuators,
         modules=parts.modules,
         valves=valves,
+        main_pump=np.full(1, actuator_count * arrays.leakage_flow),
         energy=energy,
         counters=np.asarray(energy).view(np.float64),
         volume=create_records(CircuitVolumes, 1),
@@ -666,17 +668,24 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
         pump_flow, pump_slope = compute_main_pump_flow(
             c.main_pump_flow, c.supply_pressure, c.main_pump_droop, pressure[manifold]
         )
+        # The mean flow of the substep, as the regulator's change of the swash plate begins.
+        mean_flow = pump_flow + c.main_pump_memory * (circuit.main_pump[0] - pump_flow)
+        mean_slope = (1.0 - c.main_pump_memory) * pump_slope
         inflow[:] = 0.0
         circuit.conductance[:, :] = 0.0
-        inflow[manifold] += pump_flow
-        circuit.conductance[manifold, manifold] += pump_slope
+        inflow[manifold] += mean_flow
+        circuit.conductance[manifold, manifold] += mean_slope
         count = connect_servo_pumps(circuit, connect_supply(circuit, 0))
         for j in range(n):
             count = connect_actuator(circuit, j, count)
             displace_oil(circuit, j, length[j], speed[j])
         solve_pressure_changes(circuit, count)
         change = inflow
-        mean_flow = pump_flow - pump_slope * change[manifold]
+        mean_flow -= mean_slope * change[manifold]
+        pump_flow = min(max(pump_flow - pump_slope * change[manifold], 0.0), c.main_pump_flow)
+        circuit.main_pump[0] = advance_first_order_lag(
+            circuit.main_pump[0], pump_flow, c.main_pump_decay
+        )
         audit_main_pump(mean_flow, pressure[manifold] + 0.5 * change[manifold], c, e, v)
         if c.servo_pump_drag > 0.0:
             audit_drag(circuit.modules, c, e)

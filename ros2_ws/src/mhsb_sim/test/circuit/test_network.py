@@ -292,6 +292,51 @@ def test_a_pump_with_slip_gives_its_largest_flow_at_the_highest_boost_pressure(
     assert c["servo_pump_flow"] - slip == pytest.approx(usual)
 
 
+@pytest.mark.parametrize("step", [1e-4, 5e-4])
+def test_the_swash_plate_follows_its_regulator_as_radau_says(machine: Machine, step: float) -> None:
+    """C ṗ = Q − q, τ Q̇ = Q_max (p_set − p)/droop − Q: closed check valves, manifold alone."""
+    lag, droop = 0.03, 4e5
+    slow = machine.with_values(
+        {
+            "circuit.main_pump_time": lag,
+            "circuit.main_pump_droop": droop,
+            "hydraulics.valve.leakage_flow": 0.0,
+        }
+    )
+    circuit, m, oil = build_circuit(slow, step), slow.arrays, slow.config.circuit
+    set_rest_pressures(circuit, slow, START, MODES_N)
+    circuit.pressure[:-2] = 6e6  # check valves stay shut
+    circuit.pressure[-2], circuit.main_pump[0] = m.supply_pressure - 0.5 * droop, 0.0
+    capacity = oil.manifold_volume / oil.bulk_modulus
+
+    def rates(_: float, state: FloatArray) -> list[float]:
+        flow, pressure = state
+        goal = m.main_pump_flow * min(max((m.supply_pressure - pressure) / droop, 0.0), 1.0)
+        return [(goal - flow) / lag, flow / capacity]
+
+    times = np.arange(1, 41) * 5e-4
+    start = (0.0, circuit.manifold_pressure)
+    exact = solve_ivp(rates, (0.0, 0.02), start, "Radau", times, rtol=1e-8, atol=(1e-12, 1.0))
+    found = []
+    for _ in times:
+        circuit.advance(slow.cylinder_lengths(START), np.zeros(3), round(5e-4 / step))
+        found.append((circuit.main_pump[0], circuit.manifold_pressure))
+    flow, pressure = np.array(found).T
+    assert np.abs(flow - exact.y[0]).max() < 0.3 * step / 5e-4 * 1e-6
+    assert np.abs(pressure - exact.y[1]).max() < 2e4 * step / 5e-4
+    energy, volume = audited(circuit)
+    assert abs(energy) < 1e-9 * circuit.energy["main_pump"][0]
+    assert abs(volume) < 1e-9 * circuit.volume["main_pump"][0]
+
+
+def test_a_swash_plate_without_inertia_delivers_what_its_regulator_demands(machine) -> None:
+    """Off is the limit of a small time constant."""
+    pressures = [
+        run(machine.with_values({"circuit.main_pump_time": time}), 5e-4)[0] for time in (0.0, 1e-7)
+    ]
+    np.testing.assert_allclose(*pressures, rtol=2e-4)
+
+
 def test_energy_is_accounted_for_to_rounding(machine: Machine) -> None:
     _, circuit = run(machine, 5e-4)
     record = circuit.energy[0]
