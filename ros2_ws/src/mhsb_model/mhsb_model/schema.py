@@ -440,6 +440,13 @@ class CircuitDynamics(Section):
     """Dynamics of the hydraulic circuit: oil, volumes, valves, pumps, relief and friction."""
 
     bulk_modulus: float = Field(ge=1e5, le=1e12, description="effective, oil and hoses [Pa]")
+    free_air: float = Field(
+        default=0.0,
+        ge=0,
+        le=0.2,
+        exclude_if=lambda given: given == 0.0,
+        description="share of the oil's volume at atmospheric pressure that is free air [-]",
+    )
     chamber_dead_volume: Volume = Field(description="each side of a cylinder, at its end [m³]")
     line_volume: Volume = Field(description="supply line of one actuator [m³]")
     rail_volume: Volume = Field(description="rail that shared boost uses [m³]")

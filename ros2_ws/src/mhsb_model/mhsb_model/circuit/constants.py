@@ -188,6 +188,7 @@ def compute_constants(machine: Machine, substep: float) -> Records[CircuitConsta
         "main_pump_decay": math.exp(-substep / swing) if swing else 0.0,
         "main_pump_memory": -swing / substep * math.expm1(-substep / swing) if swing else 0.0,
         "bulk_modulus": beta,
+        "free_air": oil.free_air,
         "line_capacity": oil.line_volume / beta,
         "rail_capacity": oil.rail_volume / beta,
         "manifold_capacity": oil.manifold_volume / beta,

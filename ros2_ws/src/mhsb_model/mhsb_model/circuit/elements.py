@@ -348,6 +348,38 @@ def accumulator_capacity(
     return volume / (exponent * pressure) * (precharge / pressure) ** (1.0 / exponent)
 
 
+ATMOSPHERIC_PRESSURE = 1.013e5
+"""Absolute pressure at which the share of free air is stated [Pa]."""
+
+AIR_EXPONENT = 1.4
+"""Polytropic exponent of air bubbles, which have no time to exchange heat [-]."""
+
+
+@kernel(inline="always")
+def compute_air_factor(bulk_modulus: float, air: float, pressure: float) -> float:
+    """Compute by which factor free air makes oil more compressible.
+
+        β/β_e = (1 + r β/(n p)) / (1 + r),   r = α/(1 − α) (p₀/p)^(1/n)
+
+    r is the volume of the air over that of the oil. The air follows p V^n = constant with n =
+    AIR_EXPONENT. It does not dissolve. The compression of the oil itself is small in r.
+
+    Args:
+        bulk_modulus: Bulk modulus β of the oil without air [Pa].
+        air: Share α of the volume that is air at the atmospheric pressure p₀.
+        pressure: Absolute pressure p [Pa].
+
+    Returns:
+        Factor on the capacity V/β of a volume [-], at least 1 for p < β/n.
+
+    Source:
+        M. Jelali, A. Kroll, Hydraulic Servo-systems (effective bulk modulus); H. E. Merritt,
+        Hydraulic Control Systems (entrapped air).
+    """
+    ratio = air / (1.0 - air) * (ATMOSPHERIC_PRESSURE / pressure) ** (1.0 / AIR_EXPONENT)
+    return (1.0 + ratio * bulk_modulus / (AIR_EXPONENT * pressure)) / (1.0 + ratio)
+
+
 @kernel(inline="always")
 def sliding_friction(
     coulomb: float, breakaway: float, stribeck_speed: float, speed: float

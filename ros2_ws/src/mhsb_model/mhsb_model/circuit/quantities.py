@@ -43,6 +43,8 @@ class CircuitConstants(Record):
     """Share of its former flow that the main pump keeps on average in a substep; 0 without lag."""
     bulk_modulus: float
     """Bulk modulus β of the oil [Pa]."""
+    free_air: float
+    """Share of the oil's volume at atmospheric pressure that is free air; 0 without air."""
     line_capacity: float
     """Capacity V/β of an actuator's line [m³/Pa]."""
     rail_capacity: float

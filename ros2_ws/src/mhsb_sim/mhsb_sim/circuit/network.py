@@ -38,6 +38,7 @@ from mhsb_model.circuit.elements import (
     advance_pressure_and_cavity,
     advance_servo_pump_flow,
     chamber_volumes,
+    compute_air_factor,
     compute_check_valve_flow,
     compute_land_conductance,
     compute_main_pump_flow,
@@ -579,6 +580,30 @@ def displace_oil(circuit: Circuit, j: int, length: float, speed: float) -> None:
 
 
 @kernel(inline="always")
+def add_gas(circuit: Circuit) -> None:
+    """Add the capacities of free air in the oil, and of the accumulator at the manifold.
+
+    Air counts at the pressures before the substep, and at no less than the vapour pressure.
+
+    Args:
+        circuit: The circuit. Updates the capacities of its nodes in place.
+    """
+    pressure, capacity, c = circuit.pressure, circuit.nodes[1], circuit.constants[0]
+    manifold = len(pressure) - 2
+    if c.free_air > 0.0:
+        for i in range(manifold + 1):
+            absolute = max(pressure[i], c.vapour_pressure, 1.0)
+            capacity[i] *= compute_air_factor(c.bulk_modulus, c.free_air, absolute)
+    if c.accumulator_volume > 0.0:
+        capacity[manifold] += accumulator_capacity(
+            pressure[manifold],
+            c.accumulator_volume,
+            c.accumulator_precharge,
+            c.accumulator_exponent,
+        )
+
+
+@kernel(inline="always")
 def solve_pressure_changes(circuit: Circuit, count: int) -> None:
     """Solve the implicit step of a substep for the change of every node's pressure.
 
@@ -656,15 +681,8 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
     n = len(actuators)
     rail, manifold = 3 * n, 3 * n + 1
     dt = c.substep
-    capacity[rail], capacity[manifold] = c.rail_capacity, c.manifold_capacity
     for _ in range(substeps):
-        if c.accumulator_volume > 0.0:
-            capacity[manifold] = c.manifold_capacity + accumulator_capacity(
-                pressure[manifold],
-                c.accumulator_volume,
-                c.accumulator_precharge,
-                c.accumulator_exponent,
-            )
+        capacity[rail], capacity[manifold] = c.rail_capacity, c.manifold_capacity
         pump_flow, pump_slope = compute_main_pump_flow(
             c.main_pump_flow, c.supply_pressure, c.main_pump_droop, pressure[manifold]
         )
@@ -679,6 +697,7 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
         for j in range(n):
             count = connect_actuator(circuit, j, count)
             displace_oil(circuit, j, length[j], speed[j])
+        add_gas(circuit)
         solve_pressure_changes(circuit, count)
         change = inflow
         mean_flow -= mean_slope * change[manifold]

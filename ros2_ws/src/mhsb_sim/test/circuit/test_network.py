@@ -86,6 +86,17 @@ class Oracle:
     def orifice(self, k: float, drop: float) -> float:
         return k * drop / (drop**2 + self.oil.laminar_pressure**2) ** 0.25
 
+    def air(self, pressure: FloatArray | float) -> FloatArray | float:
+        """β (−dV/dp)/V of oil and air, by differences of V = (1 − α)(1 − p/β) + α (p₀/p)^(1/n)."""
+        beta, air, pressure = self.oil.bulk_modulus, self.oil.free_air, np.maximum(pressure, 1.0)
+        h = 1e-5 * pressure
+
+        def volume(p):
+            return 1.0 - p / beta + air / (1 - air) * (1.013e5 / p) ** (1 / 1.4)
+
+        grown = volume(pressure - h) - volume(pressure + h)
+        return beta * grown / (2 * h) / (volume(pressure) + pressure / beta)
+
     def rates(self, time: float, state: FloatArray, row: tuple) -> FloatArray:
         m, oil = self.machine.arrays, self.oil
         chambers, (rail, manifold) = state[:9].reshape(3, 3), state[9:11]
@@ -157,6 +168,14 @@ class Oracle:
             axis=1,
         )
         omega = 2 * math.pi * oil.valve_frequency
+        q_chamber, q_rail, q_manifold = (
+            flow / self.air(pressure)
+            for flow, pressure in (
+                (q_chamber, chambers),
+                (q_rail, rail),
+                (q_manifold, manifold),
+            )
+        )
         to_rail = np.array([*lent[:3], 1.0])
         wanted = (np.array(flows) - flow) / oil.servo_pump_lag
         return np.concatenate(
@@ -335,6 +354,45 @@ def test_a_swash_plate_without_inertia_delivers_what_its_regulator_demands(machi
         run(machine.with_values({"circuit.main_pump_time": time}), 5e-4)[0] for time in (0.0, 1e-7)
     ]
     np.testing.assert_allclose(*pressures, rtol=2e-4)
+
+
+def test_pressures_agree_with_radau_with_air_in_the_oil(machine: Machine) -> None:
+    airy = machine.with_values({"circuit.free_air": 0.02})
+    found, circuit = run(airy, 2.5e-4)
+    clear, _ = run(machine, 2.5e-4)
+    exact = oracle_run(airy)
+    assert rms(found[:, :11] - exact) < 10e3
+    assert rms(clear[:, :11] - exact) > 50e3
+    energy, oil = audited(circuit)
+    assert abs(energy) < 1e-9 * circuit.energy["main_pump"][0]
+    assert abs(oil) < 1e-9 * circuit.volume["main_pump"][0]
+
+
+def test_air_in_a_closed_chamber_is_squeezed_as_a_gas_with_its_oil(machine: Machine) -> None:
+    """V(p) = V₀ [(1 − α)(1 − (p − p₀)/β) + α (p₀/p)^(1/n)] of oil and air, first order in p/β."""
+    air, beta = 0.05, machine.config.circuit.bulk_modulus
+    tight = {
+        "circuit.free_air": air,
+        "hydraulics.valve.leakage_flow": 0.0,
+        "circuit.anti_cavitation_flow": 1e-10,
+    }
+    airy = machine.with_values(tight)
+    circuit, length = build_circuit(airy, 1e-4), airy.cylinder_lengths(START)
+    circuit.pressure[:-1] = 2e5
+    cap, rod = machine.arrays.cap_area[0], circuit.cylinders["dead_volume"][0]
+    stroke = length[0] - circuit.cylinders["min_length"][0]
+    volume = rod + cap * stroke
+
+    def mixed(p: float) -> float:
+        return (1 - air) * (1 - (p - 1.013e5) / beta) + air * (1.013e5 / p) ** (1 / 1.4)
+
+    speed = np.array([-0.01, 0.0, 0.0])
+    for _ in range(1500):
+        circuit.advance(length, speed, 1)
+        length = length + speed * 1e-4
+    squeezed = (volume - cap * 0.01 * 0.15) / volume
+    assert mixed(circuit.pressure[0]) / mixed(2e5) == pytest.approx(squeezed, rel=2e-4)
+    assert circuit.pressure[0] > 3e5
 
 
 def test_energy_is_accounted_for_to_rounding(machine: Machine) -> None:
