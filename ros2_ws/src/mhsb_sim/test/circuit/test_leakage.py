@@ -14,6 +14,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_sim.circuit.audit import energy_gap, volume_gap
 from mhsb_sim.circuit.network import Circuit, build_circuit, set_rest_pressures
+from mhsb_sim.simulation.simulator import Simulator
 
 START = np.array([0.3, -1.4, -1.5])
 LOADS = np.array([1500.0, -600.0, 300.0])
@@ -170,3 +171,41 @@ def test_a_servo_valve_that_holds_a_piston_leaks_as_the_planner_says(machine):
     assert circuit.volume["main_pump"][0] - oil == pytest.approx(3 * m.leakage_flow, rel=0.01)
     lost = 3 * m.leakage_flow * (m.supply_pressure - m.tank_pressure)
     assert circuit.energy["leakage"][0] - energy == pytest.approx(lost, rel=0.02)
+
+
+@pytest.mark.parametrize("lock", [0.0, 0.01])
+def test_a_servo_at_rest_holds_its_load_against_leaking_lands(machine, lock):
+    leaky = machine.with_values(
+        {"hydraulics.valve.land_leakage": 0.1, "circuit.lock_valve_opening": lock}
+    )
+    simulator = Simulator(leaky)
+    start = leaky.cylinder_lengths(simulator.joint_state.position)
+    simulator.advance(8.0)
+    sunk = leaky.cylinder_lengths(simulator.joint_state.position) - start
+    assert np.abs(sunk).max() < 2e-5
+    assert abs(simulator.energy_gap) < 1e-6 * simulator.energies["main_pump"]
+
+
+def test_a_boosted_line_is_held_against_the_slip_of_its_pump(machine):
+    """The shaft work grows by Q/(Q + c Δp), with the leakage Q of the valve; pressures stay."""
+    slip, posture, found = 2e-6, np.zeros(3), {}
+    for name, flow in (("tight", 0.0), ("slipping", slip)):
+        simulator = Simulator(
+            machine.with_values({"hydraulics.servo_pump.slip_flow": flow}), posture=posture
+        )
+        simulator.advance(3.0)
+        before = simulator.energies["servo_pumps"]
+        lines = []
+        for _ in range(2000):
+            simulator.step()
+            lines.append(simulator.actuator_states.supply_pressure)
+        found[name] = np.mean(lines, axis=0), simulator.energies["servo_pumps"] - before
+    (line, work), (slipping, more) = found["tight"], found["slipping"]
+    np.testing.assert_allclose(slipping, line, atol=3e4)
+    m = machine.arrays
+    rise = np.maximum(line - m.supply_pressure, 0.0)
+    rise[rise < 1e5] = 0.0
+    assert rise.max() > 1e6
+    leaked = [compute_valve_leakage(get_shared_hydraulics(m), p) for p in line]
+    expected = rise @ (leaked + slip / 1e7 * rise) / (rise @ leaked)
+    assert more / work == pytest.approx(expected, rel=0.02)
