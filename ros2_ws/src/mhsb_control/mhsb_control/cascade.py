@@ -5,10 +5,11 @@ is F = p_A A − p_B a [N], positive in extension.
 
     F_ff  = (M q̈ + C q̇ + g)/r + friction(v_ref) + d     feedforward
     F_ref = F_ff + (k_p k_h/ω_F) e                         position loop
-    u     = v_ref + w + ω_F (F_ref − F)/k_h                force loop, limited at rest
+    u     = v_ref(t + T) + w + ω_F (F_ref − F)/k_h         force loop, limited at rest
     ẇ     = k_i e                                          integral, for unmodelled flows
     τ ḋ   = F − F_ff                                       force bias, for unmodelled forces
 
+T is the time until a command acts, 0 if the controller does not estimate it [s].
 u is the demanded piston speed [m/s]; the valve flows are to produce it. The stiffness of the oil is
 k_h = β (A²/V_A + a²/V_B) [N/m], so that dF/dt = k_h (u − v). The bias d follows unmodelled forces
 with the time constant τ. The force loop therefore damps oscillations and does not yield to an
@@ -45,7 +46,7 @@ from mhsb_control.load_estimate import (
     accumulate_load_window,
     build_load_estimate,
 )
-from mhsb_control.natural_frequency import find_lowest_joint_frequencies
+from mhsb_control.natural_frequency import find_joint_frequency_ranges
 from mhsb_control.reference import PREVIEW_POINT
 from mhsb_model.circuit.elements import chamber_volumes, friction_force
 from mhsb_model.circuit.quantities import (
@@ -138,6 +139,10 @@ class SharedGains(Record):
     """Control period [s]."""
     valve_lag: float
     """Lag of a spool behind its command [s]."""
+    reaction_time: float
+    """Time T from a measurement to its effect on the valve opening [s]."""
+    reference_spacing: float
+    """Time between two points of the reference [s]."""
     supply_margin: float
     """Boost margin of the plan plus that of the servo [Pa]."""
     inertia_margin: float
@@ -190,6 +195,9 @@ class CascadeGains(Section):
 SCRATCH_ROWS = MOTION_WORK + 2
 """Rows of working memory: MOTION_WORK for the dynamics, one of torques, one of gravity torques."""
 
+CROSSING_LAGS = 1.0
+"""Time in which a spool crosses its overlap, in lags beyond the one that commands lead by."""
+
 COSINE_ROW, SINE_ROW = INERTIA_WORK, INERTIA_WORK + 1
 """Rows of the working memory with the cosine and the sine of each link's absolute angle."""
 
@@ -205,6 +213,12 @@ class ControlAxis(Record):
     """ω_F if commands acted without delay [rad/s]."""
     max_position_gain: float
     """k_p if commands acted without delay [1/s]."""
+    max_integral_gain: float
+    """k_i if commands acted without delay [1/s²]."""
+    highest_frequency: float
+    """Highest natural frequency of the joint on its oil [rad/s]."""
+    flow_damping: float
+    """Decay rate of the force by the valve at its present opening, uncompensated [1/s]."""
     bias_time: float
     """Time constant τ of the bias d [s]."""
     length: float
@@ -215,6 +229,10 @@ class ControlAxis(Record):
     """Moment arm in the present reference [m]."""
     speed: float
     """Piston speed in the present reference [m/s]."""
+    speed_to_command: float
+    """Piston speed of the reference at the time when a command sent now acts [m/s]."""
+    speed_to_cross: float
+    """Piston speed of the reference when a spool that starts now has crossed its overlap [m/s]."""
     max_speed_at_rest: float
     """Largest |u| at rest [m/s]; inf while the reference moves."""
     force: float
@@ -231,6 +249,8 @@ class ControlAxis(Record):
     """Moment arm at point PREVIEW_POINT [m]."""
     arm_slope_ahead: float
     """Derivative of that moment arm by the joint angle [m/rad]."""
+    feedforward: float
+    """Force of the reference with friction and bias d [N]."""
     bias: float
     """Unmodelled force d [N]; NaN before the first step."""
     integral_gain: float
@@ -261,6 +281,8 @@ class ControlAxis(Record):
     """Line pressure needed at point PREVIEW_POINT [Pa]."""
     leakage: float
     """Leakage of the valve at the line pressure, by the machine file [m³/s]."""
+    commanded_flow: float
+    """Flow that the piston is commanded to take, behind the valve's lag [m³/s]."""
     line_flow: float
     """Flow that the line is about to supply [m³/s]; 0 without boost."""
     joined: float
@@ -354,7 +376,7 @@ def build_axis_records(
         Lengths, speeds and forces of the reference are 0.
     """
     config = machine.config
-    frequency = find_lowest_joint_frequencies(machine)
+    frequency, highest = find_joint_frequency_ranges(machine)
     valve = 2.0 * math.pi * config.circuit.valve_frequency
     axes = create_records(ControlAxis, machine.joint_count)
     axes["force_bandwidth"] = np.minimum(
@@ -368,6 +390,7 @@ def build_axis_records(
         axes["position_gain"],
     )
     axes["integral_gain"] = gains.integral_gain * axes["position_gain"] ** 2
+    axes["max_integral_gain"], axes["highest_frequency"] = axes["integral_gain"], highest
     axes["integral_limit"] = machine.arrays.max_piston_speed / settings.integral_limit_ratio
     axes["bias_time"] = np.maximum(
         config.servo.force_bias_time,
@@ -526,12 +549,45 @@ def compute_reference_forces(s: ServoArguments, payload: float) -> None:
             else:
                 axis.length, axis.arm = length, arm
                 axis.speed = arm * qd[j]
+                late, lag = s.gains[0].reaction_time, s.gains[0].valve_lag
+                axis.speed_to_command = predict_reference_speed(s, j, late)
+                axis.speed_to_cross = predict_reference_speed(s, j, late + CROSSING_LAGS * lag)
                 rests = qd[j] == 0.0 and axis.speed_ahead == 0.0
                 axis.max_speed_at_rest = (
                     rest_speed * abs(arm) * axis.radian_equivalent if rests else math.inf
                 )
                 axis.force = torque[j] / arm
                 axis.holding_force = held / arm
+
+
+@kernel(inline="always")
+def predict_reference_speed(s: ServoArguments, j: int, ahead: float) -> float:
+    """Compute the piston speed of the reference some time ahead.
+
+    The joint speed is a cubic between the reference's points, by their speeds and accelerations.
+    The moment arm is linear in the joint position about point PREVIEW_POINT.
+
+    Args:
+        s: Signals, circuit, axes and estimates of the servo.
+        j: Index of the cylinder.
+        ahead: Time from now [s]; later than the last point, the speed is that of the last point.
+
+    Returns:
+        Piston speed [m/s]; that of the present if commands act at once.
+    """
+    axis, reference, gains = s.axes[j], s.reference, s.gains[0]
+    if gains.reaction_time <= 0.0:
+        return axis.speed
+    position = ahead / gains.reference_spacing
+    k = min(int(position), len(reference) - 2)
+    share, spacing = min(position - k, 1.0), gains.reference_spacing
+    before, after = reference[k, 1, j], reference[k + 1, 1, j]
+    left, right = spacing * reference[k, 2, j], spacing * reference[k + 1, 2, j]
+    rise, rest = after - before, 1.0 - share
+    speed = before + share * share * (3.0 - 2.0 * share) * rise
+    speed += share * rest * (rest * left - share * right)
+    way = reference[0, 0, j] - reference[PREVIEW_POINT, 0, j] + ahead * speed
+    return (axis.arm_ahead + axis.arm_slope_ahead * way) * speed
 
 
 @kernel(inline="always")
@@ -567,7 +623,7 @@ def demand_speed(
 ) -> None:
     """Compute the demanded piston speed u of one axis by the position and the force loop.
 
-        u = v_ref + w + ω_F (F_ref − F)/k_h,    F_ref = F_known + d + (k_p k_h/ω_F) e
+        u = v_ref(t + T) + w + ω_F (F_ref − F)/k_h,    F_ref = F_known + d + (k_p k_h/ω_F) e
 
     |u| is limited to `max_speed_at_rest`, the speed limit at rest, and to `deliverable_speed`, what
     the pumps can supply. The integral w stays constant while the valve is saturated (anti-windup).
@@ -575,22 +631,23 @@ def demand_speed(
     `max_rest_error`.
 
     Args:
-        axis: State of the cylinder's control axis. Writes `integral` (w) and
-            `demand` (u) in place.
+        axis: State of the cylinder's control axis. Writes `feedforward` (F_known + d), `integral`
+            (w) and `demand` (u) in place.
         known: F_known, feedforward force without the bias d [N].
         force: F, measured cylinder force [N].
         error: e, reference length less measured length [m].
         gains: Quantities that all axes share, with the control period.
     """
     pull = axis.force_bandwidth / axis.stiffness
-    force_reference = known + axis.bias + axis.position_gain / pull * error
+    axis.feedforward = known + axis.bias
+    force_reference = axis.feedforward + axis.position_gain / pull * error
     off = abs(error / (axis.arm * axis.radian_equivalent))
     own = gains.settings
     acts = axis.max_speed_at_rest == math.inf or own.min_rest_error < off < own.max_rest_error
     if axis.is_saturated == 0.0 and acts:
         w = axis.integral + axis.integral_gain * error * gains.step
         axis.integral = min(max(w, -axis.integral_limit), axis.integral_limit)
-    demand = axis.speed + pull * (force_reference - force) + axis.integral
+    demand = axis.speed_to_command + pull * (force_reference - force) + axis.integral
     most = min(axis.max_speed_at_rest, axis.deliverable_speed)
     axis.demand = min(max(demand, -most), most)
 

@@ -57,7 +57,8 @@ def compute_coasting_limit(
 
         Q V_c(t) + pending ≤ V(t) − flow_uncertainty t + C Δp(t)
 
-    The condition is checked at the coming points of the reference, `spacing` apart, and at
+    The condition is checked from the time on at which a command sent now acts; before it, nothing
+    can be changed. The times are the coming points of the reference, `spacing` apart, and
     COASTING_SAMPLES − 1 even times before the first of them. These earlier times matter, since the
     pressure peaks when the pump has slowed down to the drawn flow.
 
@@ -82,11 +83,15 @@ def compute_coasting_limit(
     rise, rise_ahead = rises
     limit = np.inf
     for k in range(1, COASTING_SAMPLES):
+        if coasting[k] <= 0.0:
+            continue
         share = k / COASTING_SAMPLES
         room = capacity * (rise + share / PREVIEW_POINT * (rise_ahead - rise)) - pending
         drawn = share * (volume[0] + share * (volume[1] - volume[0]) - flow_uncertainty * spacing)
         limit = min(limit, (drawn + room) / coasting[k])
     for k in range(1, len(volume)):
+        if coasting[COASTING_SAMPLES - 1 + k] <= 0.0:
+            continue
         way = min(k / PREVIEW_POINT, 1.0)
         room = capacity * (rise + way * (rise_ahead - rise)) - pending
         drawn = volume[k] - flow_uncertainty * spacing * k

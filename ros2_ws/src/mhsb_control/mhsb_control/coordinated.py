@@ -31,6 +31,7 @@ from mhsb_control.cascade import (
 from mhsb_control.controller import ActuatorReadings, ServoSignals
 from mhsb_control.estimates import collect_estimates
 from mhsb_control.line_estimate import update_line_estimates
+from mhsb_control.reference import PREVIEW_POINT
 from mhsb_control.servo_pumps import (
     PumpGains,
     PumpSettings,
@@ -49,6 +50,7 @@ from mhsb_control.valve_estimate import (
     accumulate_valve_window,
     build_valve_estimates,
     compute_opening,
+    shift_opening,
 )
 from mhsb_model.arm_reports import Estimate
 from mhsb_model.circuit.elements import compute_null_leakage, compute_orifice_flow
@@ -95,6 +97,13 @@ class CoordinationSettings(Record):
 
     30 % smaller and larger, N = 5: RMS error −5.0 and −6.5 % (mhsb_arm3; overshoot −0.08 and
     −0.05 MPa), +14.9 and −5.2 % (excavator; overshoot −1.21 and −1.72 MPa)."""
+    max_resonant_phase_lag: float = 0.6
+    """The same for a joint that oscillates at 1/T or faster, T the reaction time, above 0 … π/2.
+
+    Force feedback that is late by more than π/2 drives an oscillation, which only friction damps.
+    Origin: derivation; at a delay of π the loop gain is ω_F T/(2 π ζ), 0.95 for a damping ratio ζ
+    of 0.1. Before the feedforward share was introduced, with 0.3, 0.44 and 0.6 and a delay of 20
+    ms, the RMS error was 1.1, 1.0 and 0.8 mm/m (mhsb_arm3), 2.1, 2.0 and 1.8 mm/m (excavator)."""
     min_speed_ratio: float = 1.1
     """Share of the reference's speed that may always be demanded of a piston, 1 … 10.
 
@@ -161,6 +170,7 @@ class CoordinatedController:
         cascade = build_servo_arguments(
             machine, signals, gains, estimates_load=True, settings=settings.cascade
         )
+        cascade.gains["reference_spacing"] = gains.preview / PREVIEW_POINT
         cascade.axes["joined"] = signals.circuit.actuators["join"]
         cascade.axes["supply_target"] = signals.sensors["line_pressure"]
         pumps = build_pump_state(machine, signals, gains, settings.pumps)
@@ -204,7 +214,7 @@ def run_coordinated_step(
     5. the piston speeds that the pumps can supply;
     6. the join valves;
     7. the pump commands;
-    8. the gains that the estimated delay allows.
+    8. the gains that the reaction time allows.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `axes` and the commands of
@@ -213,14 +223,13 @@ def run_coordinated_step(
         p: State of the pumps, updated in place.
         own: Tuned numbers of the controller itself, [1].
     """
-    settings = own[0]
+    settings, delay, step = own[0], p.drives.record[0].delay, s.gains[0].step
     compute_piston_demands(s)
     for j in range(len(s.axes)):
         axis, sensor, cylinder = s.axes[j], s.sensors[j], s.cylinders[j]
         force = sensor.cap_pressure * cylinder.cap_area - sensor.rod_pressure * cylinder.rod_area
-        accumulate_valve_window(
-            v, j, axis.speed, sensor.length, force, axis.stiffness, s.gains[0].step
-        )
+        shift_opening(v.records[j], v.openings[j], delay, s.gains[0].valve_lag, step)
+        accumulate_valve_window(v, j, axis.speed, sensor.length, force, axis.stiffness, step)
         compute_valve_command(
             axis,
             sensor,
@@ -230,6 +239,7 @@ def run_coordinated_step(
             v.records[j],
             v.overlap[j],
             v.settings[0],
+            s.gains[0].reaction_time,
         )
         select_supply_targets(axis, sensor, cylinder, s.constants, s.gains, s.modes[j])
     update_line_estimates(s, p.lines, p.gains[0].settings.lines)
@@ -239,33 +249,127 @@ def run_coordinated_step(
     p.charging_flow_left[0] = compute_charging_flow_limit(s, p)
     control_join_valves(s, p, settings)
     command_pumps(s, p)
-    limit_gains_by_delay(s, p, settings.max_phase_lag)
+    limit_gains_by_delay(s, p, settings)
 
 
 @kernel(borrows=True)
-def limit_gains_by_delay(s: ServoArguments, p: PumpState, max_phase_lag: float) -> None:
-    """Limit the gains of the position and force loops to what the estimated delay allows.
+def limit_gains_by_delay(s: ServoArguments, p: PumpState, settings: CoordinationSettings) -> None:
+    """Limit the gains of all axes to what the reaction time and the valves' flow allow.
 
-    The force bandwidth satisfies ω_F ≤ max_phase_lag c/T, and the position gain k_p ≤
-    max_position_gain_ratio ω_F. Neither exceeds the gain that `build_axis_records` has set. T is
-    the time from a measurement to its effect at the valve: a control period, the lag of the spool
-    and the estimated delay of commands [s]. c is the estimated compressibility of the oil over the
-    machine file's, limited to 1.
+    The reaction time T is the time from a measurement to its effect at the valve: a control period,
+    the lag of the spool and the estimated delay of commands [s]. c is the estimated compressibility
+    of the oil over the machine file's, limited to 1. See `limit_axis_gains`.
 
     Args:
-        s: Signals, circuit, axes and estimates of the servo. Writes `force_bandwidth` and
-            `position_gain` of all axes in place.
+        s: Signals, circuit, axes and estimates of the servo. Writes `reaction_time` [s] of `gains`,
+            and `force_bandwidth`, `position_gain` and `integral_gain` of all axes, in place.
         p: State of the pumps with the estimates of delay and compressibility.
-        max_phase_lag: Phase that the force loop may lose by delays [rad].
+        settings: Tuned numbers of the controller itself.
     """
-    own, step = p.drives.record[0], s.gains[0].step
-    late = step + s.gains[0].valve_lag + own.delay * own.step
-    ratio = s.gains[0].settings.max_position_gain_ratio
-    most = max_phase_lag * min(p.lines.estimate[0], 1.0) / late
+    drives, gains = p.drives.record[0], s.gains[0]
+    gains.reaction_time = gains.step + gains.valve_lag + drives.delay * drives.step
+    compressibility = min(p.lines.estimate[0], 1.0)
+    ratio = gains.settings.max_position_gain_ratio
     for j in range(len(s.axes)):
-        axis = s.axes[j]
-        axis.force_bandwidth = min(axis.max_force_bandwidth, most)
-        axis.position_gain = min(axis.max_position_gain, ratio * axis.force_bandwidth)
+        limit_axis_gains(s.axes[j], gains.reaction_time, compressibility, ratio, settings)
+
+
+@kernel(borrows=True)
+def limit_axis_gains(
+    axis: ControlAxis,
+    reaction_time: float,
+    compressibility: float,
+    max_position_gain_ratio: float,
+    settings: CoordinationSettings,
+) -> None:
+    """Limit the gains of an axis to what its reaction time T and its valve's flow allow.
+
+        ω_F ≤ c φ/T,    k_p ≤ ratio ω_F,    k_p ≤ ω_F/(1 + κ (1 − w) T),    k_i ∝ k_p²
+
+    φ is `max_phase_lag`, or `max_resonant_phase_lag` if the joint's highest frequency ω reaches
+    ω T = 1. κ (1 − w) T = w is how much softer the oil appears, see `compute_feedforward_share`.
+    No gain exceeds what `build_axis_records` has set.
+
+    Args:
+        axis: State of the cylinder's control axis. Writes `force_bandwidth` (ω_F), `position_gain`
+            (k_p) and `integral_gain` (k_i) in place.
+        reaction_time: T, time from a measurement to its effect at the valve [s].
+        compressibility: c, compressibility of the oil over the machine file's, at most 1.
+        max_position_gain_ratio: Largest k_p/ω_F.
+        settings: Tuned numbers of the controller itself.
+    """
+    phase = settings.max_phase_lag
+    if axis.highest_frequency * reaction_time >= 1.0:
+        phase = min(phase, settings.max_resonant_phase_lag)
+    axis.force_bandwidth = min(axis.max_force_bandwidth, phase * compressibility / reaction_time)
+    softening = 1.0 + compute_feedforward_share(axis, reaction_time)
+    ratio = min(max_position_gain_ratio, 1.0 / softening)
+    axis.position_gain = min(axis.max_position_gain, ratio * axis.force_bandwidth)
+    share = axis.position_gain / axis.max_position_gain
+    axis.integral_gain = share * share * axis.max_integral_gain
+
+
+@kernel
+def compute_feedforward_share(axis: ControlAxis, reaction_time: float) -> float:
+    """Compute the share of the feedforward in the force for which a valve is opened.
+
+        w = κ T/(1 + κ T)
+
+    An open valve damps oscillations of the force F at the rate κ. Its inverse, which keeps the flow
+    constant whatever the pressures, takes that damping away; with measurements that are T old, it
+    leaves κ (F(t) − F(t − T)) ≈ κ T Ḟ, as if the oil were softer by 1 + κ T. If the share w of F is
+    that of the feedforward instead, a damping of κ w remains, and the oil appears softer by 1 + w.
+
+    Args:
+        axis: State of the cylinder's control axis. Reads `flow_damping` (κ) [1/s].
+        reaction_time: T, time from a measurement to its effect at the valve [s].
+
+    Returns:
+        w, 0 … 1.
+    """
+    late = axis.flow_damping * reaction_time
+    return late / (1.0 + late)
+
+
+@kernel(inline="always")
+def compute_speed_gain(
+    axis: ControlAxis,
+    cylinder: CylinderConstants,
+    c: CircuitConstants,
+    pressures: tuple[float, float, float],
+    smallest: float,
+) -> tuple[float, float]:
+    """Compute the piston speed per opening of the file's valve, and the damping by its flow.
+
+        G = K [A β/V_A S(Δp_A) + a β/V_B S(Δp_B)]/k_h
+        κ = |x| K [(A β/V_A)² S'(Δp_A) + (a β/V_B)² S'(Δp_B)]/k_h
+
+    β/V_A and β/V_B are the stiffnesses of the oil in the two chambers [Pa/m³]. S(Δp) is √Δp, linear
+    below the laminar pressure, and Δp the drop over the edge.
+
+    Args:
+        axis: State of the cylinder's control axis, with the demanded speed and stiffnesses.
+        cylinder: Areas and flow coefficient K of the cylinder's valve.
+        c: Constants of the circuit.
+        pressures: Pressures of the line, the cap side and the rod side [Pa].
+        smallest: Flow at an edge that is assumed at least [m³/s].
+
+    Returns:
+        G [m/s], and κ/|x| [1/s], the rate at which the force decays per opening.
+    """
+    line, cap_pressure, rod_pressure = pressures
+    k = cylinder.valve_coefficient
+    cap_gain = cylinder.cap_area * axis.cap_stiffness
+    rod_gain = cylinder.rod_area * axis.rod_stiffness
+    if axis.demand >= 0.0:
+        cap_drop, rod_drop = line - cap_pressure, rod_pressure - c.tank_pressure
+    else:
+        cap_drop, rod_drop = cap_pressure - c.tank_pressure, line - rod_pressure
+    cap_flow, cap_slope = compute_orifice_flow(k, max(cap_drop, 0.0), c.laminar_pressure)
+    rod_flow, rod_slope = compute_orifice_flow(k, max(rod_drop, 0.0), c.laminar_pressure)
+    gain = cap_gain * max(cap_flow, smallest) + rod_gain * max(rod_flow, smallest)
+    decay = cap_gain * cap_gain * cap_slope + rod_gain * rod_gain * rod_slope
+    return gain / axis.stiffness, decay / axis.stiffness
 
 
 @kernel(borrows=True)
@@ -278,17 +382,15 @@ def compute_valve_command(
     valve: EstimatedValve,
     overlap: float,
     settings: ValveSettings,
+    reaction_time: float,
 ) -> None:
-    """Compute the valve command that produces the demanded piston speed at the measured pressures.
+    """Compute the valve command that produces the demanded piston speed.
 
-    The opening x makes dF/dt = k_h (u − v), with the flows over both metering edges. In extension,
-
-        x = u/G,    G = K [A β/V_A S(Δp_A) + a β/V_B S(Δp_B)]/k_h
-
-    u is the demanded piston speed and v the actual one [m/s]. β/V_A and β/V_B are the stiffnesses
-    of the oil in the two chambers [Pa/m³]. S(Δp) is √Δp, linear below the laminar pressure, and Δp
-    the drop over the edge, at least `min_pressure_drop`. `compute_opening` divides by G and
-    corrects for the estimated gain and overlap of the valve.
+    The opening x = u/G makes dF/dt = k_h (u − v) with the flows over both metering edges. u is the
+    demanded piston speed and v the actual one [m/s]. The speed G per opening, by
+    `compute_speed_gain`, is that at the measured pressures, moved with the stiffness of each
+    chamber to the force F + w (F_ff − F). F_ff is the feedforward, and w the share of
+    `compute_feedforward_share`. `compute_opening` corrects for the estimated gain and overlap.
 
     The valve stays shut if the line pressure is below the load pressure p_L of the measured force.
     An open valve would let the load sink. From p_L on, the command rises to its full value over the
@@ -296,39 +398,42 @@ def compute_valve_command(
     than the line; this does not shut the valve.
 
     Args:
-        axis: State of the cylinder's control axis, with u and stiffnesses. Writes `is_saturated` in
-            place: 1 if the valve is shut by the load, fully open, or its demand is limited by the
-            pumps.
+        axis: State of the cylinder's control axis, with u and stiffnesses. Writes in place
+            `is_saturated`, 1 if the valve is shut by the load, fully open, or its demand is limited
+            by the pumps, and `flow_damping` (κ) [1/s].
         sensor: Measured length [m] and pressures [Pa] of the actuator.
         cylinder: Areas and flow coefficient K of the cylinder's valve.
         constants: Constants of the circuit, one record.
         actuator: ActuatorState of the circuit's actuator. Writes `valve_command`, −1 … 1, in place;
             positive extends.
-        valve: Estimates and window of the valve. Writes `speed_gain` (G)
+        valve: Estimates and window of the valve. Writes `speed_gain` (G at the measured pressures)
             [m/s] and `opening` (x) in place. `opening` is 0 if the load keeps the valve partly or
             fully shut, so that the estimator does not use it.
         overlap: Overlap that is compensated, as a share of the spool's stroke.
         settings: Tuned numbers of the inverse.
+        reaction_time: T, time from a measurement to its effect at the valve [s].
     """
     c = constants[0]
     k, cap, rod = cylinder.valve_coefficient, cylinder.cap_area, cylinder.rod_area
     force = cap * sensor.cap_pressure - rod * sensor.rod_pressure
-    if axis.demand >= 0.0:
-        carried = load_pressure(cap, rod, c.tank_pressure, force, 1.0)
-        inlet_drop = sensor.line_pressure - sensor.cap_pressure
-        outlet_drop = sensor.rod_pressure - c.tank_pressure
-        inlet_gain, outlet_gain = cap * axis.cap_stiffness, rod * axis.rod_stiffness
-    else:
-        carried = load_pressure(cap, rod, c.tank_pressure, force, -1.0)
-        inlet_drop = sensor.line_pressure - sensor.rod_pressure
-        outlet_drop = sensor.cap_pressure - c.tank_pressure
-        inlet_gain, outlet_gain = rod * axis.rod_stiffness, cap * axis.cap_stiffness
-    inlet, _ = compute_orifice_flow(k, max(inlet_drop, 0.0), c.laminar_pressure)
-    outlet, _ = compute_orifice_flow(k, max(outlet_drop, 0.0), c.laminar_pressure)
+    direction = 1.0 if axis.demand >= 0.0 else -1.0
+    carried = load_pressure(cap, rod, c.tank_pressure, force, direction)
+    pressures = (sensor.line_pressure, sensor.cap_pressure, sensor.rod_pressure)
     smallest, _ = compute_orifice_flow(k, settings.min_pressure_drop, c.laminar_pressure)
-    gain = inlet_gain * max(inlet, smallest) + outlet_gain * max(outlet, smallest)
-    valve.speed_gain = gain / axis.stiffness
-    opening = compute_opening(valve, overlap, axis.demand, settings)
+    valve.speed_gain, decay = compute_speed_gain(axis, cylinder, c, pressures, smallest)
+    gain = valve.speed_gain
+    axis.flow_damping = min(abs(axis.demand) / gain, 1.0) * decay
+    share = compute_feedforward_share(axis, reaction_time)
+    away = share * (axis.feedforward - force) / axis.stiffness
+    pressures = (
+        sensor.line_pressure,
+        sensor.cap_pressure + cap * axis.cap_stiffness * away,
+        sensor.rod_pressure - rod * axis.rod_stiffness * away,
+    )
+    gain, _ = compute_speed_gain(axis, cylinder, c, pressures, smallest)
+    opening = compute_opening(
+        gain * valve.gain, overlap, axis.demand, axis.speed_to_cross, settings
+    )
     valve.driving_pressure = sensor.line_pressure - carried
     gate = min(max(valve.driving_pressure / c.laminar_pressure, 0.0), 1.0)
     actuator.valve_command = gate * min(max(opening, -1.0), 1.0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from mhsb_control.line_estimate import LineEstimates
 from mhsb_control.load_estimate import LoadEstimate, LoadSettings
-from mhsb_control.pump_estimate import MAX_DELAY_STEPS, DriveEstimates
+from mhsb_control.pump_estimate import DriveEstimates
 from mhsb_control.servo_pumps import PumpSettings
 from mhsb_control.valve_estimate import ValveEstimates
 from mhsb_model.arm_reports import Estimate
@@ -76,7 +76,7 @@ def collect_estimates(
             "",
             delay * step,
             (latest - delay) * step,
-            MAX_DELAY_STEPS * step,
+            pump_settings.drives.initial_delay_range * step,
         ),
     ]
     for j, name in enumerate(names):

@@ -59,8 +59,8 @@ def compute_joint_frequencies(machine: Machine, q: FloatArray) -> FloatArray:
     return np.sqrt(stiffness / np.diag(machine.mass_matrix(q)))
 
 
-def find_lowest_joint_frequencies(machine: Machine) -> FloatArray:
-    """Find the lowest natural frequency of each joint over random postures.
+def find_joint_frequency_ranges(machine: Machine) -> tuple[FloatArray, FloatArray]:
+    """Find the lowest and the highest natural frequency of each joint over random postures.
 
     In each posture a joint oscillates on the oil of its cylinder, with all other joints locked.
     POSTURE_SAMPLES postures are drawn uniformly from the joint ranges, always with the same seed.
@@ -69,10 +69,12 @@ def find_lowest_joint_frequencies(machine: Machine) -> FloatArray:
         machine: The machine as its file describes it.
 
     Returns:
-        Natural frequencies, float64[n], [rad/s]. They may belong to different postures.
+        Lowest and highest natural frequencies, float64[n] each, [rad/s]. Those of different joints
+        may belong to different postures.
     """
     arrays = machine.arrays
     postures = np.random.default_rng(SAMPLING_SEED).uniform(
         arrays.joint_min, arrays.joint_max, (POSTURE_SAMPLES, machine.joint_count)
     )
-    return np.array(np.min([compute_joint_frequencies(machine, q) for q in postures], axis=0))
+    found = np.array([compute_joint_frequencies(machine, q) for q in postures])
+    return found.min(axis=0), found.max(axis=0)

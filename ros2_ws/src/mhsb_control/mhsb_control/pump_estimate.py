@@ -27,7 +27,7 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.records import Record, Records, create_records
 from mhsb_model.types import FloatArray
 
-MAX_DELAY_STEPS = 6
+MAX_DELAY_STEPS = 60
 """Longest delay that is considered, in steps. One model is compared for each delay."""
 
 
@@ -84,6 +84,10 @@ class DriveSettings(Record):
 
     30 % smaller and larger, N = 5: RMS error −0.2 and 0 % (mhsb_arm3), +2.6 and −0.5 %
     (excavator)."""
+    initial_delay_range: int = 6
+    """Steps by which the delay may exceed the declared one before a pump has started, 0 … 60.
+
+    Origin: config/variations.yaml, a delay of up to 5 ms. """
     plausible_excess: float = 9.0
     """Residual beyond the least one up to which a delay is plausible [`flow_deviation`²], 0 … 1e4.
 
@@ -148,6 +152,7 @@ def build_drive_estimates(
     slew: float,
     count: int,
     settings: DriveSettings = DriveSettings(),
+    delay: float = 0.0,
 ) -> DriveEstimates:
     """Build the initial estimates of pumps from the machine file's values.
 
@@ -158,15 +163,20 @@ def build_drive_estimates(
         slew: Largest rate of change of the flow [m³/s²].
         count: Number m of pumps.
         settings: Tuned numbers.
+        delay: Delay of commands that the machine file declares [s].
 
     Returns:
-        The estimates: lag of the file, delay 0, longest plausible delay MAX_DELAY_STEPS.
+        The estimates: lag and delay of the file. The longest plausible delay is
+        `initial_delay_range` steps longer.
     """
     record = create_records(PumpDynamics, 1)
     record["step"], record["full_flow"], record["largest_change"] = step, full_flow, slew * step
     record["file_theta"] = record["theta"] = -math.expm1(-step / lag)
     record["lag"], record["deviation"] = lag, settings.initial_deviation
-    record["max_plausible_delay"] = MAX_DELAY_STEPS
+    record["delay"] = min(round(delay / step), MAX_DELAY_STEPS)
+    record["max_plausible_delay"] = min(
+        round(delay / step) + settings.initial_delay_range, MAX_DELAY_STEPS
+    )
     return DriveEstimates(
         record=record,
         commands=np.zeros((count, MAX_DELAY_STEPS + 1)),
@@ -176,6 +186,25 @@ def build_drive_estimates(
         flow=np.zeros(count),
         pending=np.zeros(count),
     )
+
+
+@kernel(borrows=True)
+def delay_value(history: FloatArray, value: float, delay: int) -> float:
+    """Add a value to its history, and return the one that is some steps old.
+
+    Args:
+        history: Values of the last steps, the newest first, float64[MAX_DELAY_STEPS + 1]. Written
+            in place.
+        value: Present value.
+        delay: Number of steps, 0 … MAX_DELAY_STEPS.
+
+    Returns:
+        Value of `delay` steps before.
+    """
+    for i in range(len(history) - 1, 0, -1):
+        history[i] = history[i - 1]
+    history[0] = value
+    return history[delay]
 
 
 @kernel(borrows=True)

@@ -4,10 +4,11 @@ In a window the piston moves steadily in one direction, with the valve open by x
 
     ΔL = a ∫ G |x| dt − b ∫ G dt − c ΔF/k_h   (all signed by the motion)
 
-G is the piston speed per opening [m/s] of the machine file's valve at the measured pressures. F is
-the cylinder force and k_h the oil's stiffness by the file. A valve with g times the file's gain and
-the overlap o has a = g/(1 − o) and b = a o. Oil of another bulk modulus has c = β/β_true. A Kalman
-filter updates a, b, c window by window; they follow slow random walks. The valve is inverted by
+x is the opening at which the spool is, by the delay of commands and its own lag. G is the piston
+speed per opening [m/s] of the machine file's valve at the measured pressures. F is the cylinder
+force and k_h the oil's stiffness by the file. A valve with g times the file's gain and the overlap
+o has a = g/(1 − o) and b = a o. Oil of another bulk modulus has c = β/β_true. A Kalman filter
+updates a, b, c window by window; they follow slow random walks. The valve is inverted by
 
     |x| = |u|/(a G) + o min(|u|/u_s, 1).
 
@@ -31,6 +32,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mhsb_control.pump_estimate import MAX_DELAY_STEPS, delay_value
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.records import Record, Records, create_record, create_records
 from mhsb_model.types import FloatArray
@@ -200,6 +202,10 @@ class EstimatedValve(Record):
     """Estimate a. The file's share a (1 − o) in it is limited to `min_gain` … `max_gain`."""
     opening: float
     """Opening x of the last step; 0 if the servo did not set it freely."""
+    delayed_opening: float
+    """Opening whose command acts now; 0 if the servo did not set it freely."""
+    acting_opening: float
+    """Opening at which the spool is now, behind that command."""
     speed_gain: float
     """Speed G per opening in the last step [m/s]."""
     driving_pressure: float
@@ -218,6 +224,8 @@ class EstimatedValve(Record):
     """∫ G |x| dt [m]."""
     gain_integral: float
     """∫ G dt [m]."""
+    lag_integral: float
+    """∫ G |x_cmd − x| dt [m], with the delayed command x_cmd."""
     reference_stroke: float
     """∫ |v_ref| dt [m]."""
     length: float
@@ -233,6 +241,8 @@ class ValveEstimates(NamedTuple):
     estimate: FloatArray  # [n, 3] a, b, c
     covariance: FloatArray  # [n, 3, 3] covariance of a, b, c
     overlap: FloatArray  # [n] overlap o that the inverse uses
+    # [n, MAX_DELAY_STEPS + 1] openings x of the last steps, the newest first
+    openings: FloatArray
     settings: Records[ValveSettings]  # [1]
 
 
@@ -265,29 +275,51 @@ def build_valve_estimates(
         estimate=np.tile(np.array([gain, gain * declared, 1.0]), (count, 1)),
         covariance=np.tile(np.diag(np.square(deviations)), (count, 1, 1)),
         overlap=overlap,
+        openings=np.zeros((count, MAX_DELAY_STEPS + 1)),
         settings=create_record(settings),
     )
 
 
 @kernel(inline="always")
 def compute_opening(
-    valve: EstimatedValve, overlap: float, demand: float, settings: ValveSettings
+    gain: float, overlap: float, demand: float, ahead: float, settings: ValveSettings
 ) -> float:
     """Return the valve opening that produces a demanded piston speed.
 
-        x = u/(G a) + o clip(u/u_s, −1, 1)
+        x = u/(G a) + o clip((u + v)/u_s, −1, 1),    v = 0 if |u| ≥ u_s
 
     Args:
-        valve: Estimates and window of the valve.
+        gain: G a, piston speed per opening beyond the overlap [m/s].
         overlap: o, overlap as a share of the spool's stroke.
         demand: u, piston speed [m/s].
+        ahead: v, piston speed for which the overlap is crossed already [m/s].
         settings: Tuned numbers, with `overlap_speed` u_s.
 
     Returns:
         Opening x, a share of the spool's stroke, not limited to −1 … 1. Positive extends.
     """
-    across = min(max(demand / settings.overlap_speed, -1.0), 1.0)
-    return demand / (valve.speed_gain * valve.gain) + overlap * across
+    start = ahead if abs(demand) < settings.overlap_speed else 0.0
+    across = min(max((demand + start) / settings.overlap_speed, -1.0), 1.0)
+    return demand / gain + overlap * across
+
+
+@kernel(borrows=True)
+def shift_opening(
+    valve: EstimatedValve, openings: FloatArray, delay: int, lag: float, step: float
+) -> None:
+    """Compute at which opening the spool is now, from the openings commanded before.
+
+    Args:
+        valve: Estimates of the valve. Reads `opening`; writes `delayed_opening` and
+            `acting_opening` in place.
+        openings: Openings of the last steps, the newest first, float64[MAX_DELAY_STEPS + 1].
+            Written in place.
+        delay: Delay of commands, in steps.
+        lag: Lag of the spool behind its command [s].
+        step: Control period [s].
+    """
+    valve.delayed_opening = delay_value(openings, valve.opening, delay)
+    valve.acting_opening += step / (lag + step) * (valve.delayed_opening - valve.acting_opening)
 
 
 @kernel(borrows=True)
@@ -310,6 +342,10 @@ def accumulate_valve_window(
     moved less, a full window is used only if the piston moved at least `min_stroke_lag` less than
     the estimates predict. Its balance takes the term of a as known.
 
+    The noise of a balance has three parts: `length_deviation`, the share `stroke_deviation` of the
+    stroke, and the stroke that would pass over the distance of the spool from its command. A spool
+    that crosses its overlap therefore counts for little.
+
     If the reference moves and the piston lags its prediction by more than `surprise` standard
     deviations, in `min_surprises` windows in sequence, the most likely cause is overlap. The
     variance of b is then raised to the square of the opening that is missing. If the piston stood
@@ -326,21 +362,24 @@ def accumulate_valve_window(
         step: Control period [s].
     """
     valve, settings = valves.records[j], valves.settings[0]
-    opening, gain = valve.opening, valve.speed_gain
+    opening, gain = valve.acting_opening, valve.speed_gain
     moves = abs(speed) >= settings.min_moving_speed
     sign = math.copysign(1.0, speed if moves else opening)
-    steady = opening * sign > 0.0 and abs(opening) < 1.0
+    delayed = valve.delayed_opening
+    steady = delayed != 0.0 and opening * sign > 0.0 and abs(opening) < 1.0
     if not steady or (valve.steps > 0 and (sign != valve.sign or moves != valve.moves)):
         valve.steps = 0
         return
     if valve.steps == 0:
         valve.sign, valve.moves, valve.length, valve.force = sign, moves, length, force
         valve.opening_integral = valve.gain_integral = valve.reference_stroke = 0.0
+        valve.lag_integral = 0.0
         valve.least_driving_pressure = math.inf
         valve.steps = 1
         return
     valve.opening_integral += gain * abs(opening) * step
     valve.gain_integral += gain * step
+    valve.lag_integral += gain * abs(delayed - opening) * step
     valve.reference_stroke += abs(speed) * step
     valve.least_driving_pressure = min(valve.least_driving_pressure, valve.driving_pressure)
     valve.steps += 1
@@ -359,7 +398,10 @@ def accumulate_valve_window(
         valve.surprises = 0
         return
     p, y = (opened, way) if follows else (0.0, way - passed)
-    noise = settings.length_deviation + settings.stroke_deviation * abs(y)
+    unsettled = estimate[0] * valve.lag_integral
+    noise = math.hypot(
+        math.hypot(settings.length_deviation, settings.stroke_deviation * y), unsettled
+    )
     spread = covariance[1, 1] * gain_integral**2 + covariance[0, 0] * p * p + noise * noise
     surprising = drives and moves and lag * lag > settings.surprise**2 * spread
     surprising = surprising and way < settings.min_gain * (way + lag)
@@ -368,7 +410,8 @@ def accumulate_valve_window(
         return
     missing = (lag / gain_integral) ** 2 if surprising else 0.0
     covariance[1, 1] = max(covariance[1, 1], missing)
-    update_valve_filter(estimate, covariance, y, p, -gain_integral, -squeezed, settings)
+    row = (p, -gain_integral, -squeezed)
+    update_valve_filter(estimate, covariance, y, row, noise, settings)
     if not follows:
         covariance[1, 1] = max(covariance[1, 1], missing)
     a, b = estimate[0], estimate[1]
@@ -382,28 +425,25 @@ def update_valve_filter(
     estimate: FloatArray,
     covariance: FloatArray,
     y: float,
-    p: float,
-    s: float,
-    f: float,
+    row: tuple[float, float, float],
+    noise: float,
     settings: ValveSettings,
 ) -> None:
     """Update a, b, c from the balance of a window, by a Kalman filter.
 
         y = p a + s b + f c + noise
 
-    The variances of a, b and c first grow by their random walks. The noise has the standard
-    deviation `length_deviation` and the share `stroke_deviation` of y.
+    The variances of a, b and c first grow by their random walks.
 
     Args:
         estimate: a, b, c, float64[3]. Written in place.
         covariance: Their covariance, float64[3, 3]. Written in place.
         y: Stroke of the window [m].
-        p: Coefficient of a [m].
-        s: Coefficient of b [m].
-        f: Coefficient of c [m].
+        row: Coefficients p of a, s of b and f of c [m].
+        noise: Standard deviation of the noise [m].
         settings: Tuned numbers.
     """
-    row = (p, s, f)
+    p, s, f = row
     drift = (settings.gain_drift, settings.overlap_drift, settings.compressibility_drift)
     for i in range(3):
         covariance[i, i] += drift[i] * drift[i]
@@ -412,9 +452,7 @@ def update_valve_filter(
         covariance[1, 0] * p + covariance[1, 1] * s + covariance[1, 2] * f,
         covariance[2, 0] * p + covariance[2, 1] * s + covariance[2, 2] * f,
     )
-    length, stroke = settings.length_deviation, settings.stroke_deviation
-    spread = length * length + stroke * stroke * y * y
-    away = y
+    spread, away = noise * noise, y
     for i in range(3):
         spread += row[i] * carried[i]
         away -= row[i] * estimate[i]

@@ -7,6 +7,7 @@ from mhsb_control.valve_estimate import (
     accumulate_valve_window,
     build_valve_estimates,
     compute_opening,
+    shift_opening,
     update_valve_filter,
 )
 from mhsb_model.circuit.elements import metered_opening
@@ -15,6 +16,16 @@ from mhsb_model.records import create_record
 STEP, SPEED_GAIN, STIFFNESS = 1e-3, 0.1, 1e7
 SETTINGS = ValveSettings()
 RECORD = create_record(SETTINGS)[0]
+
+
+def hold_opening(valve: np.void, opening: float) -> None:
+    """Set the opening of a spool that has reached its command."""
+    valve["delayed_opening"] = valve["acting_opening"] = opening
+
+
+def invert(valve: np.void, overlap: float, demand: float, ahead: float = 0.0) -> float:
+    gain = valve["speed_gain"] * valve["gain"]
+    return float(compute_opening(gain, overlap, demand, ahead, RECORD))
 
 
 def moved(
@@ -26,7 +37,8 @@ def moved(
     for opening in openings:
         speed = gain * SPEED_GAIN * metered_opening(opening, overlap)
         for _ in range(SETTINGS.window_steps + 1):
-            valve["opening"], valve["speed_gain"] = opening, SPEED_GAIN
+            valve["speed_gain"] = SPEED_GAIN
+            hold_opening(valve, opening)
             length += speed * STEP - softness * 2.0 / STIFFNESS
             force += 2.0
             accumulate_valve_window(valves, 0, speed, length, force, STIFFNESS, STEP)
@@ -53,13 +65,12 @@ def test_a_shut_valve_is_opened_until_its_piston_moves(overlap: float) -> None:
     valve["speed_gain"], valve["driving_pressure"] = SPEED_GAIN, 1e6
     for _ in range(1000):
         demand = 10.0 * (reference - length)
-        valve["opening"] = np.clip(
-            compute_opening(valve, valves.overlap[0], demand, RECORD), -0.99, 0.99
-        )
+        opening = np.clip(invert(valve, valves.overlap[0], demand), -0.99, 0.99)
+        hold_opening(valve, opening)
         speed = 3e-3
         accumulate_valve_window(valves, 0, speed, length, 1000.0, STIFFNESS, STEP)
         reference += speed * STEP
-        length += SPEED_GAIN * metered_opening(valve["opening"], overlap) * STEP
+        length += SPEED_GAIN * metered_opening(opening, overlap) * STEP
     assert abs(reference - length) < 1e-3
     assert valves.overlap[0] == pytest.approx(overlap, abs=0.03)
 
@@ -67,7 +78,8 @@ def test_a_shut_valve_is_opened_until_its_piston_moves(overlap: float) -> None:
 def test_a_valve_below_its_load_pressure_tells_nothing_while_the_reference_moves() -> None:
     valves = build_valve_estimates(np.zeros(1))
     valve = valves.records[0]
-    valve["speed_gain"], valve["opening"] = SPEED_GAIN, 0.2
+    valve["speed_gain"] = SPEED_GAIN
+    hold_opening(valve, 0.2)
     valve["driving_pressure"] = 0.9 * SETTINGS.min_driving_pressure
     for _ in range(500):
         accumulate_valve_window(valves, 0, 0.01, 0.5, 1000.0, STIFFNESS, STEP)
@@ -79,7 +91,7 @@ def test_a_declared_overlap_is_crossed_from_the_first_step_on() -> None:
     valves = build_valve_estimates(np.zeros(1), overlap)
     valve = valves.records[0]
     valve["speed_gain"] = SPEED_GAIN
-    opening = compute_opening(valve, valves.overlap[0], speed, RECORD)
+    opening = invert(valve, valves.overlap[0], speed)
     assert SPEED_GAIN * metered_opening(opening, overlap) == pytest.approx(speed)
     deviation = np.sqrt(valves.covariance[0, 1, 1]) * (1.0 - overlap)
     assert deviation == pytest.approx(SETTINGS.declared_overlap_share * overlap, rel=0.05)
@@ -90,7 +102,7 @@ def test_at_one_opening_gain_and_overlap_are_not_told_apart() -> None:
     assert np.sqrt(valves.covariance[0, 0, 0]) > 0.05
     valve = valves.records[0]
     speed = 0.8 * SPEED_GAIN * metered_opening(0.1, 0.03)
-    assert compute_opening(valve, valves.overlap[0], speed, RECORD) == pytest.approx(0.1, rel=0.02)
+    assert invert(valve, valves.overlap[0], speed) == pytest.approx(0.1, rel=0.02)
 
 
 def test_at_rest_nothing_is_learnt() -> None:
@@ -107,11 +119,11 @@ def test_a_piston_that_does_not_move_as_told_tells_of_overlap() -> None:
     valve = valves.records[0]
     for _ in range(40):
         valve["speed_gain"] = SPEED_GAIN
-        opening = compute_opening(valve, valves.overlap[0], 1e-3, RECORD)
+        opening = invert(valve, valves.overlap[0], 1e-3)
         speed = SPEED_GAIN * metered_opening(opening, overlap)
         length = 0.5
         for _ in range(SETTINGS.window_steps + 1):
-            valve["opening"] = opening
+            hold_opening(valve, opening)
             accumulate_valve_window(valves, 0, 0.0, length, 1000.0, STIFFNESS, STEP)
             length += speed * STEP
     assert speed > 5e-4
@@ -123,7 +135,7 @@ def test_the_inverse_opens_a_valve_with_overlap_as_far_as_is_demanded(demand: fl
     valve, gain, overlap = build_valve_estimates(np.zeros(1)).records[0], 0.9, 0.025
     valve["gain"] = gain / (1.0 - overlap)
     valve["speed_gain"] = SPEED_GAIN
-    opening = compute_opening(valve, overlap, demand, RECORD)
+    opening = invert(valve, overlap, demand)
     assert gain * SPEED_GAIN * metered_opening(opening, overlap) == pytest.approx(demand)
 
 
@@ -136,7 +148,8 @@ def test_the_update_is_kalmans() -> None:
     drift = s.gain_drift, s.overlap_drift, s.compressibility_drift
     for _ in range(20):
         row, y = random.normal(0.0, 5e-4, 3), random.normal(0.0, 5e-4)
-        update_valve_filter(estimate, covariance, y, *row, RECORD)
+        noise = np.hypot(s.length_deviation, s.stroke_deviation * y)
+        update_valve_filter(estimate, covariance, y, tuple(row), noise, RECORD)
         spread = spread + np.diag(np.square(drift))
         gain = (
             spread
@@ -147,3 +160,42 @@ def test_the_update_is_kalmans() -> None:
         spread = spread - np.outer(gain, row @ spread)
     np.testing.assert_allclose(estimate, wanted, rtol=1e-9)
     np.testing.assert_allclose(covariance, spread, rtol=1e-6, atol=1e-15)
+
+
+def test_a_spool_follows_its_command_by_the_delay_and_its_lag() -> None:
+    delay, lag = 20, 0.01
+    valves = build_valve_estimates(np.zeros(1))
+    valve, found = valves.records[0], []
+    for k in range(100):
+        valve["opening"] = 0.5 if k >= 10 else 0.0
+        shift_opening(valve, valves.openings[0], delay, lag, STEP)
+        found.append(float(valve["acting_opening"]))
+    assert found[29] == 0.0
+    since = STEP * np.arange(1, 71)
+    np.testing.assert_allclose(found[30:], 0.5 * -np.expm1(-since / lag), atol=0.02)
+
+
+def test_a_spool_that_still_crosses_its_overlap_counts_for_little() -> None:
+    """Its piston moves at half the expected speed, the spool at its command or 5 % behind it."""
+    gains = []
+    for command in (0.1, 0.15):
+        valves = build_valve_estimates(np.zeros(1))
+        valve = valves.records[0]
+        valve["speed_gain"] = SPEED_GAIN
+        for k in range(200):
+            valve["delayed_opening"], valve["acting_opening"] = command, 0.1
+            length = 0.5 + 0.005 * k * STEP
+            accumulate_valve_window(valves, 0, 0.01, length, 0.0, STIFFNESS, STEP)
+        gains.append(valves.estimate[0, 0])
+    settled, crossing = gains
+    assert settled < 0.85
+    assert crossing > 0.9
+
+
+def test_the_overlap_is_crossed_before_the_motion_begins() -> None:
+    valve, overlap = build_valve_estimates(np.zeros(1)).records[0], 0.25
+    valve["speed_gain"] = SPEED_GAIN
+    assert invert(valve, overlap, 0.0, 0.01) == pytest.approx(overlap)
+    assert invert(valve, overlap, 0.0, -0.01) == pytest.approx(-overlap)
+    moving = invert(valve, overlap, 0.01)
+    assert invert(valve, overlap, 0.01, -0.01) == moving

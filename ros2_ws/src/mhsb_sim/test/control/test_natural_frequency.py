@@ -5,7 +5,7 @@ import pytest
 from mhsb_control.natural_frequency import (
     compute_joint_frequencies,
     compute_oil_stiffness,
-    find_lowest_joint_frequencies,
+    find_joint_frequency_ranges,
 )
 from mhsb_model.machine import Machine
 from mhsb_sim.mechanics.mujoco_model import build_model
@@ -40,15 +40,17 @@ def test_frequencies_are_those_of_mujocos_arm_with_a_spring_in_one_joint(machine
 
 def test_joints_swing_slower_under_a_heavier_payload_inner_ones_slowest(machine: Machine) -> None:
     light, heavy = (
-        find_lowest_joint_frequencies(machine.changed(payload=kg)) for kg in (0.0, 13.0)
+        find_joint_frequency_ranges(machine.changed(payload=kg))[0] for kg in (0.0, 13.0)
     )
     assert np.all(heavy < light)
     assert np.all(np.diff(heavy) > 0.0)
     assert heavy[0] > 1.0
 
 
-def test_hardly_any_posture_has_a_lower_frequency_than_the_lowest(machine: Machine) -> None:
+def test_hardly_any_posture_has_a_frequency_outside_the_range(machine: Machine) -> None:
     limits = machine.arrays.joint_min, machine.arrays.joint_max
     postures = np.random.default_rng(5).uniform(*limits, (100, machine.joint_count))
     found = np.array([compute_joint_frequencies(machine, q) for q in postures])
-    assert np.all(found >= 0.95 * find_lowest_joint_frequencies(machine))
+    lowest, highest = find_joint_frequency_ranges(machine)
+    assert np.all(found >= 0.95 * lowest)
+    assert np.mean(found > 1.05 * highest) < 0.05

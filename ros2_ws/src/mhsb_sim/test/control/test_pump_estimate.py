@@ -36,7 +36,7 @@ def drive(machine: Machine, lag: float, delay: int, noise: float) -> tuple[Drive
     return drives, modules
 
 
-@pytest.mark.parametrize("delay", [0, 2, 5])
+@pytest.mark.parametrize("delay", [0, 2, 5, 20, 40])
 @pytest.mark.parametrize("lag", [0.01, 0.02, 0.06])
 def test_commands_and_flows_tell_the_lag_and_the_delay(
     machine: Machine, lag: float, delay: int

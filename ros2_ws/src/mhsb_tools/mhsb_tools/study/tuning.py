@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from mhsb_control import REGISTERED_CONTROLLERS, read_gains
-from mhsb_control.natural_frequency import find_lowest_joint_frequencies
+from mhsb_control.natural_frequency import find_joint_frequency_ranges
 from mhsb_control.stability import SLOWEST_DECAY, compute_slowest_decay
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
@@ -232,7 +232,7 @@ def is_stable(machine: Machine, payloads: set[float], controller: str, gains: Ga
         True if the decay is fast enough for all payloads.
     """
     own = read_gains(with_gains(machine, controller, gains), controller)
-    least = SLOWEST_DECAY * float(find_lowest_joint_frequencies(machine).min())
+    least = SLOWEST_DECAY * float(find_joint_frequency_ranges(machine)[0].min())
     return all(compute_slowest_decay(machine, own, payload) > least for payload in payloads)
 
 
