@@ -22,13 +22,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mhsb_control.delay_line import MAX_DELAY_STEPS
 from mhsb_model.circuit.quantities import ModuleState
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.records import Record, Records, create_records
 from mhsb_model.types import FloatArray
-
-MAX_DELAY_STEPS = 60
-"""Longest delay that is considered, in steps. One model is compared for each delay."""
 
 
 @dataclass(frozen=True)
@@ -186,25 +184,6 @@ def build_drive_estimates(
         flow=np.zeros(count),
         pending=np.zeros(count),
     )
-
-
-@kernel(borrows=True)
-def delay_value(history: FloatArray, value: float, delay: int) -> float:
-    """Add a value to its history, and return the one that is some steps old.
-
-    Args:
-        history: Values of the last steps, the newest first, float64[MAX_DELAY_STEPS + 1]. Written
-            in place.
-        value: Present value.
-        delay: Number of steps, 0 … MAX_DELAY_STEPS.
-
-    Returns:
-        Value of `delay` steps before.
-    """
-    for i in range(len(history) - 1, 0, -1):
-        history[i] = history[i - 1]
-    history[0] = value
-    return history[delay]
 
 
 @kernel(borrows=True)

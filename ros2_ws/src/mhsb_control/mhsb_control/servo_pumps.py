@@ -26,6 +26,7 @@ from pydantic import Field
 from mhsb_control.cascade import ControlAxis, ServoArguments
 from mhsb_control.coasting import COASTING_SAMPLES, compute_coasting_limit, compute_coasting_volumes
 from mhsb_control.controller import REFERENCE_POINTS, ServoSignals
+from mhsb_control.delay_line import MAX_DELAY_STEPS, delay_value
 from mhsb_control.draw_estimate import (
     DrawObserver,
     DrawSettings,
@@ -36,11 +37,9 @@ from mhsb_control.draw_estimate import (
 )
 from mhsb_control.line_estimate import LineEstimates, LineSettings, build_line_estimates
 from mhsb_control.pump_estimate import (
-    MAX_DELAY_STEPS,
     DriveEstimates,
     DriveSettings,
     build_drive_estimates,
-    delay_value,
     update_drive_estimates,
 )
 from mhsb_control.reference import PREVIEW_POINT

@@ -32,7 +32,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_control.pump_estimate import MAX_DELAY_STEPS, delay_value
+from mhsb_control.delay_line import MAX_DELAY_STEPS, delay_value
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.records import Record, Records, create_record, create_records
 from mhsb_model.types import FloatArray

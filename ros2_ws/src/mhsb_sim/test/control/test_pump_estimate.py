@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from mhsb_control.delay_line import MAX_DELAY_STEPS
 from mhsb_control.pump_estimate import (
-    MAX_DELAY_STEPS,
     DriveEstimates,
     DriveSettings,
     build_drive_estimates,
