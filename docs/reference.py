@@ -60,7 +60,8 @@ def _planner_parameters(node: Node) -> None:
 
 def _simulator_parameters(node: Node) -> None:
     machine = parameters.declare_machine(node)
-    sim_parameters.declare_parameters(node, sim_parameters.declare_plant(node, machine))
+    plant = sim_parameters.declare_plant(node, machine)
+    sim_parameters.declare_parameters(node, machine, plant)
 
 
 def _table(declare: Callable[[Node], None]) -> str:

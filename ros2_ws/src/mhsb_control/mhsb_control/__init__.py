@@ -5,6 +5,7 @@ A new controller is a module in this package and an entry in `REGISTERED_CONTROL
 
 from mhsb_control.registry import (
     REGISTERED_CONTROLLERS,
+    default_controller,
     get_controller_class,
     load_machine,
     make_controller,
@@ -15,6 +16,7 @@ from mhsb_control.registry import (
 
 __all__ = [
     "REGISTERED_CONTROLLERS",
+    "default_controller",
     "get_controller_class",
     "load_machine",
     "make_controller",

@@ -102,7 +102,10 @@ class ServoSignals:
 class Controller(Protocol):
     """A servo: takes a position reference and commands valve openings and servo pump flows.
 
-    A controller that reads no pressures says so by an attribute `reads_pressures = False`.
+    A controller that reads no pressures says so by an attribute `reads_pressures = False`. One that
+    follows less closely than supervision usually allows has an attribute `supervision_limits`: for
+    the names of the symptoms that need others, the pair of values at which supervision warns and
+    stops.
     """
 
     gains_section: type[Section]

@@ -104,6 +104,17 @@ def select_controllers(machine: Machine) -> tuple[str, ...]:
     return tuple(name for name in REGISTERED_CONTROLLERS if reads_pressures(name) == fitted)
 
 
+def default_controller(machine: Machine) -> str:
+    """Return the name of the controller that a machine gets if none is selected.
+
+    It is the first registered one that suits the machine's sensors.
+
+    Args:
+        machine: The machine as its file describes it.
+    """
+    return select_controllers(machine)[0]
+
+
 def measures_pressures(machine: Machine) -> bool:
     """Return whether a machine has pressure sensors."""
     return machine.config.imperfections.sensors.pressure != "none"

@@ -9,6 +9,7 @@ import pytest
 
 from mhsb_control import (
     REGISTERED_CONTROLLERS,
+    default_controller,
     load_machine,
     make_controller,
     registry,
@@ -236,6 +237,8 @@ def test_controllers_that_read_pressures_are_refused_without_sensors():
     assert select_controllers(machine) == ("coordinated", "independent")
     blind = machine.with_values({"imperfections.sensors.pressure": "none"})
     assert select_controllers(blind) == ("lag_compensated",)
+    assert default_controller(machine) == "coordinated"
+    assert default_controller(blind) == "lag_compensated"
     for name in REGISTERED_CONTROLLERS:
         if registry.reads_pressures(name):
             with pytest.raises(PressureSensorsError, match="use lag_compensated"):

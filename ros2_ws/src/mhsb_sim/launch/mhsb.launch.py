@@ -18,7 +18,7 @@ ARGUMENTS = {  # name: (default, type, meaning)
     "namespace": ("", str, "namespace of both nodes"),
     "machine": ("", str, "machine file; empty for the one that is installed"),
     "seed": ("0", int, "seed of the simulator's random numbers"),
-    "controller": ("coordinated", str, "servo of the simulator"),
+    "controller": ("", str, "servo of the simulator; empty for the one that suits the machine"),
     "real_time_factor": ("1.0", float, "simulated time over wall time"),
     "use_sim_time": ("false", bool, "the simulator publishes /clock and the planner follows it"),
 }

@@ -82,6 +82,8 @@ def test_slow_sensors_keep_their_readings_and_pressures_are_not_measured(machine
 def test_controllers_that_read_pressures_are_refused(machine):
     with pytest.raises(PressureSensorsError, match="reads pressures, which excavator_1to14 does"):
         Simulator(machine, "coordinated")
+    assert Simulator(machine).controller_name == "lag_compensated"
+    assert Simulator(load_machine()).controller_name == "coordinated"
 
 
 def build_motion(start: np.ndarray, time_ns: int) -> Trajectory:
@@ -99,9 +101,11 @@ def build_motion(start: np.ndarray, time_ns: int) -> Trajectory:
     return Trajectory(time_ns, offsets, *motion)
 
 
-def test_supervision_lets_it_learn_with_wider_limits(machine):
-    simulator = Simulator(machine, "lag_compensated")
-    arm = SupervisedArm(simulator, SupervisionLimits(following_error=(0.1, 0.3), held=(5, 15)))
+def test_supervision_lets_it_learn_with_the_limits_of_its_controller(machine):
+    simulator = Simulator(machine)
+    arm = SupervisedArm(simulator)
+    limits = arm.supervision.limits
+    assert limits == SupervisionLimits(following_error=(0.1, 0.3), held=(5, 15))
     motion = build_motion(simulator.reference.position, SECOND_NS // 10)
     arm.add_trajectory(motion, 0.0)
     schedule = ModeSchedule(motion.stamp_ns, np.array([0]), simulator.modes[None, :])

@@ -60,7 +60,7 @@ class SimNode(Node):
         self.faults = Faults(self, stop=self._stop_unwatched_arm)
         self._machine = parameters.declare_machine(self)
         plant = sim_parameters.declare_plant(self, self._machine)
-        self._settings = sim_parameters.declare_parameters(self, plant)
+        self._settings = sim_parameters.declare_parameters(self, self._machine, plant)
         compile_simulator(self.get_logger().info)
         simulator = Simulator(
             self._machine,

@@ -11,7 +11,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from mhsb_control import REGISTERED_CONTROLLERS
+from mhsb_control import REGISTERED_CONTROLLERS, default_controller
 from mhsb_model.errors import ArgumentError
 from mhsb_model.machine import Machine
 from mhsb_msgs_py.parameters import NodeParameter
@@ -55,7 +55,7 @@ class SimParameters:
 
     Attributes:
         seed: Seed of the sensor noise.
-        controller: Name of the servo controller.
+        controller: Name of the servo controller; empty for the default of the machine's sensors.
         real_time_factor: Simulated seconds per second of real time.
         publish_clock: Whether the simulator is the source of /clock.
         payload: Payload at the tip [kg].
@@ -95,11 +95,14 @@ def declare_plant(node: Node, machine: Machine) -> Machine:
     return load_plant(machine, Path(file)) if file else machine
 
 
-def declare_parameters(node: Node, plant: Machine) -> SimParameters:
+def declare_parameters(node: Node, machine: Machine, plant: Machine) -> SimParameters:
     """Declare all parameters but `machine` and `plant`, check their values, and read them.
+
+    Controller and limits of supervision that are not given follow from the machine's sensors.
 
     Args:
         node: The node.
+        machine: The machine that the servo knows, for the default of the controller.
         plant: The simulated machine, for the payload's default and the places of faults.
 
     Returns:
@@ -107,13 +110,15 @@ def declare_parameters(node: Node, plant: Machine) -> SimParameters:
 
     Raises:
         ArgumentError: Values contradict each other, or a fault is not valid.
+        UnknownControllerError: No controller has the given name.
     """
     for parameter in (
         NodeParameter("seed", 0, "of the sensor noise", (0, 2**31 - 1), read_only=True),
         NodeParameter(
             "controller",
-            "coordinated",
-            f"of the servo, one of {', '.join(REGISTERED_CONTROLLERS)}",
+            default_controller(machine),
+            f"of the servo, one of {', '.join(REGISTERED_CONTROLLERS)}; empty for the first that "
+            "suits the machine's sensors",
             read_only=True,
         ),
         NodeParameter("publish_clock", False, "be the source of /clock", read_only=True),
@@ -137,8 +142,10 @@ def declare_parameters(node: Node, plant: Machine) -> SimParameters:
         ),
     ):
         parameter.declare(node)
+    controller = node.get_parameter("controller").value or default_controller(machine)
+    usual = SupervisionLimits.for_controller(controller)
     for symptom, (text, limits) in SUPERVISION_LIMITS.items():
-        warning, stop = getattr(SupervisionLimits(), symptom)
+        warning, stop = getattr(usual, symptom)
         unit = f"{text}: beyond it the arm"
         NodeParameter(f"{symptom}_warning", warning, f"{unit} warns", limits).declare(node)
         NodeParameter(f"{symptom}_limit", stop, f"{unit} is stopped", limits).declare(node)

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 
+from mhsb_control import get_controller_class
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
@@ -59,6 +60,19 @@ class SupervisionLimits:
     jumping_length: tuple[float, float] = (0.8, 1.0)
     disagreeing_line: tuple[float, float] = (2.5e5, 5e5)
     disagreeing_valve: tuple[float, float] = (5e-4, 8e-4)
+
+    @classmethod
+    def for_controller(cls, name: str) -> Self:
+        """Build the limits that are usual with a controller.
+
+        Args:
+            name: Name of a registered controller. It may declare limits of its own, as
+                `mhsb_control.controller.Controller` describes.
+
+        Raises:
+            UnknownControllerError: No controller has this name.
+        """
+        return cls(**getattr(get_controller_class(name), "supervision_limits", {}))
 
 
 @dataclass(frozen=True)

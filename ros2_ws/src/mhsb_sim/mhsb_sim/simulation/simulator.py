@@ -21,7 +21,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mhsb_control import measures_pressures
+from mhsb_control import default_controller, measures_pressures
 from mhsb_control.controller import ServoSignals
 from mhsb_control.servo_loop import ServoLoop
 from mhsb_model.arm_reports import Estimate
@@ -80,6 +80,7 @@ class Simulator:
     Attributes:
         machine: Machine that servo, supervision and plan receiver assume.
         plant: Machine that is simulated.
+        controller_name: Name of the servo controller.
         guard: Mode guard, which boosts and slows down beyond the plan; a new one after a reset.
     """
 
@@ -88,7 +89,7 @@ class Simulator:
     def __init__(
         self,
         machine: Machine,
-        controller: str = "coordinated",
+        controller: str | None = None,
         seed: int = 0,
         posture: FloatArray | None = None,
         payload: float | None = None,
@@ -99,7 +100,8 @@ class Simulator:
 
         Args:
             machine: Machine that servo, supervision and plan receiver assume.
-            controller: Name of the servo controller.
+            controller: Name of the servo controller; None for the default of the machine's
+                sensors (`mhsb_control.default_controller`).
             seed: Seed of the sensor noise.
             posture: Joint positions at the start, float64[n], [rad or m]; None for the posture in
                 the machine file.
@@ -110,6 +112,7 @@ class Simulator:
         Raises:
             UnknownControllerError: No controller has this name.
             MachineFileError: The controller's gains in the machine's file are wrong.
+            PressureSensorsError: The controller reads pressures that the machine does not measure.
             PlantError: Machine and plant have different numbers of joints or modules.
             HoldingError: The arm cannot be held in the start posture.
         """
@@ -118,7 +121,7 @@ class Simulator:
         self.machine = machine
         self.plant = plant or machine
         check_plant(machine, self.plant)
-        self._controller_name = controller
+        self.controller_name = controller or default_controller(machine)
         self._seed = seed
         self._start = frozen(np.array(start, dtype=np.float64))
         self._step_ns = round(settings.step * SECOND_NS)
@@ -235,7 +238,7 @@ class Simulator:
             integer_count=1,
         )
         self._measure(0)
-        self._servo = ServoLoop(self._controller_name, self.machine, self._signals)
+        self._servo = ServoLoop(self.controller_name, self.machine, self._signals)
         self._reference, self.guard = self._servo.reference, self._servo.guard
         self._open_valves()
         self._followed: deque[tuple[int, Trajectory]] = deque(maxlen=TRAJECTORY_CAPACITY)

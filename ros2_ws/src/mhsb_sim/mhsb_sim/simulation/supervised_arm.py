@@ -31,15 +31,16 @@ class SupervisedArm:
         last_stop_ns: Simulated time of the last `stop` since the start or a reset [ns]; 0 if never.
     """
 
-    def __init__(self, simulator: Simulator, limits: SupervisionLimits) -> None:
+    def __init__(self, simulator: Simulator, limits: SupervisionLimits | None = None) -> None:
         """Put a simulator under supervision, and begin to receive plans.
 
         Args:
             simulator: The simulator, at rest.
             limits: Limits of the symptoms: for each, a value that warns and a value that stops the
-                arm.
+                arm. None: those that suit the simulator's controller.
         """
         self.simulator = simulator
+        limits = limits or SupervisionLimits.for_controller(simulator.controller_name)
         self.supervision = Supervision(simulator, limits)
         self._receiver = PlanReceiver(simulator.machine, simulator)
         self._reports: list[HandOverReport] = []

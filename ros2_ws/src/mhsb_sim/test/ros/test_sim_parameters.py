@@ -6,6 +6,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_sim.ros import sim_parameters
 
@@ -13,7 +14,8 @@ from mhsb_sim.ros import sim_parameters
 @pytest.fixture
 def node(ros_context):
     node = Node("parameters", context=ros_context)
-    sim_parameters.declare_parameters(node, load_machine())
+    machine = load_machine()
+    sim_parameters.declare_parameters(node, machine, machine)
     yield node
     node.destroy_node()
 
@@ -34,3 +36,19 @@ def test_every_number_has_a_range_and_is_refused_beyond_it(node):
             assert "\n" not in result.reason
             tried += 1
     assert tried > 40
+
+
+def test_controller_and_limits_follow_from_the_sensors_and_can_be_overridden(ros_context):
+    machine = load_machine(find_config_file("excavator_1to14.yaml"))
+    given = [Parameter("held_limit", value=20.0), Parameter("controller", value="")]
+    node = Node("parameters", context=ros_context, parameter_overrides=given[:1])
+    settings = sim_parameters.declare_parameters(node, machine, machine)
+    node.destroy_node()
+    assert settings.controller == "lag_compensated"
+    assert settings.limits.following_error == (0.1, 0.3)
+    assert settings.limits.held == (5.0, 20.0)
+    node = Node("parameters", context=ros_context, parameter_overrides=given[1:])
+    settings = sim_parameters.declare_parameters(node, machine, machine)
+    node.destroy_node()
+    assert settings.controller == ""  # which the simulator takes as None
+    assert settings.limits.held == (5.0, 15.0)

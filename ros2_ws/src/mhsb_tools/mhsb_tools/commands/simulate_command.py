@@ -15,7 +15,7 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
-from mhsb_control import get_controller_class, load_machine
+from mhsb_control import default_controller, get_controller_class, load_machine
 from mhsb_model import command_line
 from mhsb_model.command_line import JsonFlag, OptionalFile, Seed
 from mhsb_model.files.output_folders import make_output_folder
@@ -84,13 +84,13 @@ class MethodArguments:
         trajectory: How trajectories are made: polynomial or followed; followed for the integrated
             planner, polynomial for the others when left out.
         controller: Servo controller: coordinated or independent, or lag_compensated for machines
-            without pressure sensors.
+            without pressure sensors; the first of them that suits the machine when left out.
         seed: Seed of the sensor noise.
     """
 
     planner: PlannerKind = DEFAULT_PLANNER
     trajectory: TrajectoryKind | None = None
-    controller: str = "coordinated"
+    controller: str | None = None
     seed: Seed = 0
 
 
@@ -193,7 +193,7 @@ def _prepare_run(
     Raises:
         UnknownControllerError: There is no controller of that name.
     """
-    get_controller_class(method.controller)  # raises for an unknown one before any long work
+    get_controller_class(method.controller or default_controller(machine))  # before long work
     compile_planner()
     compile_simulator()
     replanner = Replanner(machine, load_or_build_table(machine))

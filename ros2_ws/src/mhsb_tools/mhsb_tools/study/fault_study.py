@@ -22,7 +22,6 @@ from mhsb_planner.online.commit_horizon import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import DEFAULT_PLANNER, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
-from mhsb_sim.simulation.fault_detection import SupervisionLimits
 from mhsb_sim.simulation.faults import parse_faults
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
@@ -156,7 +155,7 @@ def run_fault(machine: Machine, motion: Command, fault: str, controller: str) ->
     Raises:
         FaultError: There is no such fault.
     """
-    arm = SupervisedArm(Simulator(machine, controller), SupervisionLimits())
+    arm = SupervisedArm(Simulator(machine, controller))
     simulator, n = arm.simulator, machine.joint_count
     faults = parse_faults(fault, machine)
     arm.add_trajectory(motion.trajectory, 0.0)

@@ -22,9 +22,6 @@ from mhsb_sim.simulation.simulator import Simulator
 ESTIMATED_EVERY = 100
 """Number of steps from one reading of the servo's payload estimate to the next."""
 
-HELD_TOO_LONG = SupervisionLimits().held[1]
-"""Time for which the guard may hold a plan before the run is ended [s]."""
-
 MAX_DURATION_FACTOR = 3.0
 """Largest duration of a run whose plans are slowed, as a factor on the asked duration."""
 
@@ -111,7 +108,7 @@ def replay(simulator: Simulator, commands: Sequence[Command], duration: float) -
     are delayed by the same time: stamps and `duration` count in plan time, which is simulated time
     minus all these delays. The run ends at the first of these: plan time reaches `duration`,
     simulated time reaches `MAX_DURATION_FACTOR` times `duration`, or the guard has held a plan for
-    `HELD_TOO_LONG`.
+    longer than supervision allows.
 
     Args:
         simulator: The simulated arm, at rest at its start; advanced in place.
@@ -134,7 +131,8 @@ def replay(simulator: Simulator, commands: Sequence[Command], duration: float) -
     waiting = list(reversed(commands))
     payload: list[tuple[float, float, float]] = []
     k = 0
-    while simulator.plan_time_ns < end_ns and k < most and simulator.guard.held < HELD_TOO_LONG:
+    longest = SupervisionLimits.for_controller(simulator.controller_name).held[1]
+    while simulator.plan_time_ns < end_ns and k < most and simulator.guard.held < longest:
         if waiting and simulator.plan_time_ns >= waiting[-1].stamp_ns:
             command = waiting.pop()
             simulator.set_plan(command.trajectory, command.schedule)
@@ -149,7 +147,7 @@ def replay(simulator: Simulator, commands: Sequence[Command], duration: float) -
                 if each.quantity == "payload"
             ]
     step = simulator.step_ns / SECOND_NS
-    held = simulator.guard.sentence if simulator.guard.held >= HELD_TOO_LONG else ""
+    held = simulator.guard.sentence if simulator.guard.held >= longest else ""
     return Replay(
         step,
         reference[:k],

@@ -17,7 +17,12 @@ from typing import Annotated
 import tyro
 from tqdm import tqdm
 
-from mhsb_control import get_controller_class, load_machine, select_controllers
+from mhsb_control import (
+    default_controller,
+    get_controller_class,
+    load_machine,
+    select_controllers,
+)
 from mhsb_model import command_line
 from mhsb_model.command_line import JsonFlag, NumberRange, OptionalFile
 from mhsb_model.files.output_folders import make_output_folder
@@ -216,7 +221,15 @@ def study_scenarios(
 
     Returns:
         The comparison of the two controllers as lines of text.
+
+    Raises:
+        UsageError: The compared controllers do not suit the machine's sensors.
     """
+    if not set(COMPARED_CONTROLLERS) <= set(select_controllers(arm)):
+        raise command_line.UsageError(
+            f"scenarios compare {' and '.join(COMPARED_CONTROLLERS)}, which read pressures that "
+            f"{arm.name} does not measure; --draws studies {default_controller(arm)}"
+        )
     make_output_folder(output, "the study")
     compile_simulator()  # so that the processes find compiled kernels
     bar = tqdm(run_study(arm, wanted, workers), total=len(wanted), unit="scenario", disable=None)
@@ -322,7 +335,7 @@ def study_benchmark(
 
 
 def study_faults(machine: Machine, faults: Sequence[str], jobs: Jobs, output: Path) -> list[str]:
-    """Simulate faults with the coordinated controller, and write results and figures.
+    """Simulate faults with the machine's default controller, and write results and figures.
 
     Args:
         machine: The machine.
@@ -340,7 +353,7 @@ def study_faults(machine: Machine, faults: Sequence[str], jobs: Jobs, output: Pa
     compile_planner()
     compile_simulator()
     bar = tqdm(
-        run_faults(machine, faults, COMPARED_CONTROLLERS[0], jobs),
+        run_faults(machine, faults, default_controller(machine), jobs),
         total=len(faults),
         unit="fault",
         disable=None,

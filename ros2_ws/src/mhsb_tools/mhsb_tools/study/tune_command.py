@@ -10,7 +10,7 @@ from typing import Annotated
 import tyro
 from tqdm import tqdm
 
-from mhsb_control import load_machine
+from mhsb_control import load_machine, select_controllers
 from mhsb_model import command_line
 from mhsb_model.command_line import Count, JsonFlag, OptionalFile, Seed
 from mhsb_model.machine import Machine, find_machine_file
@@ -76,16 +76,20 @@ def tune_servo(
         work: Who does the work.
         dry_run: Leave the machine file as it is.
         json_: Print one JSON object instead of text: cost and gains of each controller.
+
+    Raises:
+        UsageError: A number is too small, or no controller that suits the machine has gains.
     """
     _check_arguments(budget, training)
     workers = work.connect()
     file = find_machine_file(machine)
     arm = load_machine(file)
+    controllers = _select_controllers(arm)
     if not dry_run:
         check_gain_sections(file)
     plans = _build_training(arm, training)
     best: dict[str, Trial] = {}
-    for controller in GAIN_RANGES:
+    for controller in controllers:
         with tqdm(total=budget, desc=controller, leave=False, disable=None) as bar:
 
             def show_best(best: Trial, bar: tqdm = bar) -> None:
@@ -110,6 +114,25 @@ def tune_servo(
             command_line.set_interrupt_note(f"{file} has the new gains of {', '.join(best)}")
     if json_:
         print(json.dumps({name: asdict(trial) for name, trial in best.items()}))
+
+
+def _select_controllers(arm: Machine) -> list[str]:
+    """Return the controllers that suit a machine's sensors and have gains to tune.
+
+    Args:
+        arm: The machine to tune.
+
+    Raises:
+        UsageError: There is none.
+    """
+    suitable = select_controllers(arm)
+    found = [name for name in GAIN_RANGES if name in suitable]
+    if not found:
+        raise command_line.UsageError(
+            f"{', '.join(suitable)}, which suits {arm.name}, has no gains to tune: it learns while "
+            "the arm moves"
+        )
+    return found
 
 
 def _check_arguments(budget: int, training: TrainingArguments) -> None:

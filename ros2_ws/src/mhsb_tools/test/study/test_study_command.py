@@ -8,12 +8,14 @@ import pytest
 
 from mhsb_control.errors import UnknownControllerError
 from mhsb_model.command_line import UsageError
+from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine
 from mhsb_planner.cluster import WorkArguments
 from mhsb_tools.commands.simulate_command import build_plant
 from mhsb_tools.study import study_command
 from mhsb_tools.study.draws import DrawRecord
 from mhsb_tools.study.study_command import DrawArguments, KindArguments, study
+from mhsb_tools.study.tune_command import TrainingArguments, tune_servo
 
 
 def run_study(output: Path, json_: bool = False, **options: Any) -> None:
@@ -23,8 +25,7 @@ def run_study(output: Path, json_: bool = False, **options: Any) -> None:
         group: kind(**{f.name: options.pop(f.name) for f in fields(kind) if f.name in options})
         for group, kind in groups.items()
     }
-    assert not options
-    study(output=output, json_=json_, **given)
+    study(output=output, json_=json_, **given, **options)
 
 
 def test_draws_are_written_and_printed_as_a_list_of_records(
@@ -38,6 +39,15 @@ def test_draws_are_written_and_printed_as_a_list_of_records(
     assert printed == records
     for record in records:
         assert {*named, "relief_opened", "time_lost", "failure"} <= set(record)
+
+
+def test_scenarios_of_a_machine_without_pressure_sensors_are_refused(tmp_path: Path) -> None:
+    mobile = find_config_file("excavator_1to14.yaml")
+    with pytest.raises(UsageError, match="excavator_1to14 does not measure; --draws studies lag_c"):
+        run_study(output=tmp_path / "study", machine=mobile)
+    assert not (tmp_path / "study").exists()
+    with pytest.raises(UsageError, match="lag_compensated, which suits excavator_1to14, has"):
+        tune_servo(machine=mobile, training=TrainingArguments(), work=WorkArguments())
 
 
 @pytest.mark.parametrize(
