@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from mhsb_model.arm_reports import HandOverReason
 from mhsb_model.command import Command
+from mhsb_model.dead_time import compute_dead_time
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.online.arm_state import ArmState
 from mhsb_planner.online.commit_horizon import (
@@ -124,7 +125,8 @@ class HandOver:
         """Return the commit horizon of a braking command by the arm's clock [s].
 
         The commit horizon is the time from the stamp to the begin of braking. It is the estimated
-        transport time within `lead_min` and `lead_max` of the settings.
+        transport time within `lead_min` and `lead_max` of the settings, plus the machine's dead
+        time.
 
         Args:
             tries: Number of braking commands of this stop that the arm has not taken. Each
@@ -133,7 +135,22 @@ class HandOver:
         """
         wanted = LATE_PLAN_FACTOR**tries * self.horizon_estimator.transport_time
         horizon = min(max(settings.lead_min, wanted), settings.lead_max)
-        return self._arm_state.clock_estimator.convert_duration(horizon)
+        return self.convert_horizon(horizon, settings)
+
+    def convert_horizon(self, seconds: float, settings: Settings) -> float:
+        """Convert a commit horizon from real time to the arm's clock, and add the dead time.
+
+        The servo has to know a plan one dead time of the machine before it leaves the one before.
+
+        Args:
+            seconds: Commit horizon in real time [s].
+            settings: Settings for all goals, which have the machine.
+
+        Returns:
+            Commit horizon by the arm's clock [s].
+        """
+        duration = self._arm_state.clock_estimator.convert_duration(seconds)
+        return duration + compute_dead_time(settings.machine)
 
     def lengthen_horizon(self, pending_goal: PendingGoal, settings: Settings) -> bool:
         """Lengthen the commit horizon of a goal by `LATE_PLAN_FACTOR`, after a plan came too late.
@@ -175,9 +192,7 @@ class HandOver:
         horizon = self.choose_horizon_from_rest(
             self.choose_horizon(pending_goal, settings), settings
         )
-        return replan.with_stamp(
-            stamp_ns, self._arm_state.clock_estimator.convert_duration(horizon)
-        )
+        return replan.with_stamp(stamp_ns, self.convert_horizon(horizon, settings))
 
     # --- From sending to the answer --------------------------------------------------------------
 

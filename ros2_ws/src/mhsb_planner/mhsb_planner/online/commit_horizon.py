@@ -2,9 +2,9 @@
 
 The commit horizon is the sum of two durations. The first is the 0.95 quantile of the time to the
 first feasible motion. The second is the 0.95 quantile of the time from there until the arm has
-confirmed a plan. Time for improving a plan does not count: improvement uses what is left of the
-horizon. Recent plans count more, so that a horizon that load has made long shortens again after a
-few plans.
+confirmed a plan. By the arm's clock, the machine's dead time is added. Time for improving a plan
+does not count: improvement uses what is left of the horizon. Recent plans count more, so that a
+horizon that load has made long shortens again after a few plans.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mhsb_model.dead_time import compute_dead_time
+from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 
 DURATION_QUANTILE = 0.95
@@ -44,6 +46,14 @@ OFFLINE_LEAD = 0.1
 
 INITIAL_PLANNING_TIME, INITIAL_TRANSPORT_TIME = 0.05, 0.02
 """Durations that are assumed before anything has been measured [s]."""
+
+
+def compute_offline_horizon(machine: Machine) -> float:
+    """Compute the commit horizon of plans that are made in simulated time [s].
+
+    It is `OFFLINE_LEAD` plus the machine's dead time.
+    """
+    return OFFLINE_LEAD + compute_dead_time(machine)
 
 
 class CommitHorizon(NamedTuple):

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.command import Command
+from mhsb_model.dead_time import compute_dead_time
 from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
@@ -160,7 +161,8 @@ class Execution:
     ) -> ExecutionResult | None:
         """Judge after the plan's end whether the measured tip has reached the goal or its region.
 
-        If joint states were never measured, the goal counts as reached.
+        The end is counted one dead time of the machine later, when the last command has acted. If
+        joint states were never measured, the goal counts as reached.
 
         Args:
             machine: Machine by which the tip's place is computed.
@@ -169,9 +171,12 @@ class Execution:
 
         Returns:
             `REACHED` if the tip is within the settings' `reached_tolerance`. Otherwise None up to
-            `SETTLING_NS` after the plan's end, then `ABORTED`.
+            `SETTLING_NS` after the end, then `ABORTED`. None before the end.
         """
         goal = self.pending_goal.goal
+        end_ns = self.command.trajectory.end_ns + round(compute_dead_time(machine) * SECOND_NS)
+        if now_ns < end_ns:
+            return None
         if arm_state.measured is None:
             return ExecutionResult(Outcome.REACHED, "the plan has ended; nobody measures the tip")
         options = self.settings.options
@@ -182,6 +187,6 @@ class Execution:
         sentence = f"the tip is {1e3 * distance:.2f} mm from the {where}"
         if distance <= self.settings.reached_tolerance:
             return ExecutionResult(Outcome.REACHED, sentence)
-        if now_ns < self.command.trajectory.end_ns + SETTLING_NS:
+        if now_ns < end_ns + SETTLING_NS:
             return None
         return ExecutionResult(Outcome.ABORTED, sentence)

@@ -22,6 +22,7 @@ from dataclasses import replace
 
 from mhsb_model.arm_reports import HandOverReason
 from mhsb_model.command import Command
+from mhsb_model.dead_time import compute_dead_time
 from mhsb_model.errors import MhsbError
 from mhsb_model.goal import Goal
 from mhsb_model.trajectory import SECOND_NS, MotionState
@@ -288,9 +289,9 @@ class GoalLifecycle:
 
         The arm rests if the trajectory of `start` has ended at `now_ns`. The commit horizon (time
         until the new plan takes over) then covers only transport and confirmation, because the plan
-        is stamped when it is ready. The deadline is the same in both cases: `steady_time` plus the
-        horizon for a moving arm, less its part for transport. The target of a moving goal is
-        extrapolated.
+        is stamped when it is ready, and the machine's dead time. The deadline is the same in both
+        cases: `steady_time` plus the horizon for a moving arm, less its part for transport. The
+        target of a moving goal is extrapolated.
 
         Args:
             pending_goal: The goal.
@@ -307,7 +308,8 @@ class GoalLifecycle:
         seconds = horizon.total
         if start.trajectory.end_ns <= now_ns:
             seconds = hand_over.choose_horizon_from_rest(horizon, common_settings)
-        target, period = self._queue.choose_target(pending_goal, horizon.total)
+        ahead = horizon.total + compute_dead_time(common_settings.machine)
+        target, period = self._queue.choose_target(pending_goal, ahead)
         return PlanRequest(
             self._queue.epoch,
             pending_goal,
@@ -317,7 +319,7 @@ class GoalLifecycle:
             start,
             self.arm_state.plan_in_force_ns,
             hand_over.choose_stamp(now_ns),
-            self.arm_state.clock_estimator.convert_duration(seconds),
+            hand_over.convert_horizon(seconds, common_settings),
             steady_time,
             Deadline(steady_time + horizon.total - horizon.transport_reserve),
             hand_over.find_plan_of_command(start, settings),

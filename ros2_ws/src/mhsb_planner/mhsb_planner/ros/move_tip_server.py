@@ -21,6 +21,7 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from trajectory_msgs.msg import JointTrajectory
 
+from mhsb_model.dead_time import compute_dead_time
 from mhsb_model.errors import MhsbError
 from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
@@ -403,7 +404,8 @@ class MoveTipServer:
             answer: The plan, the error that planning raised, or None if the arm is at the goal
                 already.
         """
-        in_hand, longest = request.pending_goal, request.settings.lead_max
+        in_hand, settings = request.pending_goal, request.settings
+        longest = settings.lead_max + compute_dead_time(settings.machine)
         elapsed = 1e3 * (self._node.steady_time() - in_hand.received_at)
         again = request.commit_horizon < longest and in_hand.horizon_factor < MOST_STRETCHED
         if isinstance(answer, DeadlineError) and again:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.command import Command
+from mhsb_model.dead_time import compute_dead_time
 from mhsb_model.goal import Goal
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
@@ -36,7 +37,7 @@ def ending(machine):
         made_with = replace(settings, **changes)
         execution = Execution(PendingGoal(goal, 0.0, 0.0), command, goal, plan, made_with, 0)
         executions.setdefault(made_with.reached_tolerance, execution)
-        return executions[made_with.reached_tolerance].judge(machine, view, now_ns)
+        return executions[made_with.reached_tolerance].judge(made_with.machine, view, now_ns)
 
     executions = {}
     return judge
@@ -49,6 +50,20 @@ def view(in_force: int | None, posture=START, fault="") -> ArmState:
 
 def test_it_goes_on_while_its_plan_is_in_force(ending):
     assert ending(view(STAMP), HALFWAY) is None
+
+
+def test_the_end_is_counted_after_the_dead_time(ending, machine):
+    blind = {"imperfections.sensors.pressure": "none", "imperfections.computing_delay": 0.3}
+    slow = machine.with_values(blind)
+    late_ns = round(compute_dead_time(slow) * SECOND_NS)
+    for since_ns, place, outcome in (
+        (late_ns - 1, END, None),
+        (late_ns, END, Outcome.REACHED),
+        (late_ns + SECOND_NS - 1, START, None),
+        (late_ns + SECOND_NS, START, Outcome.ABORTED),
+    ):
+        result = ending(view(NO_PLAN, place), FINISH + since_ns, machine=slow)
+        assert (result and result.outcome) == outcome
 
 
 def test_a_plan_that_ends_at_the_goal_is_reached_and_the_distance_told(ending):

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mhsb_model.dead_time import compute_dead_time
 from mhsb_model.goal import Goal
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS
@@ -220,6 +221,20 @@ def test_a_fixed_planning_budget_is_the_lead(new_world):
     under_way(world)
     world.verdict(world.send_goal(*DOWN))
     assert world.planned[-1].commit_horizon == pytest.approx(0.3)
+
+
+def test_the_dead_time_of_a_machine_without_pressure_sensors_is_added(new_world):
+    world = new_world(planning_budget=0.3)
+    blind = {"imperfections.sensors.pressure": "none", "imperfections.computing_delay": 0.15}
+    slow = world.machine.with_values(blind)
+    world.life.change_settings(replace(world.life.settings, machine=slow))
+    dead = compute_dead_time(slow)
+    assert dead > 0.15
+    under_way(world)
+    verdict = world.verdict(world.send_goal(*DOWN))
+    assert verdict.code is Verdict.OK
+    assert world.planned[-1].commit_horizon == pytest.approx(0.3 + dead)
+    assert verdict.plan.lead_ms == pytest.approx(1e3 * (0.3 + dead), abs=30.0)
 
 
 def test_an_arm_that_runs_faster_is_given_its_own_time(world):

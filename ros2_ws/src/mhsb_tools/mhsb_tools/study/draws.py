@@ -21,7 +21,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.cases.moves import random_position
 from mhsb_planner.executor import Jobs, SharedStateExecutor, results_of
-from mhsb_planner.online.commit_horizon import OFFLINE_LEAD
+from mhsb_planner.online.commit_horizon import compute_offline_horizon
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import DEFAULT_PLANNER, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
@@ -262,7 +262,7 @@ class DrawStudy:
             now += goal.time
             try:
                 replan = self._replanner.replan(
-                    command, now_ns, goal.position, OFFLINE_LEAD, options
+                    command, now_ns, goal.position, compute_offline_horizon(self._machine), options
                 )
             except MhsbError as error:
                 refused.append(f"goal {format_position(goal.position, '.3f')} is refused: {error}")
@@ -286,10 +286,11 @@ class DrawStudy:
         Returns:
             The goal with the time until the next one.
         """
+        horizon = compute_offline_horizon(self._machine)
         while True:
             position = random_position(self._machine, random)
             try:
-                self._replanner.replan(self._rest, 0, position, OFFLINE_LEAD, REACH_OPTIONS)
+                self._replanner.replan(self._rest, 0, position, horizon, REACH_OPTIONS)
             except MhsbError:
                 continue
             return TimedGoal(position, random.uniform(MIN_INTERVAL, MAX_INTERVAL))

@@ -18,7 +18,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
 from mhsb_planner.executor import Jobs, create_executor, results_of
-from mhsb_planner.online.commit_horizon import OFFLINE_LEAD
+from mhsb_planner.online.commit_horizon import compute_offline_horizon
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import DEFAULT_PLANNER, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
@@ -131,7 +131,8 @@ def lift(machine: Machine) -> Command:
     start = np.array(machine.config.simulation.start_posture)
     rest = Command.hold(0, start, holding_modes(machine, machine.piston_forces(start)))
     options = PlanOptions(planner=DEFAULT_PLANNER)
-    replan = replanner.replan(rest, SECOND_NS // 2, GOAL_POSITION, OFFLINE_LEAD, options)
+    horizon = compute_offline_horizon(machine)
+    replan = replanner.replan(rest, SECOND_NS // 2, GOAL_POSITION, horizon, options)
     if replan is None:
         raise ScenarioError(f"the arm is at {GOAL_POSITION} m from the start; faults need a motion")
     return replan.command

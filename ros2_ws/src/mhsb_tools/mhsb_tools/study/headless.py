@@ -19,7 +19,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, ModeArray, Position
 from mhsb_planner.deadline import Deadline
-from mhsb_planner.online.commit_horizon import OFFLINE_LEAD
+from mhsb_planner.online.commit_horizon import compute_offline_horizon
 from mhsb_planner.online.replanning import Replan, Replanner
 from mhsb_planner.planner import PlanOptions
 from mhsb_sim.errors import HandOverError
@@ -234,8 +234,9 @@ class HeadlessRun:
         self.simulator.catch_up()
         now_ns = self.simulator.plan_time_ns
         deadline = Deadline.after(self._budget)
+        horizon = compute_offline_horizon(self.machine)
         replan = self._replanner.replan(
-            self._command, now_ns, goal.position, OFFLINE_LEAD, self._options, deadline
+            self._command, now_ns, goal.position, horizon, self._options, deadline
         )
         self._current_goal = goal
         return replan

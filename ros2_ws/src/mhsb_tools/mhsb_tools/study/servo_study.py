@@ -22,7 +22,7 @@ from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
 from mhsb_planner.executor import Jobs, create_executor, results_of
 from mhsb_planner.motion.energy import Energy, motion_energy
-from mhsb_planner.online.commit_horizon import OFFLINE_LEAD
+from mhsb_planner.online.commit_horizon import compute_offline_horizon
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
@@ -155,11 +155,11 @@ def plan_scenario(machine: Machine, scenario: Scenario) -> PlannedScenario:
     start = np.array(loaded.config.simulation.start_posture)
     command = Command.hold(0, start, holding_modes(loaded, loaded.piston_forces(start)))
     options = PlanOptions(weights=scenario.weights, planner=SCENARIO_PLANNER)
-    commands, refused = [], []
+    commands, refused, horizon = [], [], compute_offline_horizon(loaded)
     for number, goal in enumerate(scenario.goals):
         now_ns = round(number * scenario.interval * SECOND_NS)
         try:
-            replan = replanner.replan(command, now_ns, goal, OFFLINE_LEAD, options)
+            replan = replanner.replan(command, now_ns, goal, horizon, options)
         except MhsbError as error:
             refused.append(f"{scenario.name}: goal {format_position(goal, 'g')}: {error}")
             continue

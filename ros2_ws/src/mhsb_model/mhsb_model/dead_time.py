@@ -1,0 +1,38 @@
+"""Dead time of a machine: the time from a command to the motion that it causes.
+
+    T = T_c + 2 ζ / ω
+
+T_c is the delay of computer and bus, `imperfections.computing_delay` [s]. ω = 2π f and ζ are
+frequency [rad/s] and damping of the valve's spool, whose velocity lag is 2 ζ / ω.
+
+Source: G. F. Franklin, J. D. Powell, A. Emami-Naeini, Feedback Control of Dynamic Systems (steady
+error of a second-order system for a ramp).
+"""
+
+from __future__ import annotations
+
+import math
+
+from mhsb_model.machine import Machine
+
+
+def compute_dead_time(machine: Machine) -> float:
+    """Compute the time by which the servo must know a plan before it is to be followed.
+
+    A servo without pressure sensors sends its commands this long ahead of the plan. It has to know
+    the plan by then, so commit horizons are longer by this time.
+
+    Args:
+        machine: The machine as its file describes it.
+
+    Returns:
+        The time T [s], or `servo.lag_compensated.expected_delay` if the file has a longer one. It
+        is 0 for machines with pressure sensors, whose servos need no commands ahead.
+    """
+    config = machine.config
+    if config.imperfections.sensors.pressure != "none":
+        return 0.0
+    lag = 2.0 * config.circuit.valve_damping / (2.0 * math.pi * config.circuit.valve_frequency)
+    section = config.servo.model_dump().get("lag_compensated", {})
+    expected = float(section.get("expected_delay", 0.0))
+    return max(config.imperfections.computing_delay + lag, expected)
