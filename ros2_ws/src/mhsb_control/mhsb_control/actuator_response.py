@@ -50,6 +50,10 @@ class ResponseSettings:
 
     Origin: chosen; half of the full dead band is crossed in some seconds, and the piston starts at
     a tenth of its full speed at the most."""
+    max_dead_band: float = 0.6
+    """Share of the full command from which on a piston that stands counts as blocked, 0.3 … 1.
+
+    Origin: excavators have up to 0.48."""
     gain_deviation: float = 0.4
     """Standard deviation σ_g of the gain, a share of the assumed one, 0.05 … 1.
 
@@ -175,11 +179,13 @@ class InverseCurve:
     def raise_dead_band(self, command: float, weight: float) -> None:
         """Raise the dead band if a command above it has not moved the piston.
 
+        Commands from `max_dead_band` on are ignored: something else holds the piston.
+
         Args:
             command: Command, 0 … 1.
             weight: Weight of this observation, above 0 … 1, as in `learn`.
         """
-        if command > self.commands[0]:
+        if self.commands[0] < command < self._settings.max_dead_band:
             self.learn(0.0, command + self._settings.dead_band_step, weight)
 
     def forget(self, time: float) -> None:

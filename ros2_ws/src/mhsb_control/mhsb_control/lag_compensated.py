@@ -10,6 +10,8 @@ g is the inverse curve of the valve and f = g⁻¹ the speed that a command caus
 lag. Both are learnt for each actuator (`actuator_response`). The integral predicts the way that the
 commands under way still cause, so that no correction is made twice (Smith predictor).
 
+At rest the position is corrected by single commands, each of which acts before the next one begins.
+
 Speeds beyond the fastest known knot of a curve are limited until the curve is known. Servo pumps
 deliver the flow that the pistons take at the demanded speeds, by A_dir |v|; no pressure is read.
 
@@ -39,7 +41,7 @@ from mhsb_model.hydraulics import (
     inlet_area,
     retraction_speed,
 )
-from mhsb_model.linkages.linkage import evaluate_linkage_at_angles
+from mhsb_model.linkages.linkage import cylinder_length, evaluate_linkage_at_angles
 from mhsb_model.machine import Machine
 from mhsb_model.schema import Gain, NonNegative, Section
 from mhsb_model.trajectory import quintic_hermite
@@ -67,8 +69,8 @@ class LagCompensatedGains(Section):
     )
     rest_error: NonNegative = Field(
         le=1.0,
-        default=0.01,
-        description="error left at rest, as a time at V_max; twice of it is corrected [s]",
+        default=0.005,
+        description="error left at rest, as a time at V_max [s]",
     )
     pump_surplus: NonNegative = Field(
         le=1.0, default=0.1, description="flow of servo pumps beyond the pistons' [-]"
@@ -111,6 +113,16 @@ class LagCompensationSettings:
     """Demanded speed that is allowed, as a multiple of the fastest known knot's, 1 … 10.
 
     Origin: the spacing of the knots."""
+    max_creep_ratio: float = 16.0
+    """Largest ratio of real to predicted motion in corrections at rest, 1 … 100.
+
+    Origin: the curve is steep beyond a dead band; an error of 0.02 of the command is a factor
+    10."""
+    end_share: float = 0.02
+    """Share of the cylinder's range at either end in which nothing is learnt of motion towards that
+    end, 0 … 0.2.
+
+    Origin: chosen; stops of real arms lie a little inside of the limits that files have."""
     response: ResponseSettings = field(default_factory=ResponseSettings)
     """Settings of the estimates of curves and delay."""
 
@@ -132,6 +144,7 @@ class LagCompensatedAxis:
         period: float,
         gains: LagCompensatedGains,
         settings: LagCompensationSettings = LagCompensationSettings(),
+        ends: tuple[float, float] = (-math.inf, math.inf),
     ) -> None:
         """Build the law without past commands and lengths.
 
@@ -141,12 +154,16 @@ class LagCompensatedAxis:
             period: Control period [s].
             gains: Gains of the controller.
             settings: Tuned numbers.
+            ends: Length of the cylinder below which nothing is learnt in retraction, and above
+                which nothing is learnt in extension [m].
         """
+        self._ends = ends
         self._gains, self._settings, self._max_speed = gains, settings, max_speed
         self._period = period
         self.curves = tuple(InverseCurve(v, max_speed, settings.response) for v in full_speeds)
         self.delay = DelayEstimate(gains.expected_delay, max_speed, settings.response)
         self.speed, self.learns, self._integral = 0.0, True, 0.0
+        self._rested, self._last_correction, self._creep_ratio = 0.0, 0.0, 1.0
         self._window = max(round(settings.window / self._period), 1)
         periods = math.ceil((settings.response.max_delay + settings.settling_time) / self._period)
         self._commands = np.zeros(periods + self._window + 2)
@@ -182,15 +199,18 @@ class LagCompensatedAxis:
         delay = self.delay.delay
         ways = self._predict_ways()
         reference, planned = look_ahead(delay)
-        error = reference - length - (ways[-1] - np.interp(-delay, -self._ages, ways))
+        under_way = float(ways[-1] - np.interp(-delay, -self._ages, ways))
         rests = planned == 0.0
-        tolerance = g.rest_error * self._max_speed * (2.0 if self.speed == 0.0 else 1.0)
-        if rests and abs(error) < tolerance:
+        self._rested = self._rested + self._period if rests else 0.0
+        if self._rested > delay:
+            under_way *= self._creep_ratio
+        error = reference - length - under_way
+        if rests and self._rests_within(error):
             self.speed = 0.0
             return 0.0
         gain = g.position_gain / (delay + self._period)
         most = s.max_correction_ratio * self._max_speed
-        correction = gain * error + self._integral
+        correction = gain * error + (0.0 if rests else self._integral)
         if abs(correction) < most and not rests:
             self._integral += g.integral_gain * gain**2 * error * self._period
         demanded = planned + min(max(correction, -most), most)
@@ -203,6 +223,29 @@ class LagCompensatedAxis:
         if not rests:
             command *= min(abs(self.speed) / slowest, 1.0)
         return math.copysign(min(command, 1.0), self.speed)
+
+    def _rests_within(self, error: float) -> bool:
+        """Return whether a resting piston is left alone at a position error [m].
+
+        A correction begins beyond `rest_error` and ends where the error changes its sign. If the
+        curve is known, it does not begin before the one before has acted for twice the delay: out
+        of a wide dead band a slow spool takes longer than the delay. If it goes back, the one
+        before went too far; the ratio of real to predicted motion at rest is then taken to be twice
+        as large, and otherwise a little smaller. Updates that ratio.
+        """
+        if self.speed != 0.0:
+            return error * self.speed <= 0.0
+        waiting = math.ceil(2.0 * self.delay.delay / self._period)
+        small = abs(error) < self._gains.rest_error * self._max_speed
+        is_known = self.curves[int(error < 0.0)].known_speed > 0.0
+        if small or (is_known and self._commands[-waiting:].any()):
+            return True
+        s, last = self._settings, self._last_correction
+        if self._rested > self.delay.delay:
+            grown = 2.0 if error * last < 0.0 else 0.8
+            self._creep_ratio = min(max(grown * self._creep_ratio, 1.0), s.max_creep_ratio)
+        self._last_correction = error
+        return False
 
     def _predict_ways(self) -> FloatArray:
         """Return the stroke that past commands cause, float64[k], [m], positive in extension.
@@ -232,6 +275,11 @@ class LagCompensatedAxis:
         for curve in self.curves:
             curve.forget(self._period)
         if low * high <= 0.0:
+            return
+        shortest, longest = self._ends  # a stop would be learnt as a dead band
+        if (high > 0.0 and self._lengths[-1] > longest) or (
+            high < 0.0 and self._lengths[-1] < shortest
+        ):
             return
         curve = self.curves[int(high < 0.0)]
         forwards = math.copysign(speed, speed * high)
@@ -289,9 +337,13 @@ class LagCompensatedController:
                 extension_speed(*valve, supply, tank, 0.0),
                 retraction_speed(*valve, supply, tank, 0.0),
             )
-            fastest = float(arrays.max_piston_speed[j])
+            fastest, period = float(arrays.max_piston_speed[j]), self._steps * step
+            linkage, limits = arrays.linkage[j], (arrays.joint_min[j], arrays.joint_max[j])
+            shortest, longest = sorted(cylinder_length(linkage, q) for q in limits)
+            margin = self.settings.end_share * (longest - shortest)
+            ends = shortest + margin, longest - margin
             self.axes.append(
-                LagCompensatedAxis(full_speeds, fastest, self._steps * step, gains, self.settings)
+                LagCompensatedAxis(full_speeds, fastest, period, gains, self.settings, ends)
             )
 
     def update(self) -> None:

@@ -171,6 +171,45 @@ def test_it_rests_when_the_reference_rests():
     assert valve.speed(0.1) == 0.0
 
 
+@pytest.mark.parametrize(
+    "valve",
+    [
+        Valve((0.46, 0.03), FULL_SPEEDS, 1.2, 0.25, 0.2, 78.0),
+        Valve((0.1, 0.4), FULL_SPEEDS, 1.6, 0.05, 0.05, 100.0),
+        Valve((0.2, 0.3), FULL_SPEEDS, 1.3, 0.2, 0.1, 20.0),
+    ],
+)
+def test_a_learnt_axis_comes_to_rest_at_its_reference(valve):
+    axis = build_axis(valve)
+    measure_error(valve, follow(axis, 0.03), 0.03)
+    for start in (0.004, -0.003):
+        length, spool, command, due = start, 0.0, 0.0, 0.0
+        under_way = [0.0] * round(valve.delay / STEP)
+        axis._lengths[:] = np.nan
+        for k in range(round(15.0 / STEP)):
+            if k * STEP >= due - 1e-9:
+                measured = RESOLUTION * round(length / RESOLUTION)
+                command = axis.update(measured, lambda ahead: (0.0, 0.0))
+                due += 1.0 / valve.rate
+            under_way.append(command)
+            spool += (under_way.pop(0) - spool) * (1.0 - math.exp(-STEP / valve.lag))
+            length += valve.speed(spool) * STEP
+        assert abs(length) < 1e-3, start  # measured: up to 0.5 mm, which is `rest_error`
+
+
+def test_an_end_stop_is_not_learnt_as_a_dead_band():
+    for ends, is_learnt in (((-1.0, 1.0), True), ((-1.0, 0.05), False)):
+        gains = LagCompensatedGains()
+        axis = LagCompensatedAxis(FULL_SPEEDS, MAX_SPEED, 0.02, gains, ends=ends)
+        for _ in range(500):  # the piston stands at 60 mm while it is wanted at 70 mm
+            assert axis.update(0.06, lambda ahead: (0.07, 0.0)) >= 0.0
+        assert (0.1 < axis.curves[0].commands[0] < 0.7) == is_learnt
+        before = axis.curves[1].commands[0]
+        for _ in range(500):  # and at 50 mm; this way is free
+            axis.update(0.06, lambda ahead: (0.05, 0.0))
+        assert axis.curves[1].commands[0] > before + 0.1
+
+
 def test_speeds_are_limited_until_the_curve_is_known():
     axis = build_axis(Valve((0.0, 0.0), FULL_SPEEDS, 1.0, 0.1, 0.1, 50.0))
     axis.update(0.0, lambda ahead: (0.0, MAX_SPEED))

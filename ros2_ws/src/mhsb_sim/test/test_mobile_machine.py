@@ -133,7 +133,7 @@ def test_it_learns_to_follow_and_arrives(machine):
     simulator.advance(3.0)
     q = simulator.joint_state.position
     tip = machine.tip_in_base(q) - machine.tip_in_base(motion.position[-1])
-    assert np.linalg.norm(tip) < 0.025  # rest_error is 0.6 mm of each cylinder, doubled at rest
+    assert np.linalg.norm(tip) < 5e-3  # measured: 1 mm; rest_error is 0.3 mm of each cylinder
     found = {(each.quantity, each.actuator): each for each in simulator.estimates}
     for name in machine.actuator_names[:2]:
         assert found["overlap", name].value == pytest.approx(0.25, abs=0.08)
