@@ -30,6 +30,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mhsb_control.estimates_file import DirectionResponse
 from mhsb_model.types import FloatArray
 
 SPEED_KNOTS = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.5])
@@ -100,6 +101,8 @@ class InverseCurve:
         speeds: Speeds of the knots, float64[k], [m/s].
         commands: Commands at the knots, float64[k]; strictly increasing.
         covariance: Covariance of `commands`, float64[k, k].
+        known_speed: Speed of the fastest knot whose standard deviation has ever been below half its
+            initial value [m/s]; 0 if there is none.
     """
 
     def __init__(self, full_speed: float, max_speed: float, settings: ResponseSettings) -> None:
@@ -120,6 +123,7 @@ class InverseCurve:
             + settings.bend_deviation**2 * np.eye(len(self.speeds))
         )
         self.covariance: FloatArray = self._prior.copy()
+        self.known_speed = 0.0
 
     def command_at(self, speed: float) -> float:
         """Return the command for a speed ≥ 0 [m/s]: the dead band at 0.
@@ -139,13 +143,30 @@ class InverseCurve:
         return np.interp(commands, self.commands, self.speeds)
 
     @property
-    def known_speed(self) -> float:
-        """Speed of the fastest knot whose standard deviation is below half its initial value [m/s].
+    def learnt(self) -> DirectionResponse:
+        """The curve with its standard deviations, for an estimates file."""
+        columns = self.speeds, self.commands, np.sqrt(np.diag(self.covariance))
+        speeds, commands, deviations = (tuple(each.tolist()) for each in columns)
+        return DirectionResponse(
+            speeds=speeds, commands=commands, deviations=deviations, known_speed=self.known_speed
+        )
 
-        It is 0 if there is none.
+    def restore(self, learnt: DirectionResponse) -> None:
+        """Begin with a curve from an estimates file.
+
+        Between its knots it is interpolated. Errors of the knots are taken to be correlated as
+        initially, and to be no larger.
+
+        Args:
+            learnt: The curve.
         """
-        known = np.diag(self.covariance) < 0.25 * np.diag(self._prior)
-        return float(self.speeds[known].max(initial=0.0))
+        self.commands = np.interp(self.speeds, learnt.speeds, learnt.commands)
+        self._keep_increasing()
+        initial = np.sqrt(np.diag(self._prior))
+        deviations = np.interp(self.speeds, learnt.speeds, learnt.deviations)
+        ratio = np.minimum(deviations / initial, 1.0)
+        self.covariance = self._prior * np.outer(ratio, ratio)
+        self.known_speed = min(learnt.known_speed, float(self.speeds[-1]))
 
     def learn(self, speed: float, command: float, weight: float) -> None:
         """Update the curve by a measured speed and the command that caused it.
@@ -163,6 +184,8 @@ class InverseCurve:
         self.commands += gain * (command - share @ self.commands)
         self.covariance -= np.outer(gain, spread)
         self._keep_increasing()
+        known = np.diag(self.covariance) < 0.25 * np.diag(self._prior)
+        self.known_speed = max(self.known_speed, float(self.speeds[known].max(initial=0.0)))
 
     def _shares(self, speed: float) -> FloatArray:
         """Return the weights φ_k of the knots at a speed, float64[k].

@@ -105,7 +105,8 @@ class Controller(Protocol):
     A controller that reads no pressures says so by an attribute `reads_pressures = False`. One that
     follows less closely than supervision usually allows has an attribute `supervision_limits`: for
     the names of the symptoms that need others, the pair of values at which supervision warns and
-    stops.
+    stops. One that learns what the next start should begin with has a property `learnt` and a
+    method `restore`, as `lag_compensated` has (`mhsb_control.estimates_file`).
     """
 
     gains_section: type[Section]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 
-from mhsb_model.errors import ArgumentError
+from mhsb_model.errors import ArgumentError, MhsbError
 
 
 class UnknownControllerError(ArgumentError):
@@ -49,3 +50,23 @@ class PressureSensorsError(ArgumentError):
             f"the controller {name!r} reads pressures, which {machine} does not measure "
             f"(imperfections.sensors.pressure: none); use {' or '.join(self.suitable)}"
         )
+
+
+class EstimatesFileError(MhsbError):
+    """Error: a file of estimates cannot be used.
+
+    Attributes:
+        path: The file.
+        reason: Clause that says why, and what to do.
+    """
+
+    def __init__(self, path: Path, reason: str) -> None:
+        """Build the error with its sentence.
+
+        Args:
+            path: The file.
+            reason: Clause that says why, and what to do.
+        """
+        self.path = path
+        self.reason = reason
+        super().__init__(f"estimates file {path}: {reason}")

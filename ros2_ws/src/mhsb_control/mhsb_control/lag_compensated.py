@@ -22,7 +22,7 @@ with delayed controls (1982); M. Jelali, A. Kroll, Hydraulic Servo-systems (dead
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import ClassVar
@@ -33,6 +33,7 @@ from pydantic import Field
 from mhsb_control.actuator_response import DelayEstimate, InverseCurve, ResponseSettings
 from mhsb_control.cascade import joins_rail
 from mhsb_control.controller import REFERENCE_POINTS, ServoSignals
+from mhsb_control.estimates_file import ActuatorResponse
 from mhsb_control.reference import PREVIEW_POINT
 from mhsb_model.arm_reports import Estimate
 from mhsb_model.hydraulics import (
@@ -353,6 +354,33 @@ class LagCompensatedController:
             self._command_valves()
             self._command_pumps()
         self._until_next -= 1
+
+    @property
+    def learnt(self) -> dict[str, ActuatorResponse]:
+        """Response of each actuator by its name, for an estimates file."""
+        return {
+            name: ActuatorResponse(
+                delay=axis.delay.delay,
+                delay_known=axis.delay.is_known,
+                extending=axis.curves[0].learnt,
+                retracting=axis.curves[1].learnt,
+            )
+            for name, axis in zip(self._names, self.axes, strict=True)
+        }
+
+    def restore(self, learnt: Mapping[str, ActuatorResponse]) -> None:
+        """Begin with the responses of an estimates file.
+
+        Args:
+            learnt: Response of each actuator by its name.
+        """
+        longest = self.settings.response.max_delay
+        for name, axis in zip(self._names, self.axes, strict=True):
+            found = learnt[name]
+            axis.curves[0].restore(found.extending)
+            axis.curves[1].restore(found.retracting)
+            if found.delay_known:
+                axis.delay.delay, axis.delay.is_known = min(found.delay, longest), True
 
     @property
     def estimates(self) -> list[Estimate]:

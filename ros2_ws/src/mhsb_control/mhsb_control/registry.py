@@ -11,10 +11,11 @@ from pydantic import ConfigDict, ValidationError, create_model
 from mhsb_control.controller import Controller, ServoSignals
 from mhsb_control.coordinated import CoordinatedController
 from mhsb_control.errors import PressureSensorsError, UnknownControllerError
+from mhsb_control.estimates_file import ActuatorResponse
 from mhsb_control.independent import IndependentController
 from mhsb_control.lag_compensated import LagCompensatedController
 from mhsb_model import machine as machines
-from mhsb_model.errors import MachineFileError
+from mhsb_model.errors import ArgumentError, MachineFileError
 from mhsb_model.files.schema_problems import describe_validation_errors
 from mhsb_model.machine import Machine
 from mhsb_model.schema import MachineConfig, Servo
@@ -175,7 +176,12 @@ def read_gains(machine: Machine, name: str) -> Any:
         raise MachineFileError(machine.name, problems) from error
 
 
-def make_controller(name: str, machine: Machine, signals: ServoSignals) -> Controller:
+def make_controller(
+    name: str,
+    machine: Machine,
+    signals: ServoSignals,
+    learnt: Mapping[str, ActuatorResponse] | None = None,
+) -> Controller:
     """Make a new controller with the gains of the machine's file.
 
     Args:
@@ -183,6 +189,8 @@ def make_controller(name: str, machine: Machine, signals: ServoSignals) -> Contr
         machine: The machine as its file describes it.
         signals: Arrays that the controller reads and writes in each step. They must contain present
             readings.
+        learnt: Content of an estimates file, with which the controller begins; None: it begins
+            with the machine file alone.
 
     Returns:
         The controller, in its initial state.
@@ -191,7 +199,26 @@ def make_controller(name: str, machine: Machine, signals: ServoSignals) -> Contr
         UnknownControllerError: No controller has this name.
         MachineFileError: The gains in the machine's file are wrong.
         PressureSensorsError: The controller reads pressures that the machine does not measure.
+        ArgumentError: There are estimates, but the controller keeps none.
     """
     if reads_pressures(name) and not measures_pressures(machine):
         raise PressureSensorsError(name, machine.name, select_controllers(machine))
-    return get_controller_class(name)(machine, signals, read_gains(machine, name))
+    controller = get_controller_class(name)(machine, signals, read_gains(machine, name))
+    if learnt is not None:
+        check_keeps_estimates(name)
+        controller.restore(learnt)  # type: ignore[attr-defined]
+    return controller
+
+
+def check_keeps_estimates(name: str) -> None:
+    """Raise ArgumentError if a controller has nothing to keep in an estimates file.
+
+    Args:
+        name: Name of a registered controller.
+    """
+    keeping = [each for each, kind in REGISTERED_CONTROLLERS.items() if hasattr(kind, "restore")]
+    if name not in keeping:
+        raise ArgumentError(
+            f"estimates_file has no effect with the controller {name!r}, which keeps no estimates; "
+            f"leave it out, or use {' or '.join(keeping)}"
+        )

@@ -6,12 +6,14 @@ commands from them.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
 
 from mhsb_control.assumed_valves import update_assumed_valves
 from mhsb_control.controller import Controller, ServoSignals
+from mhsb_control.estimates_file import ActuatorResponse
 from mhsb_control.mode_guard import ModeGuard
 from mhsb_control.reference import ReferencePreview
 from mhsb_control.registry import make_controller
@@ -37,15 +39,24 @@ class ServoLoop:
     controller: Controller
     modes: ModeArray
 
-    def __init__(self, controller: str, machine: Machine, signals: ServoSignals) -> None:
+    def __init__(
+        self,
+        controller: str,
+        machine: Machine,
+        signals: ServoSignals,
+        learnt: Mapping[str, ActuatorResponse] | None = None,
+    ) -> None:
         """Make the controller, the reference and the mode guard; call `follow` before `step`.
 
         Args:
             controller: Name of a registered controller, such as "coordinated".
             machine: The machine as its file describes it.
             signals: Signals with the present sensor readings; they are shared with the caller.
+            learnt: Content of an estimates file, with which the controller begins, also after
+                `restart`; None to begin without.
 
         Raises:
+            ArgumentError: There are estimates, but the controller keeps none.
             UnknownControllerError: No controller has this name.
             MachineFileError: The controller's gains in the machine's file are wrong.
             PressureSensorsError: The controller reads pressures that the machine does not measure.
@@ -53,14 +64,14 @@ class ServoLoop:
         self.signals = signals
         self.lost_modules: tuple[int, ...] = ()
         self._modules = machine.config.hydraulics.modules
-        self._make_controller = partial(make_controller, controller, machine, signals)
+        self._make_controller = partial(make_controller, controller, machine, signals, learnt)
         self.restart()
         self.reference = ReferencePreview(signals.reference, self.controller.preview)
         self.guard = ModeGuard(machine, signals, self.reference, self.controller.usual_error)
         self._watch = self.guard.watch
 
     def restart(self) -> None:
-        """Replace the controller by a new one in its initial state.
+        """Replace the controller by a new one, which knows only what came from an estimates file.
 
         Reference, mode guard and modes are not changed.
         """

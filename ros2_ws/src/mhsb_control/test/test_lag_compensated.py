@@ -120,6 +120,7 @@ def know(valve: Valve) -> LagCompensatedAxis:
         curve.speeds = np.concatenate([[0.0], np.geomspace(0.01, 1.5, 40) * MAX_SPEED])
         curve.commands = np.array([valve.command(v, side) for v in curve.speeds])
         curve.covariance, curve._prior = np.zeros((41, 41)), np.eye(41)
+        curve.known_speed = float(curve.speeds[-1])
     return axis
 
 

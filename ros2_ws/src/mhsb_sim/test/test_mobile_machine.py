@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from mhsb_control import load_machine
-from mhsb_control.errors import PressureSensorsError
+from mhsb_control.errors import EstimatesFileError, PressureSensorsError
 from mhsb_model.circuit.elements import metered_opening
+from mhsb_model.errors import ArgumentError
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
@@ -84,6 +85,29 @@ def test_controllers_that_read_pressures_are_refused(machine):
         Simulator(machine, "coordinated")
     assert Simulator(machine).controller_name == "lag_compensated"
     assert Simulator(load_machine()).controller_name == "coordinated"
+
+
+def test_what_it_has_learnt_is_kept_in_a_file(machine, tmp_path):
+    file = tmp_path / "learnt.yaml"
+    first = Simulator(machine, estimates_file=file)
+    motion = build_motion(first.reference.position, 0)
+    first.set_plan(motion, ModeSchedule(0, np.array([0]), first.modes[None, :]))
+    first.advance(15.0)
+    first.save_estimates()
+    again = Simulator(machine, estimates_file=file)
+    assert [(each.quantity, each.known) for each in again.estimates] == [
+        (each.quantity, each.known) for each in first.estimates
+    ]
+    assert any(each.known for each in again.estimates)
+    for sim in (first, again):
+        sim.reset()  # what came from the file stays, and only that
+    assert not any(each.known for each in first.estimates)
+    assert any(each.known for each in again.estimates)
+    other = machine.with_values({"hydraulics.main_pump.pressure": 2.4e6})
+    with pytest.raises(EstimatesFileError, match="it belongs to the machine excavator_1to14"):
+        Simulator(other, estimates_file=file)
+    with pytest.raises(ArgumentError, match="'coordinated', which keeps no estimates"):
+        Simulator(load_machine(), estimates_file=file)
 
 
 def build_motion(start: np.ndarray, time_ns: int) -> Trajectory:

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -48,6 +49,10 @@ DUPLICATES_PERIOD = 1.0
 """Period of the search for duplicate publishers [s]."""
 
 
+SAVING_PERIOD = 30.0
+"""Period at which the estimates file is written [s]."""
+
+
 class SimNode(Node):
     """Node that simulates the arm with its hydraulics and servo, and executes plans."""
 
@@ -68,6 +73,7 @@ class SimNode(Node):
             self._settings.seed,
             payload=self._settings.payload,
             plant=plant,
+            estimates_file=Path(file) if (file := self._settings.estimates_file) else None,
         )
         self._arm = SupervisedArm(simulator, self._settings.limits)
         exercise_kernels()  # loads all kernels before the node serves
@@ -102,6 +108,7 @@ class SimNode(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.faults.watch(self.create_timer(TIMER_PERIOD, self._tick, clock=steady))
         self.create_timer(DUPLICATES_PERIOD, self._look_for_duplicates, clock=steady)
+        self.create_timer(SAVING_PERIOD, self._save_estimates, clock=steady)
 
     # --- Time ------------------------------------------------------------------------------------
 
@@ -316,6 +323,24 @@ class SimNode(Node):
             self._pacer.restart(time.monotonic_ns(), arm.simulator.time_ns)
 
     # --- Reports ---------------------------------------------------------------------------------
+
+    def _save_estimates(self) -> None:
+        """Write the estimates file, unless a fault may have spoilt what the servo has learnt."""
+        if self._arm.fault:
+            return
+        try:
+            self._arm.simulator.save_estimates()
+        except OSError as error:
+            self.get_logger().warning(
+                f"the estimates file cannot be written: {error.strerror}; free or name its folder",
+                throttle_duration_sec=300.0,
+            )
+
+    def destroy_node(self) -> None:
+        """Write the estimates file for the last time, and destroy the node."""
+        if hasattr(self, "_arm"):
+            self._save_estimates()
+        super().destroy_node()
 
     def _look_for_duplicates(self) -> None:
         """Search the ROS graph for other publishers of this node's topics."""

@@ -56,6 +56,7 @@ class SimParameters:
     Attributes:
         seed: Seed of the sensor noise.
         controller: Name of the servo controller; empty for the default of the machine's sensors.
+        estimates_file: File of what the servo has learnt; empty for none.
         real_time_factor: Simulated seconds per second of real time.
         publish_clock: Whether the simulator is the source of /clock.
         payload: Payload at the tip [kg].
@@ -65,6 +66,7 @@ class SimParameters:
 
     seed: int
     controller: str
+    estimates_file: str
     real_time_factor: float
     publish_clock: bool
     payload: float
@@ -121,6 +123,13 @@ def declare_parameters(node: Node, machine: Machine, plant: Machine) -> SimParam
             "suits the machine's sensors",
             read_only=True,
         ),
+        NodeParameter(
+            "estimates_file",
+            "",
+            "file (YAML) of what the servo has learnt: read at the start if it exists, written "
+            "every half a minute and at the end; empty to begin anew and keep nothing",
+            read_only=True,
+        ),
         NodeParameter("publish_clock", False, "be the source of /clock", read_only=True),
         NodeParameter(
             "real_time_factor",
@@ -171,6 +180,7 @@ def read_parameters(node: Node) -> SimParameters:
     return SimParameters(
         value("seed"),
         value("controller"),
+        value("estimates_file"),
         value("real_time_factor"),
         value("publish_clock"),
         value("payload"),

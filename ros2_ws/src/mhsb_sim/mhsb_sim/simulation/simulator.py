@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -23,6 +24,8 @@ import numpy as np
 
 from mhsb_control import default_controller, measures_pressures
 from mhsb_control.controller import ServoSignals
+from mhsb_control.estimates_file import read_estimates_file, write_estimates_file
+from mhsb_control.registry import check_keeps_estimates
 from mhsb_control.servo_loop import ServoLoop
 from mhsb_model.arm_reports import Estimate
 from mhsb_model.braking import brake_along
@@ -95,6 +98,7 @@ class Simulator:
         payload: float | None = None,
         start_ns: int = 0,
         plant: Machine | None = None,
+        estimates_file: Path | None = None,
     ) -> None:
         """Build the simulation of a machine, at rest in its start posture.
 
@@ -108,8 +112,11 @@ class Simulator:
             payload: Payload of the plant [kg]; None for the one in the plant's file.
             start_ns: Simulated time at the start [ns].
             plant: Machine that is simulated; None for `machine`.
+            estimates_file: File of what the servo has learnt before; it begins with that. It need
+                not exist yet. `save_estimates` writes it. None for a servo that begins anew.
 
         Raises:
+            EstimatesFileError: The estimates file is damaged or belongs to another machine.
             UnknownControllerError: No controller has this name.
             MachineFileError: The controller's gains in the machine's file are wrong.
             PressureSensorsError: The controller reads pressures that the machine does not measure.
@@ -122,6 +129,10 @@ class Simulator:
         self.plant = plant or machine
         check_plant(machine, self.plant)
         self.controller_name = controller or default_controller(machine)
+        self._estimates_file, self._learnt = estimates_file, None
+        if estimates_file is not None:
+            check_keeps_estimates(self.controller_name)
+            self._learnt = read_estimates_file(estimates_file, machine)
         self._seed = seed
         self._start = frozen(np.array(start, dtype=np.float64))
         self._step_ns = round(settings.step * SECOND_NS)
@@ -238,7 +249,7 @@ class Simulator:
             integer_count=1,
         )
         self._measure(0)
-        self._servo = ServoLoop(self.controller_name, self.machine, self._signals)
+        self._servo = ServoLoop(self.controller_name, self.machine, self._signals, self._learnt)
         self._reference, self.guard = self._servo.reference, self._servo.guard
         self._open_valves()
         self._followed: deque[tuple[int, Trajectory]] = deque(maxlen=TRAJECTORY_CAPACITY)
@@ -394,6 +405,12 @@ class Simulator:
     def estimates(self) -> list[Estimate]:
         """Estimates of the servo since its valves last opened."""
         return self._servo.controller.estimates
+
+    def save_estimates(self) -> None:
+        """Write what the servo has learnt into its estimates file; no effect without one."""
+        if self._estimates_file is not None:
+            learnt = self._servo.controller.learnt
+            write_estimates_file(self._estimates_file, self.machine, learnt)
 
     @property
     def energies(self) -> dict[str, float]:

@@ -18,7 +18,9 @@ import tyro
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from tqdm import tqdm
 
-from mhsb_control import load_machine
+from mhsb_control import default_controller, load_machine
+from mhsb_control.estimates_file import read_estimates_file
+from mhsb_control.registry import check_keeps_estimates
 from mhsb_model import command_line
 from mhsb_model.command_line import JsonFlag, OptionalFile
 from mhsb_model.errors import MhsbError
@@ -87,6 +89,7 @@ def demo(
     machine: OptionalFile = None,
     goals: OptionalFile = None,
     plant: OptionalFile = None,
+    estimates_file: OptionalFile = None,
     view: bool = False,
     json_: JsonFlag = False,
 ) -> int:
@@ -104,6 +107,8 @@ def demo(
             [s]); the suite's goals for this machine when left out.
         plant: Plant file (YAML), such as config/realistic_plant.yaml: in what the simulated arm
             differs from the machine that planner and servo know.
+        estimates_file: File (YAML) of what the servo of a machine without pressure sensors has
+            learnt: read at the start if it exists, written while the arm moves.
         view: Show the arm in a browser while it moves, at the address that is printed.
         json_: Print DIR/summary.json at the end; all else goes to standard error.
 
@@ -114,7 +119,7 @@ def demo(
         MhsbError: A goal was lost or refused.
     """
     with redirect_stdout(sys.stderr) if json_ else nullcontext():
-        summary = _demo(output, machine, goals, plant, view)
+        summary = _demo(output, machine, goals, (plant, estimates_file), view)
     if json_:
         print(json.dumps(summary))
     if problem := describe_failed_goals(summary):
@@ -123,7 +128,11 @@ def demo(
 
 
 def _demo(
-    output: Path, machine: Path | None, goals: Path | None, plant: Path | None, view: bool
+    output: Path,
+    machine: Path | None,
+    goals: Path | None,
+    of_simulator: tuple[Path | None, Path | None],
+    view: bool,
 ) -> dict[str, Any]:
     """Run the demo: check the files, run the nodes, send the goals, write the report.
 
@@ -135,7 +144,7 @@ def _demo(
         output: Folder for the results.
         machine: Machine file; None is the suite's own arm.
         goals: Goals file; None is the suite's file for this machine.
-        plant: Plant file; None simulates the machine itself.
+        of_simulator: Plant file, and file of what the servo has learnt; None for neither.
         view: Start the viewer in a browser as well.
 
     Returns:
@@ -152,18 +161,23 @@ def _demo(
         if len(goal.position) != len(arm.axes):
             own = "" if goals else f"; give goals of {arm.name} with --goals"
             raise MhsbError(f"{file}: goal {number} must have {', '.join(arm.axes)} [m]{own}")
+    plant, estimates_file = of_simulator
     if plant:
         check_plant(arm, load_plant(arm, plant))
+    if estimates_file:
+        check_keeps_estimates(default_controller(arm))
+        read_estimates_file(estimates_file, arm)
     began = time.monotonic()
     unfinished = begin(output)
     settings = (f"machine:={find_machine_file(machine).resolve()}",) if machine else ()
-    of_plant = (f"plant:={plant.resolve()}",) if plant else ()
+    files = {"plant": plant, "estimates_file": estimates_file}
+    of_arm = tuple(f"{name}:={file.resolve()}" for name, file in files.items() if file)
     compile_nodes()
     try:
         with run_ros(), serve_node(GoalSender) as (executor, sender):
             check_no_other_nodes(sender, executor)
             with _shown(machine) if view else nullcontext():
-                _run(sender, executor, wanted, ((*settings, *of_plant), settings), unfinished)
+                _run(sender, executor, wanted, ((*settings, *of_arm), settings), unfinished)
     except ExternalShutdownException:
         raise KeyboardInterrupt from None
     print("writing the report")

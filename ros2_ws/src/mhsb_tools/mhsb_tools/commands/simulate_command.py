@@ -86,12 +86,15 @@ class MethodArguments:
         controller: Servo controller: coordinated or independent, or lag_compensated for machines
             without pressure sensors; the first of them that suits the machine when left out.
         seed: Seed of the sensor noise.
+        estimates_file: File (YAML) of what the lag_compensated servo has learnt: read at the start
+            if it exists, written at the end.
     """
 
     planner: PlannerKind = DEFAULT_PLANNER
     trajectory: TrajectoryKind | None = None
     controller: str | None = None
     seed: Seed = 0
+    estimates_file: OptionalFile = None
 
 
 def simulate(
@@ -151,6 +154,7 @@ def simulate(
     results = list(tqdm(run.run(goals), total=len(goals), unit="goal", leave=False, disable=None))
     seconds = time.perf_counter() - began
     simulator, samples = run.simulator, run.samples()
+    simulator.save_estimates()
     elements = energy_elements(planned_energy(known, samples), simulator.energies)
     interventions = simulator.guard.interventions.count
     summary = summarize(
@@ -192,6 +196,7 @@ def _prepare_run(
 
     Raises:
         UnknownControllerError: There is no controller of that name.
+        EstimatesFileError: The estimates file cannot be used.
     """
     get_controller_class(method.controller or default_controller(machine))  # before long work
     compile_planner()
@@ -199,7 +204,13 @@ def _prepare_run(
     replanner = Replanner(machine, load_or_build_table(machine))
     replanner.change_machine(kept_out)
     replanner.warm_up([method.planner])
-    simulator = Simulator(machine, method.controller, method.seed, plant=plant)
+    simulator = Simulator(
+        machine,
+        method.controller,
+        method.seed,
+        plant=plant,
+        estimates_file=method.estimates_file,
+    )
     simulator.step()  # loads kernels, so that this is not part of the time
     simulator.reset()
     options = PlanOptions(planner=method.planner, trajectory=method.trajectory)
