@@ -307,7 +307,7 @@ class LagCompensatedController:
     usual_error = 20e-3
     reads_pressures = False
     supervision_limits: ClassVar[dict[str, tuple[float, float]]] = {
-        "following_error": (0.1, 0.3),
+        "following_error": (0.15, 0.5),
         "held": (5.0, 15.0),
     }
     """Warning and stop limits of supervision [rad] and [s], wide enough for a servo that learns."""

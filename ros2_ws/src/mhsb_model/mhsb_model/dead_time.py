@@ -15,6 +15,23 @@ import math
 
 from mhsb_model.machine import Machine
 
+SETTLING_TIME = 1.0
+"""Time after a plan's end within which the tip must be at the goal, without dead time [s]."""
+
+SETTLING_DEAD_TIMES = 8.0
+"""Dead times that are added to it: four corrections at rest, each of which acts for two of them."""
+
+
+def compute_settling_time(machine: Machine) -> float:
+    """Compute the time after a plan's end within which the tip must be at the goal [s].
+
+    It is `SETTLING_TIME` plus `SETTLING_DEAD_TIMES` times the machine's dead time.
+
+    Args:
+        machine: The machine as its file describes it.
+    """
+    return SETTLING_TIME + SETTLING_DEAD_TIMES * compute_dead_time(machine)
+
 
 def compute_dead_time(machine: Machine) -> float:
     """Compute the time by which the servo must know a plan before it is to be followed.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.circuit.elements import spool_transition
-from mhsb_model.dead_time import compute_dead_time
+from mhsb_model.dead_time import compute_dead_time, compute_settling_time
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 
@@ -12,6 +12,7 @@ from mhsb_model.machine import load_machine
 def test_machines_with_pressure_sensors_need_no_plan_ahead():
     machine = load_machine().with_values({"imperfections.computing_delay": 0.01})
     assert compute_dead_time(machine) == 0.0
+    assert compute_settling_time(machine) == 1.0
 
 
 def test_it_is_the_delay_and_the_lag_of_the_spool():

@@ -129,7 +129,7 @@ def test_supervision_lets_it_learn_with_the_limits_of_its_controller(machine):
     simulator = Simulator(machine)
     arm = SupervisedArm(simulator)
     limits = arm.supervision.limits
-    assert limits == SupervisionLimits(following_error=(0.1, 0.3), held=(5, 15))
+    assert limits == SupervisionLimits(following_error=(0.15, 0.5), held=(5, 15))
     motion = build_motion(simulator.reference.position, SECOND_NS // 10)
     arm.add_trajectory(motion, 0.0)
     schedule = ModeSchedule(motion.stamp_ns, np.array([0]), simulator.modes[None, :])

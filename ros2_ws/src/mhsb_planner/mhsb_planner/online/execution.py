@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.command import Command
-from mhsb_model.dead_time import compute_dead_time
+from mhsb_model.dead_time import compute_dead_time, compute_settling_time
 from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
@@ -19,9 +19,6 @@ from mhsb_model.verdict import Outcome, PlanSummary, Verdict
 from mhsb_planner.online.arm_state import NO_PLAN, ArmState
 from mhsb_planner.online.pending_goal import PendingGoal
 from mhsb_planner.online.settings import Settings
-
-SETTLING_NS = SECOND_NS
-"""Time after a plan's end within which the measured tip must be at the goal [ns]."""
 
 EARLY_NS = 3 * SECOND_NS // 10
 """Time before a plan's end from which on its end counts as regular [ns].
@@ -170,12 +167,13 @@ class Execution:
             now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
 
         Returns:
-            `REACHED` if the tip is within the settings' `reached_tolerance`. Otherwise None up to
-            `SETTLING_NS` after the end, then `ABORTED`. None before the end.
+            `REACHED` if the tip is within the settings' `reached_tolerance`. Otherwise None until
+            `compute_settling_time` has passed since the plan's end, then `ABORTED`. None before the
+            end.
         """
         goal = self.pending_goal.goal
-        end_ns = self.command.trajectory.end_ns + round(compute_dead_time(machine) * SECOND_NS)
-        if now_ns < end_ns:
+        since_ns = now_ns - self.command.trajectory.end_ns
+        if since_ns < round(compute_dead_time(machine) * SECOND_NS):
             return None
         if arm_state.measured is None:
             return ExecutionResult(Outcome.REACHED, "the plan has ended; nobody measures the tip")
@@ -187,6 +185,6 @@ class Execution:
         sentence = f"the tip is {1e3 * distance:.2f} mm from the {where}"
         if distance <= self.settings.reached_tolerance:
             return ExecutionResult(Outcome.REACHED, sentence)
-        if now_ns < end_ns + SETTLING_NS:
+        if since_ns < round(compute_settling_time(machine) * SECOND_NS):
             return None
         return ExecutionResult(Outcome.ABORTED, sentence)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.command import Command
-from mhsb_model.dead_time import compute_dead_time
+from mhsb_model.dead_time import compute_dead_time, compute_settling_time
 from mhsb_model.goal import Goal
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
@@ -55,12 +55,15 @@ def test_it_goes_on_while_its_plan_is_in_force(ending):
 def test_the_end_is_counted_after_the_dead_time(ending, machine):
     blind = {"imperfections.sensors.pressure": "none", "imperfections.computing_delay": 0.3}
     slow = machine.with_values(blind)
-    late_ns = round(compute_dead_time(slow) * SECOND_NS)
+    late_ns, settled_ns = (
+        round(compute(slow) * SECOND_NS) for compute in (compute_dead_time, compute_settling_time)
+    )
+    assert settled_ns > late_ns + SECOND_NS
     for since_ns, place, outcome in (
         (late_ns - 1, END, None),
         (late_ns, END, Outcome.REACHED),
-        (late_ns + SECOND_NS - 1, START, None),
-        (late_ns + SECOND_NS, START, Outcome.ABORTED),
+        (settled_ns - 1, START, None),
+        (settled_ns, START, Outcome.ABORTED),
     ):
         result = ending(view(NO_PLAN, place), FINISH + since_ns, machine=slow)
         assert (result and result.outcome) == outcome

@@ -45,7 +45,7 @@ def test_controller_and_limits_follow_from_the_sensors_and_can_be_overridden(ros
     settings = sim_parameters.declare_parameters(node, machine, machine)
     node.destroy_node()
     assert settings.controller == "lag_compensated"
-    assert settings.limits.following_error == (0.1, 0.3)
+    assert settings.limits.following_error == (0.15, 0.5)
     assert settings.limits.held == (5.0, 20.0)
     node = Node("parameters", context=ros_context, parameter_overrides=given[1:])
     settings = sim_parameters.declare_parameters(node, machine, machine)

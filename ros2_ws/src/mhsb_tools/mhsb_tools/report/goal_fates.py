@@ -10,6 +10,7 @@ from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
+from mhsb_model.dead_time import SETTLING_TIME
 from mhsb_model.goal import Goal
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome, Verdict
@@ -20,9 +21,6 @@ LEAD_MAX = 1.0
 
 It is counted by the system's clock, since this is how long the user waits.
 """
-
-SETTLING_NS = SECOND_NS
-"""Time after the end of a motion within which the tip must be at the goal [ns]."""
 
 OF_THE_GOAL = frozenset(
     {
@@ -109,7 +107,7 @@ class JudgedGoal:
 
 
 def judge_recorded_goals(
-    recording: Recording, all_feasible: bool = False
+    recording: Recording, all_feasible: bool = False, settling_time: float = SETTLING_TIME
 ) -> tuple[JudgedGoal, ...]:
     """Judge each readable goal of a recording: applied, superseded, refused or lost.
 
@@ -117,6 +115,7 @@ def judge_recorded_goals(
         recording: The recording.
         all_feasible: True states that a path to every goal exists. A goal that the planner refused
             then counts as lost, also if the planner found fault with the goal itself.
+        settling_time: Time after the end of a motion within which the tip must be at the goal [s].
 
     Returns:
         One judgement for each readable goal, in the order in which they were sent.
@@ -130,6 +129,7 @@ def judge_recorded_goals(
         plan_ends,
         until_ns,
         all_feasible,
+        settling_time,
     )
 
 
@@ -140,6 +140,7 @@ def judge_goals(
     plan_ends: Mapping[int, int],
     until_ns: int,
     all_feasible: bool = False,
+    settling_time: float = SETTLING_TIME,
 ) -> tuple[JudgedGoal, ...]:
     """Judge each goal by the reports and plans that followed it.
 
@@ -160,6 +161,7 @@ def judge_goals(
         until_ns: End of the recording [ns, ROS time].
         all_feasible: True states that a path to every goal exists; then no goal is judged as
             refused.
+        settling_time: Time after the end of a motion within which the tip must be at the goal [s].
 
     Returns:
         One judgement for each goal, in the order of `goals`.
@@ -180,6 +182,7 @@ def judge_goals(
             fate, reason = _judge_unapplied_goal(sent, verdict, execution, newer)
         else:
             left_until_ns = until_ns if newer is None else newer.time_ns
+            left_until_ns -= round(settling_time * SECOND_NS)
             fate, reason = _judge_applied_goal(plan_ends.get(stamp_ns), left_until_ns, execution)
         fates.append(JudgedGoal(sent.value, sent, fate, reason, verdict, execution, stamp_ns))
         if fate is not GoalResult.REFUSED:
@@ -260,21 +263,22 @@ def _judge_applied_goal(
 ) -> tuple[GoalResult, str]:
     """Judge a goal whose plan came into force, or that needed no plan.
 
-    The goal is lost if two things hold: it was not reached, and its plan ended at least SETTLING_NS
-    before `left_until_ns`. Otherwise it is applied, also if `end_ns` is None.
+    The goal is lost if two things hold: it was not reached, and its plan ended at or before
+    `left_until_ns`. Otherwise it is applied, also if `end_ns` is None.
 
     Args:
         end_ns: End of the goal's plan [ns, ROS time]; None if there was no plan, or its trajectory
             was not recorded.
-        left_until_ns: Time until which the arm could stay at the goal [ns, ROS time]: that of the
-            next goal that was not refused, or the end of the recording.
+        left_until_ns: Latest end of a plan that leaves time to settle at the goal [ns, ROS time].
+            It is the time of the next goal that was not refused, or the end of the recording, less
+            the settling time.
         execution: Execution report of the goal; None if there was none.
 
     Returns:
         `GoalResult.LOST` and the reason, or `GoalResult.APPLIED` and an empty text.
     """
     reached = execution is not None and execution.outcome is Outcome.REACHED
-    if reached or end_ns is None or left_until_ns < end_ns + SETTLING_NS:
+    if reached or end_ns is None or left_until_ns < end_ns:
         return GoalResult.APPLIED, ""
     ending = f"{execution.outcome.value}, {execution.sentence}" if execution else "no report"
     return GoalResult.LOST, f"it was not reached, though there was time: {ending}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 
+from mhsb_model.dead_time import compute_settling_time
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
@@ -105,6 +106,6 @@ def evaluate_recording(recording: Recording, machine: Machine) -> EvaluatedRecor
         modes,
         tip,
         evaluate_goals(recording, followed, tip),
-        judge_recorded_goals(recording),
+        judge_recorded_goals(recording, settling_time=compute_settling_time(machine)),
         compute_energy_record(recording, machine, followed, modes),
     )
