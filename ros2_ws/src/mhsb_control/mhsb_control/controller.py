@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, Self
 
 import numpy as np
 
+from mhsb_control.estimates_file import ActuatorResponse
 from mhsb_model.arm_reports import Estimate
 from mhsb_model.circuit.components import Components
 from mhsb_model.machine import Machine
@@ -105,8 +107,7 @@ class Controller(Protocol):
     A controller that reads no pressures says so by an attribute `reads_pressures = False`. One that
     follows less closely than supervision usually allows has an attribute `supervision_limits`: for
     the names of the symptoms that need others, the pair of values at which supervision warns and
-    stops. One that learns what the next start should begin with has a property `learnt` and a
-    method `restore`, as `lag_compensated` has (`mhsb_control.estimates_file`).
+    stops. One that learns what the next start should begin with is a `LearningController`.
     """
 
     gains_section: type[Section]
@@ -137,4 +138,21 @@ class Controller(Protocol):
 
     def update(self) -> None:
         """Write all commands for the next step, computed from the present signals."""
+        ...
+
+
+class LearningController(Controller, Protocol):
+    """A controller that keeps what it has learnt in an estimates file."""
+
+    @property
+    def learnt(self) -> dict[str, ActuatorResponse]:
+        """Response of each actuator by its name."""
+        ...
+
+    def restore(self, learnt: Mapping[str, ActuatorResponse]) -> None:
+        """Begin with the content of an estimates file.
+
+        Args:
+            learnt: Response of each actuator by its name.
+        """
         ...

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from pydantic import ConfigDict, ValidationError, create_model
 
-from mhsb_control.controller import Controller, ServoSignals
+from mhsb_control.controller import Controller, LearningController, ServoSignals
 from mhsb_control.coordinated import CoordinatedController
 from mhsb_control.errors import PressureSensorsError, UnknownControllerError
 from mhsb_control.estimates_file import ActuatorResponse
@@ -206,7 +206,7 @@ def make_controller(
     controller = get_controller_class(name)(machine, signals, read_gains(machine, name))
     if learnt is not None:
         check_keeps_estimates(name)
-        controller.restore(learnt)  # type: ignore[attr-defined]
+        cast(LearningController, controller).restore(learnt)
     return controller
 
 

@@ -17,13 +17,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import mujoco
 import numpy as np
 
 from mhsb_control import default_controller, measures_pressures
-from mhsb_control.controller import ServoSignals
+from mhsb_control.controller import LearningController, ServoSignals
 from mhsb_control.estimates_file import read_estimates_file, write_estimates_file
 from mhsb_control.registry import check_keeps_estimates
 from mhsb_control.servo_loop import ServoLoop
@@ -409,7 +409,7 @@ class Simulator:
     def save_estimates(self) -> None:
         """Write what the servo has learnt into its estimates file; no effect without one."""
         if self._estimates_file is not None:
-            learnt = self._servo.controller.learnt
+            learnt = cast(LearningController, self._servo.controller).learnt
             write_estimates_file(self._estimates_file, self.machine, learnt)
 
     @property
