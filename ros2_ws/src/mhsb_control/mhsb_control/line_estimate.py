@@ -298,8 +298,8 @@ def compute_fed_flows(s: ServoArguments, fed: FloatArray, shut_opening: float) -
             Column 0 is the flow of all pumps into it, less their slip and idle ones included
             [m³/s]. Column 1 is 1 if a pump that is not idle feeds it, else 0. Column 2 is the slip
             [m³/s].
-        shut_opening: Opening of a diverter towards the rail up to which it counts as shut, for
-            column 1.
+        shut_opening: Largest opening, towards the line or towards the rail, at which a diverter
+            counts as shut on that side; only for column 1.
     """
     fed[:] = 0.0
     modules, module_home, serves, c = s.modules, s.module_home, s.serves, s.constants[0]

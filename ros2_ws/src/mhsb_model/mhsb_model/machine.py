@@ -126,8 +126,8 @@ class Machine:
 
         Raises:
             MachineFileError: Rules are broken. There are three checks: rules across fields,
-                linkages, and obstacles at joint 1. The error lists everything that the first
-                failing check finds.
+                linkages, and whether an obstacle is so near to joint 1 that no posture is clear of
+                it. The error lists everything that the first failing check finds.
         """
         problems = check_machine_rules(config)
         if not problems:
@@ -906,7 +906,8 @@ def _make_validated_machine(content: Any, source: str, schema: type[MachineConfi
         schema: Schema of the content.
 
     Returns:
-        The machine. It has no shadows, and `file_rating` is None.
+        The machine. Its obstacles are those of the content, without shadows (obstacles in the plane
+        that stand for zones in space). Its `file_rating` is None.
 
     Raises:
         MachineFileError: The content breaks the schema or a rule across values.

@@ -302,9 +302,10 @@ def _wait_for_signal(reader: int) -> None:
     """Wait for the first signal, then end this process with code 0.
 
     After the signal, `signalled` returns True. SIGHUP is sent on as SIGTERM, since ROS reacts to
-    SIGTERM only. Then the longest of the present `grace_period` times passes, in which the main
-    thread can end the process by itself. Finally the functions of `register_final_action` are
-    called, and the process exits.
+    SIGTERM only. The function then waits, so that the main thread can end the process by itself. It
+    waits for the longest time of all `grace_period` contexts that are open at the signal, or not at
+    all without one. Finally the functions of `register_final_action` are called, and the process
+    exits.
 
     Args:
         reader: File descriptor of the pipe into which Python writes signal numbers.

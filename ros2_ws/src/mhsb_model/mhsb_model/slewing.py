@@ -45,9 +45,10 @@ def convert_to_plane(m: MachineArrays, position: Position, preferred_slew: float
     Args:
         m: Arrays of the machine.
         position: (x, z), or (x, y, z) if joint 1 slews [m].
-        preferred_slew: Preferred angle of the slew [rad]. If several angles within the limits point
-            to the position, the one nearest to it is taken. If the position is on the slew's axis,
-            the preferred angle itself is returned.
+        preferred_slew: Preferred angle of the slew [rad]. All angles that turn the arm's front to
+            the position differ by whole turns; the arm is never turned away to reach behind itself.
+            Of those within the limits, the one nearest to the preferred angle is taken. If the
+            position is on the slew's axis, the preferred angle itself is returned.
 
     Returns:
         Position in the plane, and the slew's angle. If the arm does not slew, the position is

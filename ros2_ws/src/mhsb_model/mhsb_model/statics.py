@@ -337,8 +337,9 @@ def gravity_torque(m: MachineArrays, q: FloatArray, torque: FloatArray) -> None:
     Args:
         m: Arrays of the machine.
         q: Joint positions, shape (n,) [rad or m].
-        torque: Output, written in place, shape (n,) [N m], or [N] for a sliding joint. It is
-            positive if the joint must lift, and 0 for a slew.
+        torque: Output, written in place, shape (n,) [N m], or [N] for a sliding joint. The sign is
+            that of the joint's coordinate: positive if the actuator must push the joint towards
+            larger values. It is 0 for a slew.
     """
     chain, angle = chain_of(m), 0.0
     for j in range(len(q)):

@@ -225,7 +225,7 @@ class GuardedExecutor(SingleThreadedExecutor):
             node: Node of the parameters.
             service: The service that sets parameters.
             parameters: Parameters of the request.
-            request: Request with these parameters alone, of the service's type.
+            request: Request of the service's type that contains `parameters` and no others.
 
         Returns:
             The result. If the parameters are refused, its reason is one printable sentence.

@@ -307,7 +307,10 @@ def _decode_by_rclpy(raw: bytes) -> JointTrajectory:
 
 
 def _make_point_dtype(columns: int, given: tuple[str, ...]) -> np.dtype:
-    """Return the NumPy record of a point whose first byte lies 4 bytes beyond a multiple of 8.
+    """Return the NumPy record type of a serialized trajectory point.
+
+    Values of 8 bytes are aligned to multiples of 8 in the message. The padding is right for a point
+    whose first byte has an address 8 k + 4.
 
     Args:
         columns: Number of values in each array that is not empty.

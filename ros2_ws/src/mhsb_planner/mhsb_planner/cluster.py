@@ -134,7 +134,9 @@ class _ClusterExecutor(Executor):
             **named: Named arguments.
 
         Returns:
-            Future of the result. Cancelling it cancels the task on the cluster.
+            Future of the result. Cancelling it cancels the task on the cluster. An exception of the
+            task is set in the future unchanged. A lost connection becomes a ClusterError there. The
+            loss of several workers with this task becomes a WorkersLostError.
         """
         task: Future[Result] = Future()
         part = self._pool.submit(

@@ -22,7 +22,8 @@ def _suggest_degrees(angles: Sequence[float]) -> str:
         angles: The angles [rad].
 
     Returns:
-        The clause; empty if no angle exceeds a whole turn, or if degrees would not fit either.
+        The clause. It is empty if no angle exceeds a whole turn. It is also empty if the numbers,
+        read as degrees, exceed a whole turn as well.
     """
     whole_turn = 2.0 * math.pi
     if all(abs(angle) <= whole_turn for angle in angles):

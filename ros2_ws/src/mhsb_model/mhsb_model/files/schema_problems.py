@@ -147,7 +147,9 @@ def _describe_problem(item: Any, model: type[BaseModel]) -> str:
 
 
 def _describe_passed_limit(item: Any, unit: str, value: str) -> str:
-    """Describe a number beyond its limit, and suggest another unit if the number would fit in it.
+    """Describe a number beyond its limit, and suggest another unit if that may be meant.
+
+    A unit is suggested if the number, converted from it, is within the limit.
 
     Args:
         item: One entry of pydantic's `ValidationError.errors()`, of a type in LIMIT_ERRORS.

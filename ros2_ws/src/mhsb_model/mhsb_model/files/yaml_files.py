@@ -230,6 +230,9 @@ def _count_values(node: yaml.Node, counted: dict[int, int]) -> int:
 
     Returns:
         Number of values, the node itself included.
+
+    Raises:
+        RecursionError: An anchor contains itself, or the content is nested too deeply.
     """
     if isinstance(node, yaml.ScalarNode):
         return 1

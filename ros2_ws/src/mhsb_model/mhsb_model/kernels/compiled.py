@@ -130,7 +130,8 @@ def _cache_folder(name: str) -> Iterator[None]:
 def _light_optimization() -> Iterator[None]:
     """Context manager that limits numba's optimization level to 1.
 
-    Level 0 would also keep LLVM from optimizing the code after it is linked into another kernel.
+    Level 1 is used instead of 0. With level 0, LLVM would not optimize the code even after it is
+    linked into another kernel.
     """
     full = config.OPT
     config.OPT = type(full)(min(1, full))

@@ -244,8 +244,9 @@ def row_clearance(
 ) -> float:
     """Compute the clearance between the obstacle and the link, or the tip, of one table row.
 
-    The clearance is the signed distance between the obstacle and the link's line, less the link's
-    radius.
+    The clearance is the signed distance between the obstacle and the link's line, less the value in
+    column RADIUS_COLUMN: the link's radius (0 for the tip alone), and in the rows of
+    `Obstacles.path_rows` also a margin.
 
     Args:
         m: Machine with n joints.
@@ -315,9 +316,9 @@ def tip_clearance(rows: FloatArray, links: int, x: float, z: float) -> tuple[flo
 
     Returns:
         Least clearance [m] and the index of its row; inf and −1 if no row counts. The clearance is
-        the signed distance of the point from the obstacle, less the radius in column RADIUS_COLUMN.
-        That is the radius of the last link, or 0 in a row for the tip alone. In
-        `Obstacles.path_rows` both include a margin.
+        the signed distance of the point from the obstacle, less the value in column RADIUS_COLUMN.
+        This value is the radius of the last link, or 0 in a row for the tip alone. In the rows of
+        `Obstacles.path_rows` the margin of discrete paths is added to it.
     """
     least, nearest = math.inf, -1
     for k in range(len(rows)):

@@ -114,8 +114,8 @@ def _project_zone(
         row: Zone in space, a row of the obstacle table, float64[ROW_WIDTH].
         offset: Distance of joint 2 ahead of the slew's axis [m].
         side: 1 for the part of the plane ahead of the axis, −1 for the part behind it.
-        distances: Least and greatest distance from the axis of the part of the zone that the plane
-            sweeps [m]; not used for a sphere.
+        distances: Least and greatest horizontal distance from the slew's axis [m]. They are those
+            of the part of the zone that the plane can reach. Not used for a sphere.
 
     Returns:
         Row of a circle (for a sphere) or a box in the plane, float64[ROW_WIDTH]. Its link index is

@@ -81,8 +81,9 @@ def random_moves(planner: Planner, count: int, seed: int = DEFAULT_SEED) -> Iter
     """Yield random moves between nodes of the posture table's grid that have a plan.
 
     The start posture is the table's posture for mode N (main pump alone) of all actuators at a
-    random node. The goal is another random node. The reason is the table planner: at other points
-    it would first have to optimise a posture. A slewing arm moves between random angles of joint 1.
+    random node. The goal is another random node. Only nodes are used because the table planner has
+    postures for them; elsewhere it would first have to optimise one. A slewing arm moves between
+    random angles of joint 1.
     Moves without a plan are skipped and not counted.
 
     Args:

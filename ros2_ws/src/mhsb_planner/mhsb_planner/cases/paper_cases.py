@@ -45,8 +45,11 @@ class PaperCase:
         """Compute the posture at rest from which the case is planned.
 
         The tip is at `start`. If the planner is `fixed` and `initial_j3` is given, joint 3 has that
-        angle. Otherwise it is the posture of largest velocity polytope (all tip velocities that the
-        pistons allow) with all actuators in mode N (main pump alone). If the machine slews, the
+        angle. If the other joints have no solution then, joint 3 is moved off it in steps of 1°
+        until they have one.
+
+        In all other cases it is the posture of largest velocity polytope (all tip velocities that
+        the pistons allow) with all actuators in mode N (main pump alone). If the machine slews, the
         slew angle is the one nearest to 0 that puts the tip there.
 
         Args:
@@ -54,6 +57,11 @@ class PaperCase:
 
         Returns:
             The posture, shape (n,) [rad or m].
+
+        Raises:
+            OutOfWorkspaceError: No angle within the slew's limits points to `start`.
+            InfeasibleGoalError: No posture within the joint limits reaches `start`.
+            RequestError: `initial_j3` is beyond the limits of joint 3.
         """
         place = machine.convert_to_plane(self.start, preferred_slew=0.0)
         if self.planner == "fixed" and self.initial_j3 is not None:

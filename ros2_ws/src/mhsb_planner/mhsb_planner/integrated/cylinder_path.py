@@ -549,9 +549,10 @@ def price_path(
 def compute_costs_to_go(
     t: PathCostModel, w: PathCostBuffers, via: FloatArray, start: FloatArray
 ) -> FloatArray:
-    """Compute the least cost from each waypoint of an admissible cylinder path to rest at its end.
+    """Compute the least cost from each waypoint of a cylinder path to rest at the path's end.
 
     Mode switches between pieces are included, and those to the modes that hold the arm at the end.
+    The path must be admissible in at least one sequence of mode combinations.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -561,8 +562,8 @@ def compute_costs_to_go(
 
     Returns:
         Cost by waypoint and by the mode combination in which the waypoint is reached, shape
-        (points, patterns). Inf means that there is no admissible continuation. The first row is all
-        inf, since it is not computed.
+        (points, patterns). Inf means that no admissible sequence of modes continues from there. The
+        first row is all inf, since it is not computed.
     """
     pieces, patterns = 0, len(t.patterns)
     for s in range(len(via) - 1):

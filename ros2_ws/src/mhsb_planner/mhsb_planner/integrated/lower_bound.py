@@ -220,20 +220,23 @@ def _branch_and_bound(
     """Bound the cost to any goal posture of an arm of three turning joints from below.
 
     Depth-first branch and bound over intervals (cells) of the end-link angle ψ, on both elbow
-    branches. A cell is halved again and again until one of three conditions holds. Its bound is
-    within the share BOUND_TOLERANCE of `best_sampled_bound`, its bound is not below the current
-    result, or it is narrower than MIN_CELL_WIDTH.
+    branches. The result is the least bound of all cells that are not halved any more. A cell is
+    halved until one of three conditions holds:
+
+    - Its bound is within the share BOUND_TOLERANCE of `best_sampled_bound`.
+    - It is narrower than MIN_CELL_WIDTH.
+    - Its bound is at least as large as the result so far.
 
     Args:
         cost: Machine, cylinder lengths at the start, and weights.
         tip: Tip position (x, z) [m].
         psi: Least and greatest ψ [rad].
-        best_sampled_bound: Least lower bound to a single goal posture so far, at any tip position;
-            inf means none.
+        best_sampled_bound: Least bound to one sampled posture (middle of a cell), of all tip
+            positions evaluated before; inf means none. It only ends the halving earlier.
 
     Returns:
-        Lower bound on the cost, inf if no posture reaches the tip position; and the least of
-        `best_sampled_bound` and the bounds to the postures in the middle of the cells.
+        Lower bound on the cost, inf if no posture reaches the tip position; and the new
+        `best_sampled_bound`, lower if the bound to the middle of a cell was lower.
     """
     work, cell = np.empty((5, len(cost.start))), np.empty((1, 2))
     cells = [(0, 0.0, 0.0)]
@@ -413,12 +416,12 @@ def _bound_cost_to_tips(
     """Compute a lower bound on the cost to any posture at any of several tip positions.
 
     Args:
-        machine: The arm without a slewing joint.
+        machine: Machine that must not slew (`Machine.planar_arm`).
         cost: Machine, cylinder lengths at the start, and weights.
         tips: Tip positions (x, z), shape (k, 2) [m].
         psi_range: Least and greatest end-link angle [rad]; None means any.
-        best_sampled_bound: Least lower bound to a single goal posture that is known already; inf
-            means none.
+        best_sampled_bound: Least bound to a single goal posture that is known already; inf means
+            none. It only ends the search earlier, and does not limit the result.
         most_cells: Limit on the effort for each tip position: largest number of cells that the
             branch and bound adds. It has no effect for an arm of three turning joints.
 

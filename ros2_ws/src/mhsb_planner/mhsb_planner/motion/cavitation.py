@@ -18,8 +18,9 @@ from mhsb_planner.search.discrete_path import DiscretePath
 def find_cavitations(machine: Machine, motion: Trajectory) -> tuple[Cavitation, ...]:
     """Find the actuators that cavitate during a trajectory.
 
-    An actuator cavitates if the load drives the piston faster than its inlet chamber fills. The
-    loads are gravity forces without inertia. They are checked at the trajectory's points only.
+    An actuator cavitates if the load drives the piston faster than oil at the main pump's pressure
+    fills the inlet chamber; boost is neglected. The loads are gravity forces without inertia. They
+    are checked at the trajectory's points only.
     Pistons in the dead band (up to MAX_HELD_SPEED) do not cavitate, since their closed valves hold
     them.
 

@@ -145,7 +145,8 @@ def _find_breaks(
     A ramp changes the piston speeds by a trapezoid of acceleration. It builds up during T₂, begins
     to decrease T₁ after its beginning, and is over after T₁ + T₂. The jerk changes at 0, T₂, T₁ and
     T₁ + T₂ after its beginning. Ramps that change no speed by more than SPEED_ROUNDING are left
-    out. Of times that are less than RAMP_TIME_STEP apart the first is kept.
+    out. Of times that are less than RAMP_TIME_STEP apart the first is kept. The end is always kept;
+    times less than RAMP_TIME_STEP before it are dropped.
 
     Args:
         at: Time at which each ramp begins, shape (c,) [s].

@@ -208,17 +208,19 @@ def compute_followed_path(
 ) -> RampedMotion:
     """Compute a motion along a discrete path that keeps the limits of piston acceleration and jerk.
 
-    Each change of the piston speeds is a ramp. Motions with longer and longer ramps are tried in
-    order.
+    Each change of the piston speeds is a ramp. From rest, the first motion tried has the shortest
+    ramps that the path's speeds allow, times `ramp_factor`. The ramps are made longer until the
+    limits are kept. From a moving start, other beginnings are tried before: beginnings during the
+    coasting, and beginnings that wait for its end.
 
     Args:
         machine: Machine that moves.
         path: Discrete path.
-        ramp_factor: Factor on the duration of the shortest ramps that the path's speeds allow [-].
+        ramp_factor: Factor on the duration of the first ramps tried [-]; may be below 1.
         coast: Coasting (motion by which a moving start comes to rest by itself). None if the motion
             begins at rest.
         stretch: Factor on the path's durations [-].
-        last_ramp_factor: Further factor on the duration of the last ramp [-].
+        last_ramp_factor: Further factor on the duration of the last ramp [-]; may be below 1.
 
     Returns:
         First motion within the limits. If there is none: the last motion tried, which exceeds them.

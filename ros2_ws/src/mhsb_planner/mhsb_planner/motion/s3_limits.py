@@ -371,7 +371,7 @@ def middle_profile(machine: Machine, trajectory: Trajectory) -> MotionProfile:
     return motion_profile(machine, *trajectory.sample_midpoints())
 
 
-@kernel  # a record of the motion would cost 3 % of the check, for numba takes 1 µs to recognize it
+@kernel  # arrays, not one record: numba takes 1 µs to recognize a record, 3 % of the check
 def _find_unproven_intervals(
     m: MachineArrays,
     time: FloatArray,
@@ -384,10 +384,10 @@ def _find_unproven_intervals(
 ) -> IntArray:
     """Find the intervals between trajectory points that are not proven to keep all limits.
 
-    An interval is proven if two conditions hold. First, all quantities at both ends have a reserve
-    (`clear_below` of the limits), or bounds from both ends and the middle stay below all limits.
-    Second, a bound on the joint positions within the interval is within the joint limits. All
-    quantities have the shape (limits, k - 1), in the order of `STATE_LIMITS`.
+    A limit is a bound on one quantity of the motion, such as a piston's speed. An interval is
+    proven if two conditions hold. First, all quantities at both ends are below `clear_below` of
+    their limit (a value with a reserve), or bounds from both ends and the middle stay below all
+    limits. Second, a bound on the joint positions within the interval is within the joint limits.
 
     Args:
         m: Arrays of the machine.
@@ -395,12 +395,13 @@ def _find_unproven_intervals(
         position: Joint positions at the points, shape (k, n) [rad or m].
         velocity: Joint velocities at the points, shape (k, n) [rad/s or m/s].
         acceleration: Joint accelerations at the points, shape (k, n) [rad/s² or m/s²].
-        begin: Quantities at the beginnings of the k - 1 intervals.
-        middle: Quantities at the middles.
-        end: Quantities at the ends.
+        begin: Quantities at the beginnings of the k - 1 intervals, one row for each limit in the
+            order of `STATE_LIMITS`, shape (limits, k - 1).
+        middle: Quantities at the middles of the intervals, in the same shape.
+        end: Quantities at the ends of the intervals, in the same shape.
 
     Returns:
-        Indices of the intervals in ascending order.
+        Indices of the intervals that are not proven, in ascending order.
     """
     beyond = bound_joint_excess(m, time, position, velocity, acceleration)
     rows, count = np.empty(len(beyond), dtype=np.int64), 0

@@ -132,8 +132,8 @@ def compute_steered_motion(
     """Compute a motion from a moving start straight to rest at a path's end.
 
     The postures between the path's ends do not matter. Each piston changes its speed to a constant
-    one, keeps it, and stops, within the limits of acceleration and jerk. All pistons arrive
-    together, as early as the slowest one can.
+    one, keeps it, and stops, within V_max and the limits of acceleration and jerk. All pistons
+    arrive together, as early as the slowest one can.
 
     Args:
         machine: Machine that moves.
@@ -203,7 +203,7 @@ def _plan_stop_via_speed(
     Args:
         v: Speed in between [m/s].
         v0: Speed at the beginning [m/s].
-        a0: Acceleration at the beginning [m/s²].
+        a0: Acceleration at the beginning [m/s²]. If it exceeds a_max, its magnitude replaces a_max.
         a_max: Largest acceleration [m/s²].
         j: Magnitude of the jerk [m/s³].
         jerk: Jerk of each phase, shape (PISTON_PHASES,) [m/s³]. Written in place.

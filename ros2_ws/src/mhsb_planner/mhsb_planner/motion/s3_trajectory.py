@@ -364,8 +364,9 @@ def _fit_each(
         machine: Machine that moves.
         path: Path of the motion.
         start: State at the path's first posture.
-        ways: For each way the braking motion or None, the coasting or steering start or None, and
-            the rules by which curves are listed.
+        ways: For each way a braking motion or None, the start of the curve, and the rules that say
+            which curves are tried. The start is a Coasting (moving start that comes to rest by
+            itself), a Steering (one curve from the moving start to the goal), or None at rest.
     """
     modes = StartModes.create_settled(path.start_modes)
     for brake, steering, rules in ways:
@@ -587,9 +588,9 @@ def _compute_speed_use(
 ) -> float:
     """Compute the largest ratio of a piston's speed to its allowed speed in a motion.
 
-    The allowed speed is V_max with the excess that the rules allow. If the curve begins with a
-    moving start that is faster still, the allowed speed is that of the start with a small reserve.
-    The reason is that stretching cannot slow the start.
+    The allowed speed of each piston is V_max (1 + max_excess). If the curve begins with a moving
+    start, the start may be faster, and stretching cannot slow it. The factor 1 + max_excess is then
+    raised for all pistons, to USAGE_RESERVE times the largest ratio of speed to V_max at the start.
 
     Args:
         machine: Machine that moves.

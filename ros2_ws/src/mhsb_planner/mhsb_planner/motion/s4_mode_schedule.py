@@ -145,7 +145,12 @@ def interval_modes(
 
     An actuator is boosted if the main pump's pressure is too low to move, hold or accelerate its
     load. Short holds are left to the closed valve. Boost begins earlier than needed by `rules.lead`
-    and lasts at least `rules.min_dwell`. It is reduced if too few booster modules are fitted.
+    and lasts at least `rules.min_dwell`. A boosted actuator gets mode SB (shared rail) if its flow
+    exceeds that of one servo pump, or if `preferred` asks for it; else DB (own servo pump). Modes
+    in force at the start go on until the actuator may be switched again.
+
+    If too few booster modules are fitted, SB becomes DB, and then DB becomes N if the actuator can
+    do without boost. If that does not suffice, too many modules remain in use.
 
     Args:
         machine: Machine with its hydraulics and modules.
@@ -153,9 +158,8 @@ def interval_modes(
         profile: Profile (piston speeds and forces) with k rows.
         start: Modes in force at the first instant, and time since each actuator's last switch.
         hold: Modes in which the arm rests after the last instant, shape (n,).
-        preferred: Modes that the graph search (S2) chose around each instant, shape (k, n). An
-            actuator that needs boost gets mode SB where they contain SB. None means mode N
-            throughout.
+        preferred: Modes that the graph search (S2) chose around each instant, shape (k, n). Only SB
+            has an effect. None asks for SB nowhere.
         rules: Rules for switching; None means the defaults.
 
     Returns:
@@ -497,8 +501,8 @@ def _enforce_lead_and_dwell(
         lead: Time by which each run begins earlier [s].
         dwell: Least length of runs and gaps [s].
         beside: State before interval `first`, and state from interval `last` on. _ON: a run that
-            touches this place is long enough. _OFF: a gap that touches it stays. _EDGE: neither
-            holds.
+            touches this place is long enough. _OFF: a gap that touches it stays. _EDGE: runs and
+            gaps that touch it are treated like all others.
     """
     before, after = beside
     since = math.inf

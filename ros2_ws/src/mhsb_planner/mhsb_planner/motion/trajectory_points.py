@@ -36,9 +36,9 @@ class SmoothCurve(Protocol):
 def sample_curve(curve: SmoothCurve, start: MotionState, end: FloatArray) -> Trajectory:
     """Sample a curve as a trajectory with stamp 0.
 
-    The first point is set to `start` and the last one to rest at `end`. A polynomial from or to
-    rest has an acceleration at its end. In the first and last interval of the trajectory it then
-    changes from or to the given one.
+    The first point is set to `start` and the last one to rest at `end`. Only their accelerations
+    may differ from those of the curve, since a polynomial may begin or end with an acceleration. In
+    the first and in the last interval, the trajectory leads from one acceleration to the other.
 
     Args:
         curve: Joint motion.

@@ -282,7 +282,7 @@ class HandOver:
         """Store that the arm has not taken the command that was sent last.
 
         If the reason is `LATE`, the estimated transport time becomes longer. If it is `STAMP`, the
-        estimate of the arm's clock starts again from its last stamp.
+        estimate of the arm's clock starts again from the last stamp that the arm has sent.
 
         Args:
             sent: The command.
@@ -313,8 +313,9 @@ class HandOver:
         """Drop all commands and stamps after a clock jump.
 
         Returns:
-            Goal of the unconfirmed plan (sent, without an answer) in a list. The list is empty
-            without such a plan, for a braking command, and for a void plan.
+            Goal of the unconfirmed plan (sent, without an answer) in a list. The list is empty in
+            three cases: there is no such plan, it is a braking command, or `revoke` has made the
+            plan void (not wanted any more).
         """
         revoked = self.unconfirmed is not None and self.unconfirmed.is_void
         goals = [] if revoked else self.goals

@@ -578,7 +578,10 @@ class GoalLifecycle:
 
         Goals without a verdict are refused with `FAULT`, and accepted ones are aborted. An
         unconfirmed plan (sent, without an answer) becomes void: if the arm takes it after all, the
-        arm is stopped. A stop that is under way takes its next step.
+        arm is stopped. If a stop is under way, its next step is taken (brake, or call ~/stop).
+
+        If the arm reports that the fault is cleared, only that is stored. If it reports the fault
+        that is known already, nothing happens.
 
         Args:
             sentence: The fault in words; empty if the arm has none.
@@ -784,10 +787,13 @@ class GoalLifecycle:
         self._stop_for_cancelled_goal()
 
     def _stop_for_cancelled_goal(self) -> None:
-        """Stop the arm and end all goals if the newest goal that has not ended was cancelled.
+        """Stop the arm if the newest goal that has not ended was cancelled.
 
-        Any such goal is meant: one that waits, is being planned for, has a plan without an answer,
-        or is being executed. Nothing happens while a stop is under way.
+        A goal has not ended while it waits, is being planned for, is executed, or has a plan that
+        the arm has not answered yet. Nothing happens while a stop is under way.
+
+        As with every stop, all goals end as stopped. Those that wait or are being planned for end
+        at once, the others when the arm has stopped.
         """
         newest = next(iter(self._goals_not_ended()), None)
         if newest is not None and newest.is_cancelled and not self._stop.is_under_way:
@@ -880,8 +886,13 @@ class GoalLifecycle:
         """Plan once more for a goal that moved and now stands still.
 
         The plan in force ends a little beyond the goal's place. The goal therefore becomes the
-        waiting goal, with `needs_exact_place` set. Nothing happens while the goal moves, while
-        another plan is made or was sent without an answer yet, or while the arm is being stopped.
+        waiting goal, with `needs_exact_place` set. Nothing happens in these cases:
+
+        - No plan is being executed.
+        - The plan in force ends at the goal's exact place already.
+        - The goal still moves.
+        - A goal waits, a plan is being made, or a plan was sent without an answer yet.
+        - The arm is being stopped.
         """
         execution, now = self.execution, self._clock.steady_time()
         if execution is None or self._stop.is_under_way or self._goals_before_confirmation():

@@ -136,10 +136,10 @@ class StopSequence:
 
         Args:
             arm_state: Arm state.
-            brake: Makes a braking command. Its arguments are the command in force, the earliest
-                stamp of the result by the clock of plans [ns], and the commit horizon (time until
-                braking begins) [s]. It returns the braking command and the time at which braking
-                begins [ns].
+            brake: Function that makes a braking command. Its arguments are the command in force,
+                the earliest stamp that the braking command may have [ns], and the commit horizon
+                (time from that stamp until braking begins) [s]. It returns the braking command and
+                the time at which braking begins [ns]. All times are by the clock of plans.
             clock: Source of the present time.
             outbox: Calls the arm's ~/stop, and writes the log.
             hand_over: Chooses stamp and commit horizon of braking commands, and knows whether a
@@ -438,12 +438,12 @@ class StopSequence:
             True after a confirmed braking command. Without one, the answer of the arm's ~/stop
             decides:
 
-            - It answered with success: True if the arm executes no command of this planner, or if
-              several publishers send its reference.
+            - It answered with success: True if the arm executes no command of this planner. Also
+              True if several publishers send its reference, since its reports then mean nothing.
             - It answered without success: False.
-            - It has not answered: True if it could not be called or `STOP_TIMEOUT` has passed. In
-              addition the reference must have one publisher, and no plan may be reported as in
-              force.
+            - It has not answered: True if three conditions hold. It could not be called, or
+              `STOP_TIMEOUT` has passed. No conflict of several publishers is known. No plan is
+              reported as in force.
         """
         arm = self._arm_state
         if stop.is_braking_confirmed:

@@ -137,17 +137,21 @@ class ProposerSet:
 def schedule_without_deadline(
     proposers: ProposerSet, progress: PlanProgress, *, all_at_once: bool
 ) -> Iterator[Proposer]:
-    """Yield proposers in the order for a plan without urgency.
+    """Yield proposers in an order that does not hurry to a first motion.
 
-    The own search has turns until it has ended. If the slew takes longer than the own path, the
-    search without leakage runs after that turn. Then the next baseline (planner to compare with)
-    proposes all its paths, if one of three conditions holds:
+    It suits a plan without a deadline. It is also used with a deadline if the velocity polytope's
+    area has a weight, or if the goal moves.
+
+    The own search has turns until it has ended. After each of its turns come two steps. First, if
+    the slew takes longer than the path of this turn, the search without leakage runs to its end: on
+    every path, leakage then flows as long as the slew takes. Second, the next baseline (planner to
+    compare with) proposes all its paths, if one of three conditions holds:
 
     - There is no motion yet.
     - The own search pauses before long work.
-    - Half of the time to a deadline is over.
+    - There is a deadline, and half of the time until then is over.
 
-    At the end come the remaining baselines and the later proposers.
+    At the end come the remaining baselines, then the proposers in `proposers.later`.
 
     Args:
         proposers: The proposers.

@@ -67,7 +67,8 @@ def yield_graph_paths(
     Args:
         graph: Step graph (steps between postures).
         task: The request.
-        progress: Progress of the plan, with the time limit; after it no further position is tried.
+        progress: Progress of the plan. Only its `search_deadline` is read; after it no further
+            position is tried.
 
     Yields:
         One or two paths.
@@ -128,7 +129,7 @@ def _search_path_to(
         tip: Tip position (x, z) [m].
         graph: Step graph (steps between postures).
         task: The request.
-        progress: Progress of the plan, with the time limit of the search.
+        progress: Progress of the plan. Only its `search_deadline` is read.
 
     Returns:
         Path from the departure (posture at rest where the path begins), with its cost. It is the

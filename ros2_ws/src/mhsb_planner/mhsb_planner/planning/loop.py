@@ -222,15 +222,16 @@ class PlanningLoop:
         - With a deadline, the variants of the first motion wait for the next path, or for the end
           of the proposals. They take several times as long as that motion and lower the cost less.
 
-        Updates `progress.is_held_back`.
+        If the path is not skipped, `progress.is_held_back` is updated: True if motions cannot keep
+        up with their paths.
 
         Args:
             proposal: The proposal.
 
         Raises:
             DeadlineError: The deadline of the plan passed.
-            FitError: The start steers (it moves, and one curve must lead from there to the goal),
-                and there is no motion yet.
+            FitError: No motion along the path is possible, and there is no motion yet. It is raised
+                only if one curve must lead from a moving start to the goal.
         """
         path, options, best = proposal.path, self._task.options, self._best
         estimate = path.cost - options.weights.switches * path.switches
@@ -415,20 +416,22 @@ class PlanningLoop:
     def _fit(self, proposal: PathProposal, rules: FitRules) -> FittedMotion | None:
         """Fit a motion to a path, and log the reason if there is none.
 
-        A path that is proposed for comparison may delay the first motion. So while there is none,
-        its fit may take only COMPARED_SHARE of the time until a deadline.
+        While there is no motion yet, a path of a baseline (planner to compare with) must not delay
+        the first one. If the plan has a deadline, the fit of that path may therefore take only
+        COMPARED_SHARE of the time that remains.
 
         Args:
             proposal: Proposal with the path.
             rules: Rules for the fit.
 
         Returns:
-            The motion; None if S3 (trajectory stage) refuses it or its share of the time is up.
+            The motion; None if S3 (trajectory stage) refuses the path, or that share of the time is
+            up.
 
         Raises:
             DeadlineError: The deadline of the plan passed.
-            FitError: The start steers (one curve from a moving start to the goal), and there is no
-                motion yet.
+            FitError: S3 refuses the path and there is no motion yet. It is raised only if one curve
+                must lead from a moving start to the goal; else None is returned.
         """
         best, deadline = self._best, self.progress.deadline
         if best is None and proposal.for_comparison and self.progress.has_deadline:
@@ -478,8 +481,9 @@ class PlanningLoop:
     def _assemble_plan(self, path: DiscretePath, motion: FittedMotion, deadline: Deadline) -> Plan:
         """Compute the energy and the manipulability loss of a motion, and assemble its plan.
 
-        The manipulability loss is the area of the velocity polytope that is lost along the path; it
-        is computed only if it has a weight.
+        The manipulability loss is computed only if its weight is above 0; else it is 0. It is the
+        share of the reference area that the velocity polytope lacks, integrated over the length of
+        the tip's path. Its unit is therefore m.
 
         Args:
             path: The path.

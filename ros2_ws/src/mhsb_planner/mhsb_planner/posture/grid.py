@@ -64,7 +64,7 @@ class Grid:
     """
 
     def __init__(self, nodes: IntArray, spacing: float) -> None:
-        """Create the look-up of nodes, and find the neighbours of each node.
+        """Create the look-up of nodes, and find the up to eight neighbours of each node.
 
         Args:
             nodes: Integer coordinates (i, k), shape (nodes, 2).

@@ -129,8 +129,9 @@ class _AreaBuffers(NamedTuple):
 def _area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _AreaBuffers) -> float:
     """Compute the area of the velocity polytope in a posture for one mode combination.
 
-    The polytope contains all velocities of the tip that the pistons' limits allow. The function is
-    faster than `s1_polytope.posture_area`, its test oracle.
+    The polytope contains all velocities of the tip that the pistons' limits allow. A piston whose
+    load is too heavy for its mode has speed 0 in that direction; the other directions still count.
+    The function is faster than `s1_polytope.posture_area`, its test oracle.
 
     Args:
         m: Numeric description of the machine.

@@ -143,9 +143,10 @@ def polytope_area_from_limits(
 
     The polytope contains all tip velocities Σ_j C_j v_j that the pistons' limits allow. C_j is the
     tip velocity per speed v_j of piston j. The boundary point that is farthest in a direction d
-    results from giving the flow to the joints in the order of w_j = scale_j d·C_j. An edge lies
-    where that order changes: one joint reverses (w_j = 0), or two joints exchange flow (w_i = w_j >
-    0). With p an end point of the edge vector e, the area is
+    results from giving the flow to the joints in descending order of w_j = scale_j d·C_j. As d
+    turns, this order changes at some directions, and each change gives an edge. Either one joint
+    reverses (w_j = 0), or two joints exchange flow (w_i = w_j > 0). With p an end point of the edge
+    vector e, the area is
 
         ½ Σ |p × e|
 
@@ -159,7 +160,7 @@ def polytope_area_from_limits(
             −1/(rod-side area) retracting.
         limit: Largest inlet flow by joint, mode and direction, shape (n, modes, 2) [m³/s].
         pattern: Mode of every joint, shape (n,).
-        flow: Flow that the main pump gives all joints together [m³/s].
+        flow: Flow that the main pump gives all joints together, boosted ones included [m³/s].
 
     Returns:
         Area [m²/s²].

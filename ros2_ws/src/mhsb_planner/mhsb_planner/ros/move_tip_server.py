@@ -207,8 +207,9 @@ class MoveTipServer:
     def _on_accepted(self, handle: Any) -> None:
         """Begin a goal that rclpy has accepted.
 
-        If `MOST_GOALS` goals have no result yet, the goal is refused with `DEADLINE`. An exception
-        in `_begin` is recorded as a fault and refuses the goal with `INTERNAL`.
+        If `MOST_GOALS` goals have no result yet, the new one ends at once. Its verdict has the code
+        `DEADLINE`, and a sentence that says to send the goal again later. If `_begin` raises an
+        exception, the exception is recorded as a fault, and the goal ends with the code `INTERNAL`.
 
         Args:
             handle: rclpy's handle of the goal.

@@ -181,11 +181,12 @@ def _set_shape_in_plane(
 ) -> None:
     """Set type, pose and size of the marker of a box or circle in the arm's plane.
 
-    Boxes are cut off at ± `half_size`. If the arm slews, all boxes of this kind are ground or base.
-    In `base_link` they are then drawn as boxes around the slew's axis, equally wide in x and y.
+    Boxes are cut off at ± `half_size`. If the arm slews, every box in its plane is the ground or
+    the base. In `base_link` they are then drawn as boxes around the slew's axis, equally wide in x
+    and y.
 
     Args:
-        marker: Marker, written in place.
+        marker: Marker, written in place. For a circle, the thickness `scale.z` is not changed.
         row: Row of the obstacle table: kind of the obstacle, and the numbers of its shape [m].
             `obstacles.zones` defines the columns.
         half_size: Half size of the drawn region [m].

@@ -110,7 +110,7 @@ def _fill_postures(
     """Compute the posture of the conventional method at many tip positions.
 
     In this method two joints move freely, and all others are kept. If the two have no solution
-    within limits, one kept joint is changed by as little as necessary.
+    within limits, one kept joint is changed in steps of J3_STEP until they have one.
 
     Args:
         m: Arrays of the machine.

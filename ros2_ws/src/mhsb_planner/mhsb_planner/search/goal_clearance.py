@@ -86,7 +86,7 @@ def find_clear_postures(machine: Machine, x: float, z: float, posture: FloatArra
         machine: Machine with its obstacles and margin.
         x: Tip position of all postures, forward [m]; only for the error message.
         z: Tip position of all postures, upward [m]; only for the error message.
-        posture: Joint positions, shape (count, n) [rad or m].
+        posture: Joint positions of at least one posture, shape (count, n) [rad or m].
 
     Returns:
         Boolean array of shape (count,), aligned with `posture`: True if the posture is clear. All

@@ -225,9 +225,10 @@ def area_along_motion(
 def _compute_area_profile(
     machine: Machine, posture: FloatArray, modes: ModeArray, deadline: Deadline = NO_DEADLINE
 ) -> AreaProfile:
-    """Compute the area of the velocity polytope between successive postures.
+    """Compute the area of the velocity polytope along a sequence of postures.
 
-    If joint 1 slews, its column is dropped, and the arm is evaluated without it.
+    The postures divide the motion into k parts, and each part gets one area. If joint 1 slews, its
+    column is dropped, and the arm is evaluated without it.
 
     Args:
         machine: Machine with n joints.
@@ -236,8 +237,8 @@ def _compute_area_profile(
         deadline: Instant at which the work is given up.
 
     Returns:
-        Straight distance of the tip in each part [m]. Area in the mean of the postures at both ends
-        of the part [m²/s²].
+        For each part, shape (k,): straight distance between the tip positions at its ends [m], and
+        area in the mean of the postures at its ends [m²/s²].
 
     Raises:
         DeadlineError: The deadline passed.

@@ -477,8 +477,10 @@ def _describe_stroke(
         delta: Change of the cylinder's length [m].
         forces: Piston forces at start, middle and end, positive if they resist extension [N].
         buffers: `move[k, j]` (columns STROKE_COLUMN to LEAKAGE_COLUMN) is written in place. Bit j
-            of `must_boost[k]` is set if the joint needs boost at any speed. Bit j of `may_boost[k]`
-            is set if it needs boost at V_max. Bits are never cleared.
+            of `must_boost[k]` is set if the joint needs boost even at the lowest speed. Bit j of
+            `may_boost[k]` is set if it needs boost at V_max. Bits are never cleared. No bit is set,
+            and the worst pressure is -inf, if no force resists the move or the stroke is at most
+            MAX_HELD_STROKE (held by the closed valve). Such a short stroke has leakage 0.
         k: Number of the move.
     """
     move, stroke = buffers.move[k, j], abs(delta)

@@ -288,7 +288,8 @@ class SimNode(Node):
         """End the injected faults, by setting the parameter `fault` to none.
 
         Returns:
-            Clause on the faults that have ended; empty if there were none.
+            Clause on the faults that have ended, such as `the fault KIND is healed; `. It is put
+            before another sentence. Empty if there were no faults.
         """
         failing = self._settings.fault
         if failing == NO_FAULT:

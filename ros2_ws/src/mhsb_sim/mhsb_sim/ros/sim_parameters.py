@@ -242,11 +242,12 @@ def _find_fault_problem(text: str, plant: Machine) -> str | None:
     """Return why the text of one or several faults is refused.
 
     Args:
-        text: Faults as text.
-        plant: The simulated machine.
+        text: Faults separated by commas, each KIND, KIND:PLACE or KIND:PLACE:VALUE. An empty text
+            and "none" mean no fault, and are accepted.
+        plant: The simulated machine; its actuators, sensors and pumps are the valid places.
 
     Returns:
-        A sentence; None if the text is accepted.
+        A sentence that names the valid kinds, places or values; None if the text is accepted.
     """
     try:
         parse_faults(text, plant)

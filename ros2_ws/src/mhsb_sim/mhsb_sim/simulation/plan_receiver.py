@@ -159,7 +159,8 @@ class PlanReceiver:
     def open(self) -> None:
         """Take plans again after `close`.
 
-        Only plans that are stamped after the target's present time are taken.
+        Plans stamped up to the present time of the simulator's plan clock are refused, with the
+        reason RESET in the report. Only later plans are taken.
         """
         self._fault = ""
         self._void_until_ns = self._target.plan_time_ns

@@ -337,7 +337,12 @@ class Simulator:
 
     @property
     def actuator_states(self) -> ActuatorStates:
-        """Present pressures, flows and openings of the simulated circuit, without sensor errors."""
+        """Present states of the actuators and pumps in the simulated circuit.
+
+        They are true values without sensor errors: pressures, flows, piston forces and speeds,
+        valve openings and pump speeds. The commands of valves and servo pumps are the newest ones
+        of the servo, before its computing delay.
+        """
         circuit = self._circuit
         actuators = circuit.actuators
         speed = circuit.modules["flow"] / circuit.constants["servo_pump_flow"]

@@ -36,8 +36,9 @@ class SupervisedArm:
 
         Args:
             simulator: The simulator, at rest.
-            limits: Limits of the symptoms: for each, a value that warns and a value that stops the
-                arm. None: those that suit the simulator's controller.
+            limits: Limits of the symptoms of faults, such as pressure or following error: for each,
+                a value that warns and a value that stops the arm. None: those that suit the
+                simulator's controller.
         """
         self.simulator = simulator
         limits = limits or SupervisionLimits.for_controller(simulator.controller_name)
@@ -66,7 +67,8 @@ class SupervisedArm:
     def fault(self) -> str:
         """Sentence on why the arm is stopped and takes no plans; empty if it is not stopped.
 
-        It names the fault, the phase of the stop, and what ends the stop.
+        It names the fault, the phase of the stop, and what ends the stop. If the simulation has
+        diverged (`halted`), it names the fault alone.
         """
         phase = self.supervision.phase
         if self.halted or phase is Phase.WATCHING:

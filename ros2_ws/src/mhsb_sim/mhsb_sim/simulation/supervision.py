@@ -111,9 +111,10 @@ class Supervision:
         self.restart()
 
     def restart(self) -> None:
-        """Begin again in phase WATCHING: without fault or history, with all servo pumps in use.
+        """Begin again in phase WATCHING, without fault, warning or history.
 
-        If the arm has no pressure sensors, symptoms that need them are left out.
+        The servo of the simulator may use all servo pumps again. If the arm has no pressure
+        sensors, symptoms that need them are left out.
         """
         machine = self._simulator.machine
         omitted = () if measures_pressures(machine) else PRESSURE_SYMPTOM_KINDS

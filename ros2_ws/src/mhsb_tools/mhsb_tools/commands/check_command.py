@@ -92,8 +92,9 @@ def format_report(machine: Machine) -> list[str]:
         machine: The arm.
 
     Returns:
-        Lines without line breaks: name, table of joints, pumps and booster modules, values of
-        single actuators, suitable controllers, and counts of workspace points. If the machine has
+        Lines without line breaks: name, table of joints, pumps and booster modules, values that the
+        file gives to one actuator only, suitable controllers, and counts of workspace points. If
+        the machine has
         obstacles, the count of points that remain reachable follows. Angles are in degrees,
         pressures in MPa and flows in L/min.
     """

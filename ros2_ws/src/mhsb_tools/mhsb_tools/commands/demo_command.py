@@ -136,9 +136,13 @@ def _demo(
 ) -> dict[str, Any]:
     """Run the demo: check the files, run the nodes, send the goals, write the report.
 
-    The files are checked before a node starts. Kernels are compiled if they are not cached.
-    Progress and a summary are printed. New results are written into a subfolder of `output`; they
-    replace earlier results only after all of them exist.
+    The files are checked before a node starts. Kernels are compiled if they are not cached. After
+    the motions, the same goals are planned by the other planners, to compare energies. Progress and
+    a summary are printed.
+
+    The results are the recording `bag`, the folder `report` and `summary.json`. While the demo runs
+    they are in a subfolder of `output`. When all of them exist they are moved to `output` itself,
+    and replace earlier results.
 
     Args:
         output: Folder for the results.
@@ -352,14 +356,15 @@ def _record(
 ) -> None:
     """Send all goals to the running nodes, one after the other, while a recorder runs.
 
-    The recorder is started first and ended at the end.
+    The recorder is started first and ended at the end. Each goal is sent when the one before is
+    over: its time has passed, or its motion has ended, or no plan was made for it.
 
     Args:
         sender: Node that sends goals and collects verdicts.
         executor: Executor of that node.
         goals: Goals to send.
-        nodes: Processes of simulator and planner; after each goal it is checked that they still
-            run.
+        nodes: Processes of simulator and planner. After each goal it is checked that they and the
+            recorder still run.
         output: Folder in which the recording, named `bag`, is written.
 
     Raises:

@@ -361,6 +361,7 @@ def build_request(
     Raises:
         UsageError: Start or goal is missing or has a wrong number of coordinates, or a weight is
             invalid.
+        RequestError: The paper has no case of the name.
     """
     named = paper_case(case) if case is not None else None
     start = start or (named.start if named else None)

@@ -206,7 +206,8 @@ def as_text(title: str, found: Mapping[str, Any]) -> list[str]:
 
     Returns:
         Lines without line breaks; empty if `found` is empty. The first has title, number of moves
-        and the one constant pressure [MPa]; the second has column titles. Then each supply that has
+        and the supply pressure of a pump with one constant pressure for all moves [MPa]. The second
+        has column titles. Then each supply that has
         numbers has a line with four energies [kJ]: to the oil and at the shafts, with leakage and
         without. A number in brackets counts the moves in which the supply takes less than MHSB.
     """

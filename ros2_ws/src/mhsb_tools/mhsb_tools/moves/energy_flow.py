@@ -106,6 +106,7 @@ def _parts(energy: Mapping[str, float], sign: float, total: float) -> dict[str, 
 def _draw_givers(given: Mapping[str, float], total: float, scale: float, axes: Axes) -> None:
     """Draw a bar with a label for each energy source, in a column on the left.
 
+    The label has name, energy [J] and percentage; an energy of 0 has a label, too.
     The bars are stacked without gaps and centred vertically.
 
     Args:
@@ -124,6 +125,7 @@ def _draw_givers(given: Mapping[str, float], total: float, scale: float, axes: A
 def _draw_takers(taken: Mapping[str, float], total: float, scale: float, axes: Axes) -> None:
     """Draw a bar with a label for each use of energy on the right, and a band that leads to it.
 
+    The label has name, energy [J] and percentage; an energy of 0 has a label, too.
     The bands start at the stack of sources on the left.
 
     Args:

@@ -52,7 +52,10 @@ class Range:
     high: float
 
     def __post_init__(self) -> None:
-        """Raise RequestError unless both ends are finite, above 0, and in order."""
+        """Raise RequestError unless both ends are finite and above 0, and `low` is at most `high`.
+
+        Equal ends are accepted.
+        """
         if not 0.0 < self.low <= self.high < math.inf:
             rule = "must be two finite numbers above 0, the lower one first"
             raise RequestError("range", f"{self.low:g} … {self.high:g}", rule)

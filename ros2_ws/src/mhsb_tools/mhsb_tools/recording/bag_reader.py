@@ -61,7 +61,8 @@ def _messages(bag: BagFolder, names: dict[str, Topic]) -> Iterator[RecordedMessa
     error is raised.
 
     Args:
-        bag: Data files, and the number of messages that the metadata state.
+        bag: Data files, and the number of messages that the metadata state. The caller must have
+            checked `bag.problem`: without metadata there is no number, and the end is an error.
         names: Topics to yield, by their absolute names.
 
     Yields:

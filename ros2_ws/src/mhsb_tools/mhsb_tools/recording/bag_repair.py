@@ -74,8 +74,11 @@ class Repair:
             folder: Folder of the recording, as the user named it.
 
         Returns:
-            The sentence. It has the numbers of kept and lost messages, other numbers that are above
-            0, and the names under which the damaged files are kept.
+            The sentence. For a complete recording it has the number of messages and says that
+            nothing was changed. Otherwise it has the number of kept messages, and the names under
+            which the damaged files are kept. Lost messages and bytes are named if something was or
+            may have been lost. Messages that were repeated, not listed, or without a topic are
+            named if there are any.
         """
         if self.is_complete:
             return f"{folder} is complete with {self.kept} messages; nothing was changed"

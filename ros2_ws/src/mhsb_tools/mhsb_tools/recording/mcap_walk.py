@@ -545,8 +545,9 @@ class McapWalk:
         """Yield damage if the checksum of the data section is wrong.
 
         Args:
-            found: Record that ends the data section. It has the checksum of everything before it; 0
-                means none.
+            found: Record that ends the data section. It has the checksum of all bytes of the file
+                before it. These are read again to compare. The checksum 0 means none; then nothing
+                is checked.
 
         Yields:
             At most one piece of damage. It covers only the record `found` and has 0 lost messages.

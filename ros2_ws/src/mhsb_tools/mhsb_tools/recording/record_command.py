@@ -166,7 +166,7 @@ class RecordCommand:
         """Record until a signal or the duration ends it, or repair a recording.
 
         Returns:
-            The exit code; 0 after a repair.
+            The exit code 0, after a recording and after a repair.
 
         Raises:
             UsageError: Not exactly one of `output` and `repair` is given, or `duration` is not

@@ -221,12 +221,12 @@ def _draw_power(axes: Axes, time: FloatArray, measured: FloatArray, planned: lis
     The powers of main pump and servo pumps are stacked. Each planned energy gives a line.
 
     Args:
-        axes: Axes to draw on. Labels and legend are not set.
+        axes: Axes to draw on. Neither axis labels nor labels for a legend are set.
         time: Time of each report, shape (k,) [s], k ≥ 2.
         measured: Energy delivered up to each report, by the main pump (row 0) and by all pumps (row
             1), shape (2, k) [J].
         planned: Energies planned up to each report, each an array of shape (k,) [J] with label,
-            colour and line style.
+            colour and line style. The label is not used.
     """
     span = np.diff(time)
     main_pump, all_pumps = np.diff(measured) / span

@@ -75,8 +75,9 @@ def _find_end_of_move(run: EvaluatedRecording, goal: RecordedGoal, end_ns: int) 
             references end.
 
     Returns:
-        ROS time [ns], at most `end_ns`. It is REST_NS after the last reference before `end_ns` that
-        moves. If none moves, it is REST_NS after the goal's plan took over.
+        ROS time [ns], at most `end_ns`. It is REST_NS after the last joint reference with a speed
+        above REST_SPEED, between the time the goal's plan took over and `end_ns`. If there is no
+        such reference, it is REST_NS after the plan took over.
     """
     since_ns = goal.taken_over_ns or 0
     time_ns = run.reference.stamp_ns + run.reference.offset_ns

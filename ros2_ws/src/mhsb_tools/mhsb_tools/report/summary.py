@@ -303,7 +303,8 @@ def _cavitation(run: EvaluatedRecording) -> list[Summary]:
     Returns:
         A dictionary for each actuator that cavitated: `actuator` (name), `begin_s` (first time,
         since the first hydraulic state), `duration_s` (sum of all times) and `force_n` (piston
-        force of largest magnitude). Empty if none did or no hydraulic states were recorded.
+        force of largest magnitude while it cavitated). Empty if none did or no hydraulic states
+        were recorded.
     """
     actuators = run.recording.actuators
     if len(actuators.time_ns) == 0:

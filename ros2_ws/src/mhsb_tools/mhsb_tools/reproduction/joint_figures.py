@@ -205,10 +205,12 @@ def _valve_limits(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the piston speeds with the valve fully open, in both directions.
 
+    Only the valve limits the speed; the flow of the pumps is taken as sufficient.
+
     Args:
         machine: The arm.
         joint: Index of the joint, from 0.
-        supply: Supply pressure [Pa].
+        supply: Supply pressure at the valve, in any mode [Pa].
         forces: Piston forces, positive if they resist extension [N], shape (k,).
 
     Returns:

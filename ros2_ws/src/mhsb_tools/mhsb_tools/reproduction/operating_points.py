@@ -55,7 +55,8 @@ class BestPoint:
 def find_points(runs: Runs) -> dict[str, BestPoint]:
     """Search the best supply pressure for Case 1-1 and the best V_max for Case 1-2.
 
-    V_max is the piston speed for planning. The best value is the one with which the motion costs
+    The cases are moves of the paper. V_max is the piston speed for planning. The best value is the
+    one with which the motion costs
     least, by the weights of the case. Each search is made with the planners `table` and
     `integrated`. Its range is that of the paper's sweep, from first to last value.
 
@@ -63,8 +64,9 @@ def find_points(runs: Runs) -> dict[str, BestPoint]:
         runs: All runs of the machine; only its machine and posture table are used.
 
     Returns:
-        Four best points by name. A name such as `c5.ps best table` consists of `c5`, the varied
-        quantity (`ps` for supply pressure or `vmax`) and the planner.
+        Four best points by name. A name such as `c5.ps best table` consists of `c5` (the paper's
+        Case 5, in which one quantity is varied), the quantity (`ps` for supply pressure or `vmax`)
+        and the planner.
 
     Raises:
         NoOperatingPointError: No point of a range has a plan.

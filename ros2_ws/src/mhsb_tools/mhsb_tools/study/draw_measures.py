@@ -66,8 +66,9 @@ def read_payload_estimate(plant: Machine, run: Replay) -> PayloadEstimate | None
         run: The record of the run.
 
     Returns:
-        The estimate with its deviation from the true payload. None if the arm did not move enough,
-        no estimate was recorded afterwards, or the servo does not estimate the payload.
+        The estimate, its 95 % interval, its deviation from the true payload, and whether the
+        interval contains that payload. None if the arm did not move enough, no estimate was
+        recorded afterwards, or the servo does not estimate the payload.
     """
     row = find_row_moved_both_ways(run.reference[:, 1, :LIFTING_JOINT_COUNT], run.step)
     if row is None or not len(run.payload):

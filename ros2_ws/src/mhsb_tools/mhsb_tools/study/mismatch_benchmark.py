@@ -130,6 +130,7 @@ class BenchmarkStudy:
     def run_draw(self, draw: int) -> list[DrawRecord]:
         """Simulate every controller on one random plant that differs from the machine file.
 
+        Every registered controller is meant that can work with the pressure sensors of the machine.
         The protocol's seed and the draw's number determine the plant. Draw k uses sequence k modulo
         the number of sequences.
 

@@ -39,6 +39,9 @@ PLOT_STEP = 0.1
 def play_recording(server: ViserServer, machine: Machine, recording: Recording) -> int:
     """Play a recording in the browser until a signal ends this process.
 
+    The recording starts again at its end. It stands still while no browser is connected, and while
+    the user has switched playing off.
+
     Args:
         server: Web server of the page.
         machine: The recorded arm.

@@ -216,7 +216,8 @@ class ViewerNode(GoalSender):
         The planner's parameters are then read again, within a second.
 
         Args:
-            done: Finished future of the service call.
+            done: Finished future of the service call. If the call has failed, the exception of the
+                future is raised, and nothing is shown.
         """
         result = done.result().result
         self._panel.add_sentence(
@@ -417,8 +418,8 @@ class ViewerNode(GoalSender):
         """Decode joint states, and combine them with the last known modes, pressures and energies.
 
         The pressures are those of the newest actuator states, however old these are. If none have
-        come since a browser was opened, the pressures are nan. The power in the actuator states is
-        also added to the energies.
+        come since a browser was opened, the pressures are nan. The energies are increased by the
+        power in these states, integrated over the time since the actuator states used before.
 
         Args:
             data: One serialized message of joint states.
@@ -483,7 +484,8 @@ class ViewerNode(GoalSender):
 
         Args:
             done: Finished future of the service call; its result has the values of
-                SHOWN_PARAMETERS.
+                SHOWN_PARAMETERS. A result with another number of values is ignored. If the call has
+                failed, the exception of the future is raised.
         """
         values = [parameter_value_to_python(value) for value in done.result().values]
         if len(values) == len(SHOWN_PARAMETERS):
