@@ -106,7 +106,7 @@ def update_draw_observer(
         capacity: Estimated capacity of the line [m³/Pa].
         lag: Time constant of the lag with which the commanded flow acts [s].
         step: Control period [s].
-        settings: Tuned numbers.
+        settings: Tuned numbers. Only `observation_delay` is read.
     """
     pressure = line.pressure
     drawn = line.supplied - capacity * (pressure - draw.pressure) / step

@@ -230,7 +230,7 @@ class Planner:
 
         Args:
             error: The error, changed in place.
-            start: State of motion at the start.
+            start: State of motion at the start. Only `position` is read.
 
         Returns:
             The same error.
@@ -328,7 +328,7 @@ class Planner:
             start: State of motion at the start.
             brake: Braking along the old path, or None.
             rest: Rest of the plan in force, or None.
-            options: Options of the plan.
+            options: Options of the plan. Only `period` is read.
 
         Returns:
             The ways; [None] if the start is at rest.
@@ -352,7 +352,7 @@ class Planner:
 
         Args:
             goal: Goal of the tip in `base_link` [m].
-            rest: Rest of the plan in force.
+            rest: Rest of the plan in force. Only `position` is read.
             options: Options with goal region, end-link angle and via points.
 
         Returns:

@@ -113,7 +113,7 @@ def _durations(path: DiscretePath, stretch: float) -> FloatArray:
     A step counts as at least MIN_STEP_DURATION long before it is stretched.
 
     Args:
-        path: Discrete path of k steps.
+        path: Discrete path of k steps. Only `duration` is read.
         stretch: Factor on the durations [-].
 
     Returns:

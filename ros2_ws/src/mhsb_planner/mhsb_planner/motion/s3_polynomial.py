@@ -118,8 +118,8 @@ def _interpolate_path(
     Times after the last node are extrapolated with the last step's velocity.
 
     Args:
-        path: Discrete path of k steps.
-        start: State of the joints at time 0.
+        path: Discrete path of k steps. Only `posture` is read.
+        start: State of the joints at time 0. Only `position` is read.
         node_time: Time at which the motion is to be at each node, shape (k + 1,) [s].
         time: Times of interpolation, shape (m,) [s].
 

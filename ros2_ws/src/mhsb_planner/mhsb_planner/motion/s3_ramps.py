@@ -66,7 +66,7 @@ class Ramp(NamedTuple):
         ramps then get the same middle, their beginnings are whole time steps apart.
 
         Args:
-            other: Ramp to compare with.
+            other: Ramp to compare with. Only `duration` is read.
 
         Returns:
             Ramp whose duration differs from the other ramp's by an even multiple of RAMP_TIME_STEP.

@@ -617,7 +617,7 @@ def _get_preferred_modes(
     After the path's last node the modes of its last step go on.
 
     Args:
-        path: Discrete path.
+        path: Discrete path. Only `modes` is read.
         node_time: Time at which the motion is to be at each node, from the end of the lead-in
             (motion before the curve, such as braking), shape (k + 1,) [s].
         time: Times of the trajectory's points, shape (m,) [s].

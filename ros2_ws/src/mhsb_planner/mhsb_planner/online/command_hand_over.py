@@ -285,7 +285,7 @@ class HandOver:
         estimate of the arm's clock starts again from the last stamp that the arm has sent.
 
         Args:
-            sent: The command.
+            sent: The command. Only `planned_at` is read.
             reason: Reason code; `LATE` also if the arm gave no answer in time.
         """
         self.unconfirmed = None

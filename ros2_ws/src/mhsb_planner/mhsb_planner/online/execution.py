@@ -140,7 +140,7 @@ class Execution:
         """Judge by the arm's reference whether it was stopped, or was restarted elsewhere.
 
         Args:
-            arm_state: Arm state.
+            arm_state: Arm state. Only `reference` is read.
             now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
 
         Returns:
@@ -163,7 +163,7 @@ class Execution:
 
         Args:
             machine: Machine by which the tip's place is computed.
-            arm_state: Arm state.
+            arm_state: Arm state. Only `measured` is read.
             now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
 
         Returns:

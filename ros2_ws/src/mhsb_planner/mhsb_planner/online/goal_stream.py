@@ -62,7 +62,7 @@ class GoalStream:
         goal.
 
         Args:
-            goal: The goal.
+            goal: The goal. Only `position` is read.
             received_at: Time of receipt by the steady clock [s].
         """
         if self._received:

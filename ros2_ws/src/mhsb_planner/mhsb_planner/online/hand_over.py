@@ -46,7 +46,7 @@ def choose_hand_over_times(in_force: Command, now_ns: int, commit_horizon_ns: in
     Steps 2 and 3 are repeated until both hold.
 
     Args:
-        in_force: Command that is to be replaced.
+        in_force: Command that is to be replaced. Only `trajectory` is read.
         now_ns: Earliest stamp, by the clock of the old stamp [ns].
         commit_horizon_ns: Commit horizon (time from stamp to change) [ns].
 

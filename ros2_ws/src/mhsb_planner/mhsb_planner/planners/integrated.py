@@ -321,7 +321,7 @@ def _for_comparison(
 
     Args:
         machine: The arm in its plane.
-        task: The request.
+        task: The request. Only `area` is read.
         proposals: Proposals whose costs do not contain the manipulability loss.
 
     Yields:

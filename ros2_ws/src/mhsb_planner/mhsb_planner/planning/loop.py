@@ -318,8 +318,8 @@ class PlanningLoop:
         """Return whether a path may be followed instead of a polynomial that the rules ask for.
 
         Args:
-            path: The path.
-            rules: Rules for its motion.
+            path: The path. Only `steps` is read.
+            rules: Rules for its motion. Only `trajectory` is read.
 
         Returns:
             True if four conditions hold. The rules ask for a polynomial. The options leave the

@@ -99,7 +99,7 @@ def yield_variant_rules(
     If goals follow each other with a period, ramps are not varied, since there is no time for it.
 
     Args:
-        path: The path.
+        path: The path. Only `switches` is read.
         motion: Motion along the path.
         rules: Rules by which it was fitted.
         options: Options of the plan.

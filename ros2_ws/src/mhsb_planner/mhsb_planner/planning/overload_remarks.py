@@ -26,7 +26,7 @@ def describe_overload(machine: Machine, table: PostureTable, start: FloatArray) 
 
     Args:
         machine: The whole arm.
-        table: Posture table of its plane.
+        table: Posture table of its plane. Only `posture` is read.
         start: Posture at the start, shape (n,) [rad or m].
 
     Returns:

@@ -252,7 +252,7 @@ def _sample_command(command: Command) -> tuple[IntArray, FloatArray]:
     """Sample a command's trajectory every `PATH_SPACING_NS` and at its end.
 
     Args:
-        command: The command.
+        command: The command. Only `trajectory` is read.
 
     Returns:
         k absolute times, int64[k], [ns]; and joint positions at these times, float64[k, n], [rad or

@@ -375,7 +375,7 @@ def _compute_steps_to_goal(
     """Compute the admissible steps from some postures to the postures of a goal.
 
     Args:
-        graph: Graph that gives machine, obstacles and mode patterns.
+        graph: Graph that gives machine, obstacles and mode patterns. Only `steps` is read.
         start: Descriptions of the postures that steps may leave.
         origins: Rows of `start` for which steps are computed.
         goal: Goal of the search.

@@ -111,7 +111,8 @@ class SilentSensor:
         """Find the sensor that has given no reading for the longest time.
 
         Args:
-            sample: State of the arm, with the silent time of each sensor.
+            sample: State of the arm, with the silent time of each sensor. Only `sensed` (sensor
+                readings) is read.
 
         Returns:
             Time without a reading [s], and a clause that names the sensor. If all sensors give
@@ -152,7 +153,7 @@ class FrozenPressure:
         reading sets the time of that sensor to 0.
 
         Args:
-            sample: State of the arm.
+            sample: State of the arm. Only `sensed` (sensor readings) is read.
 
         Returns:
             Time without change [s], and a clause that names the sensor.
@@ -219,7 +220,7 @@ class JumpingLength:
         """Find the length reading that has changed most since the last sample.
 
         Args:
-            sample: State of the arm.
+            sample: State of the arm. Only `sensed` (sensor readings) is read.
 
         Returns:
             Change of that reading divided by `farthest_jump` [-], and a clause that names the
@@ -264,7 +265,7 @@ class DisagreeingLine:
         compared, 0 is filtered.
 
         Args:
-            sample: State of the arm.
+            sample: State of the arm. Only `sensed` (sensor readings) is read.
 
         Returns:
             Magnitude of the largest filtered difference [Pa], and a clause that names the pressure
@@ -325,7 +326,7 @@ class DisagreeingValve:
         """Find the piston with the largest stroke that its valve's opening does not explain.
 
         Args:
-            sample: State of the arm.
+            sample: State of the arm. Only `sensed` (sensor readings) is read.
 
         Returns:
             Unexplained stroke of that piston [m], and a clause that names its actuator. In the

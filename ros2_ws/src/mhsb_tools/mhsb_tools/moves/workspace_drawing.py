@@ -112,7 +112,7 @@ def _kinds(regions: OperatingRegions) -> list[tuple[str, str, np.ndarray]]:
     The set may be empty. Sets that no node has are left out.
 
     Args:
-        regions: The operating regions.
+        regions: The operating regions. Only `boosted` is read.
 
     Returns:
         For each set its label, its colour, and flags of the nodes that have it, bool of shape

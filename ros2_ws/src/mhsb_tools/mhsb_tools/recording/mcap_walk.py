@@ -431,7 +431,7 @@ class McapWalk:
         """Yield damage for message indexes that do not follow a chunk.
 
         Args:
-            found: Record of the first of them.
+            found: Record of the first of them. Only `at` is read.
 
         Yields:
             One piece of damage. The messages that the indexes list count as lost.

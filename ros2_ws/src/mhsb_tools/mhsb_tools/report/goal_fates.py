@@ -230,7 +230,8 @@ def _judge_unapplied_goal(
     later. The system clock counts. Otherwise it is lost.
 
     Args:
-        sent: The goal with its times. It was not refused for its own sake.
+        sent: The goal with its times. It was not refused for its own sake. Only `recorded_ns` is
+            read.
         verdict: Its verdict; None if there was none.
         execution: Its execution report; None if there was none.
         newer: The next goal that was not refused for its own sake; None if there is none.

@@ -49,7 +49,7 @@ def compute_energy_record(
     are left out.
 
     Args:
-        recording: The recording.
+        recording: The recording. Only `simulator_reports` is read.
         machine: Its machine.
         followed: All references of the recording as one trajectory.
         modes: All modes of the recording as one schedule.

@@ -43,7 +43,7 @@ def find_take_over_times(recording: Recording) -> dict[int, int]:
     """Return the time at which the arm began to follow each executed plan.
 
     Args:
-        recording: The recording.
+        recording: The recording. Only `plans_in_force` is read.
 
     Returns:
         ROS time [ns] by the plan's stamp [ns], in the order of execution. If a plan took over

@@ -46,7 +46,7 @@ def compute_tip_motion(recording: Recording, machine: Machine, followed: Traject
     """Compute measured and reference position of the tip at the times of the joint states.
 
     Args:
-        recording: The recording.
+        recording: The recording. Only `joint_states` is read.
         machine: Its machine.
         followed: All references of the recording as one trajectory.
 
@@ -78,7 +78,7 @@ def join_references(recording: Recording) -> Trajectory:
     curve, except for rounding errors.
 
     Args:
-        recording: The recording.
+        recording: The recording. Only `references` is read.
 
     Returns:
         The trajectory; its stamp is the ROS time of the first reference.

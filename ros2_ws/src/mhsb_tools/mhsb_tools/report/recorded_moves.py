@@ -69,8 +69,8 @@ def _find_end_of_move(run: EvaluatedRecording, goal: RecordedGoal, end_ns: int) 
     """Return the time at which a goal's move ends.
 
     Args:
-        run: The evaluated recording.
-        goal: Goal whose plan took over.
+        run: The evaluated recording. Only `reference` is read.
+        goal: Goal whose plan took over. Only `taken_over_ns` is read.
         end_ns: Latest end [ns, ROS time]: the time at which the next plan takes over or the
             references end.
 

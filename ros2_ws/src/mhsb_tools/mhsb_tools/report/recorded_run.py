@@ -56,7 +56,7 @@ def check_machine(recording: Recording, machine: Machine) -> None:
     arm must share) of the recorded machine. If no report has them, only a warning is logged.
 
     Args:
-        recording: The recording.
+        recording: The recording. Only `simulator_reports` is read.
         machine: The machine with which the recording is to be evaluated.
 
     Raises:

@@ -178,7 +178,7 @@ def _plans(recording: Recording) -> Summary:
     """Count the plans that the simulator applied, and those that it refused or dropped.
 
     Args:
-        recording: The recording.
+        recording: The recording. Only `hand_overs` is read.
 
     Returns:
         Entries `plans_applied` and `plans_refused` (refused or dropped). Each plan counts once. If
@@ -196,7 +196,7 @@ def compute_reference_jumps(recording: Recording) -> Summary:
     """Return by how much the reference jumped at most when a new plan took over.
 
     Args:
-        recording: The recording.
+        recording: The recording. Only `hand_overs` is read.
 
     Returns:
         `reference_jump_max_rad` (position) and `reference_jump_max_rad_s` (velocity), as the
@@ -213,7 +213,7 @@ def _make_governor_entries(recording: Recording) -> Summary:
     """Return the summary's entries on the reference governor, which slows plans near limits.
 
     Args:
-        recording: The recording.
+        recording: The recording. Only `simulator_reports` is read.
 
     Returns:
         `guard_interventions`: number of times that the governor boosted or slowed beyond the plan,

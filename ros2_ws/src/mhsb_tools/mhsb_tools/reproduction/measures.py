@@ -56,7 +56,7 @@ def _share(path: DiscretePath, steps: np.ndarray, begin: float, end: float) -> f
     """Return the share of time that chosen steps take in a part of a path.
 
     Args:
-        path: The path.
+        path: The path. Only `time` is read.
         steps: Whether each step is chosen, bool, shape (steps,).
         begin: Beginning of the part, as a share of the path's duration.
         end: End of the part, as a share of the path's duration.
@@ -101,7 +101,7 @@ def sideways(path: DiscretePath) -> float:
     """Return the tip's largest distance from the straight line through start and goal.
 
     Args:
-        path: The path; start and goal must differ.
+        path: The path; start and goal must differ. Only `tip` is read.
 
     Returns:
         The distance [m].

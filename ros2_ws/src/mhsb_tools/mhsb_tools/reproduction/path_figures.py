@@ -82,7 +82,7 @@ def draw_discrete_path(path: DiscretePath, axes: Axes) -> None:
     """Draw a discrete path as a dotted line with markers at start and goal.
 
     Args:
-        path: The path.
+        path: The path. Only `tip` is read.
         axes: Axes to draw on.
     """
     axes.plot(*path.tip.T, color=BLUE, linestyle=":", linewidth=1.6, label="discrete path (S2)")

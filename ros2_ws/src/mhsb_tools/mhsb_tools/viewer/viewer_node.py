@@ -449,7 +449,7 @@ class ViewerNode(GoalSender):
         """Describe the state of the arm in words.
 
         Args:
-            moment: State of the arm.
+            moment: State of the arm. Only `posture` is read.
             speed: Largest absolute joint speed [rad/s, telescopes m/s]. Above MOVING_SPEED, the
                 text says that the arm moves.
 
