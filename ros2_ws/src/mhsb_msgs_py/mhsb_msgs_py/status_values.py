@@ -77,11 +77,19 @@ class StatusValues:
         return self._texts[key]
 
     def time(self, key: str) -> int:
-        """Return a value as time [ns]."""
+        """Return a value as time [ns].
+
+        Raises:
+            MessageError: The value is missing or no time.
+        """
         return stamps.from_text(self.text(key))
 
     def number(self, key: str) -> float:
-        """Return a value as number, which may be NaN or infinite."""
+        """Return a value as number, which may be NaN or infinite.
+
+        Raises:
+            MessageError: The value is missing or no number.
+        """
         return float(self._convert(key, float, "a number"))
 
     def finite(self, key: str) -> float:
@@ -104,7 +112,11 @@ class StatusValues:
         return number
 
     def count(self, key: str) -> int:
-        """Return a value as integer."""
+        """Return a value as integer.
+
+        Raises:
+            MessageError: The value is missing or no whole number.
+        """
         return int(self._convert(key, int, "a whole number"))
 
     def counts(self, key: str) -> tuple[int, ...]:
@@ -115,6 +127,9 @@ class StatusValues:
 
         Returns:
             The integers; an empty tuple for an empty text.
+
+        Raises:
+            MessageError: The value is missing, or a part of it is no whole number.
         """
         text = self.text(key)
         try:

@@ -41,6 +41,11 @@ def case_moves(machine: Machine) -> dict[str, Move]:
 
     Returns:
         Moves by case name, such as `1-1`. Empty if joint 1 slews, because the cases lie in a plane.
+
+    Raises:
+        InfeasibleGoalError: No posture within the joint limits reaches the start of a case.
+        OutOfWorkspaceError: The limits of the slew do not allow the start of a case.
+        RequestError: A case keeps joint 3 at an angle beyond its limits.
     """
     if machine.slews:
         return {}

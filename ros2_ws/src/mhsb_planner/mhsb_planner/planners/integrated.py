@@ -160,6 +160,9 @@ class IntegratedPlanner:
 
         Yields:
             Path proposals; their proposers' names end with "to the goal alone".
+
+        Raises:
+            MhsbError: There is no path, or none in time.
         """
         alone = replace(task, options=replace(task.options, goal_region=None))
         for proposal in self.paths(graph, alone, progress):

@@ -72,7 +72,11 @@ class PlanePaths:
         return task.energy_lower_bound(self.machine, most_cells)
 
     def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
-        """Yield the planner's paths: at V_max (allowed piston speed), then slower if needed."""
+        """Yield the planner's paths: at V_max (allowed piston speed), then slower if needed.
+
+        Raises:
+            MhsbError: There is no path at V_max, and none at a lower speed.
+        """
         return paths_at_falling_speeds(self.planner, self.graph, task, progress)
 
 

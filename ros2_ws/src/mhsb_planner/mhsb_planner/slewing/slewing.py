@@ -170,6 +170,9 @@ class SlewingPaths:
 
         Returns:
             Energy [J].
+
+        Raises:
+            OutOfWorkspaceError: The slew's limits do not allow the goal.
         """
         return self._convert_to_plane(task)[0].energy_lower_bound(self.graph.machine, most_cells)
 

@@ -567,6 +567,9 @@ class Simulator:
 
         Args:
             duration: Simulated time [s].
+
+        Raises:
+            SimulationDivergedError: The state is no longer finite, or far too large.
         """
         for _ in range(round(duration * SECOND_NS / self._step_ns)):
             self.step()

@@ -295,6 +295,10 @@ def begin(output: Path) -> Path:
 
     Returns:
         The folder for unfinished results, `output`/UNFINISHED_FOLDER.
+
+    Raises:
+        MhsbError: A part of the folder's path exists and is not a folder.
+        OSError: The folder cannot be created or emptied for another reason.
     """
     make_output_folder(output, "the demo's output")
     unfinished = output / UNFINISHED_FOLDER
@@ -340,6 +344,10 @@ def _run(
         goals: Goals to send.
         settings: ROS parameters of the simulator and those of the planner, each as `NAME:=VALUE`.
         output: Folder in which the recording, named `bag`, is written.
+
+    Raises:
+        ChildEndedError: A process ended or was not ready in time, the recorder does not receive
+            goals, or the planner gives no verdict on a goal.
     """
     print("starting simulator, planner and recorder")
     with run_both_nodes(*settings) as nodes:

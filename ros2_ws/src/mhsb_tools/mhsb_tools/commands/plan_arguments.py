@@ -397,6 +397,9 @@ def list_replaced_values(asked: PaperCase) -> list[str]:
         Phrases such as `--goal 0.6 0.1 in place of its 0.55 0.6`. There is one for each of start,
         goal, weights, planner and angle of joint 3 that differs from the case. Empty if the request
         has no case.
+
+    Raises:
+        RequestError: The paper has no case of the name.
     """
     if not asked.name:
         return []

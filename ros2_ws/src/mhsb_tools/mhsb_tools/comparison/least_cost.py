@@ -90,6 +90,11 @@ def least_cost(
         Cost of the path, and cylinder lengths at its points, shape (points, n) [m]; the first is
         the start, the last a goal posture. Infinity and None if no path costs less than
         `incumbent_cost`.
+
+    Raises:
+        OutOfWorkspaceError: The goal is outside the workspace.
+        InfeasibleGoalError: No posture at the goal is within the joint limits.
+        ZoneError: Obstacles prevent all postures at the goal.
     """
     pricing = _Pricing(machine, weights, MAX_HELD_SPEED if boosts_held_loads else 0.0)
     circuit = compute_hydraulic_coefficients(machine.arrays, machine.patterns)

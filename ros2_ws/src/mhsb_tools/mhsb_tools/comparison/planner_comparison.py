@@ -252,6 +252,9 @@ class PlannerComparer:
             Numbers of the plan and its simulation, and the energy of its motion with every supply.
             The simulated energy is among the latter, as supply `SIMULATED_SYSTEM`. It exists only
             for valves that leak (`leaking`).
+
+        Raises:
+            SimulationDivergedError: The simulation diverged.
         """
         command = Command(plan.motion.trajectory, plan.motion.schedule)
         run = replay(Simulator(self._planner.machine, posture=start), [command], plan.duration)
@@ -295,7 +298,11 @@ def _simulated(run: Replay) -> SupplyEnergy:
 
 
 def at_highest_pressure(machine: Machine) -> Machine:
-    """Return the machine with P_S at the highest boost pressure, where it never needs boost."""
+    """Return the machine with P_S at the highest boost pressure, where it never needs boost.
+
+    Raises:
+        MachineFileError: The machine may not have this supply pressure.
+    """
     return machine.changed(supply_pressure=machine.arrays.max_boost_pressure)
 
 

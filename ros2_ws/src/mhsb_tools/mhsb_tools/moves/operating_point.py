@@ -220,7 +220,11 @@ class _Search:
         self._samples: dict[Point, OperatingPointResult] = {}
 
     def machine_at(self, point: Point) -> Machine:
-        """Return the machine with P_S [Pa] and V_max [m/s] of a point."""
+        """Return the machine with P_S [Pa] and V_max [m/s] of a point.
+
+        Raises:
+            MachineFileError: The machine may not have these values.
+        """
         return self._own.changed(supply_pressure=point[0], max_piston_speed=point[1])
 
     def cost(self, point: Point) -> float:

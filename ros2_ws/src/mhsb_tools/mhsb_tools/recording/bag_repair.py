@@ -248,6 +248,9 @@ def _copy_readable_parts(survey: Survey, file: DataFile, stream: IO[bytes]) -> B
 
     Returns:
         Topics, times and message counts of the new file.
+
+    Raises:
+        BagError: The budget for reading or unpacking is used up.
     """
     listed = survey.listed_chunks
     copy = McapCopy(stream, _complete_definitions(survey), _header(survey), listed)

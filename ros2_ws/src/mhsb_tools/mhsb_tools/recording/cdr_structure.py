@@ -118,7 +118,11 @@ class _CdrPosition:
             raise _make_structure_error(self._type_name, self._data)
 
     def _read_count(self) -> int:
-        """Move past an unsigned 32-bit length and return it."""
+        """Move past an unsigned 32-bit length and return it.
+
+        Raises:
+            MessageError: The data end before the count does.
+        """
         self._skip_bytes(4, 4)
         return int.from_bytes(self._data[self._at - 4 : self._at], self._order)
 

@@ -95,6 +95,9 @@ class McapCopy:
 
         Args:
             chunk: A verified chunk.
+
+        Raises:
+            BagError: All schema or channel ids are in use.
         """
         self.flush()
         if self._has_contradicting_ids(chunk):

@@ -160,7 +160,11 @@ class FieldReader:
         return bytes(self._content[self.at - length : self.at])
 
     def number(self, size: int) -> int:
-        """Return the next unsigned number, stored in `size` bytes in little-endian order."""
+        """Return the next unsigned number, stored in `size` bytes in little-endian order.
+
+        Raises:
+            StructureError: The content has fewer bytes left.
+        """
         return int.from_bytes(self.take(size), "little")
 
     def text(self) -> str:

@@ -251,6 +251,7 @@ class McapWalk:
 
         Raises:
             StructureError: The chunk is damaged, and probably its stated length is wrong as well.
+            BagError: The budget for reading or unpacking is used up.
         """
         count, end, times = self._indexes(found.end)
         try:
@@ -323,6 +324,9 @@ class McapWalk:
 
         Returns:
             The chunk and the offset at which its record ends; None if there is none.
+
+        Raises:
+            BagError: The budget for unpacking is used up.
         """
         head = self._file.read(at, RECORD_HEADER.size + CHUNK_HEAD_SIZE)
         if len(head) < RECORD_HEADER.size + CHUNK_TIMES.size + 12:

@@ -515,25 +515,41 @@ def _kept(runs: Runs, names_with_detour: Mapping[str, bool]) -> BoundCheck:
 
 
 def piston_speed(runs: Runs) -> list[BoundCheck]:
-    """Judge V_max from 6 to 30 mm/s, weights as in 1-2: direct up to 25 mm/s, then a detour."""
+    """Judge V_max from 6 to 30 mm/s, weights as in 1-2: direct up to 25 mm/s, then a detour.
+
+    Raises:
+        _NoPathOfRunError: A run of the sweep has no path.
+    """
     expected = {speed_run(v): v > LAST_FAST_DIRECT for v in PISTON_SPEEDS}
     return [_kept(runs, expected)]
 
 
 def switch_weight(runs: Runs) -> list[BoundCheck]:
-    """Judge w₃ from 0 to 20 with the other weights of 1-2: direct below 16, then a detour."""
+    """Judge w₃ from 0 to 20 with the other weights of 1-2: direct below 16, then a detour.
+
+    Raises:
+        _NoPathOfRunError: A run of the sweep has no path.
+    """
     expected = {switch_run(w3): w3 >= FIRST_SPARING for w3 in SWITCH_WEIGHTS}
     return [_kept(runs, expected)]
 
 
 def low_pressure(runs: Runs) -> list[BoundCheck]:
-    """Judge P_S = 2.5 MPa: at least one actuator is boosted for at least 99 % of the time."""
+    """Judge P_S = 2.5 MPa: at least one actuator is boosted for at least 99 % of the time.
+
+    Raises:
+        _NoPathOfRunError: A run that is compared has no path.
+    """
     boosted = 1.0 - measures.normal_share(path_of(runs, pressure_run(2.5e6)))
     return [at_least("share of time boosted", boosted, ONLY_SHARE, ONLY_SHARE)]
 
 
 def high_pressure(runs: Runs) -> list[BoundCheck]:
-    """Judge P_S = 10 MPa: all actuators are in mode N for at least 99 % of the time."""
+    """Judge P_S = 10 MPa: all actuators are in mode N for at least 99 % of the time.
+
+    Raises:
+        _NoPathOfRunError: A run that is compared has no path.
+    """
     return [normal(path_of(runs, pressure_run(10e6)), ONLY_SHARE)]
 
 

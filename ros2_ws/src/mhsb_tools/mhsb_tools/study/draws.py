@@ -180,6 +180,9 @@ class DrawStudy:
             goals: Number of goals in each draw.
             controllers: Names of the controllers to simulate; None takes all that work with the
                 machine's sensors.
+
+        Raises:
+            HoldingError: Holding the start posture needs more booster modules than the machine has.
         """
         self._machine = machine
         self._plant = plant or machine

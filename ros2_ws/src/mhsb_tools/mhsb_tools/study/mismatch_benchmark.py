@@ -139,6 +139,10 @@ class BenchmarkStudy:
 
         Returns:
             One record for each controller.
+
+        Raises:
+            MhsbError: The machine does not have one of the values that vary, or a value leaves its
+                range.
         """
         file = self._protocol.file
         sequence = self._sequence(draw % len(file.sequences))

@@ -90,6 +90,9 @@ class Scenario:
 
         Returns:
             A changed copy of the machine.
+
+        Raises:
+            MachineFileError: The machine may not have a value of the scenario.
         """
         config = machine.changed(payload=self.payload).config
         circuit = config.circuit.model_copy(update={"servo_pump_lag": self.pump_lag})

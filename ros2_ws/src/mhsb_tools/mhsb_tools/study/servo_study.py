@@ -181,6 +181,9 @@ def run_controller(
 
     Returns:
         The record of the run.
+
+    Raises:
+        SimulationDivergedError: The simulation diverged.
     """
     simulator = Simulator(machine or script.machine, controller)
     return replay(simulator, script.commands, script.scenario.duration)
@@ -288,6 +291,10 @@ def run_study(
 
     Yields:
         The result of each scenario, as it is ready, in any order.
+
+    Raises:
+        ClusterError: The cluster does not answer.
+        RequestError: The number of processes is below 1.
     """
     with create_executor(jobs) as pool:
         yield from results_of(pool.submit(study_scenario, machine, each) for each in scenarios)

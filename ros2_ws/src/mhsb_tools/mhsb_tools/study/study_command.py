@@ -224,6 +224,7 @@ def study_scenarios(
 
     Raises:
         UsageError: The compared controllers do not suit the machine's sensors.
+        MhsbError: A part of the output folder's path exists and is not a folder.
     """
     if not set(COMPARED_CONTROLLERS) <= set(select_controllers(arm)):
         raise command_line.UsageError(

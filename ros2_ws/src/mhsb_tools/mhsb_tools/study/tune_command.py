@@ -166,6 +166,9 @@ def _build_training(arm: Machine, asked: TrainingArguments) -> Training:
 
     Returns:
         Training scenarios and draws with their plans.
+
+    Raises:
+        MhsbError: A file of scenarios or variations cannot be read, or does not fit the machine.
     """
     wanted = [each for each in load_scenarios(asked.scenarios, arm) if not each.held_out]
     scripts = [

@@ -145,6 +145,9 @@ def draws_of(
 
     Yields:
         Each draw, in order.
+
+    Raises:
+        MhsbError: The variations do not fit the plant.
     """
     study = DrawStudy(machine, variations, seed)
     for number in range(count):
@@ -230,6 +233,10 @@ def is_stable(machine: Machine, payloads: set[float], controller: str, gains: Ga
 
     Returns:
         True if the decay is fast enough for all payloads.
+
+    Raises:
+        UnknownControllerError: No controller has this name.
+        MachineFileError: A gain is out of its range.
     """
     own = read_gains(with_gains(machine, controller, gains), controller)
     least = SLOWEST_DECAY * float(find_joint_frequency_ranges(machine)[0].min())
@@ -255,7 +262,12 @@ def with_gains(machine: Machine, controller: str, gains: Gains) -> Machine:
 
 
 def present_gains(machine: Machine, controller: str) -> Gains:
-    """Return the machine file's values of the gains that are searched, by name."""
+    """Return the machine file's values of the gains that are searched, by name.
+
+    Raises:
+        UnknownControllerError: No controller has this name.
+        MachineFileError: The section of the gains has a wrong value or an unknown key.
+    """
     own = read_gains(machine, controller)
     return {name: getattr(own, name) for name in GAIN_RANGES[controller]}
 
@@ -291,6 +303,8 @@ def tune(
 
     Raises:
         TuningError: The controller has no search ranges, or the training is empty.
+        MachineFileError: A gain is out of its range.
+        ClusterError: The cluster failed.
     """
     if controller not in GAIN_RANGES:
         raise TuningError(f"{controller!r} cannot be tuned; valid are {', '.join(GAIN_RANGES)}")
