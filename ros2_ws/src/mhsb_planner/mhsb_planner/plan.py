@@ -161,8 +161,8 @@ class Plan:
         """Compute the cost of the motion, w₁ E + w₂ T + w₃ S + w₄ M.
 
         E is the energy in the reading that the options choose [J], T the duration [s], and S the
-        number of mode switches. M is the manipulability loss: area of the velocity polytope lost
-        along the path [m].
+        number of mode switches. M is the manipulability loss: the share of the reference area that
+        the velocity polytope lacks, integrated over the length of the tip's path [m].
 
         Args:
             options: Options that give the weights w₁ to w₄ and the energy reading.

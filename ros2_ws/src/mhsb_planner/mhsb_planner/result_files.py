@@ -19,6 +19,9 @@ def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]])
 
     Returns:
         The path.
+
+    Raises:
+        OSError: The file or a directory cannot be written.
     """
 
     def write(file: TextIO) -> None:

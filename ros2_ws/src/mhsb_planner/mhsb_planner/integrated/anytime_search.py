@@ -292,10 +292,9 @@ def yield_lattice_paths(
     """Search lattices of decreasing spacing and yield ever cheaper cylinder paths.
 
     A lattice is a regular grid of cylinder lengths. Before each lattice the incumbent (cheapest
-    path so far) is refined by `refine`: its waypoints are moved by shares of the lattice's
-    spacing. Each lattice is searched twice:
-    first with a simpler cost model, then with the real one. The second search is left out if the
-    first finds nothing and there is no incumbent.
+    path so far) is refined by `refine`: its waypoints are moved by shares of the lattice's spacing.
+    Each lattice is searched twice: first with a simpler cost model, then with the real one. The
+    second search is left out if the first finds nothing and there is no incumbent.
 
     A path found on a lattice is refined. The refinement is left out if the path costs no less than
     the incumbent and runs within one spacing of it.

@@ -775,7 +775,7 @@ class LatticeSearch:
             max_expansions: Largest number of states to expand in all calls together.
             deadline: Instant after which the search pauses; it may be continued.
             heuristic_weight: Heuristic weight w ≥ 1. The path costs at most w times as much as the
-                cheapest one.
+                cheapest one, unless `reachability_only` is set.
             reachability_only: If true, any path will do, and lattice points that have been reached
                 are not reached again.
 

@@ -285,13 +285,13 @@ def _branch_and_bound_of_chain(
         tip: Tip position (x, z) [m].
         ranges: Lower end, upper end and unit of each free coordinate, shape (n - 2, 3) [rad or m].
             Widths are divided by the unit before they are compared.
-        best_sampled_bound: Least lower bound to a single goal posture so far, at any tip position;
-            inf means none.
+        best_sampled_bound: Least bound to one sampled posture (middle of a cell), of all tip
+            positions evaluated before; inf means none. It only ends the halving earlier.
         most_cells: Largest number of cells that halving may add to the first 2 · FIRST_CELLS.
 
     Returns:
-        Lower bound on the cost, inf if no posture reaches the tip position; and the least of
-        `best_sampled_bound` and the bounds to the postures in the middle of the cells.
+        Lower bound on the cost, inf if no posture reaches the tip position; and the new
+        `best_sampled_bound`, lower if the bound to the middle of a cell was lower.
     """
     n = len(cost.start)
     work, cell = np.empty((5, n)), np.empty((2 * FIRST_CELLS + most_cells, n - 2, 2))

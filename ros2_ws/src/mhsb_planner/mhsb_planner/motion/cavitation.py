@@ -20,9 +20,8 @@ def find_cavitations(machine: Machine, motion: Trajectory) -> tuple[Cavitation, 
 
     An actuator cavitates if the load drives the piston faster than oil at the main pump's pressure
     fills the inlet chamber; boost is neglected. The loads are gravity forces without inertia. They
-    are checked at the trajectory's points only.
-    Pistons in the dead band (up to MAX_HELD_SPEED) do not cavitate, since their closed valves hold
-    them.
+    are checked at the trajectory's points only. Pistons in the dead band (up to MAX_HELD_SPEED) do
+    not cavitate, since their closed valves hold them.
 
     Args:
         machine: Machine with its payload and hydraulics.
@@ -40,9 +39,10 @@ def find_cavitations(machine: Machine, motion: Trajectory) -> tuple[Cavitation, 
 def find_cavitating_steps(machine: Machine, path: DiscretePath) -> np.ndarray:
     """Find the steps of a discrete path in which an actuator cavitates.
 
-    An actuator cavitates if the load drives the piston faster than its inlet chamber fills. Each
-    step is checked at its start, middle and end in joint space, under gravity without inertia.
-    Joint velocities are constant within a step.
+    An actuator cavitates if the load drives the piston faster than oil at the main pump's pressure
+    fills the inlet chamber; boost is neglected. Each step is checked at its start, middle and end
+    in joint space, under gravity without inertia. Joint velocities are constant within a step.
+    Pistons up to MAX_HELD_SPEED do not cavitate, since their closed valves hold them.
 
     Args:
         machine: Machine with its payload and hydraulics.

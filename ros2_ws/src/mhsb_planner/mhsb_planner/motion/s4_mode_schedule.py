@@ -111,9 +111,10 @@ def mode_schedule(machine: Machine, trajectory: Trajectory, start: StartModes) -
     """Compute the mode schedule of a trajectory by the default rules for switching.
 
     An actuator is boosted if the main pump's pressure is too low for its load. If there are too few
-    booster modules, SB gives way to DB, and the result may still need too many. Check it with
-    `s3_limits.find_first_violation`. If the motion is too short, actuators may be switched too soon
-    one after the other; check this with `keeps_dwell`.
+    booster modules, SB becomes DB, and then DB becomes N if the actuator can do without boost. The
+    result may still need too many modules; check it with `s3_limits.find_first_violation`. If the
+    motion is too short, an actuator may be switched twice in too short a time; check this with
+    `keeps_dwell`.
 
     Args:
         machine: Machine with its hydraulics and modules.
@@ -271,8 +272,9 @@ def _interval_modes(
         speed: Piston speeds, shape (k, n) [m/s].
         force: Piston forces under gravity, shape (k, n) [N].
         inertia: Piston forces from inertia, shape (k, n) [N].
-        preferred: Modes that the graph search (S2) chose around each instant, shape (k, n). An
-            actuator that needs boost gets mode SB where they contain SB.
+        preferred: Modes that the graph search (S2) chose around each instant, shape (k, n). Only SB
+            has an effect: an actuator that needs boost then gets SB, even if one servo pump would
+            suffice.
         start: Modes in force at the first instant, shape (n,).
         age: Time since the last switch of each actuator, shape (n,) [s].
         hold: Modes after the last instant, shape (n,).

@@ -59,8 +59,8 @@ class ScheduledMotion:
             trajectory: Joint trajectory.
             start: Modes in force at the beginning, and time since each actuator's last switch.
             preferred: Modes that the graph search (S2) chose around each point, shape (points, n).
-                An actuator that needs boost gets mode SB where they contain SB. None means mode N
-                throughout.
+                Only SB has an effect: an actuator that needs boost then gets SB. None asks for SB
+                nowhere.
             rules: Rules for switching; None means the defaults.
 
         Returns:
@@ -93,8 +93,8 @@ class ScheduledMotion:
             trajectory: Joint trajectory.
             start: Modes in force at the beginning, and time since each actuator's last switch.
             preferred: Modes that the graph search (S2) chose around each point, shape (points, n).
-                An actuator that needs boost gets mode SB where they contain SB. None means mode N
-                throughout.
+                Only SB has an effect: an actuator that needs boost then gets SB. None asks for SB
+                nowhere.
             rules: Rules for switching.
 
         Returns:

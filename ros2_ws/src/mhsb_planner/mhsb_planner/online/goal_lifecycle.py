@@ -93,10 +93,10 @@ class GoalLifecycle:
 
         Args:
             settings: Settings for goals that have none of their own.
-            brake: Makes a braking command. Its arguments are the command in force, the earliest
-                stamp of the result by the clock of plans [ns], and the commit horizon (time until
-                braking begins) [s]. It returns the braking command and the time at which braking
-                begins [ns].
+            brake: Function that makes a braking command. Its arguments are the command in force,
+                the earliest stamp that the braking command may have [ns], and the commit horizon
+                (time from that stamp until braking begins) [s]. It returns the braking command and
+                the time at which braking begins [ns]. All times are by the clock of plans.
             clock: Steady clock and ROS clock.
             outbox: Carries out what the lifecycle decides: make a plan, send a command, send a
                 report.
@@ -629,7 +629,7 @@ class GoalLifecycle:
         and executes it, it is stopped again.
 
         Args:
-            stop_ns: Time of the stop by the arm's clock [ns]; 0 means never.
+            stop_ns: Time of the stop by the arm's clock [ns]; 0 means never, and nothing happens.
             received_at: Time of receipt of the report by the steady clock [s]; None means now.
         """
         void_until = self._stop.find_void_time(stop_ns, received_at)

@@ -246,8 +246,8 @@ class StopSequence:
             received_at: Time of receipt of the report by the steady clock [s]; None means now.
 
         Returns:
-            Latest time of receipt of a void goal, by the steady clock [s]. None if the stop was
-            reported before, or if this planner has called for it.
+            Latest time of receipt of a void goal, by the steady clock [s]. None if there was no
+            stop (0), if it was reported before, or if this planner has called for it.
         """
         now, arm = self._clock.steady_time(), self._arm_state
         if stop_ns in (0, self._last_stop_ns):

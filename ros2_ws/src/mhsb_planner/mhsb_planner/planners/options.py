@@ -95,10 +95,11 @@ class PlanOptions:
         """Check the options.
 
         Raises:
-            RequestError: One of these does not hold. Angles and via points are finite.
-                `via_tolerance` is above 0 and at most MAX_REGION_SIZE. No weight exceeds
-                HIGHEST_WEIGHT, `area_weight` included, and at least one is not 0. `area_weight` is
-                not negative. `max_speed_excess` is from 0 to HIGHEST_SPEED_EXCESS.
+            RequestError: One of these does not hold. Angles and via points are finite. Angles are
+                at most WIDEST_ANGLE in magnitude, the least of a range first. `via_tolerance` is
+                above 0 and at most MAX_REGION_SIZE. No weight exceeds HIGHEST_WEIGHT, `area_weight`
+                included, and at least one is not 0. `area_weight` is not negative.
+                `max_speed_excess` is from 0 to HIGHEST_SPEED_EXCESS.
         """
         check_angle(self.goal_psi)
         for point in self.via:
@@ -145,6 +146,9 @@ class PlanOptions:
             √(d² + a²) [m]. d is the distance in the arm's plane, 0 within the region. a is the
             distance across the plane, an arc length around the slew's axis; it is 0 if the arm does
             not slew.
+
+        Raises:
+            OutOfWorkspaceError: The slew's limits do not allow the goal.
         """
         place, tip = machine.convert_to_plane(goal, posture[0]), machine.tip_position(posture)
         offset = float(tip[0]) - place.tip[0], float(tip[1]) - place.tip[1]
@@ -163,6 +167,9 @@ class PlanOptions:
         Returns:
             True if the tip is within AT_GOAL_DISTANCE of the goal or region, and the end-link angle
             within AT_GOAL_ANGLE of the admissible ones.
+
+        Raises:
+            OutOfWorkspaceError: The slew's limits do not allow the goal.
         """
         place = machine.convert_to_plane(goal, posture[0])
         if self._distance_from_plane(machine, place, posture) > AT_GOAL_DISTANCE:

@@ -184,8 +184,8 @@ def schedule_for_deadline(proposers: ProposerSet, progress: PlanProgress) -> Ite
        the baselines have turns until there is a motion.
     3. The remaining turns of the baselines, and the later proposers, come at the end.
 
-    If the slew takes longer than the own path, the search without leakage runs after each turn of
-    the own search.
+    The search without leakage runs to its end as soon as a turn of the own search has given a path
+    that takes less time than the slew. On every path, leakage then flows as long as the slew takes.
 
     Args:
         proposers: The proposers.

@@ -360,8 +360,8 @@ class PlanningLoop:
 
         Raises:
             DeadlineError: The deadline of the plan passed.
-            FitError: The start steers (one curve from a moving start to the goal), and there is no
-                motion yet. `Planner` then tries another way of coming to rest.
+            FitError: S3 refuses the path, there is no motion yet, and one curve must lead from a
+                moving start to the goal. `Planner` then tries another way of coming to rest.
         """
         began, best, options = self._since, self._best, self._task.options
         motion = self._fit(proposal, rules)

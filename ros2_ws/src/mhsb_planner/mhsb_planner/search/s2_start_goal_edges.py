@@ -397,8 +397,9 @@ def _price_steps_to_nodes(
     """Compute the admissible steps from a start to nodes of the graph.
 
     Moves on which the tip leaves the workspace or the arm comes too near to an obstacle are left
-    out. Mode patterns that boost a joint without need are left out if the node has any other
-    admissible pattern. A node without admissible pattern gets no step.
+    out, and mode patterns in which a joint that needs boost has none. Patterns that boost a joint
+    without need are left out if the node has any other admissible pattern. A node without
+    admissible pattern gets no step.
 
     Args:
         cost_model: Machine, obstacles, postures and states of the graph.
@@ -451,8 +452,9 @@ def _price_steps_to_goal(
     """Compute the admissible steps from some postures to the goal.
 
     Moves on which the tip leaves the workspace or the arm comes too near to an obstacle are left
-    out. A group holds one goal posture for each mode pattern. Patterns that boost a joint without
-    need are left out if the group has any other admissible pattern.
+    out, and mode patterns in which a joint that needs boost has none. A group holds one goal
+    posture for each mode pattern. Patterns that boost a joint without need are left out if the
+    group has any other admissible pattern.
 
     Args:
         cost_model: Machine, obstacles and mode patterns of the graph.

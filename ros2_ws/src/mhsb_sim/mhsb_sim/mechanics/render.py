@@ -86,7 +86,8 @@ def save_arm_picture(machine: Machine, postures: Sequence[FloatArray], file: Pat
         file: File to be written; missing folders are made.
 
     Returns:
-        True if the file was written; False if no picture can be drawn.
+        True if the file was written. False if neither EGL nor OSMesa is installed; one sentence is
+        then printed on stderr.
     """
     from PIL import Image
 
@@ -162,7 +163,10 @@ def _add_bar(scene: Any, bar: Bar) -> None:
 
 
 def main() -> None:
-    """Draw the picture of docs/index.md to the file named on the command line."""
+    """Draw the picture of docs/index.md, and exit with code 0, or 1 if it cannot be drawn.
+
+    The first argument of the command line names the file; without it, the file is docs/arm.png.
+    """
     file = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs/arm.png")
     drawn = save_arm_picture(load_machine(), [np.array(q) for q in README_POSTURES], file)
     sys.exit(0 if drawn else 1)

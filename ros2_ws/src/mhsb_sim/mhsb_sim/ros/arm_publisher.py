@@ -99,12 +99,13 @@ class ArmPublisher:
     def publish_due(self) -> bool:
         """Publish what is due after a step of the simulation.
 
-        Clock, joint states, reference and actuator states come every STATE_PERIOD_NS. Modes and
-        estimates come every MODES_PERIOD_NS, even if they have not changed. A new plan in force and
-        new modes come at once.
+        Joint states, reference and actuator states come every STATE_PERIOD_NS, and /clock with them
+        if the node is its source. Modes come every MODES_PERIOD_NS, even if they have not changed,
+        and estimates with them if the servo has any. A new plan in force and new modes come at
+        once.
 
         Returns:
-            True if joint states and the others of their period were published.
+            True if joint states, reference and actuator states were published.
         """
         now_ns = self._simulator.time_ns
         due = now_ns >= self._next_state_ns

@@ -55,7 +55,11 @@ class Health:
 
     @property
     def sentence(self) -> str:
-        """Fault, or all warnings, or that the simulator runs, as text for a person."""
+        """Health of the simulator as text for a person.
+
+        The first of these that exists: the fault, all warnings, that the valves are closed, that
+        the simulator runs.
+        """
         well = VALVES_CLOSED_SENTENCE if self._arm.simulator.valves_closed else "running"
         return self._arm.fault or "; ".join(filter(None, self._list_warnings())) or well
 

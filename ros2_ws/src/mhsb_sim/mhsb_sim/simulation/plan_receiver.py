@@ -281,9 +281,9 @@ class PlanReceiver:
     def _find_refusal(self, stamp: int, problem: str | None) -> tuple[HandOverReason, str] | None:
         """Return why the first half of a plan is refused.
 
-        Checked are, in this order: a fault of the arm; a half that cannot be used; a stamp before
-        the last start, stop or reset; a stamp not newer than the plan before; a stamp too far ahead
-        of the arm's time.
+        Checked are, in this order: a fault of the arm; a half that cannot be used; a stamp that is
+        not after the last start, stop, reset or end of a fault; a stamp not newer than the plan
+        before; a stamp too far ahead of the arm's time.
 
         Args:
             stamp: Stamp of the plan [ns].

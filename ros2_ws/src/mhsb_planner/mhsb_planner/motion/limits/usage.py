@@ -89,8 +89,9 @@ def measure_usage(m: MachineArrays, state: LimitInputs) -> float:
 
     It is the largest of several ratios. The first is the flow of all pistons over the main pump's
     flow less leakage. The others are the speed of each piston over its largest speed under its
-    load. A motion that is slower by this factor keeps the limit. The result is inf if a cylinder
-    moves although it cannot, or if leakage takes the whole flow.
+    load; pistons in the dead band (up to MAX_HELD_SPEED) have no such ratio. A motion that is
+    slower by this factor keeps the limit. The result is inf if a cylinder moves although it cannot,
+    or if leakage takes the whole flow.
 
     Args:
         m: Arrays of the machine.
