@@ -333,7 +333,8 @@ def _check_ranges(kinds: Mapping[str, Any], values: Mapping[str, Any]) -> None:
 
     Raises:
         UsageError: A number is outside its range. The sentence names the first such argument, its
-            range and the number. It suggests another unit if the number fits in it.
+            range and the number. It suggests another unit if the number, converted from that unit,
+            is within the range.
     """
     for name, value in values.items():
         limits = _get_range(kinds.get(name))

@@ -71,6 +71,7 @@ class Cluster:
             The cluster.
 
         Raises:
+            ClusterAddressError: The text is not an address.
             ClusterError: The scheduler does not answer. Or the scheduler or a worker cannot load
                 the suite, or has other versions of it or of its libraries.
         """

@@ -175,7 +175,8 @@ def _read_recorded_move(
         over, in the move's time [s].
 
     Raises:
-        BagError: The recording cannot be read or has no hydraulic states.
+        BagError: The recording cannot be read, or has fewer than two hydraulic states during its
+            references.
     """
     # Recordings are decoded by ROS; plans are animated without it.
     from mhsb_tools.recording.bag_reader import read_recording

@@ -248,7 +248,7 @@ def read_goals(file: Path) -> list[DemoGoal]:
         The goals in the order of the file, at least one.
 
     Raises:
-        MhsbError: The file is no list, is empty, or holds a goal that cannot be used.
+        MhsbError: The file cannot be read, is no list, is empty, or has a goal that cannot be used.
     """
     content = read_yaml(file)
     if not isinstance(content, list) or not content:

@@ -197,6 +197,8 @@ def _prepare_run(
     Raises:
         UnknownControllerError: There is no controller of that name.
         EstimatesFileError: The estimates file cannot be used.
+        EmptyTableError: No node of a newly built posture table has a posture.
+        MhsbError: The simulator cannot be built for this machine and plant.
     """
     get_controller_class(method.controller or default_controller(machine))  # before long work
     compile_planner()
@@ -259,8 +261,9 @@ def build_plant(machine: Machine, file: Path | None, vary: Sequence[str]) -> Mac
         The plant, with all factors applied.
 
     Raises:
-        UsageError: A factor is malformed, its key does not exist, or a varied value is out of
-            range.
+        UsageError: A factor is malformed, its key does not exist, or its value is 0 or no number.
+        MachineFileError: The plant file cannot be used, or a varied value is out of range.
+        MhsbError: config/variations.yaml cannot be used for this machine.
     """
     plant = machine if file is None else load_plant(machine, file)
     factors = {}

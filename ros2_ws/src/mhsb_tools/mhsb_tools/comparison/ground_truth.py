@@ -76,6 +76,9 @@ def ground_truth(
         The cheapest path found; it is not proven to be optimal.
 
     Raises:
+        OutOfWorkspaceError: The goal is outside the workspace.
+        InfeasibleGoalError: No posture at the goal is within the joint limits.
+        ZoneError: The arm would be too near to an obstacle in every goal posture.
         NoPathError: The planner's own search found no path.
     """
     query = PathQuery(start, start_modes, goal, weights, energy_reading)

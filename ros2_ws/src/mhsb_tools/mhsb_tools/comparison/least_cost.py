@@ -67,9 +67,7 @@ def least_cost(
     incumbent_cost: float,
     boosts_held_loads: bool = True,
 ) -> tuple[float, FloatArray | None]:
-    """Search a fine lattice for the cheapest path from a posture to a tip position.
-
-    The lattice is in the space of cylinder lengths.
+    """Search a fine lattice of cylinder lengths for the cheapest path from a posture to a tip.
 
     All actuators are in mode N (fed by the main pump) at the start. Obstacles are ignored. Boosted
     oil has the price p_L/η (reading `paper`), with load pressure p_L and servo pump efficiency η.

@@ -217,6 +217,10 @@ def run_faults(
 
     Raises:
         FaultError: One of the faults does not exist.
+        ScenarioError: The start posture is at the goal of the motion already.
+        MhsbError: There is no plan for the motion.
+        RequestError: `jobs` is below 1.
+        ClusterError: The cluster does not answer.
     """
     for fault in faults:
         parse_faults(fault, machine)

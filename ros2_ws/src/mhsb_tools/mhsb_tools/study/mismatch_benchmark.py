@@ -91,6 +91,7 @@ def load_protocol(machine: Machine, path: Path | None = None) -> Protocol:
     Raises:
         ScenarioError: The file cannot be read or is invalid.
         VariationError: The variations are invalid or do not fit the machine.
+        MhsbError: The machine does not have a value that varies, or a value leaves its range.
     """
     path = path or find_config_file(BENCHMARK_FILE)
     file = read_study_file(path, ProtocolFile)

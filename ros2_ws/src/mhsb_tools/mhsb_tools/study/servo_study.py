@@ -149,6 +149,10 @@ def plan_scenario(machine: Machine, scenario: Scenario) -> PlannedScenario:
     Returns:
         The machine with the scenario's payload and pump lag, the plans, and a sentence for each
         refused goal.
+
+    Raises:
+        MachineFileError: The machine may not have the scenario's payload or pump lag.
+        HoldingError: Holding the start posture needs more booster modules than the machine has.
     """
     loaded = scenario.apply_to(machine)
     replanner = Replanner(loaded, load_or_build_table(loaded))
@@ -268,6 +272,9 @@ def study_scenario(machine: Machine, scenario: Scenario) -> ScenarioResult:
 
     Returns:
         Measured numbers, signals and energies of each controller, and the refused goals.
+
+    Raises:
+        MhsbError: The scenario cannot be planned with this machine, or a simulation diverged.
     """
     script = plan_scenario(machine, scenario)
     records, traces, elements = [], {}, {}

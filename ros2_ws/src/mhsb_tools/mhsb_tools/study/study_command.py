@@ -262,6 +262,9 @@ def study_draws(machine: Machine, asked: DrawArguments, jobs: Jobs, output: Path
     Raises:
         UnknownControllerError: A controller does not exist.
         UsageError: The number of draws or goals is below 1, or the seed is below 0.
+        MachineFileError: The plant file cannot be used.
+        VariationError: The file of variations cannot be read or is invalid.
+        MhsbError: The variations do not fit the plant, or the output folder cannot be used.
     """
     controllers = tuple(asked.controllers or select_controllers(machine))
     for name in controllers:
@@ -309,6 +312,7 @@ def study_benchmark(
 
     Raises:
         UsageError: The number of draws is below 1.
+        MhsbError: The output folder cannot be used, or the posture table has no posture.
     """
     count = protocol.file.draws if draws is None else draws
     if count < 1:
@@ -349,6 +353,7 @@ def study_faults(machine: Machine, faults: Sequence[str], jobs: Jobs, output: Pa
 
     Raises:
         FaultError: A fault does not exist.
+        MhsbError: The output folder cannot be used, or there is no plan for the motion.
     """
     make_output_folder(output, "the study")
     compile_planner()
