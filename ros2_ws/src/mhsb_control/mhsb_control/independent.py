@@ -126,7 +126,9 @@ def run_independent_step(
 
     p is the measured pressure, and p_target the pressure that the actuator needs. The rail's target
     is the highest target of the joined lines. C is the capacity of the line, or of the rail
-    [m³/Pa]. The integral stays constant while the command is at a limit, and is 0 for an idle pump.
+    [m³/Pa]. The integral stays constant while the command is at a limit. Command and integral are 0
+    for an idle pump. The diverter leads a pump's oil to the rail if its module serves another
+    actuator than its own.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `axes` and the commands of

@@ -213,8 +213,8 @@ def evaluate_reference(
         points: Motion of the joints at these points.
         mode_offset_ns: Times after the stamp from which each row of the mode schedule applies,
             int64[rows], [ns].
-        reference: States of the reference points, and rows of the mode schedule now and at point
-            PREVIEW_POINT. Written in place.
+        reference: States of the reference points, rows of the mode schedule now and at point
+            PREVIEW_POINT, and present velocity at full speed. All are written in place.
         speed_scaling: State of the speed scaling, SpeedScaling[1]. Reads rate and delay. Writes
             `rests` in place: 1 if the trajectory has ended, else 0.
         spacing_ns: Time between two reference points at full speed [ns].

@@ -141,7 +141,8 @@ class ServoLoop:
         about to leave it, since the rail's pressure would reach that one. Until then it is in DB,
         in which its own pump charges its line.
 
-        It writes `modes`, and in `signals` `modes`, `modes_ahead` and `serves`.
+        Written are `self.modes` (modes in force), and three arrays of `signals`: `modes` (prepared
+        modes), `modes_ahead` (modes at the end of `preview`) and `serves`.
         """
         modules, lost, signals = self._modules, self.lost_modules, self.signals
         planned, planned_ahead = self.reference.modes, self.reference.modes_ahead

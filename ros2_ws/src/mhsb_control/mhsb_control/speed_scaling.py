@@ -92,9 +92,10 @@ def update_rate(
         s̈ = ω² (s_req − s) − 2 ω ṡ
 
     s is the rate, s_req the requested one, and ω is `rate_bandwidth`. |s̈| stays within `max_turn`,
-    ṡ within −`max_slowing` … `max_recovery`, and s within 0 … 1. The delay of the reference behind
-    the plan grows by (1 − s) times the step. If the plan has ended, the rate becomes 1 at once, and
-    the delay decreases by the step, down to 0.
+    ṡ within −`max_slowing` … `max_recovery`, and s within 0 … 1. Where s is limited, ṡ becomes 0.
+    A requested rate of 1 is reached at once from above 1 − NEARLY_FULL, and one of 0 from below
+    NEARLY_NONE. The delay of the reference behind the plan grows by (1 − s) times the step. If the
+    plan has ended, the rate becomes 1 at once, and the delay decreases by the step, down to 0.
 
     Args:
         scaling: State of the speed scaling. Writes `rate` (s), `change` (ṡ) [1/s] and `delay` [ns]

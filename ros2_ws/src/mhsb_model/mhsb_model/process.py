@@ -147,8 +147,9 @@ def missing_packages_explained() -> Iterator[None]:
     """Context manager that explains a missing package of ROS or of the extra `view`.
 
     If the block raises ModuleNotFoundError for such a package, the process ends with code 1. One
-    sentence on standard error then says how to install it. Other missing modules are bugs, and the
-    error is raised.
+    sentence on standard error then says how to install it. If rclpy is missing, every package
+    except those of the suite (`mhsb_…`) counts as one of ROS. Other missing modules are bugs, and
+    the error is raised.
     """
     try:
         yield

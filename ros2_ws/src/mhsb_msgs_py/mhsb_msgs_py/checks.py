@@ -111,7 +111,8 @@ def check_point_times(
         The times, int64[points], [ns].
 
     Raises:
-        MessageError: A condition is not met.
+        MessageError: There is no point, the first is not at 0, times do not increase strictly, or
+            two neighbours are farther apart than `max_spacing_ns`.
     """
     if len(times_ns) == 0:
         raise MessageError(f"{what} has no points; give at least one")

@@ -45,7 +45,8 @@ class GoalError(MessageError):
         Args:
             code: Code of the goal's verdict.
             sentence: What is wrong, the limit, and what to do.
-            goal: The goal as it was read, None if it was not.
+            goal: The goal as it was read. None if it was not read; the error then has a goal at the
+                origin with stamp 0.
         """
         self.code = code
         self.goal = goal or Goal(0, 0.0, 0.0)

@@ -161,6 +161,7 @@ def serve_node(
 
     Raises:
         RosError: ROS refuses to make the node.
+        RCLError: ROS has been shut down while the node was made.
     """
     executor = make_executor()
     try:

@@ -37,14 +37,18 @@ class NodeParameter:
     def declare(self, node: Node) -> Any:
         """Declare the parameter on a node, and return its value.
 
-        If the value is an empty array, ROS cannot tell its type. It is then set to the type double
-        array.
+        If the value may be empty (`may_be_empty`) and is, ROS cannot tell its type. It is then set
+        to the type double array.
 
         Args:
             node: Node that gets the parameter.
 
         Returns:
             The value that was given at the start of the node, else `default`.
+
+        Raises:
+            ParameterException: The value that was given has another type than `default`, or is
+                outside `limits`.
         """
         descriptor = ParameterDescriptor(
             description=self.text, read_only=self.read_only, dynamic_typing=self.may_be_empty

@@ -44,10 +44,13 @@ class StatusValues:
     """Values of a status, read by key and type; each method raises MessageError on failure."""
 
     def __init__(self, status: DiagnosticStatus) -> None:
-        """Index the values by key; raise MessageError if a key exists twice.
+        """Index the values by key.
 
         Args:
             status: The status.
+
+        Raises:
+            MessageError: A key exists twice.
         """
         self._name = status.name
         self._texts: dict[str, str] = {}

@@ -85,15 +85,15 @@ class SharedDispatcher:
         """Run a function that compiles or loads a version, while the kernel's file lock is held.
 
         If another process holds the lock for longer than LONGEST_WAIT, the function runs without
-        it. It also does if the kernel has no cache folder. If the function fails, it runs once
-        more:
+        it. If the kernel has no cache folder, the function runs once, without a lock, and its
+        errors are raised. Otherwise, if the function fails, it runs once more:
 
         - If the version was compiled but could not be stored, this is logged. The second run finds
           the version in memory.
         - If a stored version could not be read, all stored versions are deleted. The second run
           compiles.
 
-        Errors of numba's compiler are raised at once.
+        Errors of numba's compiler are raised at once, those of the second run too.
 
         Args:
             compile_version: Function without arguments that compiles or loads a version.

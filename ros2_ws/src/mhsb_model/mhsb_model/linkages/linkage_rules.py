@@ -50,8 +50,8 @@ def _assembly_problems(path: str, joint: AnyJoint) -> list[str]:
     """Check that a four-bar can be assembled and stays away from its locking position.
 
     It locks if rocker and coupler are in one line. Their lines must be at least
-    SMALLEST_TRANSMISSION_ANGLE apart at all angles within the joint's limits. Only the worst angle
-    is reported. Other kinds of linkages have no such rule.
+    SMALLEST_TRANSMISSION_ANGLE apart at all angles of a grid between the joint's limits. Only the
+    worst angle is reported. Other kinds of linkages have no such rule.
 
     Args:
         path: Path of the joint in the file, such as `joints.0`.
@@ -112,7 +112,8 @@ def _moment_arm_problems(path: str, joint: AnyJoint) -> list[str]:
 def _stroke_problems(path: str, joint: AnyJoint) -> list[str]:
     """Check that the cylinder always stays shorter than twice its shortest length.
 
-    The barrel of a cylinder holds the whole stroke, so the length can at most double.
+    The barrel of a cylinder holds the whole stroke, so the length can at most double. Lengths are
+    computed on a grid of positions between the joint's limits.
 
     Args:
         path: Path of the joint in the file, such as `joints.0`.

@@ -373,7 +373,7 @@ def clearance(
     """Compute the least clearance of the arm in a posture over all obstacles.
 
     The clearance of a row is the distance between its obstacle and its link, less the link's
-    radius.
+    radius. In the rows of `Obstacles.path_rows` the radius includes a margin.
 
     Args:
         m: Machine with n joints.
@@ -400,7 +400,8 @@ def clearances(
 ) -> tuple[FloatArray, IntArray]:
     """Compute the least clearance of the arm in each of several postures.
 
-    The clearance is the distance between a link and an obstacle, less the link's radius.
+    The clearance is the distance between a link and an obstacle, less the link's radius. In the
+    rows of `Obstacles.path_rows` the radius includes a margin.
 
     Args:
         m: Machine with n joints.

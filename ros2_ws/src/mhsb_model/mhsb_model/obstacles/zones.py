@@ -285,6 +285,8 @@ def build_obstacles(keep_out: KeepOut, joints: int, joints_before_plane: int = 0
     - The base has no row for the first link in the plane, which is mounted on it.
     - Self-collision has a row for each pair of links that are not neighbours.
 
+    If the file has no radii of links, they are 0.
+
     Args:
         keep_out: Section `keep_out` of the machine file.
         joints: Number of joints n.

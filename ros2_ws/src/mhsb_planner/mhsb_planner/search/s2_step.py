@@ -324,9 +324,9 @@ class StepBuffers(NamedTuple):
             (patterns,).
         move: Columns of each joint's move to each posture, shape (postures of a node, n,
             MOVE_WIDTH).
-        must_boost: Bit mask of joints that need boost at any speed, shape (postures of a node,).
-        may_boost: Bit mask of joints that may need boost, depending on speed, shape (postures of a
-            node,).
+        must_boost: Bit mask of joints that need boost even at the lowest speed, shape (postures of
+            a node,); NO_PATTERN if the move is inadmissible.
+        may_boost: Bit mask of joints that need boost at V_max, shape (postures of a node,).
         middle: Room for the forces at the middle of the moves, shape (postures of a node, n) [N].
     """
 

@@ -98,8 +98,8 @@ class PlanReceiver:
     """Collects the halves of plans, and hands over complete plans that continue the reference.
 
     Attributes:
-        due_ns: Time at which `update` has a plan to hand over, in the target's time of plans [ns];
-            NEVER_NS if there is none.
+        due_ns: Time of plans (clock less the delay of slowed plans) at which `update` has a plan to
+            hand over [ns]; NEVER_NS if no complete plan waits.
     """
 
     def __init__(self, machine: Machine, target: PlanTarget) -> None:
@@ -117,7 +117,7 @@ class PlanReceiver:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all plans and reports, because the target's time starts again.
+        """Forget all plans and reports, because the simulated arm's time starts again.
 
         From now on, plans that are stamped before the present time of the target are refused.
         """

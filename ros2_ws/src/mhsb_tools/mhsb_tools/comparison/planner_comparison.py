@@ -250,7 +250,7 @@ class PlannerComparer:
 
         Returns:
             Numbers of the plan and its simulation, and the energy of its motion with every supply.
-            The simulated energy is among the latter, as supply `SIMULATED_SYSTEM`. It exists only
+            Among the energies is the simulated one, as supply `SIMULATED_SYSTEM`. It exists only
             for valves that leak (`leaking`).
 
         Raises:

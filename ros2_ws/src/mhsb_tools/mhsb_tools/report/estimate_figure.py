@@ -72,9 +72,9 @@ def group_estimates(run: EvaluatedRecording) -> Courses:
         run: The evaluated recording.
 
     Returns:
-        A dictionary. The key is a pair: name of the quantity and name of the actuator; the latter
-        is empty for a quantity of the whole arm. The value is a list of pairs in time order: time
-        [s since the first joint state] and estimate.
+        A dictionary. The key is a pair: name of the quantity and name of the actuator. The name of
+        the actuator is empty for a quantity of the whole arm. The value is a list of pairs in time
+        order: time [s since the first joint state] and estimate.
     """
     courses: Courses = defaultdict(list)
     for heard in run.recording.estimates:

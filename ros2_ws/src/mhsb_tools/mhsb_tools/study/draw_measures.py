@@ -105,8 +105,8 @@ def spool_deviation(simulator: Simulator) -> float:
     """Measure how much the valve spools still move at rest, without sensor noise.
 
     The sensors keep their resolution and offset. Motion of the spools that remains is a
-    self-sustained oscillation. The simulation goes on for `SETTLING_TIME` plus `RESTING_TIME`; only
-    the latter is measured.
+    self-sustained oscillation. The simulation goes on for `SETTLING_TIME`, which is not measured,
+    and then for `RESTING_TIME`, which is.
 
     Args:
         simulator: The simulator at the end of a run, with the arm at rest. It is advanced in place,

@@ -145,7 +145,8 @@ def draw_machine(
         [s] or a choice.
 
     Raises:
-        MhsbError: The machine does not have one of the values, or a value leaves its range.
+        MhsbError: The machine does not have one of the values, a value leaves its range, or a value
+            with a factor is no number.
     """
     drawn: dict[str, float | str] = {}
     values: dict[str, Any] = {}

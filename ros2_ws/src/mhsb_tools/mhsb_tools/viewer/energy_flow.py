@@ -81,7 +81,7 @@ class EnergyCounter:
 
         Args:
             main_pump: Energy that the main pump has delivered since the simulator's start [J].
-            servo_pumps: Energy that the servo pumps have delivered since then [J].
+            servo_pumps: Energy that the servo pumps have delivered since the simulator's start [J].
         """
         pumps = np.array([main_pump, servo_pumps])
         if self._time is None:  # no sample of the actuators has come yet

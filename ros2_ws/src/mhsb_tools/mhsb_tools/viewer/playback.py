@@ -186,7 +186,8 @@ class Playback:
 
         Returns:
             Energies of main pump, servo pumps, into the valves, and of the pistons, shape (k, 4)
-            [J]; nan if they were not recorded. Each is the last known value at or before its time.
+            [J]; nan if they were not recorded. Each is the last known value at or before its time;
+            for times before the first record, the first value.
         """
         reports = self._recording.simulator_reports
         if not reports:
