@@ -64,7 +64,8 @@ def decode(message: JointState, joint_names: Sequence[str]) -> JointSample:
 
     Raises:
         MessageError: A name is missing, unknown or given twice; a joint lacks a finite value; or
-            the stamp is not a time that a clock may show (`stamps.from_clock`).
+            the stamp is not a time that a clock may show (`stamps.from_clock`): it is before 1970,
+            or so late that later times would not fit into a message.
     """
     order = checks.find_joint_order("joint states", message.name, joint_names)
     return JointSample(

@@ -522,7 +522,7 @@ def refine(
         fine_sweeps: Largest number of sweeps with the last stride.
 
     Returns:
-        The improved path; `best` itself if the result is not cheaper.
+        The improved path; `best` itself if no cheaper path was found.
     """
     via, _ = remove_waypoints(
         task.cost_model,

@@ -50,8 +50,8 @@ class GoalPostures:
         tip: Goal (x, z) [m].
         tips: Tip position of each posture, shape (count, 2) [m].
         postures: The postures, with cylinder lengths and piston forces.
-        elbow: Elbow branch of each posture, ∓1, shape (count,); with telescopes the side of
-            `close_chain`.
+        elbow: Elbow branch of each posture, ∓1, shape (count,); with telescopes the number of the
+            solution (`side`) of `close_chain`, which moves two joints so that the tip is reached.
         free: Free joint coordinates of each posture as in `tip_postures`, shape (count, n - 2) [rad
             or m].
         free_units: Change of each free coordinate that counts as one radian, shape (n - 2,) [rad or
@@ -173,8 +173,9 @@ def _sample_at_tip(
     Returns:
         Tip positions, all equal, shape (count, 2) [m]; postures, shape (count, n) [rad or m]; elbow
         branches (sign of the second-last joint's angle), −1 or 1, shape (count,), with telescopes
-        the `side` of `close_chain`; free coordinates, shape (count, n - 2) [rad or m]: q₁ … q₍ₙ₋₃₎
-        and ψ, or with telescopes the positions of the joints that do not close the chain.
+        the number of the solution (`side`) of `close_chain`; free coordinates, shape (count, n - 2)
+        [rad or m]: q₁ … q₍ₙ₋₃₎ and ψ, or with telescopes the positions of the joints that do not
+        close the chain.
 
     Raises:
         OutOfWorkspaceError: The tip position is outside the workspace.
@@ -207,12 +208,13 @@ def _sample_telescopic_chain(
         z: Tip position upward [m].
         between: Least and greatest admissible ψ [rad]; None if ψ is free.
         spacing: Largest distance of two samples of ψ [rad]. If m joints are sampled, they are
-            spaced by spacing^(1/m), in units of `Machine.radian_equivalents`.
+            spaced by spacing^(1/m), in units of `Machine.radian_equivalents` (1 rad, or range/π of
+            a telescope).
 
     Returns:
-        Postures within limits, shape (count, n) [rad or m]; sides of `close_chain`, −1 or 1, shape
-        (count,); and positions of the joints that do not close the chain, shape (count, n - 2) [rad
-        or m].
+        Postures within limits, shape (count, n) [rad or m]; number of the solution of
+        `close_chain`, −1 or 1, shape (count,); and positions of the joints that do not close the
+        chain, shape (count, n - 2) [rad or m].
     """
     a, held = machine.arrays, held_joints(machine)
     i, j = find_closing_joints(a)
@@ -246,7 +248,7 @@ def _compute_postures(
             and the end-link angle ψ. With telescopes: the positions of all joints but the last two
             turning ones.
         elbow: Elbow branches (sign of the second-last joint's angle), −1 or 1, shape (count,). With
-            telescopes the `side` of `close_chain`.
+            telescopes the number of the solution (`side`) of `close_chain`.
         posture: Written in place, shape (count, n) [rad or m]; rows without a posture are
             undefined.
 

@@ -255,11 +255,11 @@ class GoalLifecycle:
         """Begin to plan for the waiting goal, if nothing prevents it.
 
         Nothing happens while a plan is made or unconfirmed (sent, without an answer), or while the
-        arm is being stopped. The goal waits on if `GoalQueue.must_wait` says so. It also waits on
-        if no plan can start from the arm's state; `GoalQueue.postpone` may then refuse it. If the
-        arm moves under a command of somebody else, the arm's own ~/stop is called once for each
-        goal. If the plan in force leads to the goal already, the goal takes that plan over.
-        Otherwise a plan is requested.
+        arm is being stopped. The goal waits on if `GoalQueue.must_wait` says so, for instance
+        because the arm is not connected. It also waits on if no plan can start from the arm's
+        state; `GoalQueue.postpone` may then refuse it. If the arm moves under a command of somebody
+        else, the arm's own ~/stop is called once for each goal. If the plan in force leads to the
+        goal already, the goal takes that plan over. Otherwise a plan is requested.
         """
         queue, pending_goal = self._queue, self._queue.waiting
         is_busy = queue.request or self._hand_over.unconfirmed or self._stop.is_under_way
@@ -624,9 +624,9 @@ class GoalLifecycle:
         """Handle the arm's report of its last stop, and end the goals that came before it.
 
         A stop is ignored if it was reported before, or if this planner has called for it. Otherwise
-        all goals end as stopped that were received up to the time from
-        `StopSequence.find_void_time`. If the arm has taken a plan for such a goal after the stop
-        and executes it, it is stopped again.
+        all goals end as stopped that were received up to `StopSequence.find_void_time`: before this
+        report, but not much later than the stop. If the arm has taken a plan for such a goal after
+        the stop and executes it, the arm is stopped again.
 
         Args:
             stop_ns: Time of the stop by the arm's clock [ns]; 0 means never, and nothing happens.

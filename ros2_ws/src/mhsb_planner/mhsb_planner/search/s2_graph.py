@@ -66,7 +66,7 @@ class StepGraph:
     """All steps between neighbouring nodes of a machine's posture table.
 
     The machine may differ from the table's machine in the quantities that `Machine.changed`
-    changes.
+    changes: payload, supply pressure, V_max, keep-out zones and number of booster modules.
 
     Attributes:
         machine: Machine that moves.
@@ -98,12 +98,12 @@ class StepGraph:
 
         Args:
             machine: Machine that moves.
-            table: Posture table of this machine, or of one that differs as `Machine.changed`
-                allows.
+            table: Posture table of this machine, or of one that differs in quantities that
+                `Machine.changed` changes, such as the payload.
             jobs: Number of threads; None means one per processor.
-            template: Graph on the same table for a machine that differs as `Machine.changed`
-                allows. Everything that does not depend on the changed quantities is taken from it,
-                and `posture_rule` and `grid` are ignored. None computes everything.
+            template: Graph on the same table for a machine that differs in quantities that
+                `Machine.changed` changes. Everything that does not depend on them is taken from the
+                template, and `posture_rule` and `grid` are ignored. None computes everything.
             posture_rule: Rule by which the table's postures were chosen; it gives the postures at
                 points off the grid.
             grid: Grid of the table's nodes if it exists already; None builds it.

@@ -301,9 +301,9 @@ class DisagreeingValve:
 
     Q_A flows into chamber A and Q_B out of chamber B [m³/s]. C is the capacity of a chamber
     [m³/Pa], ṗ the rate of its pressure [Pa/s], A and a are the piston areas [m²]. All speeds
-    between the two are explained as well, within tolerances for gain, overlap and delay of the
-    valve. Speed beyond them is integrated to a stroke, which decays with the time constant
-    `forgetting_time`.
+    between v_A and v_B are explained too, within tolerances for gain, overlap and delay of the
+    valve. Speed beyond the tolerances is integrated to a stroke, which decays with the time
+    constant `forgetting_time`.
     """
 
     name, unit = "disagreeing_valve", "m"
