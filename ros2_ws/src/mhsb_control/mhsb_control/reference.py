@@ -157,12 +157,12 @@ class ReferencePreview:
 
     @property
     def modes(self) -> ModeArray:
-        """Modes in force, uint8[n]."""
+        """Modes of the mode schedule now, uint8[n]; the mode guard is not taken into account."""
         return self.schedule.modes[self._rows[0]]
 
     @property
     def modes_ahead(self) -> ModeArray:
-        """Modes in force at point `PREVIEW_POINT`, uint8[n]."""
+        """Modes of the mode schedule at point `PREVIEW_POINT`, uint8[n]."""
         return self.schedule.modes[self._rows[1]]
 
     @property

@@ -63,6 +63,9 @@ class Goal:
         """Return whether two goals are within 0.1 mm of each other along each axis.
 
         A plan to one of them then leads to the other, too.
+
+        Raises:
+            ValueError: Only one of the goals has a y.
         """
         pairs = zip(self.position, other.position, strict=True)
         return max(abs(one - another) for one, another in pairs) <= GOAL_POSITION_TOLERANCE

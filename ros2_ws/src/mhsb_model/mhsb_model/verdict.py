@@ -161,6 +161,9 @@ class GoalVerdict:
 
         Returns:
             The verdict.
+
+        Raises:
+            ValueError: The verdict accepts the goal but there is no plan, or the reverse.
         """
         return cls(code, sentence, goal.stamp_ns, goal.x, goal.z, plan, goal.y)
 

@@ -212,7 +212,11 @@ class _HeadReader:
 
 
 def _read_message(message: JointTrajectory) -> PointArrays:
-    """Return the content of a message that rclpy has decoded."""
+    """Return the content of a message that rclpy has decoded.
+
+    Raises:
+        MessageError: A time has a second or more in its nanoseconds.
+    """
     times = [stamps.from_duration(point.time_from_start) for point in message.points]
     return PointArrays(
         stamps.from_time(message.header.stamp),

@@ -26,7 +26,11 @@ def to_time(time_ns: int) -> Time:
 
 
 def from_time(message: Time) -> int:
-    """Return the absolute time of a message [ns]."""
+    """Return the absolute time of a message [ns].
+
+    Raises:
+        MessageError: The nanoseconds make a second or more.
+    """
     return _nanoseconds(message)
 
 
@@ -57,7 +61,11 @@ def to_duration(duration_ns: int) -> Duration:
 
 
 def from_duration(message: Duration) -> int:
-    """Return the duration of a message [ns]."""
+    """Return the duration of a message [ns].
+
+    Raises:
+        MessageError: The nanoseconds make a second or more.
+    """
     return _nanoseconds(message)
 
 
@@ -125,6 +133,10 @@ def _fields(time_ns: int) -> dict[str, int]:
 
 
 def _nanoseconds(message: Time | Duration) -> int:
-    """Return the time or duration of a message [ns]; raise MessageError if it is impossible."""
+    """Return the time or duration of a message [ns].
+
+    Raises:
+        MessageError: The nanoseconds make a second or more.
+    """
     check_nanoseconds(message.nanosec)
     return int(message.sec) * SECOND_NS + int(message.nanosec)

@@ -68,7 +68,8 @@ class Deadline:
         """Return an earlier deadline.
 
         Args:
-            reserve: Time to keep for what has to be done afterwards [s].
+            reserve: Time to keep for what has to be done afterwards [s]. A negative time gives a
+                later deadline.
 
         Returns:
             The deadline.

@@ -68,7 +68,7 @@ def evaluate_linkage(linkage: FloatArray, q: float) -> tuple[float, float, float
 
     Returns:
         Cylinder length L [m], moment arm r = dL/dq [m], and dr/dq [m/rad]. For a telescope r is 1
-        [-] and dr/dq is 0.
+        [-] and dr/dq is 0; for a slew r is constant and dr/dq is 0.
     """
     if linkage[0] == LINEAR_LINKAGE:
         return linkage[1] + linkage[2] * q, linkage[2], 0.0
@@ -171,7 +171,7 @@ def find_joint_angle(
 def moment_arm_range(linkage: FloatArray, lower: float, upper: float) -> tuple[float, float]:
     """Return the least and the largest moment arm, with their signs, within the joint limits.
 
-    They are those on a grid of positions at most 0.1° apart.
+    They are those on a grid of positions at most 0.1° apart, or 1.7 mm for a telescope.
 
     Args:
         linkage: Numbers of the linkage, from `build_linkage_row`, float64[LINKAGE_WIDTH].
@@ -188,11 +188,13 @@ def moment_arm_range(linkage: FloatArray, lower: float, upper: float) -> tuple[f
 def angle_grid(lower: float, upper: float) -> FloatArray:
     """Return evenly spaced angles between two limits, both included, at most 0.1° apart.
 
+    For a telescope these are extensions, at most 1.7 mm apart.
+
     Args:
-        lower: First angle [rad].
-        upper: Last angle [rad].
+        lower: First angle [rad], or extension [m].
+        upper: Last angle [rad], or extension [m].
 
     Returns:
-        float64[k] with k ≥ 2 [rad].
+        float64[k] with k ≥ 2 [rad or m].
     """
     return np.linspace(lower, upper, max(2, math.ceil(math.degrees(upper - lower) * 10) + 1))

@@ -499,8 +499,8 @@ class StopSequence:
     def report_waiting(self) -> None:
         """Log that the arm brakes for an obstacle once it has answered the last plan.
 
-        Nothing happens if the stop has a reason already, for example because a braking command was
-        made.
+        Nothing happens without a stop, or if the stop has a reason already, for example because a
+        braking command was made.
         """
         if self._stop is not None and not self._stop.reason:
             self._report_obstacle(describe_waiting(self._stop.obstacle))

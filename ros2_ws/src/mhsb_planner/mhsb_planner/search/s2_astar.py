@@ -346,7 +346,7 @@ class ExactSearch:
 
     @property
     def cost(self) -> float:
-        """Cost of the path found."""
+        """Cost of the path found; inf before."""
         return self._open_list.goal_cost
 
     def expand(self, limit: int) -> int:

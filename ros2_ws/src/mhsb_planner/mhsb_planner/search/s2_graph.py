@@ -66,7 +66,9 @@ class StepGraph:
     """All steps between neighbouring nodes of a machine's posture table.
 
     The machine may differ from the table's machine in the quantities that `Machine.changed`
-    changes: payload, supply pressure, V_max, keep-out zones and number of booster modules.
+    changes: payload, supply pressure, V_max, keep-out zones and number of booster modules. The
+    mode patterns are those of the table. If the machine has fewer modules, the table must be
+    reduced to the patterns that they allow (`PostureTable.with_patterns`).
 
     Attributes:
         machine: Machine that moves.

@@ -422,8 +422,9 @@ class Simulator:
         """Energies since the start by name [J].
 
         `main_pump` (hydraulic) and `servo_pumps` (at their shafts) are the energies delivered. The
-        other entries say where that energy went; together they add up to it. Exceptions are
-        `UNBALANCED_ENERGIES` of `circuit.audit`.
+        other entries say where that energy went; together they add up to it. Two entries are no
+        terms of this sum (`UNBALANCED_ENERGIES`): `friction`, which is part of `piston_work`, and
+        `main_pump_shaft`, which includes `main_pump`.
         """
         energy = self._circuit.energy
         return {name: float(energy[name][0]) for name in energy.dtype.names or ()}
@@ -665,8 +666,8 @@ class Simulator:
             q: Joint positions, float64[n], [rad or m].
 
         Returns:
-            Mode of each actuator, uint8[n]: modes that hold its load there, or the present ones if
-            there are too few booster modules.
+            Mode of each actuator, uint8[n]: modes that hold its load there. If there are too few
+            booster modules, all have the present modes of the mode schedule.
         """
         return choose_stop_modes(self.machine, self.machine.piston_forces(q), self._reference.modes)
 

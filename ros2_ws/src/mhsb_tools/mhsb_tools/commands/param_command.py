@@ -97,13 +97,21 @@ class _RemoteParameters:
             )
 
     def _wait(self, answer: Future) -> Any:
-        """Return the result of a request, or raise ParameterError if none comes in time."""
+        """Return the result of a request.
+
+        Raises:
+            ParameterError: No result came within the node's time to answer.
+        """
         if not spin_until(self._executor, answer.done, self._timeout):
             raise ParameterError(f"{self._name} gave no answer within {self._timeout:g} s")
         return answer.result()
 
     def list_names(self) -> list[str]:
-        """Return the names of all parameters in alphabetical order."""
+        """Return the names of all parameters in alphabetical order.
+
+        Raises:
+            ParameterError: The node gave no answer in time.
+        """
         return sorted(self._wait(self._client.list_parameters()).result.names)
 
     def read(self, names: list[str]) -> dict[str, Any]:
@@ -135,7 +143,11 @@ class _RemoteParameters:
         return f"; did you mean {near[0]}?" if near else ""
 
     def describe(self, names: list[str]) -> Mapping[str, str]:
-        """Return the description of each parameter, by name."""
+        """Return the description of each parameter, by name.
+
+        Raises:
+            ParameterError: The node gave no answer in time.
+        """
         answer = self._wait(self._client.describe_parameters(names))
         return {each.name: each.description for each in answer.descriptors}
 

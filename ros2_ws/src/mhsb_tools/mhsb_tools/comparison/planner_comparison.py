@@ -320,6 +320,10 @@ def compare_all(
 
     Yields:
         Comparisons in the order of the requests, each as soon as it and all before it are done.
+
+    Raises:
+        RequestError: The number of processes is below 1.
+        ClusterError: The cluster does not answer.
     """
     with SharedStateExecutor(jobs, PlannerComparer, machine, weights) as pool:
         tasks = [pool.submit(PlannerComparer.compare, request) for request in requests]

@@ -396,6 +396,10 @@ def run_draws(
     Yields:
         A list for each draw, with the records of all controllers. Draws come as they are ready, in
         any order.
+
+    Raises:
+        RequestError: The number of processes is below 1.
+        ClusterError: The cluster does not answer.
     """
     with SharedStateExecutor(jobs, make_study) as pool:
         yield from results_of(pool.submit(DrawStudy.run_draw, draw) for draw in range(count))

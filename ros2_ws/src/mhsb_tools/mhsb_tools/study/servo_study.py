@@ -187,6 +187,8 @@ def run_controller(
         The record of the run.
 
     Raises:
+        UnknownControllerError: No controller has this name.
+        PressureSensorsError: The controller reads pressures that the machine does not measure.
         SimulationDivergedError: The simulation diverged.
     """
     simulator = Simulator(machine or script.machine, controller)
