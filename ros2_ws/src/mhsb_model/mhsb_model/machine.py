@@ -886,8 +886,9 @@ def _restored(
     Args:
         config: Content of the machine file.
         external_leakage: Leakage of valves that do not belong to the n joints [m³/s].
-        shadows: `Machine.shadows`.
-        rating: `Machine.file_rating`.
+        shadows: `Machine.shadows`: obstacles in the plane that stand for zones in space.
+        rating: `Machine.file_rating`: payload and supply pressure of the original machine file;
+            None if the machine was not made by `changed`.
 
     Returns:
         A machine equal to the pickled one.

@@ -34,7 +34,7 @@ class _SubscribedTopic:
     Attributes:
         topic: Name, type and the quality of service that is asked for.
         callback: Called with message and information, once for each message.
-        first: The subscription with the topic's own quality of service.
+        first: The subscription with the topic's own quality of service; None before it is made.
         further: Further subscriptions, by the reliability and durability of the publishers that
             the first one does not match.
         keys: Publishing time [ns] and sequence number of the last messages.

@@ -177,7 +177,8 @@ def _make_timed_plan(
         goal: Tip position at the goal, (x, z) or (x, y, z) [m].
         posture: Posture at the start, shape (n,) [rad or m].
         options: Options of the plan.
-        ranges: See `_make_plan`.
+        ranges: Ranges of supply pressure [Pa] and V_max (piston speed for planning) [m/s], in which
+            those of least cost are chosen. None keeps the machine's value.
         silent: True hides the progress bar.
         log: Log of the first planning, filled in place.
 
@@ -449,7 +450,8 @@ def compute_polytope_areas(planner: Planner, plan: Plan) -> dict[str, float | No
     Returns:
         A dictionary: `area_discrete_m2_s2` and `area_m2_s2` (mean area along the discrete path and
         along the motion; None if the tip does not move), `area_reference_m2_s2` (area from which on
-        a polytope counts as full), and `area_shortfall_m` [m].
+        a polytope counts as full), and `area_shortfall_m` [m] (length of a path without any area
+        that would lose as much).
     """
     motion, reference = plan.motion, reference_area(planner.graph.table)
     path = area_along_path(planner.machine, plan.path)
@@ -468,7 +470,7 @@ def area_line(area: dict[str, float | None]) -> str:
     Args:
         area: Result of `compute_polytope_areas`. The line shows `area_m2_s2` (mean area along the
             motion), `area_reference_m2_s2` (area from which on a polytope counts as full) and
-            `area_shortfall_m`.
+            `area_shortfall_m` (length of a path without any area that would lose as much).
 
     Returns:
         The line without a line break. If `area_m2_s2` is None, it says only that the tip does not
