@@ -42,8 +42,8 @@ def audit_elements(
     """Add the energy that each element of the circuit has turned over in a substep to its counter.
 
     Energies use the mean flow and the mean pressures of the step, as the implicit scheme does.
-    Power in therefore equals power out at every node (Tellegen's theorem). Oil to and from the tank
-    is counted as well.
+    Power in therefore equals power out at every node (Tellegen's theorem). Of the oil volumes, only
+    the net oil that returns to the tank is counted, with its energy at tank pressure.
 
     Args:
         net: Elements of this substep, CircuitElement, each with its two nodes, its flow [m³/s] and
@@ -53,10 +53,10 @@ def audit_elements(
         change: Change of each pressure in the substep [Pa].
         c: Constants of the circuit. Reads the duration `substep` [s] and the efficiency of the
             servo pumps.
-        e: Energy counters [J], updated in place.
+        e: Energy counters [J], updated in place: those of the elements, and `return_oil`.
         counters: The same counters as a flat array, float64[energies]. Registered kinds of valves
             (`valves.registry`) use it, since they have only the index of their counter.
-        volume: Oil counters [m³], updated in place.
+        volume: Oil counters [m³]. Only `returned` is updated, in place.
     """
     tank, dt = len(pressure) - 1, c.substep
     for k in range(count):
@@ -100,10 +100,10 @@ def audit_main_pump(
     Args:
         flow: Mean flow of the pump in the substep [m³/s].
         pressure: Mean pressure behind the pump [Pa].
-        c: Constants of the circuit. Uses the length `substep` [s] and
-            the pump's efficiency and drag power [W].
-        e: Energy counters [J], updated in place.
-        volume: Oil counters [m³], updated in place.
+        c: Constants of the circuit. Uses the duration `substep` [s], and the pump's efficiency and
+            drag power [W].
+        e: Energy counters [J]. Adds to `main_pump` and `main_pump_shaft` in place.
+        volume: Oil counters [m³]. Adds to `main_pump` in place.
     """
     work = flow * pressure
     e.main_pump += work * c.substep
