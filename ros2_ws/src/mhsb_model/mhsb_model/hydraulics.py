@@ -540,6 +540,33 @@ def compute_valve_leakage(oil: SharedHydraulics, supply: float) -> float:
     )
 
 
+def compute_sinking_speed(m: MachineArrays, j: int, force: float, supply: float) -> float:
+    """Compute the speed of a loaded piston behind a closed valve whose lands leak.
+
+        v = 2 G ((A − a) (p + p_T)/2 − F) / (A² + a²),   G = s q_leak/(P_S − p_T)
+
+    It follows from A p_A − a p_B = F and the flows over the four lands of the spool, each G Δp
+    without overlap, A v = G (p − p_A) − G (p_A − p_T) and −a v = G (p − p_B) − G (p_B − p_T). The
+    seal of the piston is tight.
+
+    Args:
+        m: Arrays of the machine, with the share s of the leakage over the lands.
+        j: Index of the actuator.
+        force: Piston force F, positive if it resists extension [N].
+        supply: Supply pressure p of the valve [Pa].
+
+    Returns:
+        Speed v, positive in extension [m/s]; 0 if no oil leaks over the lands.
+
+    Source:
+        H. E. Merritt, Hydraulic Control Systems (leakage of a closed spool valve).
+    """
+    conductance = m.land_leakage * m.leakage_flow / (m.supply_pressure - m.tank_pressure)
+    cap, rod = float(m.cap_area[j]), float(m.rod_area[j])
+    middle = 0.5 * (supply + m.tank_pressure)
+    return 2.0 * conductance * ((cap - rod) * middle - force) / (cap * cap + rod * rod)
+
+
 @kernel
 def compute_piston_flow_budget(
     oil: SharedHydraulics, line_pressure: FloatArray, modes: ModeArray

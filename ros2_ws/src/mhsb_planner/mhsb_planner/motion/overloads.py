@@ -13,7 +13,11 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.holding import MAX_HELD_SPEED
-from mhsb_model.hydraulics import required_pressure, required_pressures
+from mhsb_model.hydraulics import (
+    compute_sinking_speed,
+    required_pressure,
+    required_pressures,
+)
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
@@ -30,6 +34,8 @@ class Overload:
         pressure: Greatest supply pressure that holding the load would take, with margin [Pa].
         highest: Highest boost pressure [Pa].
         at_end: True if the motion ends with such a rest.
+        sinking_speed: Greatest speed at which the load sinks through the closed valve [m/s]; 0 if
+            the valve is tight, or lock valves hold the load.
     """
 
     actuator: str
@@ -37,14 +43,16 @@ class Overload:
     pressure: float
     highest: float
     at_end: bool
+    sinking_speed: float = 0.0
 
     def __str__(self) -> str:
         """Return one sentence that describes the overload."""
         where = " and then at the goal" if self.at_end else ""
+        sinks = f", sinking by {6e4 * self.sinking_speed:.3g} mm/min" if self.sinking_speed else ""
         return (
             f"{self.actuator} rests for {self.duration:.2f} s{where} under a load that takes "
             f"{self.pressure / 1e6:.3g} MPa to hold, the highest boost being "
-            f"{self.highest / 1e6:.3g} MPa: its closed valve alone holds it"
+            f"{self.highest / 1e6:.3g} MPa: its closed valve alone holds it{sinks}"
         )
 
 
@@ -78,10 +86,28 @@ def find_overloads(
             float(pressure[resting[:, j], j].max()),
             highest,
             bool(resting[-1, j]),
+            _find_sinking_speed(machine, j, profile.force[resting[:, j], j]),
         )
         for j, name in enumerate(machine.actuator_names)
         if resting[:, j].any()
     )
+
+
+def _find_sinking_speed(machine: Machine, j: int, forces: FloatArray) -> float:
+    """Find the greatest speed at which loads sink at the highest boost pressure.
+
+    Args:
+        machine: Machine with its hydraulics.
+        j: Index of the actuator.
+        forces: Piston forces, positive if they resist extension, shape (k,) [N]; k ≥ 1.
+
+    Returns:
+        Magnitude of the speed [m/s]; 0 if the valve is tight, or lock valves hold the loads.
+    """
+    m = machine.arrays
+    if machine.config.circuit.lock_valve_opening > 0.0:
+        return 0.0
+    return max(abs(compute_sinking_speed(m, j, f, m.max_boost_pressure)) for f in forces.tolist())
 
 
 @kernel

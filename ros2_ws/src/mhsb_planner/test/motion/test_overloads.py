@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mhsb_model.hydraulics import required_pressure
+from mhsb_model.hydraulics import compute_sinking_speed, required_pressure
 from mhsb_model.trajectory import standstill
 from mhsb_planner.motion.motion_profile import MotionProfile
 from mhsb_planner.motion.overloads import find_overloads
@@ -39,6 +39,19 @@ def test_only_rests_beyond_the_highest_boost_are_named(machine, heavy):
     assert (found.actuator, found.duration, found.at_end) == ("actuator_1", 2.0, False)
     assert found.pressure == pytest.approx(required_pressure(machine.arrays, 0, heavy, 0.0))
     assert "closed valve" in str(found)
+
+
+def test_a_load_that_sinks_through_a_leaking_valve_is_said_to_sink(machine, heavy):
+    still = profile(heavy, 0.0)
+    assert "sinking" not in str(find_overloads(machine, TIME, still)[0])
+    leaky = machine.with_values({"hydraulics.valve.land_leakage": 0.1})
+    (found,) = find_overloads(leaky, TIME, still)
+    speed = compute_sinking_speed(leaky.arrays, 0, heavy, leaky.arrays.max_boost_pressure)
+    assert speed < 0.0
+    assert found.sinking_speed == -speed
+    assert str(found).endswith(f"holds it, sinking by {-6e4 * speed:.3g} mm/min")
+    locked = leaky.with_values({"circuit.lock_valve_opening": 0.01})
+    assert "sinking" not in str(find_overloads(locked, TIME, still)[0])
 
 
 def test_a_load_that_is_pulled_counts_like_one_that_is_pushed(machine):

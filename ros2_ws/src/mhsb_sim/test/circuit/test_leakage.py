@@ -9,7 +9,11 @@ from mhsb_model.circuit.elements import (
     compute_null_leakage,
     compute_orifice_flow,
 )
-from mhsb_model.hydraulics import compute_valve_leakage, get_shared_hydraulics
+from mhsb_model.hydraulics import (
+    compute_sinking_speed,
+    compute_valve_leakage,
+    get_shared_hydraulics,
+)
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_sim.circuit.audit import energy_gap, volume_gap
@@ -99,6 +103,17 @@ def test_closed_valves_let_loads_sink_for_ten_minutes_as_the_balance_of_oil_says
     assert np.all(np.abs(expected) < 60e-3)  # mm per minute
     assert expected[0] < 0.0 < expected[1]  # with the load
     assert_audited(circuit)
+
+
+def test_the_planner_knows_the_speed_of_sinking_without_seals(machine):
+    leaky = leaking(machine, circuit__valves={})
+    before, _ = carry(leaky, 60.0)
+    after, circuit = carry(leaky, 120.0)
+    for j, stroke in enumerate(after - before):
+        drag = DRAG * stroke / 60.0
+        line = circuit.pressure[3 * j + 2]
+        speed = compute_sinking_speed(leaky.arrays, j, LOADS[j] + drag, line)
+        assert stroke / 60.0 == pytest.approx(speed, rel=2e-3)
 
 
 def test_an_overlap_slows_the_sinking(machine):
