@@ -209,10 +209,7 @@ class InverseCurve:
             weight: Weight of this observation, above 0 … 1, as in `learn`.
         """
         if self.commands[0] < command < self._settings.max_dead_band:
-            known, covariance = self.known_speed, self.covariance.copy()
             self.learn(0.0, command + self._settings.dead_band_step, weight)
-            if known == 0.0:
-                self.known_speed, self.covariance = known, covariance
 
     def forget(self, time: float) -> None:
         """Relax the covariance towards the initial one during a time [s]."""
