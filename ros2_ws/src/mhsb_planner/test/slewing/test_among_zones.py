@@ -19,7 +19,7 @@ from mhsb_planner.planners.path_planner import PathRequest
 from mhsb_planner.planners.resting import insert_rests
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.manipulability_loss import WITHOUT_AREA
-from mhsb_planner.slewing.among_zones import AT_ONCE, SLEW_PART_ANGLE, find_quickest_turning
+from mhsb_planner.slewing.among_zones import MAX_PARTS_PER_STEP, SLEW_PART_ANGLE, find_quickest_turning
 from mhsb_planner.slewing.slew_distribution import compute_path_oil
 from mhsb_planner.slewing.turned_path import REST_STEP, combine_with_slew, find_rest_steps
 
@@ -79,7 +79,7 @@ def least_time(machine, path):
             if k < parts and is_clear(machine, at(i, k), at(i, k + 1)):
                 alone = max(way / a.max_piston_speed[0], a.cap_area[0] * way / flow)
                 edges[state(i, k), state(i, k + 1)] = alone
-            for more in range(AT_ONCE + 1):
+            for more in range(MAX_PARTS_PER_STEP + 1):
                 if i == path.steps or k + more > parts:
                     continue
                 if is_clear(machine, at(i, k), at(i + 1, k + more)):
