@@ -62,7 +62,7 @@ def test_uncertainty_returns_in_time_and_not_beyond_its_first_value():
     for _ in range(10_000):
         curve.forget(0.1)
     assert curve.covariance == pytest.approx(prior, rel=1e-3)
-    assert curve.known_speed == 0.0
+    assert curve.known_speed >= 0.1  # a plan is not slowed a second time
 
 
 @pytest.mark.parametrize("delay", [0.07, 0.25, 0.5])

@@ -19,7 +19,11 @@ from mhsb_planner.planners.path_planner import PathRequest
 from mhsb_planner.planners.resting import insert_rests
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.manipulability_loss import WITHOUT_AREA
-from mhsb_planner.slewing.among_zones import MAX_PARTS_PER_STEP, SLEW_PART_ANGLE, find_quickest_turning
+from mhsb_planner.slewing.among_zones import (
+    MAX_PARTS_PER_STEP,
+    SLEW_PART_ANGLE,
+    find_quickest_turning,
+)
 from mhsb_planner.slewing.slew_distribution import compute_path_oil
 from mhsb_planner.slewing.turned_path import REST_STEP, combine_with_slew, find_rest_steps
 
