@@ -625,8 +625,10 @@ def demand_speed(
 
         u = v_ref(t + T) + w + ω_F (F_ref − F)/k_h,    F_ref = F_known + d + (k_p k_h/ω_F) e
 
-    |u| is limited to `max_speed_at_rest`, the speed limit at rest, and to `deliverable_speed`, what
-    the pumps can supply. The integral w stays constant while the valve is saturated (anti-windup).
+    ω_F is the bandwidth of the force loop [1/s], k_h the stiffness of the oil [N/m], k_p the gain
+    of the position loop [1/s], and T the time until a command acts [s]. |u| is limited to
+    `deliverable_speed`, which the pumps can supply, and while the reference rests also to
+    `max_speed_at_rest`. The integral w stays constant while the valve is saturated (anti-windup).
     While the reference rests, w changes only if the joint error is between `min_rest_error` and
     `max_rest_error`.
 

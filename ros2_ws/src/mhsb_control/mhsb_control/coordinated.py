@@ -457,13 +457,14 @@ def select_supply_targets(
     mode N both are the measured line pressure, but at least P_S.
 
     Args:
-        axis: State of the cylinder's control axis. Writes `supply_target`
-            and `target_ahead` [Pa] in place.
+        axis: State of the cylinder's control axis. Writes in place `supply_target`, the pressure to
+            be kept now, and `target_ahead`, the pressure needed at `PREVIEW_POINT` [Pa].
         sensor: Measured length [m] and pressures [Pa] of the actuator.
         cylinder: Areas and flow coefficient of the cylinder's valve.
         constants: Constants of the circuit, one record.
         gains: Quantities that all axes share, SharedGains[1].
-        mode: Prepared mode of the actuator.
+        mode: Prepared mode of the actuator: the mode in force, or already the boosted mode that
+            comes within the controller's preview.
     """
     if BOOSTED_MODES[mode]:
         set_supply_targets(axis, cylinder, constants, gains)

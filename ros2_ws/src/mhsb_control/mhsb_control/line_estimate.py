@@ -334,25 +334,26 @@ def accumulate_balance(
 ) -> bool:
     """Add one step to an oil balance, and return whether its window of steps is complete.
 
-    The window starts anew if the set of lines or `manifold_feeds` has changed. The first step of a
-    window only records the flow of the pumps. What the rail itself takes counts only in the balance
-    of the rail.
+    The window starts anew if the set of lines or `manifold_feeds` has changed. Its first call only
+    records the flow of the pumps, so a window takes `window_steps` + 1 calls. What the rail (line
+    that several servo pumps feed in shared boost) takes itself counts only in the balance of the
+    rail.
 
     Args:
         lines: Estimates and balances of n lines. Reads `intake`, the oil that each line and the
             rail take in this step. Updates record k of `balances` and row k of `row` in place. This
-            row has the coefficients of the estimated factors: oil taken by compression, then the
-            leakage of each valve, both by the machine file [m³].
+            row has the amounts that the estimated factors multiply, both by the machine file: oil
+            taken by compression, then the leakage of each valve [m³].
         k: Index of the balance. k < n is the balance of line k alone, n that of the rail with its
             joined lines.
         members: Lines of the balance, bit j for line j; 0 discards the window.
         manifold_feeds: 1 if the main pump may feed the lines as well, else 0.
         flow: Flow of the servo pumps into these lines [m³/s].
         step: Control period [s].
-        window_steps: Number of steps in a window.
+        window_steps: Number of steps that a window sums up.
 
     Returns:
-        True in the last step of a window. Record k and row k then contain its balance.
+        True in the last call of a window. Record k and row k then contain its balance.
     """
     oil_balance, row, taken = lines.balances[k], lines.row[k], lines.intake
     if (
@@ -402,10 +403,10 @@ def compute_line_intake(
 ) -> None:
     """Compute the oil that a line takes in a step, by compression, leakage and its piston.
 
-    Compression is capacity times pressure rise, by the machine file. While the reference moves the
-    piston, two things are added: the oil that the piston sweeps, and the compression in the chamber
-    that the supply fills. This is the cap side if the reference extends, and the rod side if it
-    retracts.
+    The line's compression is its capacity times its pressure rise, by the machine file. If the
+    reference moves the piston, the compression in the chamber that the supply fills is added to it,
+    and the piston takes the oil that it sweeps. The chamber is the cap side if the reference
+    extends, and the rod side if it retracts.
 
     Args:
         axis: State of the cylinder's control axis. Writes `leakage` in place: the leakage by the

@@ -43,8 +43,9 @@ def compute_dead_time(machine: Machine) -> float:
         machine: The machine as its file describes it.
 
     Returns:
-        The time T [s], or `servo.lag_compensated.expected_delay` if the file has a longer one. It
-        is 0 for machines with pressure sensors, whose servos need no commands ahead.
+        Delay of computer and bus plus velocity lag of the valve's spool (T of this module) [s]. If
+        `servo.lag_compensated.expected_delay` of the file is longer, it is returned instead. The
+        result is 0 for machines with pressure sensors, whose servos need no commands ahead.
     """
     config = machine.config
     if config.imperfections.sensors.pressure != "none":

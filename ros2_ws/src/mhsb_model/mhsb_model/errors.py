@@ -58,8 +58,9 @@ class MachineFileError(MhsbError):
 
         Args:
             source: Name of the file.
-            problems: Everything that is wrong, each as `path: sentence`. All are kept in the
-                attribute. The message lists the first `MAX_LISTED_PROBLEMS` and the number of the
+            problems: Everything that is wrong, each as `path: sentence` with the path of the value
+                in the file, such as `joints.0.link.mass`. All are stored in the attribute
+                `problems`. The message lists the first `MAX_LISTED_PROBLEMS` and the number of the
                 others.
         """
         self.source = source

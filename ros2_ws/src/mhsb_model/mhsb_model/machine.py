@@ -360,8 +360,8 @@ class Machine:
     ) -> Machine:
         """Return a copy of the machine with some values replaced.
 
-        None keeps a value. `shadows` and `arrays.external_leakage`, which planar parts of slewing
-        arms have, are not copied.
+        None keeps a value. The copy has no `shadows`, and its `arrays.external_leakage` is 0. Only
+        a machine from `planar_arm` or `make_planar_arm_with_shadows` has other values.
 
         Args:
             payload: Mass at the tip [kg].
@@ -396,14 +396,15 @@ class Machine:
     def with_values(self, values: Mapping[str, Any]) -> Machine:
         """Return a copy of the machine as if its machine file had other values.
 
-        `shadows` and `arrays.external_leakage`, which planar parts of slewing arms have, are not
-        copied.
+        The copy has no `shadows`, and its `arrays.external_leakage` is 0. Only a machine from
+        `planar_arm` or `make_planar_arm_with_shadows` has other values.
 
         Args:
             values: New values by their paths, for instance `{"joints.0.link.mass": 5.0}`.
 
         Returns:
-            The copy. Its `file_rating` is None, since the new values count as values of the file.
+            The copy. Its `file_rating` (payload and supply pressure of an original file) is None:
+            the copy counts as read from a file with the new values.
 
         Raises:
             ValuePathError: A path does not exist.

@@ -71,8 +71,8 @@ class PointArrays:
 def read_point_arrays(message: JointTrajectory | bytes, what: str, max_points: int) -> PointArrays:
     """Return the content of a message, or of its bytes, as arrays.
 
-    Bytes are read by NumPy if their layout is regular, otherwise by rclpy. The number of points is
-    checked before any point is read.
+    Bytes are read by NumPy if all points have the same arrays, all of one length. Otherwise rclpy
+    reads them. The number of points is checked before any point is read.
 
     Args:
         message: Message, or its serialized bytes.
@@ -83,7 +83,8 @@ def read_point_arrays(message: JointTrajectory | bytes, what: str, max_points: i
         The content. Joint names, lengths of the arrays and values are not checked.
 
     Raises:
-        MessageError: There are too many points, the bytes are no message, or a time is impossible.
+        MessageError: There are too many points, the bytes are no message, or a time has a second or
+            more in its nanoseconds.
     """
     if isinstance(message, bytes):
         head = _HeadReader(message)

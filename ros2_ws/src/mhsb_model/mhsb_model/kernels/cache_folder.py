@@ -66,8 +66,8 @@ def set_kernel_cache_folder() -> None:
 
     If NUMBA_CACHE_DIR is already set, its folder is taken. Otherwise it is `kernel_cache_folder()`,
     and old cache folders beside it are deleted. If the folder cannot be written, a folder among the
-    temporary files takes its place. If that cannot be written either, kernels are not kept. A
-    warning about this is logged once for a process and its children.
+    temporary files takes its place. If that cannot be written either, kernels are not kept. In both
+    cases a warning is logged, once for a process and its children.
 
     It must be called before the first kernel is defined.
     """

@@ -84,8 +84,8 @@ def create_dispatcher(
 ) -> Any:
     """Create the numba dispatcher of a function, which compiles the function at its first call.
 
-    Compiled versions are cached in a folder of their own, if the cache folder can be written. They
-    release the interpreter lock. Divisions by 0 give inf or nan as in NumPy.
+    Compiled versions are cached in a subfolder for this function alone, if the cache folder can be
+    written. They release the interpreter lock. Divisions by 0 give inf or nan as in NumPy.
 
     Args:
         function: Python function.

@@ -32,9 +32,9 @@ def compile_ahead(
 ) -> None:
     """Compile all kernels that the given functions call, as far as they are not in the cache yet.
 
-    Worker processes call the functions, one for each processor. A marker file in the cache records
-    each function that has succeeded, so repeated calls return quickly. If the cache cannot be
-    written, nothing is done. If a function fails, this is logged and no error is raised: whoever
+    Worker processes call the functions; each processor has one worker. A marker file in the cache
+    records each function that has succeeded, so repeated calls return quickly. If the cache cannot
+    be written, nothing is done. If a function fails, this is logged and no error is raised: whoever
     calls its kernels later compiles them and sees the error.
 
     Args:

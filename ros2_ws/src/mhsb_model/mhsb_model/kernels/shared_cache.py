@@ -120,7 +120,10 @@ class SharedDispatcher:
         return result
 
     def log_failed_storing(self, error: Exception) -> None:
-        """Log that compiled kernels cannot be kept on disk, once for a process and its children.
+        """Log that compiled kernels cannot be kept on disk, at most once in a process.
+
+        Nothing is logged if `set_kernel_cache_folder` has already warned about the cache folder, in
+        this process or in a parent of it.
 
         Args:
             error: Error that has prevented it.
@@ -179,6 +182,9 @@ def _delete_damaged(files: Sequence[Path], reason: str) -> None:
     Args:
         files: Damaged files in one folder. If there are none, nothing is logged.
         reason: Reason in a few words.
+
+    Raises:
+        OSError: A file exists and cannot be deleted.
     """
     for file in files:
         file.unlink(missing_ok=True)

@@ -209,15 +209,17 @@ def place_posture(
 ) -> None:
     """Write the posture that has given cylinder lengths into points[i].
 
-    The joint positions are found by Newton's method, which starts at the posture points[guess].
+    If no joint position within the limits has its cylinder's length, the joint gets the limit whose
+    length is nearer. Row i of `points.length` has the given lengths in any case.
 
     Args:
         m: Numeric description of the machine.
-        points: Postures with cylinder lengths and piston forces. All three are written in row i in
-            place.
+        points: Postures, cylinder lengths and piston forces. Row i of each of these three arrays is
+            written in place.
         i: Index of the posture to write.
         length: Cylinder lengths, shape (n,) [m].
-        guess: Index of a posture in `points` whose joint positions are close.
+        guess: Index of a posture in `points` with close joint positions, at which Newton's method
+            starts.
     """
     for j in range(len(length)):
         points.length[i, j] = length[j]

@@ -131,8 +131,9 @@ def _free_coordinate_units(machine: Machine, between: tuple[float, float] | None
     are the positions of all joints but the last two turning ones, which close the chain.
 
     The change is 1 rad for an angle, and the joint's range divided by π [m] for a telescope. It is
-    0 for a coordinate that must not change. If `between` is given, ψ must not change. With
-    telescopes no coordinate may then change, because each of them would change ψ.
+    0 for a coordinate that must keep its value. If `between` is given, ψ must keep its value, even
+    if `between` has room for other values. With telescopes all coordinates must then keep their
+    values, because each of them would change ψ.
 
     Args:
         machine: The arm without a slewing joint.
@@ -336,7 +337,9 @@ def _sample_outer_joints(
     between: tuple[float, float] | None,
     spacing: float,
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Sample the postures of a turning chain at one tip position with the inner joints fixed.
+    """Sample the postures at one tip position with the inner joints fixed.
+
+    The arm must have no telescopes.
 
     Args:
         machine: The arm without a slewing joint.

@@ -186,7 +186,8 @@ def wrist_direction_range(low: float, high: float, radius: Interval, link: float
         link: Length L of the link [m].
 
     Returns:
-        Least and greatest α [rad], up to whole turns.
+        Least and greatest α [rad]. Both may be shifted by the same whole number of turns, so they
+        need not lie in −π … π.
     """
     if radius[0] - INTERVAL_ROUNDING < link:
         turn = 2.0 * math.pi

@@ -392,7 +392,7 @@ def _compute_powers(
 ) -> None:
     """Compute the powers of pumps, losses and loads in one state of motion.
 
-    Test oracle: a calculation by hand.
+    The tests compare the powers with a calculation by hand.
 
     Args:
         m: Arrays of the machine.
@@ -401,9 +401,9 @@ def _compute_powers(
         inertia: Piston forces from inertia, which add to those of gravity, shape (n,) [N].
         modes: Mode codes, shape (n,).
         own: Working memory, shape (n,), overwritten: boosted supply pressure of each actuator [Pa].
-        power: Powers in the order of the fields of `Energy`, shape (7,) [W]. Written in place:
-            published model (`paper`), main pump, shafts of the servo pumps, losses of the servo
-            pumps, leakage, work on the loads, oil to the tank.
+        power: Powers in the order of the fields of `Energy`, shape (7,) [W]. Written in place: all
+            pumps by the published energy model (`paper`), main pump, shafts of the servo pumps,
+            losses of the servo pumps, leakage, work on the loads, oil to the tank.
     """
     oil, efficiency = get_shared_hydraulics(m), m.servo_pump_efficiency
     valve, cap, rod = m.valve_coefficient, m.cap_area, m.rod_area

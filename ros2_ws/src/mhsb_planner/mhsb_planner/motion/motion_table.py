@@ -31,13 +31,14 @@ def format_mode_intervals(schedule: ModeSchedule, duration: float, actuator: int
     """Format the modes of one actuator over a motion as text.
 
     Args:
-        schedule: Mode schedule of the motion, with the stamp of its trajectory.
+        schedule: Mode schedule of the motion. Its times count from the start of the motion.
         duration: Duration of the motion [s].
-        actuator: Index of the actuator.
+        actuator: Index of the actuator, from 0.
 
     Returns:
-        Each mode with the time at which it ends [s], such as `N until 0.52 s, DB until the end`. `N
-        throughout` if the mode does not change. Switches at or after `duration` are left out.
+        Each mode (a name of `Mode`) with the time at which it ends, such as `N until 0.52 s, DB
+        until the end`. `N throughout` if the mode does not change. Switches at or after
+        `duration` are left out.
     """
     codes, times = schedule.modes[:, actuator], schedule.offset_ns / SECOND_NS
     begins = np.flatnonzero(np.diff(codes.astype(int), prepend=-1))

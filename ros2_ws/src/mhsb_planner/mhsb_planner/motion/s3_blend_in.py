@@ -188,9 +188,10 @@ def _infer_past_changes(
     """Find a past change of speed that explains the present state of each piston.
 
     The change is a ramp from the speed v_a to the speed v_b that began the time τ ago. For a piston
-    that speeds up, v_a = 0 is chosen, and for one that slows down, v_b = 0. If the other speed
-    would then exceed V_max, it is set to V_max, and neither speed is 0. A piston without
-    acceleration has v_a = v_b, its present speed.
+    that speeds up, v_a = 0 is chosen and v_b is computed. For one that slows down, v_b = 0 is
+    chosen and v_a is computed. If the computed speed exceeds V_max, V_max is chosen for it instead,
+    and the other speed is computed. A piston without acceleration has v_a = v_b, its present speed,
+    and τ is half the duration of the ramp.
 
     Args:
         m: Arrays of the machine.

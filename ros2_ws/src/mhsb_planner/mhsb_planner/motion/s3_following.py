@@ -245,13 +245,17 @@ def _iterate_slower_motions(
 ) -> Iterator[RampedMotion]:
     """Yield motions along a discrete path, with longer and longer ramps (smooth changes of speed).
 
-    For a moving start, six motions come first. Their path begins while the start still coasts
-    (comes to rest by itself): one whose first ramp is that of the coasting, three with ramps that
-    are longer by the factors RAMP_DURATION_FACTORS, and two that begin a little later.
+    For a moving start, motions come first whose path begins while the start still coasts (comes to
+    rest by itself):
+
+    - One begins with the ramp by which the coasting stops. A piston that keeps its speed then does
+      not slow down in between.
+    - Some have ramps whose times are multiplied by RAMP_DURATION_FACTORS, one of which is 1.
+    - Two begin a little later.
 
     MAX_SLOWING_ROUNDS motions follow whose path begins when the coasting has ended; from rest there
-    are only these. Each has longer ramps than the one before. The factors are those by which the
-    one before exceeded the limits of acceleration and jerk.
+    are only these. Let one exceed the limit of acceleration by the factor a ≥ 1, and that of jerk
+    by the factor b ≥ 1. In the next, the ramps' T₁ is longer by a, and their T₂ by b/a if b > a.
 
     Args:
         machine: Machine that moves.

@@ -203,7 +203,8 @@ def _plan_stop_via_speed(
     Args:
         v: Speed in between [m/s].
         v0: Speed at the beginning [m/s].
-        a0: Acceleration at the beginning [m/s²]. If it exceeds a_max, its magnitude replaces a_max.
+        a0: Acceleration at the beginning [m/s²]. If it exceeds a_max in the direction of the change
+            of speed to v, it replaces a_max in that change. The stop keeps a_max.
         a_max: Largest acceleration [m/s²].
         j: Magnitude of the jerk [m/s³].
         jerk: Jerk of each phase, shape (PISTON_PHASES,) [m/s³]. Written in place.

@@ -124,13 +124,13 @@ class HandOver:
     def choose_braking_horizon(self, tries: int, settings: Settings) -> float:
         """Return the commit horizon of a braking command by the arm's clock [s].
 
-        The commit horizon is the time from the stamp to the begin of braking. It is the estimated
-        transport time within `lead_min` and `lead_max` of the settings, plus the machine's dead
-        time.
+        The commit horizon is the time from the stamp to the begin of braking. The estimated
+        transport time is multiplied by `LATE_PLAN_FACTOR`^`tries`, and the product is limited to
+        `lead_min` … `lead_max` of the settings. The result is converted to the arm's clock, and the
+        machine's dead time is added.
 
         Args:
-            tries: Number of braking commands of this stop that the arm has not taken. Each
-                multiplies the transport time by `LATE_PLAN_FACTOR`.
+            tries: Number of braking commands of this stop that the arm has not taken.
             settings: Settings for all goals.
         """
         wanted = LATE_PLAN_FACTOR**tries * self.horizon_estimator.transport_time
@@ -174,13 +174,17 @@ class HandOver:
     def stamp_from_rest(
         self, replan: Replan, pending_goal: PendingGoal, settings: Settings, now_ns: int
     ) -> Replan | None:
-        """Give a plan that starts from rest the present time as its stamp.
+        """Give a plan that starts from rest a new stamp and a new commit horizon.
+
+        The stamp is `now_ns`, or the last stamp sent plus 1 ns if that is later. The commit horizon
+        (time from the stamp until the plan takes over) is chosen for the goal by the settings.
 
         Args:
             replan: The plan.
-            pending_goal: Its goal.
-            settings: Settings for all goals.
-            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
+            pending_goal: Its goal, for the commit horizon.
+            settings: Settings for all goals, which bound the commit horizon.
+            now_ns: Present time of plans [ns]. This is the time of the arm's clock minus the delay
+                by which the arm is behind its plans.
 
         Returns:
             The plan with the new stamp. None if the command before still moves at that stamp,

@@ -679,9 +679,10 @@ class GoalLifecycle:
         obstacles.
 
         A plan begins the execution of its goal, and further plans for that goal are withdrawn.
-        Another goal that was being executed ends as replaced. A void plan stops the arm. If
-        settings have changed since the plan's request and an obstacle lies ahead, the arm is
-        stopped, and the goal is then planned for again.
+        Another goal that was being executed ends as replaced. If the plan became void (was revoked)
+        before this confirmation, the arm is stopped. If settings have changed since the plan's
+        request and an obstacle lies ahead, the arm is stopped, and the goal is then planned for
+        again.
 
         Args:
             sent: The command that the arm has confirmed.

@@ -58,11 +58,13 @@ class StampOrder:
         depends on the publishers that the ROS graph shows:
 
         - One publisher: its clock was set back, and `publisher_conflict` is cleared.
-        - Several publishers: stamps behind the latest are `MIXED` for `DECIDED_AFTER`. A second
-          step back within this time sets `publisher_conflict`. Without it, the next stamp behind
-          the latest means that the clock was set back.
+        - Several publishers: for `DECIDED_AFTER` after the step back, every stamp before the latest
+          one is `MIXED`. A second step back within this time sets `publisher_conflict`. If there is
+          none, a clock was set back, and the next stamp before the latest one is `BACK`.
 
-        `publisher_conflict` is also cleared `SECOND_PUBLISHER_TIMEOUT` after the last step back.
+        The latest stamp is the greatest one since a clock was last set back. While
+        `publisher_conflict` is set, every stamp before it is `MIXED`. `publisher_conflict` is
+        cleared `SECOND_PUBLISHER_TIMEOUT` after the last step back.
 
         Args:
             stamp_ns: Stamp by the publisher's clock [ns].

@@ -214,8 +214,9 @@ def make_braking_for_obstacle(
         now_ns: Earliest stamp of the result, by the clock of plans [ns].
         commit_horizon: Time from the stamp to the begin of braking [s]. The result repeats
             `in_force` during this time.
-        since_ns: Time at which the obstacle was set, by the same clock [ns]. It serves to find
-            whether the arm has already passed the obstacle.
+        since_ns: Time at which the obstacle was set, by the same clock [ns]. The result's
+            `passed_clearance` is the least clearance from then to its stamp. If it is negative, the
+            arm has been in an obstacle, and has passed it if it is clear of obstacles now.
 
     Returns:
         The command with its clearances.

@@ -249,8 +249,9 @@ def _path_with_time_price(
 ) -> Iterator[PathProposal]:
     """Yield the path that is cheapest if each second costs TIME_PRICE [W] more.
 
-    The search ignores the manipulability loss and expands at most MAX_TIME_PRICED_STATES states.
-    The cost that the path states contains neither the price on time nor that loss.
+    The search ignores the manipulability loss. Once it has a path, it ends after the expansion of
+    MAX_TIME_PRICED_STATES states in all. The cost that the path states contains neither the price
+    on time nor that loss.
 
     Args:
         machine: The arm in its plane.
@@ -261,7 +262,7 @@ def _path_with_time_price(
         One path proposal.
 
     Raises:
-        MhsbError: There is no path, or none within the limits.
+        MhsbError: There is no path, or none was found before the deadline.
     """
     weights = task.options.weights
     time_price = TIME_PRICE * weights.energy

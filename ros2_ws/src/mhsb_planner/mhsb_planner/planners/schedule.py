@@ -213,15 +213,22 @@ def schedule_in_turn(
 ) -> Iterator[Proposer]:
     """Yield proposers in turn until all have ended, the quick ones more often than others.
 
-    While there is no motion, a quick proposer has turn after turn until it has ended. Once there is
-    a motion, one other proposer has a turn between two turns of a quick one. Proposers that are not
-    quick go to the end of the queue after each turn.
+    The proposers form a queue. Its head has a turn and is then put back into the queue:
+
+    - A proposer that is not quick goes to the end.
+    - While there is no motion, a quick proposer goes to the head: it has turn after turn until it
+      has ended.
+    - Once there is a motion, a quick proposer goes behind the next proposer in the queue.
+
+    Once there is a motion, a single quick proposer thus has every second turn. Several quick
+    proposers share all turns until only one of them is left, and the others wait.
 
     Args:
-        first: Proposer with the first turn.
-        quick: Proposers that follow, and come more often.
-        others: All other proposers.
-        progress: Progress of the plan; its `has_motion` is read after each turn.
+        first: Proposer at the head of the queue at first. It is not quick.
+        quick: Quick proposers, behind `first`.
+        others: All other proposers, behind the quick ones.
+        progress: Progress of the plan. Its `has_motion` is read before each turn, so a quick
+            proposer whose turn gives the first motion has one more turn at once.
 
     Yields:
         The proposer whose turn it is.

@@ -260,11 +260,13 @@ def _first_moves(
     """Yield first moves: paths from an inadmissible departure to admissible postures.
 
     Straight moves come first: to the departure (posture at rest where the path begins) clipped to
-    the joint limits, then to nearby postures of the table. At most TRIED_POSTURES are planned.
-    Moves on which the arm gets deeper into an obstacle are left out, as are moves that no mode
-    combination can do. Then comes a way out of the obstacles by steepest ascent of the clearance.
+    the joint limits, then to nearby postures of the table. At most TRIED_POSTURES moves are
+    planned, the one to the clipped departure included. Moves on which the arm gets deeper into an
+    obstacle are left out, as are moves that no mode combination can do. Then comes a way out of the
+    obstacles by steepest ascent of the clearance.
 
-    Nothing is yielded if a linkage passes a dead centre on the straight way back within the limits.
+    Nothing is yielded if a linkage passes a dead centre on the straight move from the departure to
+    the clipped departure.
 
     Args:
         machine: The whole arm.

@@ -353,9 +353,9 @@ def largest_polytopes_of_chain(
     """Find for each mode combination the posture with the largest velocity polytope.
 
     The polytope contains all velocities of the tip that the pistons' limits allow. Postures are
-    sampled once for all combinations. For each combination, joints are moved to larger areas from
-    the best samples, and from the best postures of other combinations. The search may miss the
-    largest area.
+    sampled once for all combinations. For each combination, a local ascent changes the joint
+    positions as long as the area grows. It starts from the best samples, and from the best postures
+    of other combinations. The search may miss the largest area.
 
     Test oracle: SLSQP from many starts.
 

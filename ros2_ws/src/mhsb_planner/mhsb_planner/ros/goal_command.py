@@ -152,7 +152,8 @@ def _send_and_wait(
     """Set the planner's parameters, send the goal, and wait for its verdict and its end.
 
     The steps are: find a planner, set parameters if any, get the verdict, and wait for the end of
-    the motion. Each step takes at most `timeout`. For the last step the planned duration is added.
+    the motion. If the planner refuses parameters, the goal is not sent. Each step takes at most
+    `timeout`. For the last step the planned duration is added.
 
     Args:
         sender: Node that sends the goal.

@@ -160,14 +160,15 @@ class MoveTipServer:
 
         Args:
             action: Compiled action type MoveTip.
-            node: Planner node, which is also the clock. Its faults record exceptions in callbacks.
+            node: Planner node, which is also the clock. Its attribute `faults` records exceptions
+                in callbacks.
             machine: Machine of the node.
             decode_goal: Returns the goal of a pose message; raises GoalError or MessageError.
             lifecycle: State machine of goals; decides on goals that are to be executed.
             outbox: Runs the planning worker for goals that are planned for but not executed, and
                 encodes their plans as messages.
-            make_settings: Returns the settings of plans by the node's parameters; a goal's own
-                parameters, its argument, replace some of them.
+            make_settings: Returns the settings of plans by the node's parameters. It is called with
+                parameters of one goal, which replace some of the node's.
 
         Raises:
             Exception: The compiled interface does not fit rclpy's libraries; the type is rclpy's.

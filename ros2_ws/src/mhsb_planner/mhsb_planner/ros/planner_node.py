@@ -305,13 +305,13 @@ class PlannerNode(Node):
         return goal_pose.decode(message, self._frame_prefix, turned)
 
     def _convert_to_base(self, x: float, z: float) -> Position:
-        """Convert a point in `work_plane` (the arm's plane laid flat) to `base_link`.
+        """Convert a point in the plane of a slewing arm to `base_link`.
 
-        The present slew angle of the arm is used.
+        The plane is vertical and turns with the slew. The present slew angle of the arm is used.
 
         Args:
-            x: Forward [m].
-            z: Up [m].
+            x: Coordinate forward in the plane [m].
+            z: Coordinate upward in the plane [m].
 
         Returns:
             Point (x, y, z) in `base_link` [m].
@@ -520,9 +520,10 @@ class PlannerNode(Node):
     ) -> Trigger.Response:
         """Serve ~/stop: bring the arm to rest and end all goals.
 
-        The arm brakes along the path of this planner's plan in force, or its own ~/stop is called.
-        The answer comes when the arm rests, when it has confirmed a braking command, or when it
-        cannot be stopped.
+        If the arm follows a plan of this planner, it brakes along the plan's path. If it follows
+        none, or does not confirm braking commands, the service ~/stop of the arm's own node is
+        called. The answer comes when the arm rests, when it has confirmed a braking command, or
+        when it cannot be stopped.
 
         Args:
             request: Empty request.

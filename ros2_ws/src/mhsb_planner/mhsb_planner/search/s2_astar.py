@@ -254,13 +254,15 @@ def _relax_steps(
 ) -> None:
     """Record every step that leads to a state more cheaply than the path known so far.
 
-    At equal cost a path with fewer steps counts as cheaper. A state is left out if another state of
-    its posture, with the mode switches, costs no more. Reached states are put on the open list or
-    moved there.
+    At equal cost a path with fewer steps counts as cheaper. The same state can also be reached by
+    the path to the cheapest known state of its posture and mode switches there. If this costs less
+    than the path over the step, or as much with no more steps, the state is left out. Other states
+    are put on the open list, or moved there.
 
     Args:
         open_list: Open list and records of all states. Written in place.
-        labels: Lower bounds and cheapest patterns per posture. Written in place.
+        labels: Lower bound of each posture, and mode pattern (modes of all actuators) of its
+            cheapest state. Written in place.
         search_input: Goal, weights, mode switches, and data for lower bounds.
         origin: State that the steps leave, with the cost of the path to it.
         steps: The steps. All count as generated.

@@ -157,7 +157,7 @@ class StepGraph:
     def edges(self) -> Edges:
         """All steps with their costs, as read-only views.
 
-        Steps without a price are priced at the first access.
+        Each access first prices the steps that have no price yet.
         """
         self.steps.price_all()
         edges = self.steps.edges

@@ -452,9 +452,9 @@ def _price_steps_to_goal(
     """Compute the admissible steps from some postures to the goal.
 
     Moves on which the tip leaves the workspace or the arm comes too near to an obstacle are left
-    out, and mode patterns in which a joint that needs boost has none. A group holds one goal
-    posture for each mode pattern. Patterns that boost a joint without need are left out if the
-    group has any other admissible pattern.
+    out, and mode patterns in which a joint that needs boost has none. A group assigns a goal
+    posture to each mode pattern, and patterns may share a posture. Patterns that boost a joint
+    without need are left out if the group has any other admissible pattern.
 
     Args:
         cost_model: Machine, obstacles and mode patterns of the graph.
@@ -463,12 +463,13 @@ def _price_steps_to_goal(
         goal: Descriptions of the goal postures.
         goal_first: Postures of group g are goal_first[g] to goal_first[g + 1] - 1, shape (groups +
             1,).
-        goal_owner: Index of the posture in which a step ends, by pattern, shape (groups, patterns).
+        goal_owner: Index of the goal posture of each pattern, shape (groups, patterns).
 
     Returns:
         Steps in the order of `origins`, and group by group for each origin: row of `start` that is
-        left, index of the goal posture reached, pattern, duration [s] and energies in both readings
-        (`paper`, `series`) [J]. The field `state` is NO_STATE.
+        left, index of the goal posture reached, pattern, duration [s], energy of the published
+        model (`paper`) [J], energy with the pumps in series (`series`) [J]. The field `state` is
+        NO_STATE.
     """
     m, obstacles, patterns = cost_model.machine, cost_model.obstacles, cost_model.patterns
     scratch = create_step_buffers(patterns)

@@ -431,14 +431,17 @@ def _describe_move(
 ) -> None:
     """Compute stroke, oil and pressures of a move, and which of its joints need boost.
 
+    A joint that moves no faster than `c.rest_speed` is treated as held at rest, if it needs boost
+    to hold its load (`_describe_hold`).
+
     Args:
         c: Hydraulic coefficients of the machine.
         moves: Moves from one posture to the postures of a node.
         k: Number of the move among them.
         buffers: `move[k]` (columns STROKE_COLUMN to LEAKAGE_COLUMN of each joint) and the bit masks
-            `must_boost[k]` and `may_boost[k]` are written in place. If the forces at the middle are
-            NaN, the move is inadmissible. `must_boost[k]` is then NO_PATTERN, and `move[k]` is
-            unchanged.
+            `must_boost[k]` and `may_boost[k]` are written in place. If `moves.middle_force[k]` (the
+            piston forces halfway of the move) is NaN, the move is inadmissible. `must_boost[k]` is
+            then NO_PATTERN, `may_boost[k]` is 0, and `move[k]` is unchanged.
     """
     start, end, i, last = moves.start, moves.end, moves.origin, moves.first + k
     n = moves.middle_force.shape[1]

@@ -1,9 +1,9 @@
 """Paths of an arm that slews, from the paths of any planner in the arm's plane.
 
 The arm's plane is the vertical plane that turns with the slew. Without zones in space, it turns
-evenly along each path of the planner. With zones there are three methods, and paths are taken from
-each in turn. The shadow of a zone is an obstacle in the plane: a posture clear of it is clear of
-the zone at all slew angles of a turn.
+evenly along each path of the planner. With zones there are three methods, whose order is given
+below. The shadow of a zone is an obstacle in the plane: a posture clear of it is clear of the zone
+at all slew angles of a turn.
 
 1. Direct: plan as if there were no zones, and find a slew motion that is clear (`among_zones`).
 2. Past shadows: plan among the shadows of all zones past which the plane turns.
@@ -11,9 +11,13 @@ the zone at all slew angles of a turn.
    via point, the shadows at the start's slew angle are obstacles, after it those at the goal's.
 
 If zones raise the cost of the direct path by at most FREE_COST_FACTOR, the other methods are
-dropped. Methods 2 and 3 are also used with the planner's baselines. The first baseline is the
-quickest: its paths are taken one after the other until there is a motion, then in every second
-turn.
+dropped. Methods 2 and 3 are also used with the planner's baselines.
+
+Method 1 has the first turn. Methods 2 and 3 with the first baseline, the quickest, are the quick
+proposers of `schedule_in_turn`. Without baselines, methods 2 and 3 with the planner itself take
+their place. Until there is a motion, all paths of one quick proposer are taken before those of the
+next. Once there is a motion, the two share all turns until one of them has ended. The one that is
+left has every second turn, and all others share the rest.
 """
 
 from __future__ import annotations
@@ -181,7 +185,7 @@ class SlewingPaths:
 
         The planner finds paths in the arm's plane, which turns with the slew. Without zones in
         space each of these is combined with a slew at even speed. With zones, several methods look
-        in turn for paths on which the arm keeps clear.
+        for paths on which the arm keeps clear.
 
         Args:
             task: Path request of the whole arm, with the goal (x, y, z) in `base_link`.
@@ -222,7 +226,10 @@ class SlewingPaths:
     def _yield_paths_among_zones(
         self, task: PathRequest, in_plane: PathRequest, slew: float, progress: PlanProgress
     ) -> Iterator[PathProposal]:
-        """Yield clear paths of the whole arm among zones in space, by three methods in turn.
+        """Yield clear paths of the whole arm among zones in space, by three methods.
+
+        The methods have their turns by `schedule_in_turn`; the module's docstring says which are
+        quick.
 
         The direct method takes planar paths as if there were no zones. The method "past shadows"
         takes planar paths that are clear at every slew angle. The method "carried" takes planar

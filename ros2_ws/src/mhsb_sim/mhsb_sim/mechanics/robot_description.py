@@ -47,6 +47,8 @@ def build_robot_description(machine: Machine) -> str:
 
         q̇ = V_max / max |r(q)|    [rad/s, or m/s of telescopes]
 
+    The frames `tip` (with the payload) and `work_plane` are added as links on fixed joints.
+
     Args:
         machine: The machine.
 

@@ -94,7 +94,8 @@ def parse_faults(text: str, machine: Machine) -> tuple[Fault, ...]:
     """Parse the text of one or several faults.
 
     Args:
-        text: Faults separated by commas, each KIND, KIND:PLACE or KIND:PLACE:VALUE. Empty words and
+        text: Faults separated by commas. Each is KIND:PLACE if the kind has places, otherwise KIND.
+            A kind that has a value may add it: KIND:PLACE:VALUE or KIND::VALUE. Empty words and
             "none" are skipped.
         machine: The machine, whose actuators, sensors and servo pumps are the possible places.
 
@@ -112,7 +113,8 @@ def _parse_fault(word: str, machine: Machine) -> Fault:
     """Parse one fault.
 
     Args:
-        word: KIND, KIND:PLACE or KIND:PLACE:VALUE.
+        word: KIND:PLACE if the kind has places, otherwise KIND. A kind that has a value may add it:
+            KIND:PLACE:VALUE or KIND::VALUE.
         machine: The machine, whose actuators, sensors and servo pumps are the possible places.
 
     Returns:
@@ -120,7 +122,8 @@ def _parse_fault(word: str, machine: Machine) -> Fault:
         kind has none.
 
     Raises:
-        FaultError: Kind, place or value is not valid.
+        FaultError: There is no such kind. Or its place is missing or not valid. Or its value is
+            out of range, or the kind has none.
     """
     name, place, value = (*word.split(":", 2), "", "")[:3]
     kind = FAULT_KINDS.get(name)

@@ -176,7 +176,8 @@ class PlanReceiver:
             wall: Present time of the steady clock [s].
 
         Returns:
-            Reports on this plan if it is refused, and on an older plan that it displaces.
+            A report on this plan if it is refused. Otherwise a report on an older plan that is
+            dropped, if one was still waiting for its hand-over.
         """
         problem = find_trajectory_problem(self._machine, trajectory)
         pair, reports = self._find_pending_plan(trajectory.stamp_ns, problem, wall)

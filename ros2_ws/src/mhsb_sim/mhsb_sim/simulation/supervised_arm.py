@@ -68,7 +68,7 @@ class SupervisedArm:
         """Sentence on why the arm is stopped and takes no plans; empty if it is not stopped.
 
         It names the fault, the phase of the stop, and what ends the stop. If the simulation has
-        diverged (`halted`), it names the fault alone.
+        diverged (`halted`), it names the fault alone, and only `reset` ends the stop.
         """
         phase = self.supervision.phase
         if self.halted or phase is Phase.WATCHING:
@@ -112,7 +112,8 @@ class SupervisedArm:
         nothing.
 
         Args:
-            wall: Present time of the steady clock [s], for the time that half a plan may wait.
+            wall: Present time of the steady clock [s]. It limits how long a trajectory may wait for
+                its mode schedule, or the mode schedule for its trajectory.
         """
         if self.halted:
             return

@@ -130,7 +130,8 @@ def _quantize_frames(frames: list[FloatArray]) -> Iterator[Image]:
     with all mode colours. No dithering is used, so that static parts do not flicker.
 
     Args:
-        frames: At least one picture, each of shape (height, width, 3), uint8.
+        frames: At least one picture, each of shape (height, width, 3). The values must be integers
+            of type uint8, although the annotation names floats.
 
     Yields:
         Each frame as a palette image, in order.

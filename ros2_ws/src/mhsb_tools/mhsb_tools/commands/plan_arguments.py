@@ -132,11 +132,11 @@ class GoalArguments:
     goal_box: Annotated[Point | None, tyro.conf.arg(metavar="DX DZ"), DISTANCE_RANGE] = None
 
     def choose_angle(self) -> Angle:
-        """Return the end-link angle ψ that is asked for at the goal.
+        """Return the end-link angle ψ at the goal as the options give it, without conversion [rad].
 
         Returns:
-            A number if one angle is asked for, a pair (least, greatest) if a range is asked for
-            [rad]; None if the angle is free.
+            `goal_psi`, or the pair `goal_psi_range` (least, greatest). None if neither option was
+            given: ψ is free.
 
         Raises:
             UsageError: Both an angle and a range were given.

@@ -502,11 +502,12 @@ def _format_audit_table(
     Args:
         title: Title of the table, without a colon.
         amounts: Amount by name; underscores of the names are printed as spaces.
-        delivered: Total amount delivered, in the unit of `amounts`; the percentage refers to it.
+        delivered: Total amount delivered, in the unit of `amounts`.
         gap: Amount that is unaccounted for, in the unit of `amounts`.
 
     Returns:
-        The title, a line for each amount, and a line for the gap with its percentage.
+        The title, a line for each amount, and a line with the gap, also as a percentage of
+        `delivered`. No unit is printed.
     """
     lines = [f"{title}:"]
     lines += [f"  {name.replace('_', ' '):20s}{value:12.3f}" for name, value in amounts.items()]

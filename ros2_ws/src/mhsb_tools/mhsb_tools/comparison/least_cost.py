@@ -69,9 +69,10 @@ def least_cost(
 ) -> tuple[float, FloatArray | None]:
     """Search a fine lattice of cylinder lengths for the cheapest path from a posture to a tip.
 
-    All actuators are in mode N (fed by the main pump) at the start. Obstacles are ignored. Boosted
-    oil has the price p_L/η (reading `paper`), with load pressure p_L and servo pump efficiency η.
-    The result is optimal on the lattice; a finer lattice may have a cheaper path.
+    All actuators are in mode N (fed by the main pump) at the start. Goal postures too near to an
+    obstacle are left out, but the path may pass through obstacles. Boosted oil has the price p_L/η
+    (reading `paper`), with load pressure p_L and servo pump efficiency η. The result is optimal on
+    the lattice; a finer lattice may have a cheaper path.
 
     Args:
         machine: An arm that does not slew, or the plane of one that does.
@@ -92,7 +93,7 @@ def least_cost(
     Raises:
         OutOfWorkspaceError: The goal is outside the workspace.
         InfeasibleGoalError: No posture at the goal is within the joint limits.
-        ZoneError: Obstacles prevent all postures at the goal.
+        ZoneError: All postures at the goal are too near to obstacles.
     """
     pricing = _Pricing(machine, weights, MAX_HELD_SPEED if boosts_held_loads else 0.0)
     circuit = compute_hydraulic_coefficients(machine.arrays, machine.patterns)

@@ -159,8 +159,8 @@ class BagWriter:
     def close(self) -> None:
         """Complete the recording and close its file.
 
-        The MCAP file gets its index and summary, and `metadata.yaml` is written. Further calls do
-        nothing.
+        The MCAP file gets its index and summary, and `metadata.yaml` is written. Nothing is done if
+        the file is closed already.
 
         Raises:
             BagError: The file or the metadata cannot be written.

@@ -254,8 +254,8 @@ def _check_message(message: RecordedMessage, max_size: int) -> bytes:
         The unchanged bytes.
 
     Raises:
-        MessageError: The recorded type is not the topic's type, or the size or the log time is out
-            of range. Or the bytes cannot be a message of the type.
+        MessageError: The message was recorded with another type than `message.topic.type_name`. Or
+            its size or log time is out of range, or the bytes cannot be a message of the type.
     """
     topic, type_name, log_ns, data = message
     if type_name != topic.type_name:

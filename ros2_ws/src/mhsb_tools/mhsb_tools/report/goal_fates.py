@@ -207,8 +207,8 @@ def find_applied_stamp(
         in_force: Stamps of all plans that the arm executed [ns].
 
     Returns:
-        The stamp [ns]; 0 if no plan was needed because the arm was at the goal; None if the arm
-        executed no plan for this goal.
+        The stamp [ns]; 0 if no plan was needed because the arm was at the goal. None if the arm
+        executed no plan for this goal, or if there is no verdict with a plan.
     """
     if verdict is None or verdict.plan is None:
         return None

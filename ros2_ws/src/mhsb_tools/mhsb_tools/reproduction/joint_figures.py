@@ -123,7 +123,8 @@ def _draw_modes(fit: FittedRun, axes: Axes) -> None:
 
     Args:
         fit: The sampled trajectory.
-        axes: Axes to draw on; actuator 1 is at the top. Ticks and the label of x are set.
+        axes: Axes to draw on. The ticks of y name the actuators, the first one at the top. The
+            label of x is set, and the grid is switched off.
     """
     for actuator in range(fit.modes.shape[1]):
         for begin, end, mode in _spans(fit, actuator):

@@ -195,9 +195,11 @@ def settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]
         - Figure 10: Case 1-1 with other weights w₁ of energy and w₂ of time, and w₃ = 0
         - the sweep over V_max (piston speed for planning), which changes Case 1-2
         - the sweep over the weight w₃ of mode switches, which changes Case 1-2
-        - the sweep over supply pressure, which changes Case 1-1
+        - the sweep over supply pressure, which changes Case 1-1: for each pressure a run with the
+          posture table rebuilt for it, then a run with the table of the machine's own pressure
 
-        All use the exact search. Only the run of Figure 10 with w₁ = w₂ = 0 uses the published one.
+        The run of Figure 10 in which all weights are 0 uses the published search algorithm. All
+        other runs use the exact search.
     """
     cases = paper_cases() if cases is None else cases
     found = {name: Setting(case) for name, case in cases.items()}

@@ -190,15 +190,17 @@ class HeadlessRun:
         return Samples.collect(self._rows)
 
     def _run_goal(self, goal: TimedGoal) -> GoalRun:
-        """Plan a goal, give the plan to the simulated arm, and simulate for the goal's time.
+        """Plan a goal, give the plan to the simulated arm, and simulate until the next goal is due.
 
         A sample of the signals is stored every 10 ms of simulated time.
 
         Args:
-            goal: The goal, with its time.
+            goal: The goal. Its `time` is the duration of the simulation [s].
 
         Returns:
-            The state when the goal's time is up.
+            The goal, its plan, the reference's jump at the hand-over, and the state of the arm at
+            the end of that duration. The plan is None if the arm was at the goal already, or on its
+            way there.
 
         Raises:
             MhsbError: The goal cannot be planned, the simulated arm refused the plan, or the

@@ -163,7 +163,8 @@ class BenchmarkStudy:
             number: Index of the sequence in the protocol.
 
         Returns:
-            The plans. They are made on the first call for a sequence, and stored.
+            The plans. They are made on the first call for a sequence, and stored. If a goal cannot
+            be planned, it counts as refused, and no error is raised.
         """
         if number not in self._planned:
             moves = self._protocol.file.sequences[number]

@@ -210,7 +210,10 @@ def _check_options_have_effect(asked: str, kind: KindArguments, draws: DrawArgum
 def study_scenarios(
     arm: Machine, wanted: Sequence[Scenario], workers: Jobs, output: Path
 ) -> list[str]:
-    """Simulate all controllers in all scenarios, and write results and figures.
+    """Simulate all controllers made for the machine's sensors, and write results and figures.
+
+    Each controller runs in all scenarios. The controllers of `COMPARED_CONTROLLERS` (coordinated
+    and independent) are compared.
 
     Args:
         arm: The machine that planner and servo know.
@@ -220,11 +223,13 @@ def study_scenarios(
             comparison.json and the figures; created if it does not exist.
 
     Returns:
-        The comparison of the two controllers as lines of text.
+        Results of all scenarios and the comparison as lines of text.
 
     Raises:
         UsageError: The compared controllers do not suit the machine's sensors.
-        MhsbError: A part of the output folder's path exists and is not a folder.
+        MhsbError: A part of the output folder's path exists and is not a folder. Or a scenario
+            cannot be planned, a simulation diverges, the number of workers is below 1, or the
+            cluster does not answer.
     """
     if not set(COMPARED_CONTROLLERS) <= set(select_controllers(arm)):
         raise command_line.UsageError(

@@ -222,8 +222,9 @@ def is_stable(machine: Machine, payloads: set[float], controller: str, gains: Ga
     """Return whether oscillations of the controlled arm decay fast enough under every payload.
 
     The linear model of the controlled arm is examined in several postures. In each, the slowest
-    decay rate must be above `SLOWEST_DECAY` times the arm's lowest natural frequency over all
-    joints and postures.
+    decay rate must be above the same threshold for every payload. This threshold is `SLOWEST_DECAY`
+    times the lowest natural frequency of `machine` with its own payload, over all joints and
+    postures.
 
     Args:
         machine: The arm; its own payload is the one that the servo knows.
@@ -357,7 +358,8 @@ def _parallel_evaluator(
     def costs_of(batch: Sequence[Gains]) -> list[float]:
         """Compute the combined cost of each set of gains over the whole training.
 
-        Uses `pool`, `training`, `controller` and `count` of the enclosing function.
+        Uses `pool`, `training`, `controller` and `count` (number of runs of the training) of the
+        enclosing function. A run that diverges, or whose gains are invalid, costs `FAILURE_COST`.
 
         Args:
             batch: Sets of gains.

@@ -255,9 +255,10 @@ class ViewerNode(GoalSender):
         machine, payload = self._machine, self._payload
 
         def compute_regions() -> None:
-            """Compute the mode that each node needs, and let the node's thread draw the result.
+            """Compute the mode that the arm needs at each grid node of the posture table.
 
-            Uses `machine` and `payload` of the enclosing function. Runs in a thread of its own.
+            Uses `machine` and `payload` of the enclosing function. Runs in a thread of its own. The
+            thread of the ROS node draws the result.
             """
             table = load_or_build_table(machine)
             needed = compute_boost_regions(machine.changed(payload=payload).planar_arm, table)
@@ -327,7 +328,9 @@ class ViewerNode(GoalSender):
         self._markers.show(message)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        """Store the simulator's report, and add its pumps' energies to the energy counter.
+        """Store the simulator's report, and pass its pumps' energies to the energy counter.
+
+        The energies are totals since the simulator's start.
 
         Messages that cannot be decoded and reports of other nodes are ignored. Reports of
         simulators in other namespaces are ignored, too.
