@@ -626,7 +626,8 @@ def _step_to_neighbour(
         known.remaining[row] = bound_cost_to_nearest(
             t.circuit, w.points.length[1], goals.length, t.weight
         )
-    least, best = known.remaining[row], known.best[row]
+    least = known.remaining[row]
+    best: int = known.best[row]
     cost = origin.cost + least_move_cost(t, w.points.length[0], w.points.length[1])
     if cost + least >= rule.cost_limit:
         return

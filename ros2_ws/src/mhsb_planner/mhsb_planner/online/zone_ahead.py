@@ -128,9 +128,9 @@ class ZoneStop:
             - It touches nothing and stops before the obstacle.
             - It stops nearer to the obstacle than the margin. Distance and margin are stated [m].
             - It was in an obstacle at the command's stamp. The depth at rest is stated [m], or that
-              it rests beyond.
+                it rests beyond.
             - It cannot stop before the obstacle. The depth at rest is stated [m]. If it rests
-              beyond, the greatest depth on the way is stated.
+                beyond, the greatest depth on the way is stated.
         """
         if not self.touches_obstacle and self.passed_clearance < 0.0:
             return (

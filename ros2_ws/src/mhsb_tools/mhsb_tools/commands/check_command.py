@@ -68,7 +68,7 @@ def facts(machine: Machine) -> dict[str, Any]:
         - pressure_sensors: whether the machine has pressure sensors
         - workspace: counts of grid points that are held, need boost, or cannot be held
         - keep_out: counts of grid points that stay reachable beside the obstacles; missing if the
-          machine has none
+            machine has none
     """
     found = {
         "name": machine.name,

@@ -257,11 +257,11 @@ def as_json(machine: Machine, plan: Plan, seconds: dict[str, float]) -> dict[str
         A dictionary in SI units, except `timings_ms` [ms]. Keys:
 
         - energy_j, energy_series_j, duration_s, switches_scheduled: of the motion; the energy is in
-          the readings `paper` and `series`, two ways to price boosted oil
+            the readings `paper` and `series`, two ways to price boosted oil
         - energy_discrete_j, energy_series_discrete_j, duration_discrete_s, switches, cost: of the
-          path
+            path
         - lower_bound_j: lower bound on the energy; gap: share by which the motion's energy exceeds
-          it
+            it
         - path: tip [m], and joint_path: joint positions [rad or m], with a row for each waypoint
         - modes: 0 N, 1 DB, 2 SB, with a row for each step of the path
         - trajectory: the motion, as `_trajectory_as_json` returns it

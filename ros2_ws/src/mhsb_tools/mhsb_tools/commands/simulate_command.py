@@ -371,7 +371,7 @@ def summarize(
         - max_supply_pressure_mpa, max_chamber_pressure_mpa
         - mode_switches, guard_interventions: counts
         - energy_measured_j: of main pump (`mp`) and servo pumps (`sp`); energy_by_source_j: of
-          both, to the oil and at the shafts
+            both, to the oil and at the shafts
         - energies_j, energy_elements_j: `energies` and `elements`
     """
     chambers = np.maximum(samples.cap_pressure, samples.rod_pressure)

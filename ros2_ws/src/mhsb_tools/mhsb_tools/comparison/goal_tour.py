@@ -40,11 +40,11 @@ def compare_on_tour(machine: Machine, goals: Iterable[Position]) -> dict[str, An
 
         - planned_j: sum of the energies of all motions [J], by planner
         - constant_pressure_pa: lowest constant pressure at which the default planner's motions need
-          no boost [Pa]
+            no boost [Pa]
         - constant_pressure_j: energy of these motions with a main pump at that pressure and without
-          boosters [J]
+            boosters [J]
         - failures: reason as a sentence, by planner, if the planner did not reach a goal; it is
-          then not in `planned_j`
+            then not in `planned_j`
 
         Both values of the constant pressure are None if the default planner has failed.
     """

@@ -114,9 +114,9 @@ def totals(machine: Machine, moves: Iterable[Motions]) -> dict[str, Any]:
         - moves: number of moves that count
         - one_pressure_pa: the constant pressure for all moves [Pa]
         - systems: by name of the supply and then by `leaking` or `tight`, a dictionary with the
-          sums `hydraulic_j` and `shaft_j` [J]. `cheaper_than_mhsb_hydraulic` and
-          `cheaper_than_mhsb_shaft` count the moves in which the supply takes less than planned
-          MHSB.
+            sums `hydraulic_j` and `shaft_j` [J]. `cheaper_than_mhsb_hydraulic` and
+            `cheaper_than_mhsb_shaft` count the moves in which the supply takes less than planned
+            MHSB.
     """
     done = [
         motions

@@ -723,7 +723,7 @@ def numbers(runs: Runs, name: str) -> dict[str, float]:
         Values by name, with units at the ends of the names; empty if the run has no path:
 
         - energy_discrete_j, energy_series_discrete_j: energy in the readings `paper` and `series`,
-          two ways to price boosted oil
+            two ways to price boosted oil
         - duration_discrete_s, length_m: duration, and length of the tip's path
         - lower_bound_j: lower bound on the energy
         - length_over_shortest: length divided by that of the shortest path on the grid

@@ -196,7 +196,7 @@ def settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]
         - the sweep over V_max (piston speed for planning), which changes Case 1-2
         - the sweep over the weight w₃ of mode switches, which changes Case 1-2
         - the sweep over supply pressure, which changes Case 1-1: for each pressure a run with the
-          posture table rebuilt for it, then a run with the table of the machine's own pressure
+            posture table rebuilt for it, then a run with the table of the machine's own pressure
 
         The run of Figure 10 in which all weights are 0 uses the published search algorithm. All
         other runs use the exact search.
