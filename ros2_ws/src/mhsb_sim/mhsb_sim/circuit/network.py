@@ -482,6 +482,8 @@ def connect_lands(circuit: Circuit, j: int, count: int) -> int:
     net, pressure, c = circuit.net, circuit.pressure, circuit.constants[0]
     actuator, line, tank = circuit.actuators[j], 3 * j + 2, len(circuit.pressure) - 1
     conductance = actuator.leakage * c.land_conductance
+    if conductance <= 0.0:
+        return count
     extending = compute_land_conductance(
         conductance, c.valve_overlap - actuator.spool, c.land_length
     )
@@ -539,8 +541,7 @@ def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
     drop = pressure[line] - pressure[tank]
     flow, slope = compute_orifice_flow(actuator.leakage * c.leakage_coefficient, drop, laminar)
     count = add_element(net, count, LEAKAGE_PATH, line, tank, flow, slope)
-    if c.land_conductance > 0.0:
-        count = connect_lands(circuit, j, count)
+    count = connect_lands(circuit, j, count)
     flow, slope = compute_relief_valve_flow(c.relief_gain, drop, c.line_relief)
     count = add_element(net, count, RELIEF_VALVE, line, tank, flow, slope)
     drop = pressure[manifold] - pressure[line]

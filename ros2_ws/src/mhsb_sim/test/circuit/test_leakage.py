@@ -18,6 +18,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_sim.circuit.audit import energy_gap, volume_gap
 from mhsb_sim.circuit.network import Circuit, build_circuit, set_rest_pressures
+from mhsb_sim.simulation.faults import parse_faults
 from mhsb_sim.simulation.simulator import Simulator
 
 START = np.array([0.3, -1.4, -1.5])
@@ -186,6 +187,18 @@ def test_a_servo_valve_that_holds_a_piston_leaks_as_the_planner_says(machine):
     assert circuit.volume["main_pump"][0] - oil == pytest.approx(3 * m.leakage_flow, rel=0.01)
     lost = 3 * m.leakage_flow * (m.supply_pressure - m.tank_pressure)
     assert circuit.energy["leakage"][0] - energy == pytest.approx(lost, rel=0.02)
+
+
+def test_a_valve_that_a_fault_makes_tight_leaks_nothing(machine):
+    leaky = machine.with_values({"hydraulics.valve.land_leakage": 1.0})
+    simulator = Simulator(leaky)
+    simulator.inject_faults(parse_faults("leakage:actuator_1:0", leaky))
+    simulator.advance(0.1)
+    tight = Simulator(machine.with_values({"hydraulics.valve.leakage_flow": 0.0}))
+    tight.advance(0.1)
+    position = simulator.joint_state.position
+    np.testing.assert_allclose(position, tight.joint_state.position, atol=1e-4)
+    assert simulator.energies["leakage"] > 0.0
 
 
 @pytest.mark.parametrize("lock", [0.0, 0.01])
