@@ -167,7 +167,7 @@ class ActuatorState(Record):
     bristle_deflection: float
     """Bristle deflection of the LuGre friction model [m]."""
     supply_flow: float
-    """Flow from the line to the chambers [m³/s]."""
+    """Flow from the line to the chambers, over metering edges and lands [m³/s]."""
     isolated: float
     """Closed share of the valve that isolates both chambers, 0 … 1."""
     isolating_command: float

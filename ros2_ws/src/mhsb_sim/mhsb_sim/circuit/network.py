@@ -472,7 +472,7 @@ def connect_lands(circuit: Circuit, j: int, count: int) -> int:
     each work port in series.
 
     Args:
-        circuit: The circuit. Writes into `net` in place.
+        circuit: The circuit. Writes into `net`, and adds to `supply_flow` of the actuator, in place.
         j: Index of the actuator, whose spool has been moved in this substep.
         count: Number of elements so far.
 
@@ -499,6 +499,8 @@ def connect_lands(circuit: Circuit, j: int, count: int) -> int:
         (line, tank, actuator.isolated * 2.0 * extending * retracting / (extending + retracting)),
     ):
         flow = slope * (pressure[start] - pressure[end])
+        if start == line and end != tank:
+            actuator.supply_flow += flow
         count = add_element(net, count, LEAKAGE_PATH, start, end, flow, slope)
     return count
 

@@ -189,6 +189,15 @@ def test_a_servo_valve_that_holds_a_piston_leaks_as_the_planner_says(machine):
     assert circuit.energy["leakage"][0] - energy == pytest.approx(lost, rel=0.02)
 
 
+def test_the_flow_from_the_line_to_the_chambers_contains_that_over_the_lands(machine):
+    leaky = machine.with_values({"hydraulics.valve.land_leakage": 1.0})
+    circuit = build_circuit(leaky, 5e-4)
+    set_rest_pressures(circuit, leaky, START, np.zeros(3, np.uint8))
+    circuit.advance(leaky.cylinder_lengths(START), np.zeros(3), 20000)
+    flow = circuit.actuators["supply_flow"]
+    np.testing.assert_allclose(flow, leaky.arrays.leakage_flow, rtol=0.01)
+
+
 def test_a_valve_that_a_fault_makes_tight_leaks_nothing(machine):
     leaky = machine.with_values({"hydraulics.valve.land_leakage": 1.0})
     simulator = Simulator(leaky)
