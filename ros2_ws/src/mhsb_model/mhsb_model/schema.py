@@ -483,8 +483,8 @@ class CircuitDynamics(Section):
         ge=0,
         le=0.5,
         exclude_if=lambda given: given == 0.0,
-        description="opening of the servo valve below which pilot-operated check valves shut off "
-        "the cylinder [-]; 0 without them",
+        description="opening of the servo valve below which lock valves, piloted by the line, shut "
+        "off the cylinder [-]; 0 without them",
     )
     servo_pump_lag: Duration = Field(description="time constant of the servo pump's speed [s]")
     servo_pump_flow_reserve: NonNegative = Field(

@@ -139,6 +139,10 @@ def solve_in_place(matrix: FloatArray, right: FloatArray, size: int) -> None:
 VAPOUR_STIFFNESS_FACTOR = 1e6
 """Factor on the capacity of a node at vapour pressure, so that its pressure stays there."""
 
+LOCK_VALVE_PILOT_RATIO = 3.0
+"""Chamber pressure that a pilot pressure of 1 opens a lock valve against. Usual ratios are 3 to 4.
+A larger one opens at a lower line pressure."""
+
 CAVITY_REFILL_FACTOR = 2.0
 """Multiple of the oil that comes in a substep; a smaller cavity may fill up in it."""
 
@@ -511,6 +515,10 @@ def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
 
     The list has the elements of the present substep with their flows and slopes.
 
+    Lock valves are shut while the servo valve is open less than `lock_valve_opening`, or while the
+    line's pressure, their pilot, is less than 1/LOCK_VALVE_PILOT_RATIO of the higher chamber
+    pressure. Shut, they are tight in both directions.
+
     Args:
         circuit: The circuit. Writes into `net` (the list of elements) and `actuators` in place.
         j: Index of the actuator.
@@ -531,7 +539,13 @@ def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
     overlap = c.valve_overlap if actuator.spool >= 0.0 else c.valve_overlap_retracting
     opening = metered_opening(actuator.spool, overlap, c.valve_exponent)
     fed, emptied = (a, b) if opening >= 0.0 else (b, a)
-    locked = 1.0 if abs(opening) < c.lock_valve_opening else actuator.isolating_command
+    locked = actuator.isolating_command
+    if c.lock_valve_opening > 0.0:
+        pilot = LOCK_VALVE_PILOT_RATIO * (pressure[line] - pressure[tank])
+        if abs(opening) < c.lock_valve_opening or pilot < (
+            max(pressure[a], pressure[b]) - pressure[tank]
+        ):
+            locked = 1.0
     actuator.isolated = advance_first_order_lag(actuator.isolated, locked, c.switching_decay)
     k_edge = circuit.cylinders[j].valve_coefficient * abs(opening) * (1.0 - actuator.isolated)
     flow, slope = compute_orifice_flow(k_edge, pressure[line] - pressure[fed], laminar)

@@ -154,6 +154,23 @@ def test_open_lock_valves_pass_what_the_valve_passes(machine):
     np.testing.assert_allclose(flows[0], flows[1], rtol=1e-3)
 
 
+@pytest.mark.parametrize(("supply", "opens"), [(1.0e6, False), (1.5e6, True)])
+def test_lock_valves_open_only_if_the_line_has_a_third_of_the_locked_pressure(
+    machine, supply, opens
+):
+    fitted = machine.with_values(
+        {"circuit.lock_valve_opening": 0.01, "hydraulics.main_pump.pressure": supply}
+    )
+    circuit = build_circuit(fitted, 5e-4)
+    set_rest_pressures(circuit, fitted, START, np.zeros(3, np.uint8))
+    circuit.pressure[0] = 3.6e6
+    circuit.actuators["isolated"] = 1.0
+    circuit.actuators["valve_command"] = -0.2
+    circuit.advance(fitted.cylinder_lengths(START), np.zeros(3), 400)
+    assert circuit.actuators["isolated"][0] == pytest.approx(0.0 if opens else 1.0, abs=0.01)
+    assert (circuit.pressure[0] < 3e6) == opens
+
+
 def test_the_leakage_of_lands_halves_with_an_overlap_of_their_length():
     assert compute_land_conductance(3.0, 0.0, 0.05) == pytest.approx(3.0)
     assert compute_land_conductance(3.0, 0.05, 0.05) == pytest.approx(1.5)
