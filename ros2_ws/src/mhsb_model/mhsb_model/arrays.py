@@ -77,7 +77,7 @@ class MachineArrays(NamedTuple):
     valve_coefficient: FloatArray
     """Flow coefficient K of one metering edge of each valve, Q = K √Δp, shape (n,) [m³/(s √Pa)]."""
     leakage_flow: float
-    """Leakage of one valve at the main pump's pressure q_leak [m³/s]."""
+    """Leakage of one closed valve, with its overlap, at the main pump's pressure q_leak [m³/s]."""
     land_leakage: float
     """Share of that leakage which flows over the lands of the spool [-]."""
     external_leakage: float

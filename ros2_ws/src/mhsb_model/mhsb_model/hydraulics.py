@@ -256,7 +256,7 @@ class SharedHydraulics(NamedTuple):
     servo_pump_slip: float
     """Slip of one servo pump per pressure rise c [m³/(s Pa)]."""
     leakage_flow: float
-    """Leakage of one valve at the main pump's pressure q_leak [m³/s]."""
+    """Leakage of one closed valve, with its overlap, at the main pump's pressure q_leak [m³/s]."""
     land_leakage: float
     """Share s of that leakage which flows over the lands of the spool [-]."""
 
@@ -545,12 +545,13 @@ def compute_sinking_speed(m: MachineArrays, j: int, force: float, supply: float)
 
         v = 2 G ((A − a) (p + p_T)/2 − F) / (A² + a²),   G = s q_leak/(P_S − p_T)
 
-    It follows from A p_A − a p_B = F and the flows over the four lands of the spool, each G Δp
-    without overlap, A v = G (p − p_A) − G (p_A − p_T) and −a v = G (p − p_B) − G (p_B − p_T). The
+    It follows from A p_A − a p_B = F and the flows over the four lands of the spool, each G Δp with
+    the mean overlap of the valve, A v = G (p − p_A) − G (p_A − p_T) and −a v = G (p − p_B) − G (p_B − p_T). The
     seal of the piston is tight.
 
     Args:
-        m: Arrays of the machine, with the share s of the leakage over the lands.
+        m: Arrays of the machine, with the leakage q_leak of a closed valve, and the share s of it
+            over the lands.
         j: Index of the actuator.
         force: Piston force F, positive if it resists extension [N].
         supply: Supply pressure p of the valve [Pa].

@@ -936,6 +936,30 @@ def _collect_actuator_values(config: MachineConfig, name: str) -> FloatArray:
     return np.array([usual if each is None else each for each in own])
 
 
+def _compute_closed_valve_leakage(config: MachineConfig) -> tuple[float, float]:
+    """Compute the leakage of a closed servo valve with the overlap that the machine file declares.
+
+        q = q_leak (1 − s + s κ),   κ = ℓ/(ℓ + o)
+
+    The share s of the leakage q_leak flows over the lands if they have no overlap. o is the mean
+    overlap of both directions, and ℓ the `circuit.land_length`.
+
+    Args:
+        config: Content of the machine file.
+
+    Returns:
+        Leakage q at the main pump's pressure [m³/s], and the share s κ q_leak/q of it that flows
+        over the lands [-].
+    """
+    valve, real, length = config.hydraulics.valve, config.imperfections, config.circuit.land_length
+    retracting = real.valve_overlap_retracting
+    other = real.valve_overlap if retracting is None else retracting
+    share = valve.land_leakage
+    kept = share * (length / (length + 0.5 * (real.valve_overlap + other)))
+    passed = 1.0 - (share - kept)
+    return valve.leakage_flow * passed, kept / passed
+
+
 def _make_arrays(config: MachineConfig) -> MachineArrays:
     """Convert a configuration into the flat arrays that kernels take.
 
@@ -949,7 +973,7 @@ def _make_arrays(config: MachineConfig) -> MachineArrays:
         Read-only arrays. `external_leakage` is 0.
     """
     joints, first = config.joints, config.joints[0]
-    oil = config.hydraulics
+    oil, (leakage, land_leakage) = config.hydraulics, _compute_closed_valve_leakage(config)
     area = np.array([joint.areas for joint in joints])
     slews = first.kind == "slew"
     rated_flow, drop = (
@@ -998,8 +1022,8 @@ def _make_arrays(config: MachineConfig) -> MachineArrays:
         servo_pump_efficiency=oil.servo_pump.efficiency,
         servo_pump_slip=oil.servo_pump.slip_flow / RATED_SLIP_PRESSURE,
         valve_coefficient=frozen(rated_flow / np.sqrt(drop)),
-        leakage_flow=oil.valve.leakage_flow,
-        land_leakage=oil.valve.land_leakage,
+        leakage_flow=leakage,
+        land_leakage=land_leakage,
         external_leakage=0.0,
         max_piston_speed=frozen(np.minimum(fastest, config.motion.max_piston_speed)),
         max_piston_acceleration=config.motion.max_piston_acceleration,

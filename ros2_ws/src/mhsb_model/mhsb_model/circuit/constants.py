@@ -172,7 +172,7 @@ def compute_constants(machine: Machine, substep: float) -> Records[CircuitConsta
     Source:
         H. E. Merritt, Hydraulic Control Systems (bulk modulus over temperature).
     """
-    arrays = machine.arrays
+    arrays, valve = machine.arrays, machine.config.hydraulics.valve
     drop = arrays.supply_pressure - arrays.tank_pressure
     oil, real = machine.config.circuit, machine.config.imperfections
     warmth = real.oil_temperature - FILE_TEMPERATURE
@@ -193,8 +193,8 @@ def compute_constants(machine: Machine, substep: float) -> Records[CircuitConsta
         "rail_capacity": oil.rail_volume / beta,
         "manifold_capacity": oil.manifold_volume / beta,
         "laminar_pressure": oil.laminar_pressure * thinner**2,
-        "leakage_coefficient": (1.0 - arrays.land_leakage) * arrays.leakage_flow / math.sqrt(drop),
-        "land_conductance": arrays.land_leakage * arrays.leakage_flow / drop / thinner,
+        "leakage_coefficient": (1.0 - valve.land_leakage) * valve.leakage_flow / math.sqrt(drop),
+        "land_conductance": valve.land_leakage * valve.leakage_flow / drop / thinner,
         "land_length": oil.land_length,
         "lock_valve_opening": oil.lock_valve_opening,
         "check_coefficient": oil.check_valve_flow / math.sqrt(oil.check_valve_pressure_drop),

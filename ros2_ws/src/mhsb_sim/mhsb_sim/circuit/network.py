@@ -476,7 +476,7 @@ def connect_lands(circuit: Circuit, j: int, count: int) -> int:
     each work port in series.
 
     Args:
-        circuit: The circuit. Writes into `net`, and adds to `supply_flow` of the actuator, in place.
+        circuit: The circuit. Writes into `net` in place, and adds to `supply_flow` of the actuator.
         j: Index of the actuator, whose spool has been moved in this substep.
         count: Number of elements so far.
 

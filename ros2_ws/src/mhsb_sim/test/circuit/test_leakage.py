@@ -84,7 +84,8 @@ def sinking_speeds(machine: Machine, circuit: Circuit, lands: float) -> FloatArr
 
 def land_conductance(machine: Machine) -> float:
     m = machine.arrays
-    return SHARE * m.leakage_flow / (m.supply_pressure - m.tank_pressure)
+    leakage = machine.config.hydraulics.valve.leakage_flow
+    return SHARE * leakage / (m.supply_pressure - m.tank_pressure)
 
 
 def assert_audited(circuit: Circuit) -> None:
@@ -106,8 +107,9 @@ def test_closed_valves_let_loads_sink_for_ten_minutes_as_the_balance_of_oil_says
     assert_audited(circuit)
 
 
-def test_the_planner_knows_the_speed_of_sinking_without_seals(machine):
-    leaky = leaking(machine, circuit__valves={})
+@pytest.mark.parametrize("overlap", [0.0, 0.25])
+def test_the_planner_knows_the_speed_of_sinking_without_seals(machine, overlap):
+    leaky = leaking(machine, circuit__valves={}, imperfections__valve_overlap=overlap)
     before, _ = carry(leaky, 60.0)
     after, circuit = carry(leaky, 120.0)
     for j, stroke in enumerate(after - before):
@@ -177,9 +179,16 @@ def test_the_leakage_of_lands_halves_with_an_overlap_of_their_length():
     assert compute_land_conductance(3.0, -0.5, 0.05) == pytest.approx(3.0)  # an open land
 
 
+@pytest.mark.parametrize("overlap", [(0.0, 0.0), (0.25, 0.25), (0.1, 0.3)])
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-def test_circuit_servo_and_planner_count_the_same_null_leakage(machine, share):
-    leaky = machine.with_values({"hydraulics.valve.land_leakage": share})
+def test_circuit_servo_and_planner_count_the_same_null_leakage(machine, share, overlap):
+    leaky = machine.with_values(
+        {
+            "hydraulics.valve.land_leakage": share,
+            "imperfections.valve_overlap": overlap[0],
+            "imperfections.valve_overlap_retracting": overlap[1],
+        }
+    )
     c, m = build_circuit(leaky, 5e-4).constants.view(np.recarray)[0], leaky.arrays
     for supply in (m.supply_pressure, 6e6, m.max_boost_pressure):
         known = compute_null_leakage(c, supply - m.tank_pressure)
@@ -191,9 +200,12 @@ def test_circuit_servo_and_planner_count_the_same_null_leakage(machine, share):
         assert compute_null_leakage(c, drop) == orifice
 
 
-def test_a_servo_valve_that_holds_a_piston_leaks_as_the_planner_says(machine):
+@pytest.mark.parametrize("overlap", [0.0, 0.25])
+def test_a_servo_valve_that_holds_a_piston_leaks_as_the_planner_says(machine, overlap):
     """A piston at rest with balanced chambers: supply to tank over all four lands."""
-    leaky = machine.with_values({"hydraulics.valve.land_leakage": 1.0})
+    leaky = machine.with_values(
+        {"hydraulics.valve.land_leakage": 1.0, "imperfections.valve_overlap": overlap}
+    )
     circuit = build_circuit(leaky, 5e-4)
     set_rest_pressures(circuit, leaky, START, np.zeros(3, np.uint8))
     length = leaky.cylinder_lengths(START)
