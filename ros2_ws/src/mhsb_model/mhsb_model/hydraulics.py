@@ -546,8 +546,8 @@ def compute_sinking_speed(m: MachineArrays, j: int, force: float, supply: float)
         v = 2 G ((A − a) (p + p_T)/2 − F) / (A² + a²),   G = s q_leak/(P_S − p_T)
 
     It follows from A p_A − a p_B = F and the flows over the four lands of the spool, each G Δp with
-    the mean overlap of the valve, A v = G (p − p_A) − G (p_A − p_T) and −a v = G (p − p_B) − G (p_B − p_T). The
-    seal of the piston is tight.
+    the mean overlap of the valve: A v = G (p − p_A) − G (p_A − p_T) and −a v = G (p − p_B) −
+    G (p_B − p_T). The seal of the piston is tight.
 
     Args:
         m: Arrays of the machine, with the leakage q_leak of a closed valve, and the share s of it

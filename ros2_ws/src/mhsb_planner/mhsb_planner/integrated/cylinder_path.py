@@ -147,14 +147,14 @@ def cost_model(
 
 
 def without_leakage_cost(t: PathCostModel) -> PathCostModel:
-    """Return a copy of the cost model in which leakage costs nothing.
+    """Return a copy of the cost model in which leakage and the slip of servo pumps cost nothing.
 
-    It suits a motion whose duration is fixed by something else, so that leakage flows anyway.
+    It suits a motion whose duration is fixed by something else, so that both flow anyway.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
     """
-    return t._replace(circuit=t.circuit._replace(leakage_flow=0.0, idle_leakage=0.0))
+    return t._replace(circuit=t.circuit._replace(leakage_flow=0.0, idle_leakage=0.0, slip=0.0))
 
 
 class PathCostBuffers(NamedTuple):

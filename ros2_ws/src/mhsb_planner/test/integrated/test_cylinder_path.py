@@ -11,15 +11,17 @@ from mhsb_model.hydraulics import required_pressure
 from mhsb_model.modes import Mode
 from mhsb_planner.integrated.cylinder_path import (
     BOOST_RESERVE,
+    cost_model,
     new_path_cost_buffers,
     price_path,
     to_discrete_path,
+    without_leakage_cost,
 )
 from mhsb_planner.posture.s1_polytope import polytope_area
 from mhsb_planner.search.discrete_path import SearchStatistics
 from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.manipulability_loss import AreaTerm
-from mhsb_planner.search.s2_step import step_costs
+from mhsb_planner.search.s2_step import ENERGY_SERIES_COLUMN, step_costs
 
 NOTHING = SearchStatistics(0, 0, 0.0)
 
@@ -181,3 +183,22 @@ def test_without_a_weight_nothing_looks_at_the_area(arm, terms_of, posture_withi
     for start, via in possible_routes(arm, t, posture_within, 5, stroke=10e-3):
         cost = price_path(t, new_path_cost_buffers(t), via, start, np.inf)
         assert price_path(blind, new_path_cost_buffers(blind), via, start, np.inf) == cost
+
+
+def test_without_the_cost_of_leakage_the_slip_of_servo_pumps_costs_nothing(machine):
+    slipping = machine.with_values({"hydraulics.servo_pump.slip_flow": 5e-6})
+    start = np.array(machine.config.simulation.start_posture)
+    costs = []
+    for each in (machine, slipping):
+        weight, modes = np.array([1.0, 0.0, 0.0]), np.full(3, Mode.DB, np.uint8)
+        t = cost_model(each, modes, weight, ENERGY_SERIES_COLUMN)
+        route = machine.cylinder_lengths(start) + [[0.0] * 3, [0.02, 0.02, 0.02]]
+        costs.append(
+            [
+                price_path(terms, new_path_cost_buffers(terms), route, start, np.inf)
+                for terms in (t, without_leakage_cost(t))
+            ]
+        )
+    (counted, free), (more, free_too) = costs
+    assert more > counted > free
+    assert free_too == free
