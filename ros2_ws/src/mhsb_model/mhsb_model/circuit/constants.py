@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -143,6 +144,18 @@ def compute_full_pump_flow(machine: Machine) -> float:
     return arrays.servo_pump_flow + reserve + compute_slip_flow(arrays.servo_pump_slip, 1, rise)
 
 
+class _OilState(NamedTuple):
+    """Oil at the temperature of a machine's circuit.
+
+    Attributes:
+        bulk_modulus: Bulk modulus β [Pa].
+        viscosity_ratio: Viscosity over that at FILE_TEMPERATURE [-].
+    """
+
+    bulk_modulus: float
+    viscosity_ratio: float
+
+
 def compute_constants(machine: Machine, substep: float) -> Records[CircuitConstants]:
     """Compute the constants of a machine's circuit.
 
@@ -172,76 +185,168 @@ def compute_constants(machine: Machine, substep: float) -> Records[CircuitConsta
     Source:
         H. E. Merritt, Hydraulic Control Systems (bulk modulus over temperature).
     """
-    arrays, valve = machine.arrays, machine.config.hydraulics.valve
-    drop = arrays.supply_pressure - arrays.tank_pressure
-    oil, real = machine.config.circuit, machine.config.imperfections
-    warmth = real.oil_temperature - FILE_TEMPERATURE
-    thinner = compute_viscosity_ratio(real.oil_temperature)
-    beta = oil.bulk_modulus * math.exp(-BULK_MODULUS_SLOPE * warmth)
-    stiction, accumulator, swing = real.stiction, real.accumulator, oil.main_pump_time
-    spool = spool_transition(oil.valve_frequency, oil.valve_damping, substep)
+    temperature = machine.config.imperfections.oil_temperature
+    warmth = temperature - FILE_TEMPERATURE
+    oil = _OilState(
+        machine.config.circuit.bulk_modulus * math.exp(-BULK_MODULUS_SLOPE * warmth),
+        compute_viscosity_ratio(temperature),
+    )
     values = {
-        "tank_pressure": arrays.tank_pressure,
-        "supply_pressure": arrays.supply_pressure,
-        "main_pump_flow": arrays.main_pump_flow,
-        "main_pump_droop": oil.main_pump_droop,
-        "main_pump_decay": math.exp(-substep / swing) if swing else 0.0,
-        "main_pump_memory": -swing / substep * math.expm1(-substep / swing) if swing else 0.0,
-        "bulk_modulus": beta,
-        "free_air": oil.free_air,
-        "line_capacity": oil.line_volume / beta,
-        "rail_capacity": oil.rail_volume / beta,
-        "manifold_capacity": oil.manifold_volume / beta,
-        "laminar_pressure": oil.laminar_pressure * thinner**2,
-        "leakage_coefficient": (1.0 - valve.land_leakage) * valve.leakage_flow / math.sqrt(drop),
-        "land_conductance": valve.land_leakage * valve.leakage_flow / drop / thinner,
-        "land_length": oil.land_length,
-        "lock_valve_opening": oil.lock_valve_opening,
-        "check_coefficient": oil.check_valve_flow / math.sqrt(oil.check_valve_pressure_drop),
-        "switching_coefficient": oil.switching_valve_flow
-        / math.sqrt(oil.switching_valve_pressure_drop),
-        "anti_cavitation_gain": oil.anti_cavitation_flow / oil.anti_cavitation_pressure_drop,
-        "bleed_conductance": oil.rail_bleed_flow / RATED_BLEED_PRESSURE / thinner,
-        "relief_gain": oil.relief_flow_gain,
-        "line_relief": oil.line_relief_pressure,
-        "manifold_relief": arrays.supply_pressure + oil.manifold_relief_margin,
-        "vapour_pressure": oil.vapour_pressure,
-        "pump_filling": oil.pump_filling_pressure,
-        "main_pump_efficiency": oil.main_pump_efficiency,
-        "main_pump_drag": oil.main_pump_drag_power,
-        "servo_pump_drag": oil.servo_pump_drag_power,
-        "servo_pump_flow": compute_full_pump_flow(machine),
-        "servo_pump_slip": arrays.servo_pump_slip / thinner,
-        "servo_pump_decay": math.exp(-substep / oil.servo_pump_lag),
-        "servo_pump_slew": oil.servo_pump_slew,
-        "servo_pump_power": oil.servo_pump_power,
-        "servo_pump_efficiency": arrays.servo_pump_efficiency,
-        "switching_time": oil.switching_valve_time,
-        "switching_decay": math.exp(-substep / oil.switching_valve_time),
-        "coulomb_friction": oil.coulomb_friction,
-        "viscous_friction": oil.viscous_friction * thinner,
-        "friction_speed": oil.friction_speed,
-        "breakaway": stiction.breakaway if stiction else 1.0,
-        "stribeck_speed": stiction.speed if stiction else 1.0,
-        "bristle_stiffness": stiction.stiffness if stiction else 0.0,
-        "bristle_damping": stiction.damping if stiction else 0.0,
-        "valve_overlap": real.valve_overlap,
-        "valve_overlap_retracting": real.valve_overlap
-        if real.valve_overlap_retracting is None
-        else real.valve_overlap_retracting,
-        "valve_exponent": real.valve_exponent,
-        "valve_hysteresis": real.valve_hysteresis,
-        "spool_rate": real.spool_rate or math.inf,
-        "accumulator_volume": accumulator.volume if accumulator else 0.0,
-        "accumulator_precharge": accumulator.precharge if accumulator else math.inf,
-        "accumulator_exponent": accumulator.exponent if accumulator else 1.0,
         "substep": substep,
-        "spool_00": spool[0],
-        "spool_01": spool[1],
-        "spool_10": spool[2],
-        "spool_11": spool[3],
+        **_compute_volume_constants(machine, oil),
+        **_compute_pump_constants(machine, oil, substep),
+        **_compute_servo_valve_constants(machine, oil, substep),
+        **_compute_further_valve_constants(machine, oil, substep),
+        **_compute_friction_constants(machine, oil),
     }
     constants = create_records(CircuitConstants, 1)
     for name, value in values.items():
         constants[name] = value
     return constants
+
+
+def _compute_volume_constants(machine: Machine, state: _OilState) -> dict[str, float]:
+    """Compute the constants of the oil, its volumes and the accumulator.
+
+    Args:
+        machine: Machine whose file describes the circuit.
+        state: The oil at its temperature.
+
+    Returns:
+        Values by the names of `CircuitConstants`.
+    """
+    oil, accumulator = machine.config.circuit, machine.config.imperfections.accumulator
+    beta = state.bulk_modulus
+    return {
+        "tank_pressure": machine.arrays.tank_pressure,
+        "vapour_pressure": oil.vapour_pressure,
+        "bulk_modulus": beta,
+        "free_air": oil.free_air,
+        "line_capacity": oil.line_volume / beta,
+        "rail_capacity": oil.rail_volume / beta,
+        "manifold_capacity": oil.manifold_volume / beta,
+        "accumulator_volume": accumulator.volume if accumulator else 0.0,
+        "accumulator_precharge": accumulator.precharge if accumulator else math.inf,
+        "accumulator_exponent": accumulator.exponent if accumulator else 1.0,
+    }
+
+
+def _compute_pump_constants(machine: Machine, state: _OilState, substep: float) -> dict[str, float]:
+    """Compute the constants of the main pump and of the servo pumps.
+
+    Args:
+        machine: Machine whose file describes the circuit.
+        state: The oil at its temperature.
+        substep: Duration of one integration step of the circuit [s].
+
+    Returns:
+        Values by the names of `CircuitConstants`.
+    """
+    arrays, oil = machine.arrays, machine.config.circuit
+    swing = oil.main_pump_time
+    return {
+        "supply_pressure": arrays.supply_pressure,
+        "main_pump_flow": arrays.main_pump_flow,
+        "main_pump_droop": oil.main_pump_droop,
+        "main_pump_decay": math.exp(-substep / swing) if swing else 0.0,
+        "main_pump_memory": -swing / substep * math.expm1(-substep / swing) if swing else 0.0,
+        "main_pump_efficiency": oil.main_pump_efficiency,
+        "main_pump_drag": oil.main_pump_drag_power,
+        "pump_filling": oil.pump_filling_pressure,
+        "servo_pump_drag": oil.servo_pump_drag_power,
+        "servo_pump_flow": compute_full_pump_flow(machine),
+        "servo_pump_slip": arrays.servo_pump_slip / state.viscosity_ratio,
+        "servo_pump_decay": math.exp(-substep / oil.servo_pump_lag),
+        "servo_pump_slew": oil.servo_pump_slew,
+        "servo_pump_power": oil.servo_pump_power,
+        "servo_pump_efficiency": arrays.servo_pump_efficiency,
+    }
+
+
+def _compute_servo_valve_constants(
+    machine: Machine, state: _OilState, substep: float
+) -> dict[str, float]:
+    """Compute the constants of the servo valves, their leakage and their lock valves.
+
+    Args:
+        machine: Machine whose file describes the circuit.
+        state: The oil at its temperature.
+        substep: Duration of one integration step of the circuit [s].
+
+    Returns:
+        Values by the names of `CircuitConstants`.
+    """
+    valve, oil, real = (
+        machine.config.hydraulics.valve,
+        machine.config.circuit,
+        machine.config.imperfections,
+    )
+    drop = machine.arrays.supply_pressure - machine.arrays.tank_pressure
+    retracting = real.valve_overlap_retracting
+    spool = spool_transition(oil.valve_frequency, oil.valve_damping, substep)
+    return {
+        "leakage_coefficient": (1.0 - valve.land_leakage) * valve.leakage_flow / math.sqrt(drop),
+        "land_conductance": valve.land_leakage * valve.leakage_flow / drop / state.viscosity_ratio,
+        "land_length": oil.land_length,
+        "lock_valve_opening": oil.lock_valve_opening,
+        "valve_overlap": real.valve_overlap,
+        "valve_overlap_retracting": real.valve_overlap if retracting is None else retracting,
+        "valve_exponent": real.valve_exponent,
+        "valve_hysteresis": real.valve_hysteresis,
+        "spool_rate": real.spool_rate or math.inf,
+        "spool_00": spool[0],
+        "spool_01": spool[1],
+        "spool_10": spool[2],
+        "spool_11": spool[3],
+    }
+
+
+def _compute_further_valve_constants(
+    machine: Machine, state: _OilState, substep: float
+) -> dict[str, float]:
+    """Compute the constants of orifices, check, switching, anti-cavitation and relief valves.
+
+    Args:
+        machine: Machine whose file describes the circuit.
+        state: The oil at its temperature.
+        substep: Duration of one integration step of the circuit [s].
+
+    Returns:
+        Values by the names of `CircuitConstants`.
+    """
+    oil, thinner = machine.config.circuit, state.viscosity_ratio
+    switching_drop = oil.switching_valve_pressure_drop
+    return {
+        "laminar_pressure": oil.laminar_pressure * thinner**2,
+        "check_coefficient": oil.check_valve_flow / math.sqrt(oil.check_valve_pressure_drop),
+        "switching_coefficient": oil.switching_valve_flow / math.sqrt(switching_drop),
+        "switching_time": oil.switching_valve_time,
+        "switching_decay": math.exp(-substep / oil.switching_valve_time),
+        "anti_cavitation_gain": oil.anti_cavitation_flow / oil.anti_cavitation_pressure_drop,
+        "bleed_conductance": oil.rail_bleed_flow / RATED_BLEED_PRESSURE / thinner,
+        "relief_gain": oil.relief_flow_gain,
+        "line_relief": oil.line_relief_pressure,
+        "manifold_relief": machine.arrays.supply_pressure + oil.manifold_relief_margin,
+    }
+
+
+def _compute_friction_constants(machine: Machine, state: _OilState) -> dict[str, float]:
+    """Compute the constants of the cylinders' friction.
+
+    Args:
+        machine: Machine whose file describes the circuit.
+        state: The oil at its temperature.
+
+    Returns:
+        Values by the names of `CircuitConstants`.
+    """
+    oil, stiction = machine.config.circuit, machine.config.imperfections.stiction
+    return {
+        "coulomb_friction": oil.coulomb_friction,
+        "viscous_friction": oil.viscous_friction * state.viscosity_ratio,
+        "friction_speed": oil.friction_speed,
+        "breakaway": stiction.breakaway if stiction else 1.0,
+        "stribeck_speed": stiction.speed if stiction else 1.0,
+        "bristle_stiffness": stiction.stiffness if stiction else 0.0,
+        "bristle_damping": stiction.damping if stiction else 0.0,
+    }
