@@ -47,67 +47,102 @@ def collect_estimates(
         follow. An estimate counts as known if its standard deviation is below KNOWN_DEVIATION_RATIO
         times the initial one.
     """
-    spread, oil = np.sqrt(np.diag(load.covariance)), np.sqrt(np.diag(lines.covariance))
-    first = load_settings.payload_deviation * float(load.file_payload[0])
+    return [
+        *_build_shared_estimates(load, lines, drives, load_settings, pump_settings),
+        *(
+            estimate
+            for j, name in enumerate(names)
+            for estimate in (
+                _build_estimate(
+                    "friction",
+                    name,
+                    load.estimate[1 + j],
+                    np.sqrt(load.covariance[1 + j, 1 + j]),
+                    load_settings.friction_deviation,
+                ),
+                *_build_valve_estimates(name, j, valves),
+                _build_estimate(
+                    "leakage",
+                    name,
+                    lines.estimate[1 + j],
+                    np.sqrt(lines.covariance[1 + j, 1 + j]),
+                    pump_settings.lines.leakage_deviation,
+                ),
+            )
+        ),
+    ]
+
+
+def _build_shared_estimates(
+    load: LoadEstimate,
+    lines: LineEstimates,
+    drives: DriveEstimates,
+    load_settings: LoadSettings,
+    pump_settings: PumpSettings,
+) -> list[Estimate]:
+    """Build the estimates of the whole arm.
+
+    Args:
+        load: Estimates of payload and friction.
+        lines: Estimates of oil compressibility and leakage.
+        drives: Estimates of pump lag and command delay.
+        load_settings: Tuned numbers of `load`, with initial standard deviations.
+        pump_settings: Tuned numbers of `lines` and `drives`, with initial standard deviations.
+
+    Returns:
+        Estimates of payload, bulk modulus, pump lag and delay, with an empty actuator name.
+    """
     lag, deviation, delay, latest, step = (
         drives.record[name][0]
         for name in ("lag", "deviation", "delay", "max_plausible_delay", "step")
     )
     squeeze = lines.estimate[0]
-    of_bulk = oil[0] / squeeze**2
-    found = [
-        _build_estimate("payload", "", load.estimate[0], spread[0], first),
+    first_lag = pump_settings.drives.initial_deviation * lag
+    first_delay = pump_settings.drives.initial_delay_range * step
+    return [
+        _build_estimate(
+            "payload",
+            "",
+            load.estimate[0],
+            np.sqrt(load.covariance[0, 0]),
+            load_settings.payload_deviation * float(load.file_payload[0]),
+        ),
         _build_estimate(
             "bulk_modulus",
             "",
             1.0 / squeeze,
-            of_bulk,
+            np.sqrt(lines.covariance[0, 0]) / squeeze**2,
             pump_settings.lines.compressibility_deviation,
         ),
-        _build_estimate(
-            "pump_lag",
-            "",
-            lag,
-            deviation * lag,
-            pump_settings.drives.initial_deviation * lag,
-        ),
-        _build_estimate(
-            "delay",
-            "",
-            delay * step,
-            (latest - delay) * step,
-            pump_settings.drives.initial_delay_range * step,
-        ),
+        _build_estimate("pump_lag", "", lag, deviation * lag, first_lag),
+        _build_estimate("delay", "", delay * step, (latest - delay) * step, first_delay),
     ]
-    for j, name in enumerate(names):
-        gain, overlap, _ = valves.estimate[j]
-        own = valves.covariance[j]
-        lap = overlap / gain
-        # overlap o = b/a and gain g = a (1 − o) = a − b, variances to first order
-        lap_variance = (own[1, 1] - 2.0 * lap * own[0, 1] + lap**2 * own[0, 0]) / gain**2
-        gain_variance = own[0, 0] - 2.0 * own[0, 1] + own[1, 1]
-        of_gain, of_overlap = (
-            float(valves.settings[key][0]) for key in ("gain_deviation", "overlap_deviation")
-        )
-        found += [
-            _build_estimate(
-                "friction",
-                name,
-                load.estimate[1 + j],
-                spread[1 + j],
-                load_settings.friction_deviation,
-            ),
-            _build_estimate("valve_gain", name, gain - overlap, np.sqrt(gain_variance), of_gain),
-            _build_estimate("overlap", name, lap, np.sqrt(lap_variance), of_overlap),
-            _build_estimate(
-                "leakage",
-                name,
-                lines.estimate[1 + j],
-                oil[1 + j],
-                pump_settings.lines.leakage_deviation,
-            ),
-        ]
-    return found
+
+
+def _build_valve_estimates(name: str, j: int, valves: ValveEstimates) -> tuple[Estimate, Estimate]:
+    """Build the estimates of gain and overlap of one valve.
+
+    Args:
+        name: Name of the actuator.
+        j: Index of the actuator.
+        valves: Estimates of the valves.
+
+    Returns:
+        Estimates of valve gain and overlap.
+    """
+    gain, overlap, _ = valves.estimate[j]
+    own = valves.covariance[j]
+    lap = overlap / gain
+    # overlap o = b/a and gain g = a (1 − o) = a − b, variances to first order
+    lap_variance = (own[1, 1] - 2.0 * lap * own[0, 1] + lap**2 * own[0, 0]) / gain**2
+    gain_variance = own[0, 0] - 2.0 * own[0, 1] + own[1, 1]
+    of_gain, of_overlap = (
+        float(valves.settings[key][0]) for key in ("gain_deviation", "overlap_deviation")
+    )
+    return (
+        _build_estimate("valve_gain", name, gain - overlap, np.sqrt(gain_variance), of_gain),
+        _build_estimate("overlap", name, lap, np.sqrt(lap_variance), of_overlap),
+    )
 
 
 def _build_estimate(

@@ -146,10 +146,8 @@ def plan(
         content |= {"case": move.case, "replaced": list_replaced_values(asked)}
         print(json.dumps(content | ({"log": log_as_json(made.log)} if explain else {})))
         return
-    print("\n".join([*case_line(asked), str(made), *point_lines(found), "", *motion_lines(made)]))
-    if explain:
-        print("\n".join(["", *path_lines(suite.machine, made), "", *fit_lines(made, seconds)]))
-        print(f"{area_line(area)}\n\n{made.log}")
+    lines = [*case_line(asked), str(made), *point_lines(found), "", *motion_lines(made)]
+    print("\n".join(lines + (explanation_lines(suite, made, seconds, area) if explain else [])))
 
 
 def _check_suffix(option: str, file: Path | None, suffix: str) -> None:
@@ -434,6 +432,32 @@ def fit_lines(plan: Plan, seconds: dict[str, float]) -> list[str]:
         f"tip within {1e3 * motion.tip_deviation:.0f} mm of the discrete path",
         "planned in "
         + ", ".join(f"{1e3 * value:.1f} ms {name}" for name, value in seconds.items()),
+    ]
+
+
+def explanation_lines(
+    planner: Planner, plan: Plan, seconds: dict[str, float], area: dict[str, float | None]
+) -> list[str]:
+    """Describe how a plan was found.
+
+    Args:
+        planner: Planner that made it.
+        plan: The plan.
+        seconds: Wall time of each part of planning [s], by name.
+        area: Result of `compute_polytope_areas`.
+
+    Returns:
+        Lines: the discrete path of the search, how the motion was fitted to it, the velocity
+        polytope's area, and the log of proposed paths.
+    """
+    return [
+        "",
+        *path_lines(planner.machine, plan),
+        "",
+        *fit_lines(plan, seconds),
+        area_line(area),
+        "",
+        str(plan.log),
     ]
 
 
