@@ -198,6 +198,38 @@ def test_a_learnt_axis_comes_to_rest_at_its_reference(valve):
         assert abs(length) < 1e-3, start  # measured: up to 0.5 mm, which is `rest_error`
 
 
+def rest_after_a_motion(axis: LagCompensatedAxis, error: float) -> None:
+    """Let a known axis rest for its delay, and begin one correction of an error [m]."""
+    for _ in range(5):
+        axis.update(0.0, lambda ahead: (0.0, 0.05))
+    axis._commands[:] = 0.0
+    axis.speed = 0.0
+    for _ in range(math.ceil(axis.delay.delay / axis._period) + 2):
+        axis.update(0.0, lambda ahead: (0.0, 0.0))
+    axis.update(0.0, lambda ahead: (error, 0.0))
+    assert axis.speed * error > 0.0
+
+
+def test_the_first_correction_after_a_motion_is_compared_with_none():
+    axis = know(Valve((0.2, 0.2), FULL_SPEEDS, 1.0, 0.1, 0.1, 50.0))
+    for error in (2e-3, -2e-3, 2e-3, -2e-3):
+        rest_after_a_motion(axis, error)
+        assert axis._creep_ratio == 1.0
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.6])
+def test_a_correction_at_rest_waits_for_twice_the_delay(delay):
+    period, error = 0.01, 2e-3
+    axis = know(Valve((0.2, 0.2), FULL_SPEEDS, 1.0, 0.1, 0.1, 1.0 / period))
+    axis.delay.delay = delay
+    axis._commands[-1] = 0.3
+    axis._predict_ways = lambda: np.zeros(len(axis._commands) + 1)
+    waited = 0
+    while axis.update(0.0, lambda ahead: (error, 0.0)) == 0.0:
+        waited += 1
+    assert waited == max(round(2.0 * delay / period), 1)
+
+
 def test_an_end_stop_is_not_learnt_as_a_dead_band():
     for ends, is_learnt in (((-1.0, 1.0), True), ((-1.0, 0.05), False)):
         gains = LagCompensatedGains()
