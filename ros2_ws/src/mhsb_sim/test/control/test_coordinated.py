@@ -186,3 +186,42 @@ def test_every_joint_is_stable_with_every_delay_that_can_be_learnt(name: str) ->
                 limit_axis_gains(axes[j], late, 1.0, 2.0 / 3.0, RECORD)
                 for omega in np.geomspace(lowest[j], highest[j], 8):
                     assert compute_margin(axes[j], omega, late, decay) > 0.1, (delay, decay, j)
+
+
+def test_a_shortfall_takes_no_more_from_a_lines_flow_than_the_commanded_flow_in_it(
+    machine: Machine,
+) -> None:
+    """Behind a slow valve, the commanded flow in a line's flow begins at 0."""
+    slow = machine.with_values({"circuit.valve_frequency": 12.7})
+    signals = Simulator(slow)._signals
+    controller = CoordinatedController(slow, signals, read_gains(slow, "coordinated"))
+    servo, _, pumps, _ = controller._control.args
+    signals.modes[:] = [1, 0, 0]
+    signals.serves[:] = [0, -1, -1, -1]
+    controller.update()
+    signals.sensors["line_pressure"][0] = slow.arrays.max_boost_pressure
+    signals.reference[:, 1, 0] = 2e-3 / servo.axes["arm"][0]
+    for _ in range(5):
+        pumps.draws["excess_flow"][0] = -1.0
+        controller.update()
+        lost = pumps.lines.estimate[1] * servo.axes["leakage"][0] + pumps.lines.fed[0, 2]
+        assert lost > 0.0
+        assert servo.axes["line_flow"][0] >= 0.999 * lost
+
+
+def test_slip_of_a_joined_lines_own_pump_is_missing_for_its_piston(machine: Machine) -> None:
+    leaky = machine.with_values({"hydraulics.servo_pump.slip_flow": 4e-6})
+    signals = Simulator(leaky)._signals
+    controller = CoordinatedController(leaky, signals, read_gains(leaky, "coordinated"))
+    servo, _, pumps, _ = controller._control.args
+    signals.modes[:] = [2, 0, 0]
+    signals.serves[:] = [0, -1, -1, -1]
+    servo.axes["joined"] = [1.0, 0.0, 0.0]
+    signals.sensors["line_pressure"][0] = leaky.arrays.max_boost_pressure
+    controller.update()
+    axis, full = servo.axes[0], signals.circuit.constants["servo_pump_flow"][0]
+    slip = pumps.lines.fed[0, 2]
+    assert slip > 1e-6
+    area = leaky.arrays.cap_area[0] if axis["demand"] > 0.0 else leaky.arrays.rod_area[0]
+    left = full - pumps.lines.estimate[1] * axis["leakage"] - slip - pumps.lines.fed[3, 2]
+    assert axis["deliverable_speed"] == pytest.approx(left / area, rel=1e-9)
