@@ -502,6 +502,7 @@ def limit_speeds_by_pumps(s: ServoArguments, p: PumpState, min_speed_ratio: floa
             shared += (
                 compute_reference_flow(axes[j], s.cylinders[j])
                 + p.lines.estimate[1 + j] * axes[j].leakage
+                + p.lines.fed[j, 2]
             )
     for j in range(len(axes)):
         axis, cylinder = axes[j], s.cylinders[j]
