@@ -286,7 +286,9 @@ def compute_opening(
 ) -> float:
     """Return the valve opening that produces a demanded piston speed.
 
-        x = u/(G a) + o clip((u + v)/u_s, −1, 1),    v = 0 if |u| ≥ u_s
+        x = u/(G a) + o [y + w (1 − |y|)],    y = clip(u/u_s, −1, 1),    w = clip(v/u_s, −1, 1)
+
+    x is continuous in u. From |u| = u_s on, v has no effect.
 
     Args:
         gain: G a, piston speed per opening beyond the overlap [m/s].
@@ -298,9 +300,9 @@ def compute_opening(
     Returns:
         Opening x, a share of the spool's stroke, not limited to −1 … 1. Positive extends.
     """
-    start = ahead if abs(demand) < settings.overlap_speed else 0.0
-    across = min(max((demand + start) / settings.overlap_speed, -1.0), 1.0)
-    return demand / gain + overlap * across
+    across = min(max(demand / settings.overlap_speed, -1.0), 1.0)
+    crossed = min(max(ahead / settings.overlap_speed, -1.0), 1.0)
+    return demand / gain + overlap * (across + crossed * (1.0 - abs(across)))
 
 
 @kernel(borrows=True)

@@ -192,6 +192,17 @@ def test_a_spool_that_still_crosses_its_overlap_counts_for_little() -> None:
     assert crossing > 0.9
 
 
+@pytest.mark.parametrize("ahead", [0.0, 1e-4, -0.01, 0.01])
+def test_the_opening_has_no_jump(ahead: float) -> None:
+    valve, overlap = build_valve_estimates(np.zeros(1)).records[0], 0.25
+    valve["speed_gain"] = SPEED_GAIN
+    demands = np.linspace(-2.0, 2.0, 4001) * SETTINGS.overlap_speed
+    openings = [invert(valve, overlap, demand, ahead) for demand in demands]
+    steepest = 2.0 * overlap / SETTINGS.overlap_speed + 1.0 / SPEED_GAIN
+    assert np.all(np.diff(openings) > 0.0)
+    assert np.diff(openings).max() < 1.01 * steepest * (demands[1] - demands[0])
+
+
 def test_the_overlap_is_crossed_before_the_motion_begins() -> None:
     valve, overlap = build_valve_estimates(np.zeros(1)).records[0], 0.25
     valve["speed_gain"] = SPEED_GAIN
