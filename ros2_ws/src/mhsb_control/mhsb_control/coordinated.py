@@ -13,6 +13,7 @@ measured pressures, so that no pressure margin is kept beyond the plan's.
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -29,6 +30,7 @@ from mhsb_control.cascade import (
     set_supply_targets,
 )
 from mhsb_control.controller import ActuatorReadings, ServoSignals
+from mhsb_control.delay_line import describe_uncompensated_delay
 from mhsb_control.estimates import collect_estimates
 from mhsb_control.line_estimate import update_line_estimates
 from mhsb_control.reference import PREVIEW_POINT
@@ -63,6 +65,8 @@ from mhsb_model.modes import BOOSTED_MODES, RAIL_MODES
 from mhsb_model.records import Record, Records, create_record
 from mhsb_model.schema import Section
 from mhsb_model.types import IntArray
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -158,13 +162,16 @@ class CoordinatedController:
         """Build servo, pump and valve records, and bind the control kernel to them.
 
         A line whose join valve is open at the start counts as joined to the rail. The first
-        pressure target of each line is its present pressure.
+        pressure target of each line is its present pressure. A declared delay of commands that is
+        not compensated is logged as a warning.
 
         Args:
             machine: The machine as its file describes it.
             signals: Arrays that the controller reads and writes in each step.
             gains: Gains of its section of the machine file.
         """
+        if limitation := describe_uncompensated_delay(machine):
+            _log.warning("%s", limitation)
         self.preview: float = gains.preview
         settings = self.settings
         cascade = build_servo_arguments(
@@ -175,7 +182,9 @@ class CoordinatedController:
         cascade.axes["supply_target"] = signals.sensors["line_pressure"]
         pumps = build_pump_state(machine, signals, gains, settings.pumps)
         declared = machine.config.imperfections.valve_overlap
-        valves = build_valve_estimates(signals.valve_overlap, declared, settings.valves)
+        valves = build_valve_estimates(
+            signals.valve_overlap, declared, settings.valves, machine.config.simulation.step
+        )
         self._estimators = (
             machine.actuator_names,
             cascade.load,

@@ -2,11 +2,45 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 
-MAX_DELAY_STEPS = 60
-"""Longest delay that is considered, in steps."""
+MAX_DELAY = 0.06
+"""Longest delay that is considered [s]."""
+
+
+def build_delay_lines(count: int, step: float) -> FloatArray:
+    """Build histories of values for delays up to `MAX_DELAY`.
+
+    Args:
+        count: Number of histories.
+        step: Control period [s].
+
+    Returns:
+        Zeros, float64[count, d + 1], the newest value first. d is the longest delay in steps.
+    """
+    return np.zeros((count, round(MAX_DELAY / step) + 1))
+
+
+def describe_uncompensated_delay(machine: Machine) -> str | None:
+    """Describe by how much the declared delay of commands exceeds `MAX_DELAY`.
+
+    Args:
+        machine: The machine as its file describes it.
+
+    Returns:
+        One sentence for the user; None if the delay is compensated.
+    """
+    delay = machine.config.imperfections.computing_delay
+    if delay <= MAX_DELAY:
+        return None
+    return (
+        f"imperfections.computing_delay is {1e3 * delay:.4g} ms, of which the controller "
+        f"coordinated compensates {1e3 * MAX_DELAY:.4g} ms; use lag_compensated for longer delays"
+    )
 
 
 @kernel(borrows=True)
@@ -14,10 +48,9 @@ def delay_value(history: FloatArray, value: float, delay: int) -> float:
     """Add a value to its history, and return the one that is some steps old.
 
     Args:
-        history: Values of the last steps, the newest first, float64[MAX_DELAY_STEPS + 1]. Written
-            in place.
+        history: Values of the last steps, the newest first, float64[d + 1]. Written in place.
         value: Present value.
-        delay: Number of steps, 0 … MAX_DELAY_STEPS.
+        delay: Number of steps, 0 … d.
 
     Returns:
         Value of `delay` steps before.

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_control.delay_line import MAX_DELAY_STEPS
+from mhsb_control.delay_line import build_delay_lines, delay_value
 from mhsb_model.circuit.quantities import ModuleState
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.records import Record, Records, create_records
@@ -85,7 +85,9 @@ class DriveSettings(Record):
     initial_delay_range: int = 6
     """Steps by which the delay may exceed the declared one before a pump has started, 0 … 60.
 
-    Origin: config/variations.yaml, a delay of up to 5 ms. """
+    Origin: config/variations.yaml, a delay of up to 5 ms.
+
+    30 % smaller and larger: not measured."""
     plausible_excess: float = 9.0
     """Residual beyond the least one up to which a delay is plausible [`flow_deviation`²], 0 … 1e4.
 
@@ -131,13 +133,12 @@ class DriveEstimates(NamedTuple):
     """Estimates of how m servo pumps follow their commands."""
 
     record: Records[PumpDynamics]  # [1]
-    commands: (
-        FloatArray  # [m, MAX_DELAY_STEPS + 1] m³/s, commands of the last steps, the newest first
-    )
+    # [m, d + 1] m³/s, commands of the last steps, see `build_delay_lines`; d is the longest delay
+    commands: FloatArray
     previous_flow: FloatArray  # [m, 2] m³/s, flow in the last step, and at the start of the window
-    # [m, MAX_DELAY_STEPS + 1] m³/s, Σ (Q_cmd − Q) in the window, for each delay
+    # [m, d + 1] m³/s, Σ (Q_cmd − Q) in the window, for each delay
     flow_errors: FloatArray
-    # [4, MAX_DELAY_STEPS + 1] Σ x², Σ x y, Σ y² of all windows, in full flows; residual
+    # [4, d + 1] Σ x², Σ x y, Σ y² of all windows, in full flows; residual
     squares: FloatArray
     flow: FloatArray  # [m] m³/s, flow at the instant when the next command begins to act
     pending: FloatArray  # [m] m³, oil delivered until then
@@ -164,23 +165,23 @@ def build_drive_estimates(
         delay: Delay of commands that the machine file declares [s].
 
     Returns:
-        The estimates: lag and delay of the file. The longest plausible delay is
-        `initial_delay_range` steps longer.
+        The estimates: lag and delay of the file; a delay above `MAX_DELAY` becomes `MAX_DELAY`. The
+        longest plausible delay is `initial_delay_range` steps longer than that of the file.
     """
+    commands = build_delay_lines(count, step)
+    declared, longest = round(delay / step), commands.shape[1] - 1
     record = create_records(PumpDynamics, 1)
     record["step"], record["full_flow"], record["largest_change"] = step, full_flow, slew * step
     record["file_theta"] = record["theta"] = -math.expm1(-step / lag)
     record["lag"], record["deviation"] = lag, settings.initial_deviation
-    record["delay"] = min(round(delay / step), MAX_DELAY_STEPS)
-    record["max_plausible_delay"] = min(
-        round(delay / step) + settings.initial_delay_range, MAX_DELAY_STEPS
-    )
+    record["delay"] = min(declared, longest)
+    record["max_plausible_delay"] = declared + settings.initial_delay_range
     return DriveEstimates(
         record=record,
-        commands=np.zeros((count, MAX_DELAY_STEPS + 1)),
+        commands=commands,
         previous_flow=np.zeros((count, 2)),
-        flow_errors=np.zeros((count, MAX_DELAY_STEPS + 1)),
-        squares=np.zeros((4, MAX_DELAY_STEPS + 1)),
+        flow_errors=np.zeros((count, longest + 1)),
+        squares=np.zeros((4, longest + 1)),
         flow=np.zeros(count),
         pending=np.zeros(count),
     )
@@ -209,13 +210,11 @@ def update_drive_estimates(
     reach = own.largest_change / own.theta
     for k in range(len(modules)):
         flow, commands, last = modules[k].flow, d.commands[k], d.previous_flow[k, 0]
-        for i in range(MAX_DELAY_STEPS, 0, -1):
-            commands[i] = commands[i - 1]
-        commands[0] = modules[k].flow_command
+        delay_value(commands, modules[k].flow_command, 0)
         if own.steps == 0:
             d.previous_flow[k, 1] = last
             d.flow_errors[k] = 0.0
-        for i in range(MAX_DELAY_STEPS + 1):
+        for i in range(len(commands)):
             d.flow_errors[k, i] += min(max(commands[i] - last, -reach), reach)
         d.previous_flow[k, 0] = flow
     own.steps += 1
@@ -250,9 +249,8 @@ def accumulate_pump_window(
 
     Args:
         squares: Sums x², x y and y² for each delay in rows 0 to 2, updated in place; float64[4,
-            MAX_DELAY_STEPS + 1]. x is Σ (Q_cmd − Q) and y is ΔQ of a window, both in full flows.
-        flow_errors: Σ (Q_cmd − Q) of the window for each delay [m³/s], float64[MAX_DELAY_STEPS +
-            1].
+            d + 1]. x is Σ (Q_cmd − Q) and y is ΔQ of a window, both in full flows.
+        flow_errors: Σ (Q_cmd − Q) of the window for each delay [m³/s], float64[d + 1].
         rise: ΔQ of the window, in full flows.
         own: Estimates of the pumps' dynamics. Reads `delay`, `full_flow` and `file_theta`.
         settings: Tuned numbers.
@@ -268,7 +266,7 @@ def accumulate_pump_window(
     most = -math.expm1(decay / settings.min_lag_ratio)
     if not least < rise / x < most:
         return False
-    for i in range(MAX_DELAY_STEPS + 1):
+    for i in range(len(flow_errors)):
         x = flow_errors[i] / own.full_flow
         squares[0, i] = settings.forgetting_factor * squares[0, i] + x * x
         squares[1, i] = settings.forgetting_factor * squares[1, i] + x * rise
@@ -293,15 +291,15 @@ def estimate_lag_and_delay(own: PumpDynamics, squares: FloatArray, settings: Dri
         own: Estimates of the pumps' dynamics. Writes in place `delay` and `max_plausible_delay`
             [steps], `theta`, `lag` (τ) [s], and `deviation`. The last one is the standard deviation
             of τ as a share of τ, at least `min_lag_deviation`.
-        squares: Σ x², Σ x y, Σ y² and residual for each delay, float64[4, MAX_DELAY_STEPS + 1]. The
-            last row is written in place.
+        squares: Σ x², Σ x y, Σ y² and residual for each delay, float64[4, d + 1]. The last row is
+            written in place.
         settings: Tuned numbers.
     """
     deviation = settings.flow_deviation
     prior = (deviation / (settings.initial_deviation * own.file_theta)) ** 2
     least = math.inf
     left = squares[3]
-    for i in range(MAX_DELAY_STEPS + 1):
+    for i in range(len(left)):
         weight = squares[0, i] + prior
         theta = (squares[1, i] + prior * own.file_theta) / weight
         left[i] = squares[2, i] - 2.0 * theta * squares[1, i] + theta * theta * squares[0, i]
@@ -309,7 +307,7 @@ def estimate_lag_and_delay(own: PumpDynamics, squares: FloatArray, settings: Dri
         if left[i] < least:
             least, own.delay, own.theta = left[i], i, theta
             own.deviation = max(deviation / math.sqrt(weight) / theta, settings.min_lag_deviation)
-    for i in range(MAX_DELAY_STEPS + 1):
+    for i in range(len(left)):
         if left[i] < least + settings.plausible_excess * deviation * deviation:
             own.max_plausible_delay = i
     own.lag = -own.step / math.log1p(-own.theta)
@@ -325,8 +323,7 @@ def predict_pump_flow(own: PumpDynamics, flow: float, commands: FloatArray) -> t
     Args:
         own: Estimates of the pumps' dynamics.
         flow: Present flow [m³/s].
-        commands: Commands of the last steps, the newest first, float64[MAX_DELAY_STEPS + 1],
-            [m³/s].
+        commands: Commands of the last steps, the newest first, float64[d + 1], [m³/s].
 
     Returns:
         Flow at that instant [m³/s], and oil delivered until then [m³].

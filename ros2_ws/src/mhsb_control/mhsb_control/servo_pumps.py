@@ -26,7 +26,7 @@ from pydantic import Field
 from mhsb_control.cascade import ControlAxis, ServoArguments
 from mhsb_control.coasting import COASTING_SAMPLES, compute_coasting_limit, compute_coasting_volumes
 from mhsb_control.controller import REFERENCE_POINTS, ServoSignals
-from mhsb_control.delay_line import MAX_DELAY_STEPS, delay_value
+from mhsb_control.delay_line import build_delay_lines, delay_value
 from mhsb_control.draw_estimate import (
     DrawObserver,
     DrawSettings,
@@ -181,7 +181,7 @@ class PumpState(NamedTuple):
     )
     drives: DriveEstimates  # estimates of pump lag and command delay
     draws: Records[DrawObserver]  # [n + 1]; the last row is the rail's
-    # [n + 1, MAX_DELAY_STEPS + 1] m³/s, commanded flows of the last steps, the newest first
+    # [n + 1, d + 1] m³/s, commanded flows of the last steps, see `build_delay_lines`
     commanded_flows: FloatArray
     coasting_times: FloatArray  # [COASTING_SAMPLES + REFERENCE_POINTS − 1] s, times of `coasting`
 
@@ -240,7 +240,7 @@ def build_pump_state(
             machine.config.imperfections.computing_delay,
         ),
         draws=build_draw_observers(n),
-        commanded_flows=np.zeros((n + 1, MAX_DELAY_STEPS + 1)),
+        commanded_flows=build_delay_lines(n + 1, step),
         coasting_times=points * preview / PREVIEW_POINT,
     )
     predict_coasting(pumps)

@@ -32,7 +32,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_control.delay_line import MAX_DELAY_STEPS, delay_value
+from mhsb_control.delay_line import build_delay_lines, delay_value
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.records import Record, Records, create_record, create_records
 from mhsb_model.types import FloatArray
@@ -241,13 +241,16 @@ class ValveEstimates(NamedTuple):
     estimate: FloatArray  # [n, 3] a, b, c
     covariance: FloatArray  # [n, 3, 3] covariance of a, b, c
     overlap: FloatArray  # [n] overlap o that the inverse uses
-    # [n, MAX_DELAY_STEPS + 1] openings x of the last steps, the newest first
+    # [n, d + 1] openings x of the last steps, see `build_delay_lines`
     openings: FloatArray
     settings: Records[ValveSettings]  # [1]
 
 
 def build_valve_estimates(
-    overlap: FloatArray, declared: float = 0.0, settings: ValveSettings = ValveSettings()
+    overlap: FloatArray,
+    declared: float = 0.0,
+    settings: ValveSettings = ValveSettings(),
+    step: float = 1e-3,
 ) -> ValveEstimates:
     """Return the initial estimates of valves with the file's gain and the declared overlap o.
 
@@ -257,6 +260,7 @@ def build_valve_estimates(
         overlap: Array of the result's field `overlap`, float64[n]. Written in place.
         declared: Overlap o that the machine file declares, as a share of the spool's stroke.
         settings: Tuned numbers.
+        step: Control period [s].
 
     Returns:
         The estimates of n valves, with their initial deviations.
@@ -275,7 +279,7 @@ def build_valve_estimates(
         estimate=np.tile(np.array([gain, gain * declared, 1.0]), (count, 1)),
         covariance=np.tile(np.diag(np.square(deviations)), (count, 1, 1)),
         overlap=overlap,
-        openings=np.zeros((count, MAX_DELAY_STEPS + 1)),
+        openings=build_delay_lines(count, step),
         settings=create_record(settings),
     )
 
@@ -314,8 +318,7 @@ def shift_opening(
     Args:
         valve: Estimates of the valve. Reads `opening`; writes `delayed_opening` and
             `acting_opening` in place.
-        openings: Openings of the last steps, the newest first, float64[MAX_DELAY_STEPS + 1].
-            Written in place.
+        openings: Openings of the last steps, the newest first, float64[d + 1]. Written in place.
         delay: Delay of commands, in steps.
         lag: Lag of the spool behind its command [s].
         step: Control period [s].

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mhsb_control.delay_line import MAX_DELAY_STEPS
+from mhsb_control.delay_line import MAX_DELAY, describe_uncompensated_delay
 from mhsb_control.pump_estimate import (
     DriveEstimates,
     DriveSettings,
@@ -24,7 +24,7 @@ def drive(machine: Machine, lag: float, delay: int, noise: float) -> tuple[Drive
     modules = Simulator(machine)._signals.circuit.modules
     drives = build_drive_estimates(FILE, STEP, FULL, SLEW, len(modules))
     random = np.random.default_rng(1)
-    told = np.zeros(MAX_DELAY_STEPS + 2)
+    told = np.zeros(round(MAX_DELAY / STEP) + 2)
     flow, largest = 0.0, SLEW * STEP
     for k in range(2000):
         modules["flow"][0] = flow + noise * FULL * random.standard_normal()
@@ -53,6 +53,34 @@ def test_a_pump_that_does_not_move_tells_nothing(machine: Machine) -> None:
     modules["flow"], modules["flow_command"] = 0.0, FULL
     assert not any(update_drive_estimates(drives, modules, RECORD) for _ in range(300))
     assert drives.record["lag"][0] == FILE
+
+
+@pytest.mark.parametrize("step", [5e-4, 1e-3, 5e-3])
+def test_the_longest_delay_is_a_time(step: float) -> None:
+    drives = build_drive_estimates(FILE, step, FULL, SLEW, 1, delay=0.06)
+    assert drives.record["delay"][0] * step == pytest.approx(0.06)
+    assert drives.commands.shape[1] - 1 == drives.record["delay"][0]
+
+
+@pytest.mark.parametrize("declared", [0.0, 0.058, 0.06, 0.15])
+def test_a_declared_delay_is_not_known_before_a_pump_has_started(
+    machine: Machine, declared: float
+) -> None:
+    delayed = machine.with_values({"imperfections.computing_delay": declared})
+    simulator = Simulator(delayed)
+    (delay,) = (each for each in simulator.estimates if each.quantity == "delay")
+    assert not delay.known
+    assert delay.value == pytest.approx(min(declared, MAX_DELAY))
+
+
+def test_a_declared_delay_beyond_the_longest_is_said_not_to_be_compensated(
+    machine: Machine, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert describe_uncompensated_delay(machine) is None
+    Simulator(machine.with_values({"imperfections.computing_delay": 0.15}))
+    (record,) = (each for each in caplog.records if "computing_delay" in each.message)
+    assert "is 150 ms" in record.message
+    assert "60 ms; use lag_compensated" in record.message
 
 
 def test_the_flow_that_is_foreseen_is_the_one_that_comes(machine: Machine) -> None:

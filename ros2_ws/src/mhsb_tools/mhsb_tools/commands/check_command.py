@@ -12,6 +12,7 @@ import numpy as np
 import tyro
 
 from mhsb_control import load_machine, measures_pressures, select_controllers
+from mhsb_control.delay_line import describe_uncompensated_delay
 from mhsb_model import command_line, hydraulics
 from mhsb_model.command_line import JsonFlag
 from mhsb_model.linkages import linkage
@@ -93,10 +94,10 @@ def format_report(machine: Machine) -> list[str]:
 
     Returns:
         Lines without line breaks: name, table of joints, pumps and booster modules, values that the
-        file gives to one actuator only, suitable controllers, and counts of workspace points. If
-        the machine has
-        obstacles, the count of points that remain reachable follows. Angles are in degrees,
-        pressures in MPa and flows in L/min.
+        file gives to one actuator only, suitable controllers, a delay of commands that is not
+        compensated, and counts of workspace points. If the machine has obstacles, the count of
+        points that remain reachable follows. Angles are in degrees, pressures in MPa and flows in
+        L/min.
     """
     found = facts(machine)
     lines = [f"{machine.name}: {machine.joint_count} joints, hash {found['hash'][:12]}"]
@@ -104,6 +105,9 @@ def format_report(machine: Machine) -> list[str]:
     lines += _own_lines(found["joints"])
     sensors = "pressure sensors" if found["pressure_sensors"] else "length sensors alone"
     lines.append(f"controllers that suit its {sensors}: {', '.join(found['controllers'])}")
+    limitation = describe_uncompensated_delay(machine)
+    if limitation and "coordinated" in found["controllers"]:
+        lines.append(limitation)
     lines += _workspace_lines(found["workspace"], 2 if found["slews"] else 1)
     if "keep_out" in found:
         lines += _keep_out_lines(found["keep_out"])

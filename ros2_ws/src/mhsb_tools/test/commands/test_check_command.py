@@ -54,6 +54,15 @@ def test_the_report_tells_what_an_actuator_has_of_its_own(machine):
     assert not any("of its own" in line for line in check.format_report(machine))
 
 
+def test_the_report_says_that_a_long_delay_is_not_compensated(machine):
+    for delay, is_named in ((0.06, False), (0.15, True)):
+        text = "\n".join(
+            check.format_report(machine.with_values({"imperfections.computing_delay": delay}))
+        )
+        assert ("computing_delay is 150 ms" in text) == is_named
+        assert ("use lag_compensated" in text) == is_named
+
+
 def test_the_report_tells_each_joints_kind_of_linkage(machine, slider_crank_machine):
     for arm, kind in ((machine, "four_bar"), (slider_crank_machine, "slider_crank")):
         text = "\n".join(check.format_report(arm))
