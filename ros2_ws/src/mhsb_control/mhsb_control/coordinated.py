@@ -102,12 +102,15 @@ class CoordinationSettings(Record):
     30 % smaller and larger, N = 5: RMS error −5.0 and −6.5 % (mhsb_arm3; overshoot −0.08 and
     −0.05 MPa), +14.9 and −5.2 % (excavator; overshoot −1.21 and −1.72 MPa)."""
     max_resonant_phase_lag: float = 0.6
-    """The same for a joint that oscillates at 1/T or faster, T the reaction time, above 0 … π/2.
+    """Phase that the force loop of a fast joint may lose at ω_F by delays [rad], above 0 … π/2.
 
-    Force feedback that is late by more than π/2 drives an oscillation, which only friction damps.
+    A fast joint oscillates at 1/T or faster; T is the reaction time. Force feedback that is late by
+    more than π/2 drives an oscillation, which only friction damps.
     Origin: derivation; at a delay of π the loop gain is ω_F T/(2 π ζ), 0.95 for a damping ratio ζ
     of 0.1. Before the feedforward share was introduced, with 0.3, 0.44 and 0.6 and a delay of 20
-    ms, the RMS error was 1.1, 1.0 and 0.8 mm/m (mhsb_arm3), 2.1, 2.0 and 1.8 mm/m (excavator)."""
+    ms, the RMS error was 1.1, 1.0 and 0.8 mm/m (mhsb_arm3), 2.1, 2.0 and 1.8 mm/m (excavator).
+
+    30 % smaller and larger in the present form: not measured."""
     min_speed_ratio: float = 1.1
     """Share of the reference's speed that may always be demanded of a piston, 1 … 10.
 

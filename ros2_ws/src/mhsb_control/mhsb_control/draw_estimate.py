@@ -31,7 +31,8 @@ class DrawSettings(Record):
     observation_delay: float = 0.02
     """Time constant τ [s], 0.001 … 1.
 
-    Origin: longer than the delay of commands (5 ms), shorter than a piston takes to start.
+    Origin: longer than the delay of commands in config/variations.yaml (5 ms), shorter than a
+    piston takes to start.
 
     30 % smaller and larger, N = 5: RMS error −5.4 and −5.8 % (mhsb_arm3), −4.3 and −1.2 %
     (excavator; overshoot −2.51 and −2.35 MPa)."""

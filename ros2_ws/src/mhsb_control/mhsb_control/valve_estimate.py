@@ -127,7 +127,7 @@ class ValveSettings(Record):
     stroke_deviation: float = 0.03
     """Standard deviation of a window's stroke, as a share of itself, 0 … 1.
 
-    Origin: chosen; it covers the lag of the spool, which the balance leaves out.
+    Origin: chosen; it covers errors of G within a window.
 
     30 % smaller and larger, N = 5: RMS error −3.8 and −12.1 % (mhsb_arm3), −0.9 and +3.0 %
     (excavator; overshoot −1.73 and −1.11 MPa)."""
