@@ -556,11 +556,8 @@ def control_join_valves(s: ServoArguments, p: PumpState, settings: CoordinationS
     all stay joined until the rail's pumps have nearly stopped (`idle_flow_share`). Their oil would
     otherwise raise the pressure of a shut rail.
 
-    A line also leaves early if three conditions hold. Another boosted line on the rail needs a
-    pressure that is higher by more than `joined_drop`. The mode of the line at the preview point is
-    not SB. One pump can supply its flow; while it is still joined, `early_leave_flow_share` of a
-    pump's flow must suffice. While a join valve closes, the rail's target is limited so that no
-    more flow passes than the line draws.
+    A line also leaves early if `may_leave_early` says so. While a join valve closes, the rail's
+    target is limited so that no more flow passes than the line draws.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `join` of all axes and
@@ -569,7 +566,7 @@ def control_join_valves(s: ServoArguments, p: PumpState, settings: CoordinationS
             `charging_flow_left` [m³/s], in place.
         settings: Tuned numbers of the controller itself.
     """
-    axes, sensors, actuators, modules = s.axes, s.sensors, s.actuators, s.modules
+    axes, actuators, modules = s.axes, s.actuators, s.modules
     modes, serves, module_home, rail_target = s.modes, s.serves, s.module_home, p.rail_target
     c, rail_pressure = s.constants[0], s.rail_pressure[0]
     rail_flow = 0.0
@@ -581,19 +578,13 @@ def control_join_valves(s: ServoArguments, p: PumpState, settings: CoordinationS
             coasting = False
         if axes[j].joined > 0.0 and BOOSTED_MODES[modes[j]]:
             highest = max(highest, axes[j].supply_target)
-    joined_drop, shut_opening = settings.joined_drop, p.gains[0].settings.lines.shut_opening
+    shut_opening = p.gains[0].settings.lines.shut_opening
     bearable = math.inf
     rail_target[:] = 0.0
     for j in range(len(axes)):
         axis = axes[j]
         leaves = not joins_rail(j, modes, module_home, serves)
-        shed = axis.supply_target < highest - joined_drop and not RAIL_MODES[s.modes_ahead[j]]
-        if shed:
-            drop = axis.supply_target - c.tank_pressure
-            leakage = compute_null_leakage(c, drop)
-            excess_leakage = p.lines.estimate[1 + j] * (axis.leakage - leakage)
-            most = settings.early_leave_flow_share if axis.joined > 0.0 else 1.0
-            shed = axis.line_flow - excess_leakage < most * c.servo_pump_flow
+        shed = may_leave_early(s, p, j, highest, settings)
         leaves = leaves or shed
         if leaves and (shed or not coasting):
             axis.joined = 0.0
@@ -608,29 +599,72 @@ def control_join_valves(s: ServoArguments, p: PumpState, settings: CoordinationS
                 drawn = axis.leakage + area * abs(axis.demand)
                 passing = drawn / (c.switching_coefficient * actuators[j].join)
                 bearable = min(bearable, axis.supply_target + passing * passing)
-            continue
-        drop = rail_pressure - sensors[j].line_pressure
-        if abs(drop) < joined_drop:
-            axis.joined = 1.0
-        lacking = c.line_capacity * (axis.supply_target - sensors[j].line_pressure)
-        charge = min(
-            max(0.0, lacking / (settings.charging_time_constants * c.switching_time)),
-            p.charging_flow_left[0],
-        )
-        own = c.servo_pump_flow if has_own_pump(j, module_home, serves) else 0.0
-        largest, _ = compute_orifice_flow(
-            c.switching_coefficient, max(drop, 1.0), c.laminar_pressure
-        )
-        throttle = 0.0
-        if drop > 0.0:
-            throttle = min(1.0, (max(0.0, axis.line_flow - own) + charge) / largest)
-            p.charging_flow_left[0] -= charge
-        actuators[j].join_command = max(axis.joined, throttle)
+        else:
+            actuators[j].join_command = join_line(s, p, j, settings)
     if bearable == math.inf:
         p.rail_before[0] = rail_pressure
     bearable = max(bearable, p.rail_before[0])
     rail_target[0] = min(rail_target[0], bearable)
     rail_target[1] = min(rail_target[1], bearable)
+
+
+@kernel(borrows=True)
+def may_leave_early(
+    s: ServoArguments, p: PumpState, j: int, highest: float, settings: CoordinationSettings
+) -> bool:
+    """Return whether a line may leave the rail before its mode ends.
+
+    Three conditions must hold. Another boosted line on the rail needs a pressure that is higher by
+    more than `joined_drop`. The mode of the line at the preview point is not SB. One pump can
+    supply its flow; while it is still joined, `early_leave_flow_share` of a pump's flow must
+    suffice.
+
+    Args:
+        s: Signals, circuit, axes and estimates of the servo.
+        p: State of the pumps. Reads the leakage estimates in `lines`.
+        j: Index of the line.
+        highest: Highest pressure target of the boosted lines that are joined to the rail [Pa].
+        settings: Tuned numbers of the controller itself.
+    """
+    axis, c = s.axes[j], s.constants[0]
+    lower = axis.supply_target < highest - settings.joined_drop
+    if not lower or RAIL_MODES[s.modes_ahead[j]]:
+        return False
+    leakage = compute_null_leakage(c, axis.supply_target - c.tank_pressure)
+    excess_leakage = p.lines.estimate[1 + j] * (axis.leakage - leakage)
+    most = settings.early_leave_flow_share if axis.joined > 0.0 else 1.0
+    return axis.line_flow - excess_leakage < most * c.servo_pump_flow
+
+
+@kernel(borrows=True)
+def join_line(s: ServoArguments, p: PumpState, j: int, settings: CoordinationSettings) -> float:
+    """Join a line to the rail if their pressures agree, and compute its join valve's opening.
+
+    Args:
+        s: Signals, circuit, axes and estimates of the servo. Writes `joined` of the axis in place.
+        p: State of the pumps. Reduces `charging_flow_left` [m³/s] in place.
+        j: Index of the line, which draws from the rail.
+        settings: Tuned numbers of the controller itself.
+
+    Returns:
+        Opening of the join valve, 0 … 1; 1 if the line is joined.
+    """
+    axis, c, line_pressure = s.axes[j], s.constants[0], s.sensors[j].line_pressure
+    drop = s.rail_pressure[0] - line_pressure
+    if abs(drop) < settings.joined_drop:
+        axis.joined = 1.0
+    lacking = c.line_capacity * (axis.supply_target - line_pressure)
+    charge = min(
+        max(0.0, lacking / (settings.charging_time_constants * c.switching_time)),
+        p.charging_flow_left[0],
+    )
+    own = c.servo_pump_flow if has_own_pump(j, s.module_home, s.serves) else 0.0
+    largest, _ = compute_orifice_flow(c.switching_coefficient, max(drop, 1.0), c.laminar_pressure)
+    throttle = 0.0
+    if drop > 0.0:
+        throttle = min(1.0, (max(0.0, axis.line_flow - own) + charge) / largest)
+        p.charging_flow_left[0] -= charge
+    return max(axis.joined, throttle)
 
 
 @kernel(borrows=True)

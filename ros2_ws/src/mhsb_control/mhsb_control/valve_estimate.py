@@ -340,21 +340,8 @@ def accumulate_valve_window(
     """Add one step of a valve to its window, and update the estimate if the window is full.
 
     A window is discarded if the valve saturates, is shut or opens against the motion, or if the
-    reference reverses, starts or stops. If the piston moved at least the share `min_stroke_share`
-    of the reference's stroke, a full window updates a, b and c by the balance of the module's text.
-
-    If the reference rests, the sign of the opening counts as direction. There, or if the piston
-    moved less, a full window is used only if the piston moved at least `min_stroke_lag` less than
-    the estimates predict. Its balance takes the term of a as known.
-
-    The noise of a balance has three parts: `length_deviation`, the share `stroke_deviation` of the
-    stroke, and the stroke that would pass over the distance of the spool from its command. A spool
-    that crosses its overlap therefore counts for little.
-
-    If the reference moves and the piston lags its prediction by more than `surprise` standard
-    deviations, in `min_surprises` windows in sequence, the most likely cause is overlap. The
-    variance of b is then raised to the square of the opening that is missing. If the piston stood
-    still, b keeps this variance, because the overlap may be larger than the opening.
+    reference reverses, starts or stops. If the reference rests, the sign of the opening counts as
+    direction. `evaluate_valve_window` evaluates a full window.
 
     Args:
         valves: Estimates, updated in place. After an update also `gain` and `overlap` within
@@ -391,8 +378,41 @@ def accumulate_valve_window(
     if valve.steps <= settings.window_steps:
         return
     valve.steps = 0
-    way = sign * (length - valve.length)
-    squeezed = sign * (force - valve.force) / stiffness
+    evaluate_valve_window(valves, j, length, force, stiffness)
+
+
+@kernel(borrows=True)
+def evaluate_valve_window(
+    valves: ValveEstimates, j: int, length: float, force: float, stiffness: float
+) -> None:
+    """Update the estimate of a valve from a full window, unless the window is discarded.
+
+    If the piston moved at least the share `min_stroke_share` of the reference's stroke, the window
+    updates a, b and c by the balance of the module's text. If the piston moved less, or if the
+    reference rests, the window is used only if the piston moved at least `min_stroke_lag` less than
+    the estimates predict. Its balance takes the term of a as known.
+
+    The noise of a balance has three parts: `length_deviation`, the share `stroke_deviation` of the
+    stroke, and the stroke that would pass over the distance of the spool from its command. A spool
+    that crosses its overlap therefore counts for little.
+
+    If the reference moves and the piston lags its prediction by more than `surprise` standard
+    deviations, in `min_surprises` windows in sequence, the most likely cause is overlap. The
+    variance of b is then raised to the square of the opening that is missing. If the piston stood
+    still, b keeps this variance, because the overlap may be larger than the opening.
+
+    Args:
+        valves: Estimates, updated in place: `surprises` of the valve, and after an update a, b, c,
+            `gain` and `overlap` within their limits.
+        j: Index of the valve.
+        length: Measured cylinder length at the end of the window [m].
+        force: Measured cylinder force at the end of the window [N].
+        stiffness: k_h, stiffness of the oil [N/m].
+    """
+    valve, settings = valves.records[j], valves.settings[0]
+    moves = valve.moves == 1
+    way = valve.sign * (length - valve.length)
+    squeezed = valve.sign * (force - valve.force) / stiffness
     estimate, covariance = valves.estimate[j], valves.covariance[j]
     gain_integral, opened = valve.gain_integral, valve.opening_integral
     passed = estimate[0] * opened
