@@ -29,8 +29,8 @@ from tqdm import tqdm
 
 from mhsb_control import load_machine
 from mhsb_control.coordinated import CoordinatedController, CoordinatedSettings
-from mhsb_control.mode_guard import ModeGuard
-from mhsb_control.reference_governor import GovernorSettings
+from mhsb_control.governor.mode_guard import ModeGuard
+from mhsb_control.governor.reference_governor import GovernorSettings
 from mhsb_model.errors import MhsbError
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine

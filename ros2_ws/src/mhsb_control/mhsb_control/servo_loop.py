@@ -14,7 +14,7 @@ import numpy as np
 from mhsb_control.assumed_valves import update_assumed_valves
 from mhsb_control.controller import Controller, ServoSignals
 from mhsb_control.estimates_file import ActuatorResponse
-from mhsb_control.mode_guard import ModeGuard
+from mhsb_control.governor.mode_guard import ModeGuard
 from mhsb_control.reference import ReferencePreview
 from mhsb_control.registry import make_controller
 from mhsb_model.machine import Machine

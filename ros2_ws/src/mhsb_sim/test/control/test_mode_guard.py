@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mhsb_control import load_machine, select_controllers
-from mhsb_control.mode_guard import Interventions
+from mhsb_control.governor.mode_guard import Interventions
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from mhsb_control import reference_governor
-from mhsb_control.reference_governor import (
+from mhsb_control.governor.reference_governor import (
     GovernedActuator,
     GovernorSettings,
     compute_allowed_rate,

@@ -2,7 +2,7 @@ import itertools
 
 import numpy as np
 
-from mhsb_control.guarded_modes import combine_modes
+from mhsb_control.governor.guarded_modes import combine_modes
 from mhsb_model.modes import BOOSTED_MODES, MODE_RANKS, Mode, mode_patterns, modules_in_use
 
 PER_MODE = (0, 1, 2)

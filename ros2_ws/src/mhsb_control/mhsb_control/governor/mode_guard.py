@@ -8,13 +8,13 @@ from typing import ClassVar
 import numpy as np
 
 from mhsb_control.controller import ServoSignals
-from mhsb_control.guarded_modes import combine_modes
-from mhsb_control.reference import ReferencePreview
-from mhsb_control.reference_governor import (
+from mhsb_control.governor.guarded_modes import combine_modes
+from mhsb_control.governor.reference_governor import (
     GovernorSettings,
     build_governor_state,
     run_governor_step,
 )
+from mhsb_control.reference import ReferencePreview
 from mhsb_model.kernels.bound_kernel import bind_kernel
 from mhsb_model.machine import Machine
 from mhsb_model.modes import modules_in_use, pattern_name

@@ -1,0 +1,1 @@
+"""Reference governor: boosts and slows beyond the plan if measurements require it."""
