@@ -290,9 +290,9 @@ def compute_opening(
 ) -> float:
     """Return the valve opening that produces a demanded piston speed.
 
-        x = u/(G a) + o [y + w (1 − |y|)],    y = clip(u/u_s, −1, 1),    w = clip(v/u_s, −1, 1)
+        x = u/(G a) + o clip(y + clip(w, −2, 2) clip(2 − |y|, 0, 1), −1, 1)
 
-    x is continuous in u. From |u| = u_s on, v has no effect.
+    with y = u/u_s and w = v/u_s. x is continuous in u. From |u| = 2 u_s on, v has no effect.
 
     Args:
         gain: G a, piston speed per opening beyond the overlap [m/s].
@@ -304,9 +304,9 @@ def compute_opening(
     Returns:
         Opening x, a share of the spool's stroke, not limited to −1 … 1. Positive extends.
     """
-    across = min(max(demand / settings.overlap_speed, -1.0), 1.0)
-    crossed = min(max(ahead / settings.overlap_speed, -1.0), 1.0)
-    return demand / gain + overlap * (across + crossed * (1.0 - abs(across)))
+    y, w = demand / settings.overlap_speed, ahead / settings.overlap_speed
+    crossed = min(max(w, -2.0), 2.0) * min(max(2.0 - abs(y), 0.0), 1.0)
+    return demand / gain + overlap * min(max(y + crossed, -1.0), 1.0)
 
 
 @kernel(borrows=True)

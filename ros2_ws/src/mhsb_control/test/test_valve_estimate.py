@@ -196,9 +196,9 @@ def test_a_spool_that_still_crosses_its_overlap_counts_for_little() -> None:
 def test_the_opening_has_no_jump(ahead: float) -> None:
     valve, overlap = build_valve_estimates(np.zeros(1)).records[0], 0.25
     valve["speed_gain"] = SPEED_GAIN
-    demands = np.linspace(-2.0, 2.0, 4001) * SETTINGS.overlap_speed
+    demands = np.linspace(-2.5, 2.5, 5001) * SETTINGS.overlap_speed
     openings = [invert(valve, overlap, demand, ahead) for demand in demands]
-    steepest = 2.0 * overlap / SETTINGS.overlap_speed + 1.0 / SPEED_GAIN
+    steepest = 3.0 * overlap / SETTINGS.overlap_speed + 1.0 / SPEED_GAIN
     assert np.all(np.diff(openings) > 0.0)
     assert np.diff(openings).max() < 1.01 * steepest * (demands[1] - demands[0])
 
