@@ -55,6 +55,7 @@ from mhsb_model.circuit.quantities import (
     CylinderConstants,
     ModuleState,
 )
+from mhsb_model.dead_time import compute_valve_lag
 from mhsb_model.hydraulics import (
     compute_inertia_margin,
     compute_pressure_without_margin,
@@ -346,7 +347,7 @@ def build_gain_record(
     config, arrays = machine.config, machine.arrays
     gains = create_records(SharedGains, 1)
     gains["step"] = config.simulation.step
-    gains["valve_lag"] = config.circuit.valve_damping / (math.pi * config.circuit.valve_frequency)
+    gains["valve_lag"] = compute_valve_lag(machine)
     gains["supply_margin"] = arrays.boost_margin + supply_margin
     gains["inertia_margin"] = compute_inertia_margin(get_shared_hydraulics(arrays))
     gains["max_boost_pressure"] = arrays.max_boost_pressure

@@ -44,13 +44,21 @@ def compute_dead_time(machine: Machine) -> float:
 
     Returns:
         Delay of computer and bus plus velocity lag of the valve's spool (T of this module) [s]. If
-        `servo.lag_compensated.expected_delay` of the file is longer, it is returned instead. The
-        result is 0 for machines with pressure sensors, whose servos need no commands ahead.
+        `Machine.expected_delay` is longer, it is returned instead. The result is 0 for machines
+        with pressure sensors, whose servos need no commands ahead.
     """
     config = machine.config
     if config.imperfections.sensors.pressure != "none":
         return 0.0
-    lag = 2.0 * config.circuit.valve_damping / (2.0 * math.pi * config.circuit.valve_frequency)
-    section = config.servo.model_dump().get("lag_compensated", {})
-    expected = float(section.get("expected_delay", 0.0))
-    return max(config.imperfections.computing_delay + lag, expected)
+    delay = config.imperfections.computing_delay + compute_valve_lag(machine)
+    return max(delay, machine.expected_delay)
+
+
+def compute_valve_lag(machine: Machine) -> float:
+    """Compute the lag of a valve's spool behind its command, 2 ζ / ω [s].
+
+    Args:
+        machine: The machine as its file describes it.
+    """
+    circuit = machine.config.circuit
+    return circuit.valve_damping / (math.pi * circuit.valve_frequency)

@@ -43,7 +43,7 @@ from mhsb_model.obstacles.zones import (
     Zones,
     build_obstacles,
 )
-from mhsb_model.schema import COMMON_PATHS, DEFAULT_PREVIEW, MachineConfig
+from mhsb_model.schema import COMMON_PATHS, DEFAULT_EXPECTED_DELAY, DEFAULT_PREVIEW, MachineConfig
 from mhsb_model.types import FloatArray, ModeArray, Position, as_frozen, frozen
 
 MACHINE_FILE = "mhsb_arm3.yaml"
@@ -283,6 +283,16 @@ class Machine:
         parts = self.config.servo.model_dump().values()
         given = [part["preview"] for part in parts if isinstance(part, dict) and "preview" in part]
         return max(given, default=DEFAULT_PREVIEW)
+
+    @cached_property
+    def expected_delay(self) -> float:
+        """Delay that a servo without pressure sensors assumes until it has learnt it [s].
+
+        It is `servo.lag_compensated.expected_delay` of the machine file. If the file does not have
+        it, it is `DEFAULT_EXPECTED_DELAY`.
+        """
+        section = getattr(self.config.servo, "lag_compensated", None)
+        return float(getattr(section, "expected_delay", DEFAULT_EXPECTED_DELAY))
 
     @cached_property
     def kept_joints(self) -> tuple[int, ...]:

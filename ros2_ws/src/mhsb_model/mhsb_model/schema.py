@@ -545,8 +545,21 @@ Preview = Annotated[
 ]
 
 
+DEFAULT_EXPECTED_DELAY = 0.2
+"""Delay that is assumed before it is learnt if the machine file does not say it [s]."""
+
+ExpectedDelay = Annotated[
+    float,
+    Field(
+        ge=0.0,
+        le=0.6,
+        description="of valve and computer with their lag, until it is learnt [s]",
+    ),
+]
+
+
 class ControllerSection(Section):
-    """Section of one controller, with the only key of it that plans depend on.
+    """Section of one controller, with the keys of it that plans depend on.
 
     The controller declares all keys of its section itself, and `mhsb_control.registry` checks them.
     """
@@ -554,10 +567,11 @@ class ControllerSection(Section):
     model_config = ConfigDict(extra="allow")
 
     preview: Preview = DEFAULT_PREVIEW
+    expected_delay: ExpectedDelay = DEFAULT_EXPECTED_DELAY
 
     @model_serializer(mode="wrap")
     def _dump_given_keys(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out `preview` if the file does not have it: not every controller knows this key."""
+        """Leave out keys that the file does not have: not every controller knows them."""
         return {key: value for key, value in dump(self).items() if key in self.model_fields_set}
 
 

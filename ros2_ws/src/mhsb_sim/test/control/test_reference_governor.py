@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from mhsb_control import reference_governor
+from mhsb_control.governor import reference_governor
 from mhsb_control.governor.reference_governor import (
     GovernedActuator,
     GovernorSettings,
