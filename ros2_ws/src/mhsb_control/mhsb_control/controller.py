@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -107,7 +107,7 @@ class Controller(Protocol):
     A controller that reads no pressures says so by an attribute `reads_pressures = False`. One that
     follows less closely than supervision usually allows has an attribute `supervision_limits`: for
     the names of the symptoms that need others, the pair of values at which supervision warns and
-    stops. One that learns what the next start should begin with is a `LearningController`.
+    stops. One that learns which commands move its actuators may also be a `LearningController`.
     """
 
     gains_section: type[Section]
@@ -141,16 +141,20 @@ class Controller(Protocol):
         ...
 
 
-class LearningController(Controller, Protocol):
-    """A controller that keeps what it has learnt in an estimates file."""
+@runtime_checkable
+class LearningController(Protocol):
+    """A controller that learns delay and inverse curves of each actuator.
 
-    @property
-    def learnt(self) -> dict[str, ActuatorResponse]:
-        """Response of each actuator by its name."""
+    They are kept over a restart of the servo, and in an estimates file. `isinstance` and
+    `issubclass` look only for the two methods.
+    """
+
+    def get_learnt(self) -> dict[str, ActuatorResponse]:
+        """Return the learnt response of each actuator by its name."""
         ...
 
     def restore(self, learnt: Mapping[str, ActuatorResponse]) -> None:
-        """Begin with the content of an estimates file.
+        """Begin with responses that were learnt before.
 
         Args:
             learnt: Response of each actuator by its name.

@@ -1,13 +1,13 @@
 """File of what a servo has learnt of its machine, so that the next start begins with it.
 
 The file is YAML for a person, in SI units; commands are shares of the full command. It belongs to
-one machine: name and hash (`Machine.planning_hash`) are compared.
+one machine: name and hash (`Machine.planning_hash`) must be the same.
 """
 
 from __future__ import annotations
 
 import itertools
-import os
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Self
@@ -89,7 +89,7 @@ def read_estimates_file(path: Path, machine: Machine) -> dict[str, ActuatorRespo
         problems = describe_validation_errors(error, LearntEstimates)
         raise EstimatesFileError(path, f"{problems[0]}; {advice}") from None
     own = machine.planning_hash
-    if found.machine_hash != own:
+    if (found.machine, found.machine_hash) != (machine.name, own):
         other = f"{found.machine[:64]} ({found.machine_hash[:8]})"
         raise EstimatesFileError(
             path, f"it belongs to the machine {other}, not to {machine.name} ({own[:8]}); {advice}"
@@ -109,12 +109,36 @@ def write_estimates_file(
         path: The file; an earlier one is replaced.
         machine: The machine that the servo knows.
         actuators: Response of each actuator by its name.
+
+    Raises:
+        EstimatesFileError: The file cannot be written. An earlier one stays.
+    """
+    part = path.with_name(f"{path.name}.part")
+    try:
+        part.write_text(_format_estimates(machine, actuators), encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise EstimatesFileError(
+            path,
+            f"it cannot be written: {error.strerror or error}; make room and its folder writable, "
+            "or name another file",
+        ) from error
+
+
+def _format_estimates(machine: Machine, actuators: dict[str, ActuatorResponse]) -> str:
+    """Return the text of an estimates file.
+
+    Args:
+        machine: The machine that the servo knows.
+        actuators: Response of each actuator by its name.
     """
     lines = [
         f"# What the servo of {machine.name} has learnt: the command for each piston speed.",
         "# Speeds in m/s, delays in s; commands and their standard deviations are shares of the",
         "# full command. Delete the file and the servo learns anew.",
-        f"machine: {machine.name}",
+        f'machine: "{machine.name}"',
         f"machine_hash: {machine.planning_hash}",
         f'date: "{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"',
         "actuators:",
@@ -126,9 +150,7 @@ def write_estimates_file(
             curve: DirectionResponse = getattr(found, side)
             lines.append(f"    {side}:")
             for key in ("speeds", "commands", "deviations"):
-                values = ", ".join(f"{value:.6f}" for value in getattr(curve, key))
+                values = ", ".join(f"{value:.9g}" for value in getattr(curve, key))
                 lines.append(f"      {key}: [{values}]")
-            lines.append(f"      known_speed: {curve.known_speed:.6f}")
-    part = path.with_name(f"{path.name}.part")
-    part.write_text("\n".join([*lines, ""]), encoding="utf-8")
-    os.replace(part, path)
+            lines.append(f"      known_speed: {curve.known_speed:.9g}")
+    return "\n".join([*lines, ""])

@@ -44,7 +44,13 @@ from mhsb_model.hydraulics import (
 )
 from mhsb_model.linkages.linkage import evaluate_linkage_at_angles
 from mhsb_model.machine import Machine
-from mhsb_model.schema import Gain, NonNegative, Section
+from mhsb_model.schema import (
+    DEFAULT_EXPECTED_DELAY,
+    ExpectedDelay,
+    Gain,
+    NonNegative,
+    Section,
+)
 from mhsb_model.trajectory import quintic_hermite
 from mhsb_model.types import FloatArray
 
@@ -56,12 +62,7 @@ class LagCompensatedGains(Section):
     """Gains of the `lag_compensated` controller."""
 
     rate: float = Field(default=100.0, ge=5.0, le=1000.0, description="of control and sensors [Hz]")
-    expected_delay: float = Field(
-        default=0.2,
-        ge=0.0,
-        le=0.6,
-        description="of valve and computer with their lag, until it is learnt [s]",
-    )
+    expected_delay: ExpectedDelay = DEFAULT_EXPECTED_DELAY
     position_gain: Gain = Field(
         default=0.5, description="piston speed per position error, in 1/(delay + period) [-]"
     )
@@ -364,9 +365,8 @@ class LagCompensatedController:
             self._command_pumps()
         self._until_next -= 1
 
-    @property
-    def learnt(self) -> dict[str, ActuatorResponse]:
-        """Response of each actuator by its name, for an estimates file."""
+    def get_learnt(self) -> dict[str, ActuatorResponse]:
+        """Return the learnt response of each actuator by its name."""
         return {
             name: ActuatorResponse(
                 delay=axis.delay.delay,

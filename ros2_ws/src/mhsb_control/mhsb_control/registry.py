@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from pydantic import ConfigDict, ValidationError, create_model
 
@@ -189,8 +189,8 @@ def make_controller(
         machine: The machine as its file describes it.
         signals: Arrays that the controller reads and writes in each step. They must contain present
             readings.
-        learnt: Content of an estimates file, with which the controller begins; None: it begins
-            with the machine file alone.
+        learnt: Response of each actuator by its name, with which the controller begins; None: it
+            begins with the machine file alone.
 
     Returns:
         The controller, in its initial state.
@@ -206,7 +206,8 @@ def make_controller(
     controller = get_controller_class(name)(machine, signals, read_gains(machine, name))
     if learnt is not None:
         check_keeps_estimates(name)
-        cast(LearningController, controller).restore(learnt)
+        if isinstance(controller, LearningController):
+            controller.restore(learnt)
     return controller
 
 
@@ -214,10 +215,18 @@ def check_keeps_estimates(name: str) -> None:
     """Raise ArgumentError if a controller has nothing to keep in an estimates file.
 
     Args:
-        name: Name of a registered controller.
+        name: Name of a controller.
+
+    Raises:
+        UnknownControllerError: No controller has this name.
+        ArgumentError: It is no `LearningController`.
     """
-    keeping = [each for each, kind in REGISTERED_CONTROLLERS.items() if hasattr(kind, "restore")]
-    if name not in keeping:
+    if not issubclass(get_controller_class(name), LearningController):
+        keeping = [
+            each
+            for each, kind in REGISTERED_CONTROLLERS.items()
+            if issubclass(kind, LearningController)
+        ]
         raise ArgumentError(
             f"estimates_file has no effect with the controller {name!r}, which keeps no estimates; "
             f"leave it out, or use {' or '.join(keeping)}"

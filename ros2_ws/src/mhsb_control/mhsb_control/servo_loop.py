@@ -52,8 +52,8 @@ class ServoLoop:
             controller: Name of a registered controller, such as "coordinated".
             machine: The machine as its file describes it.
             signals: Signals with the present sensor readings; they are shared with the caller.
-            learnt: Content of an estimates file, with which the controller begins, also after
-                `restart`; None to begin without.
+            learnt: Response of each actuator by its name, with which the controller begins; None
+                to begin with the machine file alone.
 
         Raises:
             ArgumentError: There are estimates, but the controller keeps none.
@@ -64,18 +64,25 @@ class ServoLoop:
         self.signals = signals
         self.lost_modules: tuple[int, ...] = ()
         self._modules = machine.config.hydraulics.modules
-        self._make_controller = partial(make_controller, controller, machine, signals, learnt)
-        self.restart()
+        self._make_controller = partial(make_controller, controller, machine, signals)
+        self.restart(learnt)
         self.reference = ReferencePreview(signals.reference, self.controller.preview)
         self.guard = ModeGuard(machine, signals, self.reference, self.controller.usual_error)
         self._watch = self.guard.watch
 
-    def restart(self) -> None:
-        """Replace the controller by a new one, which knows only what came from an estimates file.
+    def restart(self, learnt: Mapping[str, ActuatorResponse] | None = None) -> None:
+        """Replace the controller by a new one.
 
         Reference, mode guard and modes are not changed.
+
+        Args:
+            learnt: Response of each actuator by its name, with which the new controller begins;
+                None to begin with the machine file alone.
+
+        Raises:
+            ArgumentError: There are responses, but the controller keeps none.
         """
-        self.controller = self._make_controller()
+        self.controller = self._make_controller(learnt)
         self._control = self.controller.update
 
     def follow(

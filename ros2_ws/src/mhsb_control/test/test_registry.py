@@ -11,6 +11,7 @@ from pydantic import Field
 from mhsb_control import REGISTERED_CONTROLLERS, load_machine, read_gains, registry
 from mhsb_control.independent import IndependentController
 from mhsb_model import machine as machines
+from mhsb_model.dead_time import compute_dead_time
 from mhsb_model.errors import MachineFileError
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import MACHINE_FILE
@@ -60,6 +61,26 @@ def test_a_file_without_gains_has_those_of_the_suites_own_arm(load: Any, tmp_pat
         assert read_gains(bare, name) in (gains, gains.model_copy(update={"integral_gain": 0.0}))
     assert bare.servo_preview == DEFAULT_PREVIEW == own.servo_preview
     assert bare.planning_hash == own.planning_hash
+
+
+@pytest.mark.parametrize("load", LOADERS)
+@pytest.mark.parametrize(("section", "delay"), [(None, 0.2), ({}, 0.2), ({"rate": 50.0}, 0.2),
+                         ({"expected_delay": 0.4}, 0.4)])  # fmt: skip
+def test_the_dead_time_does_not_depend_on_the_loader(
+    load: Any, section: dict[str, float] | None, delay: float, tmp_path: Path
+) -> None:
+    given = {} if section is None else {"lag_compensated": section}
+    machine = load(changed_file(tmp_path, **given))
+    blind = machine.with_values({"imperfections.sensors.pressure": "none"})
+    assert compute_dead_time(blind) == blind.expected_delay == delay
+    assert compute_dead_time(machine) == 0.0
+
+
+@pytest.mark.parametrize("load", LOADERS)
+def test_a_delay_that_is_no_number_is_refused_by_each_loader(load: Any, tmp_path: Path) -> None:
+    file = changed_file(tmp_path, lag_compensated={"expected_delay": "soon"})
+    with pytest.raises(MachineFileError, match=r"lag_compensated\.expected_delay: must be a"):
+        load(file)
 
 
 @pytest.mark.parametrize(

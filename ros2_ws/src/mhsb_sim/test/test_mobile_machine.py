@@ -5,6 +5,7 @@ import pytest
 
 from mhsb_control import load_machine
 from mhsb_control.errors import EstimatesFileError, PressureSensorsError
+from mhsb_control.estimates_file import read_estimates_file
 from mhsb_model.circuit.elements import metered_opening
 from mhsb_model.errors import ArgumentError
 from mhsb_model.files.config_files import find_config_file
@@ -100,14 +101,33 @@ def test_what_it_has_learnt_is_kept_in_a_file(machine, tmp_path):
     ]
     assert any(each.known for each in again.estimates)
     for sim in (first, again):
-        sim.reset()  # what came from the file stays, and only that
-    assert not any(each.known for each in first.estimates)
-    assert any(each.known for each in again.estimates)
+        known = [(each.quantity, each.known) for each in sim.estimates]
+        sim.reset()
+        assert [(each.quantity, each.known) for each in sim.estimates] == known
+        sim.close_valves()
+        sim.set_plan(motion, ModeSchedule(0, np.array([0]), sim.modes[None, :]))
+        assert [(each.quantity, each.known) for each in sim.estimates] == known
+    first.save_estimates()  # a reset or a fault does not spoil the file
+    content = read_estimates_file(file, machine)
+    assert content is not None
+    assert any(each.extending.known_speed > 0.0 for each in content.values())
     other = machine.with_values({"hydraulics.main_pump.pressure": 2.4e6})
     with pytest.raises(EstimatesFileError, match="it belongs to the machine excavator_1to14"):
         Simulator(other, estimates_file=file)
     with pytest.raises(ArgumentError, match="'coordinated', which keeps no estimates"):
         Simulator(load_machine(), estimates_file=file)
+
+
+def test_what_it_has_learnt_stays_without_a_file_once_it_is_kept(machine):
+    simulator = Simulator(machine)
+    motion = build_motion(simulator.reference.position, 0)
+    simulator.set_plan(motion, ModeSchedule(0, np.array([0]), simulator.modes[None, :]))
+    simulator.advance(15.0)
+    assert any(each.known for each in simulator.estimates)
+    simulator.save_estimates()
+    simulator.reset()
+    assert any(each.known for each in simulator.estimates)
+    Simulator(load_machine()).save_estimates()  # no effect: that controller keeps nothing
 
 
 def build_motion(start: np.ndarray, time_ns: int) -> Trajectory:

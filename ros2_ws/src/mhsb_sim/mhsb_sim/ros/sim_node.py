@@ -18,6 +18,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from mhsb_control.errors import EstimatesFileError
 from mhsb_model import command_line
 from mhsb_model.arm_reports import HandOverOutcome
 from mhsb_msgs_py import mode_schedule, names, parameters, point_arrays, qos, topics, trajectory
@@ -50,7 +51,7 @@ DUPLICATES_PERIOD = 1.0
 
 
 SAVING_PERIOD = 30.0
-"""Period at which the estimates file is written [s]."""
+"""Period at which what the servo has learnt is kept, and written to its file [s]."""
 
 
 class SimNode(Node):
@@ -326,16 +327,16 @@ class SimNode(Node):
     # --- Reports ---------------------------------------------------------------------------------
 
     def _save_estimates(self) -> None:
-        """Write the estimates file, unless a fault may have spoilt what the servo has learnt."""
+        """Keep what the servo has learnt, unless a fault may have spoilt it; write it to its file.
+
+        If the file cannot be written, a warning is logged.
+        """
         if self._arm.fault:
             return
         try:
             self._arm.simulator.save_estimates()
-        except OSError as error:
-            self.get_logger().warning(
-                f"the estimates file cannot be written: {error.strerror}; free or name its folder",
-                throttle_duration_sec=300.0,
-            )
+        except EstimatesFileError as error:
+            self.get_logger().warning(str(error), throttle_duration_sec=300.0)
 
     def destroy_node(self) -> None:
         """Write the estimates file for the last time, and destroy the node."""

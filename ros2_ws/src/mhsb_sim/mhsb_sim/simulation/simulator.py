@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -153,8 +153,8 @@ class Simulator:
     def reset(self, time_ns: int = 0, posture: FloatArray | None = None) -> None:
         """Put the arm at rest, with all counters at zero and without faults.
 
-        The payload stays. The arm holds in modes that carry its load. Sensor noise starts again
-        from the seed.
+        The payload stays, and what `save_estimates` has kept last. The arm holds in modes that
+        carry its load. Sensor noise starts again from the seed.
 
         Args:
             time_ns: New simulated time [ns].
@@ -412,10 +412,19 @@ class Simulator:
         return self._servo.controller.estimates
 
     def save_estimates(self) -> None:
-        """Write what the servo has learnt into its estimates file; no effect without one."""
-        if self._estimates_file is not None:
-            learnt = cast(LearningController, self._servo.controller).learnt
-            write_estimates_file(self._estimates_file, self.machine, learnt)
+        """Keep what the servo has learnt, and write it into its estimates file if it has one.
+
+        The servo begins with it after a reset, or when its valves open again. There is no effect if
+        the controller learns nothing that can be kept.
+
+        Raises:
+            EstimatesFileError: The file cannot be written. What was learnt is kept nevertheless.
+        """
+        controller = self._servo.controller
+        if isinstance(controller, LearningController):
+            self._learnt = controller.get_learnt()
+            if self._estimates_file is not None:
+                write_estimates_file(self._estimates_file, self.machine, self._learnt)
 
     @property
     def energies(self) -> dict[str, float]:
@@ -451,7 +460,7 @@ class Simulator:
         """Follow a plan from now on, and open the valves if they are closed.
 
         The caller must make sure that the plan continues the present reference. If the valves were
-        closed, the servo starts without memory.
+        closed, the servo starts anew, with what `save_estimates` has kept last.
 
         Args:
             trajectory: Trajectory of the plan.
@@ -462,7 +471,7 @@ class Simulator:
         """
         self._check_budget(schedule.modes)
         if self.valves_closed:
-            self._servo.restart()
+            self._servo.restart(self._learnt)
             self._open_valves()
         self._follow(trajectory, schedule, planned=True)
 

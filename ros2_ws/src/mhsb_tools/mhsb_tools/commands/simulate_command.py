@@ -135,6 +135,7 @@ def simulate(
 
     Raises:
         UsageError: There is no goal, or `audit` is given together with `json_`.
+        EstimatesFileError: The estimates file cannot be used, or not be written after the run.
     """
     if not goal:
         raise command_line.UsageError("give --goal X Z T, once or several times")
@@ -154,7 +155,6 @@ def simulate(
     results = list(tqdm(run.run(goals), total=len(goals), unit="goal", leave=False, disable=None))
     seconds = time.perf_counter() - began
     simulator, samples = run.simulator, run.samples()
-    simulator.save_estimates()
     elements = energy_elements(planned_energy(known, samples), simulator.energies)
     interventions = simulator.guard.interventions.count
     summary = summarize(
@@ -174,6 +174,7 @@ def simulate(
     missed = [result for result in results if is_missed(result)]
     for result in missed:
         print(f"simulate: {missed_sentence(result, interventions)}", file=sys.stderr)
+    simulator.save_estimates()
     return 1 if missed else 0
 
 
