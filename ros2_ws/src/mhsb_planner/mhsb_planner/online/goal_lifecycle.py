@@ -308,7 +308,8 @@ class GoalLifecycle:
         seconds = horizon.total
         if start.trajectory.end_ns <= now_ns:
             seconds = hand_over.choose_horizon_from_rest(horizon, common_settings)
-        ahead = horizon.total + compute_dead_time(common_settings.machine)
+        rate = self.arm_state.clock_estimator.convert_duration(1.0)
+        ahead = horizon.total + compute_dead_time(common_settings.machine) / rate
         target, period = self._queue.choose_target(pending_goal, ahead)
         return PlanRequest(
             self._queue.epoch,

@@ -241,7 +241,7 @@ class GoalQueue:
 
         Args:
             pending_goal: The goal.
-            commit_horizon: Commit horizon (time until the new plan takes over) [s].
+            commit_horizon: Commit horizon (time until the new plan takes over) in real time [s].
 
         Returns:
             Target, and period of the goal: median time between its last messages [s]. If these give

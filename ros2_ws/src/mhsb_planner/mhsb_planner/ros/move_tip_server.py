@@ -397,8 +397,8 @@ class MoveTipServer:
         A plan ends the goal with success. Its energies, duration, times and both of its messages go
         into the result. After a missed deadline the goal is planned for again. The commit horizon
         (time until the plan would take over) is then longer by `LATE_PLAN_FACTOR`. The goal is
-        refused with `NOT_FOUND` if the horizon has reached `lead_max`, or the product of the
-        factors `MOST_STRETCHED`.
+        refused with `NOT_FOUND` if the horizon has reached `lead_max` plus the machine's dead time,
+        or the product of the factors `MOST_STRETCHED`.
 
         Args:
             job: The goal.

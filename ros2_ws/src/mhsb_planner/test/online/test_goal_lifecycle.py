@@ -12,6 +12,7 @@ from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome, Verdict
 from mhsb_planner.online.arm_state import NO_PLAN
+from mhsb_planner.online.goal_queue import GoalQueue
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.planner import PlanOptions
 
@@ -235,6 +236,23 @@ def test_the_dead_time_of_a_machine_without_pressure_sensors_is_added(new_world)
     assert verdict.code is Verdict.OK
     assert world.planned[-1].commit_horizon == pytest.approx(0.3 + dead)
     assert verdict.plan.lead_ms == pytest.approx(1e3 * (0.3 + dead), abs=30.0)
+
+
+def test_a_moving_goal_is_extrapolated_in_real_time(new_world, monkeypatch):
+    durations = []
+
+    def record(queue, pending_goal, duration):
+        durations.append(duration)
+        return pending_goal.goal, 0.0
+
+    monkeypatch.setattr(GoalQueue, "choose_target", record)
+    world = new_world(planning_budget=0.3)
+    slow = world.machine.with_values({"imperfections.sensors.pressure": "none"})
+    world.life.change_settings(replace(world.life.settings, machine=slow))
+    world.arm.clock_rate = 10.0
+    world.pass_time(4.0)
+    world.send_goal(*DOWN)
+    assert durations[-1] == pytest.approx(0.3 + compute_dead_time(slow) / 10.0, rel=1e-3)
 
 
 def test_an_arm_that_runs_faster_is_given_its_own_time(world):
