@@ -19,6 +19,7 @@ from mhsb_tools.recording.recording import Recording, TimedValue
 LEAD_MAX = 1.0
 """Longest time from a goal to the motion that it causes [s], the planner's parameter `lead_max`.
 
+Machines without pressure sensors have their dead time in addition.
 It is counted by the system's clock, since this is how long the user waits.
 """
 
@@ -107,7 +108,10 @@ class JudgedGoal:
 
 
 def judge_recorded_goals(
-    recording: Recording, all_feasible: bool = False, settling_time: float = SETTLING_TIME
+    recording: Recording,
+    all_feasible: bool = False,
+    settling_time: float = SETTLING_TIME,
+    lead_max: float = LEAD_MAX,
 ) -> tuple[JudgedGoal, ...]:
     """Judge each readable goal of a recording: applied, superseded, refused or lost.
 
@@ -116,6 +120,7 @@ def judge_recorded_goals(
         all_feasible: True states that a path to every goal exists. A goal that the planner refused
             then counts as lost, also if the planner found fault with the goal itself.
         settling_time: Time after the end of a motion within which the tip must be at the goal [s].
+        lead_max: Longest time from a goal to the motion that it causes, by the system's clock [s].
 
     Returns:
         One judgement for each readable goal, in the order in which they were sent.
@@ -130,6 +135,7 @@ def judge_recorded_goals(
         until_ns,
         all_feasible,
         settling_time,
+        lead_max,
     )
 
 
@@ -141,6 +147,7 @@ def judge_goals(
     until_ns: int,
     all_feasible: bool = False,
     settling_time: float = SETTLING_TIME,
+    lead_max: float = LEAD_MAX,
 ) -> tuple[JudgedGoal, ...]:
     """Judge each goal by the reports and plans that followed it.
 
@@ -149,8 +156,8 @@ def judge_goals(
     1. Refused: the verdict finds fault with the goal itself. The rule is skipped if `all_feasible`.
     2. Lost: the goal's plan came into force and the arm had time to reach the goal, but did not.
     3. Applied: the goal's plan came into force, or the arm was at the goal already.
-    4. Superseded: the verdict is OK or SUPERSEDED, and a newer goal came within LEAD_MAX. Newer
-       goals that are refused do not count.
+    4. Superseded: the verdict is OK or SUPERSEDED, and a newer goal came within `lead_max`.
+       Newer goals that are refused do not count.
     5. Lost: all other goals.
 
     Args:
@@ -162,6 +169,7 @@ def judge_goals(
         all_feasible: True states that a path to every goal exists; then no goal is judged as
             refused.
         settling_time: Time after the end of a motion within which the tip must be at the goal [s].
+        lead_max: Longest time from a goal to the motion that it causes, by the system's clock [s].
 
     Returns:
         One judgement for each goal, in the order of `goals`.
@@ -179,7 +187,7 @@ def judge_goals(
         if verdict is not None and verdict.code in OF_THE_GOAL and not all_feasible:
             fate, reason = GoalResult.REFUSED, ""
         elif stamp_ns is None:
-            fate, reason = _judge_unapplied_goal(sent, verdict, execution, newer)
+            fate, reason = _judge_unapplied_goal(sent, verdict, execution, newer, lead_max)
         else:
             left_until_ns = until_ns if newer is None else newer.time_ns
             left_until_ns -= round(settling_time * SECOND_NS)
@@ -223,10 +231,11 @@ def _judge_unapplied_goal(
     verdict: GoalVerdict | None,
     execution: ExecutionReport | None,
     newer: TimedValue | None,
+    lead_max: float,
 ) -> tuple[GoalResult, str]:
     """Judge a goal of which no plan came into force.
 
-    It is superseded if its verdict is OK or SUPERSEDED and a newer goal came less than LEAD_MAX
+    It is superseded if its verdict is OK or SUPERSEDED and a newer goal came less than `lead_max`
     later. The system clock counts. Otherwise it is lost.
 
     Args:
@@ -235,6 +244,7 @@ def _judge_unapplied_goal(
         verdict: Its verdict; None if there was none.
         execution: Its execution report; None if there was none.
         newer: The next goal that was not refused for its own sake; None if there is none.
+        lead_max: Longest time from a goal to the motion that it causes [s].
 
     Returns:
         `GoalResult.SUPERSEDED` and an empty text, or `GoalResult.LOST` and the reason.
@@ -247,7 +257,7 @@ def _judge_unapplied_goal(
         waited = "no newer goal came"
     else:
         wait = (newer.recorded_ns - sent.recorded_ns) / SECOND_NS
-        if wait < LEAD_MAX:
+        if wait < lead_max:
             return GoalResult.SUPERSEDED, ""
         waited = f"the next goal came only {wait:.2f} s later"
     if verdict.code is Verdict.SUPERSEDED:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 
-from mhsb_model.dead_time import compute_settling_time
+from mhsb_model.dead_time import compute_dead_time, compute_settling_time
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
 from mhsb_tools.recording.bag_format import BagError
 from mhsb_tools.recording.recording import Recording, check_order
-from mhsb_tools.report.goal_fates import JudgedGoal, judge_recorded_goals
+from mhsb_tools.report.goal_fates import LEAD_MAX, JudgedGoal, judge_recorded_goals
 from mhsb_tools.report.recorded_energy import EnergyRecord, compute_energy_record
 from mhsb_tools.report.recorded_goals import RecordedGoal, evaluate_goals
 from mhsb_tools.report.recorded_motion import (
@@ -106,6 +106,10 @@ def evaluate_recording(recording: Recording, machine: Machine) -> EvaluatedRecor
         modes,
         tip,
         evaluate_goals(recording, followed, tip),
-        judge_recorded_goals(recording, settling_time=compute_settling_time(machine)),
+        judge_recorded_goals(
+            recording,
+            settling_time=compute_settling_time(machine),
+            lead_max=LEAD_MAX + compute_dead_time(machine),
+        ),
         compute_energy_record(recording, machine, followed, modes),
     )

@@ -102,6 +102,12 @@ def test_a_newer_goal_supersedes_one_only_until_the_longest_lead_is_over(report)
         assert first.lead_ms is None
 
 
+def test_a_dead_time_lengthens_the_longest_lead():
+    reports = [verdict(1, Verdict.SUPERSEDED), verdict(2, Verdict.AT_GOAL, plan_of(0))]
+    for wait, expected in ((1.2, GoalResult.SUPERSEDED), (1.3, GoalResult.LOST)):
+        assert fates(goals=(0.0, wait), reports=reports, lead_max=1.25)[0].result is expected
+
+
 def test_the_longest_lead_is_counted_as_the_user_waits_however_fast_time_is_simulated():
     reports = [verdict(1, Verdict.SUPERSEDED), verdict(2, Verdict.AT_GOAL, plan_of(0))]
     for speed in (0.3, 5.0):
