@@ -48,6 +48,7 @@ from mhsb_control.load_estimate import (
 )
 from mhsb_control.natural_frequency import find_joint_frequency_ranges
 from mhsb_control.reference import PREVIEW_POINT
+from mhsb_model.circuit.dead_time import compute_valve_lag
 from mhsb_model.circuit.elements import chamber_volumes, friction_force
 from mhsb_model.circuit.quantities import (
     ActuatorState,
@@ -55,7 +56,6 @@ from mhsb_model.circuit.quantities import (
     CylinderConstants,
     ModuleState,
 )
-from mhsb_model.dead_time import compute_valve_lag
 from mhsb_model.hydraulics import (
     compute_inertia_margin,
     compute_pressure_without_margin,

@@ -11,7 +11,7 @@ from pydantic import Field
 from mhsb_control import REGISTERED_CONTROLLERS, load_machine, read_gains, registry
 from mhsb_control.independent import IndependentController
 from mhsb_model import machine as machines
-from mhsb_model.dead_time import compute_dead_time
+from mhsb_model.circuit.dead_time import compute_dead_time
 from mhsb_model.errors import MachineFileError
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import MACHINE_FILE

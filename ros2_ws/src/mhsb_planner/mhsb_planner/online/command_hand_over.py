@@ -7,8 +7,8 @@ the delay by which speed scaling has slowed plans.
 from __future__ import annotations
 
 from mhsb_model.arm_reports import HandOverReason
+from mhsb_model.circuit.dead_time import compute_dead_time
 from mhsb_model.command import Command
-from mhsb_model.dead_time import compute_dead_time
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.online.arm_state import ArmState
 from mhsb_planner.online.commit_horizon import (

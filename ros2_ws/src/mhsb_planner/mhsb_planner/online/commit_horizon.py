@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_model.dead_time import compute_dead_time
+from mhsb_model.circuit.dead_time import compute_dead_time
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mhsb_model.circuit.dead_time import compute_dead_time, compute_settling_time
 from mhsb_model.command import Command
-from mhsb_model.dead_time import compute_dead_time, compute_settling_time
 from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS

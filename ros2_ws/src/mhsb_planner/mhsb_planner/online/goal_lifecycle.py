@@ -21,8 +21,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from mhsb_model.arm_reports import HandOverReason
+from mhsb_model.circuit.dead_time import compute_dead_time
 from mhsb_model.command import Command
-from mhsb_model.dead_time import compute_dead_time
 from mhsb_model.errors import MhsbError
 from mhsb_model.goal import Goal
 from mhsb_model.trajectory import SECOND_NS, MotionState

@@ -21,7 +21,7 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from trajectory_msgs.msg import JointTrajectory
 
-from mhsb_model.dead_time import compute_dead_time
+from mhsb_model.circuit.dead_time import compute_dead_time
 from mhsb_model.errors import MhsbError
 from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mhsb_model.circuit.dead_time import compute_dead_time, compute_settling_time
 from mhsb_model.command import Command
-from mhsb_model.dead_time import compute_dead_time, compute_settling_time
 from mhsb_model.goal import Goal
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mhsb_model.dead_time import compute_dead_time
+from mhsb_model.circuit.dead_time import compute_dead_time
 from mhsb_model.goal import Goal
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS

@@ -10,7 +10,7 @@ from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from mhsb_model.dead_time import SETTLING_TIME
+from mhsb_model.circuit.dead_time import SETTLING_TIME
 from mhsb_model.goal import Goal
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome, Verdict

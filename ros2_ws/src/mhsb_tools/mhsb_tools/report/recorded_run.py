@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 
-from mhsb_model.dead_time import compute_dead_time, compute_settling_time
+from mhsb_model.circuit.dead_time import compute_dead_time, compute_settling_time
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory

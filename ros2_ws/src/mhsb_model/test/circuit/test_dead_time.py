@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from mhsb_model.circuit.dead_time import compute_dead_time, compute_settling_time
 from mhsb_model.circuit.elements import spool_transition
-from mhsb_model.dead_time import compute_dead_time, compute_settling_time
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 
