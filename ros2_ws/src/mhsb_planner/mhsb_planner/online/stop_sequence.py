@@ -475,7 +475,7 @@ class StopSequence:
             reports: Sends execution reports.
 
         Returns:
-            Goal to plan for now that the arm is stopped; None for no goal, or without a stop.
+            Goal to plan for if the arm has stopped; None if there is no such goal or no stop.
         """
         stop = self._stop
         if stop is None:

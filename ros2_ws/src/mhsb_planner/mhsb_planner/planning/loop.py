@@ -122,9 +122,9 @@ class PlanningLoop:
     def start_with_rest(self, rest: Trajectory) -> None:
         """Make the remainder of the plan in force the first incumbent (best plan so far).
 
-        This needs a remainder that keeps all limits. If it does not, there is no incumbent yet, and
-        only the log tells why. In both cases the time since the request is stored as that of the
-        first motion.
+        A remainder that breaks a limit is not used: there is no incumbent yet, and the log contains
+        the reason. In both cases the time since the request is stored in `first_motion` of the
+        plan's times.
 
         Args:
             rest: Remainder of the plan in force, with stamp 0.

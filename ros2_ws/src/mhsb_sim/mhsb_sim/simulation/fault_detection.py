@@ -190,7 +190,7 @@ class Overpressure:
 
         Returns:
             Its lowest pressure in the last `min_duration_samples` samples over its setting [-], and
-            a clause that names it. The ratio is 0 until there are so many samples.
+            a clause that names it. The ratio is 0 if there are fewer samples yet.
         """
         of = sample.actuators
         pressure = np.concatenate([of.cap_pressure, of.rod_pressure, of.supply_pressure])
@@ -230,7 +230,7 @@ class SupplyLoss:
 
         Returns:
             Smallest lack of that line in the last `min_duration_samples` samples, as a share of
-            P_S, and a clause. The share is 0 until there are so many samples. If every line lacks
+            P_S, and a clause. The share is 0 if there are fewer samples yet. If every line lacks
             more than `common_loss_share`, the clause says "all lines" instead of a name.
         """
         lacking = self._lasting.update(1.0 - sample.actuators.supply_pressure / self._supply)

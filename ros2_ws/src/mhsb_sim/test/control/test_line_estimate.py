@@ -21,7 +21,7 @@ RECORD = create_record(SETTINGS)[0]
 
 
 def leakage_at(constants: Records[CircuitConstants], pressure: float) -> float:
-    """By the laws of the orifice and of lands without overlap, written anew [m³/s]."""
+    """Compute the leakage of a valve without overlap from the formulas themselves [m³/s]."""
     drop = pressure - constants["tank_pressure"]
     smooth = (drop**2 + constants["laminar_pressure"] ** 2) ** 0.25
     lands = constants["land_conductance"] * drop
