@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from collections import defaultdict
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -39,10 +40,11 @@ def test_at_most_ten_tests_are_tried_again():
     assert all(mark.startswith('("') for mark in marks), marks
 
 
+@cache
 def modules():
     """All modules of the installed packages with their syntax trees."""
-    for file in sorted(ROOT.glob("ros2_ws/src/*/mhsb_*/**/*.py")):
-        yield file, ast.parse(file.read_text(encoding="utf-8"))
+    files = sorted(ROOT.glob("ros2_ws/src/*/mhsb_*/**/*.py"))
+    return [(file, ast.parse(file.read_text(encoding="utf-8"))) for file in files]
 
 
 def test_no_public_class_name_means_two_things():
@@ -87,12 +89,15 @@ REFERS_BACK = re.compile(r"^(?:Likewise|The same|Those of|As above|So is)\b|\b[L
 ARGUMENT = re.compile(r"^    \*{0,2}(\w+): ", re.MULTILINE)
 
 
+@cache
 def functions():
     """All functions of the installed packages, nested ones included, with places to name."""
-    for file, tree in modules():
-        for node in ast.walk(tree):
-            if isinstance(node, FUNCTION):
-                yield f"{file.relative_to(ROOT)}:{node.lineno} {node.name}", node
+    return [
+        (f"{file.relative_to(ROOT)}:{node.lineno} {node.name}", node)
+        for file, tree in modules()
+        for node in ast.walk(tree)
+        if isinstance(node, FUNCTION)
+    ]
 
 
 def test_every_function_of_six_lines_and_more_has_a_docstring():

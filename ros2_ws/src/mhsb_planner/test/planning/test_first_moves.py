@@ -1,5 +1,8 @@
 """Starts in which the arm should not be: named at once, and left without getting further in."""
 
+from contextlib import suppress
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
@@ -38,22 +41,34 @@ def any_planner(request):
     return Planner(arm, load_or_build_table(arm))
 
 
-def starts_beyond(planner, beyond, count):
-    """Start postures with one joint so far beyond its nearest limit, and goals for them."""
-    machine, table = planner.machine, planner.graph.table
+@dataclass(frozen=True)
+class Move:
+    """From a posture with joint j at its nearest limit, and the planners that get to the goal."""
+
+    at_limit: np.ndarray
+    goal: tuple[float, ...]
+    j: int
+    kinds: tuple[str, ...]
+
+
+@pytest.fixture(scope="module")
+def move(any_planner):
+    machine, table = any_planner.machine, any_planner.graph.table
     a, random = machine.arrays, np.random.default_rng(4)
-    nodes = np.flatnonzero(table.feasible)
-    for _ in range(count):
-        here, there = random.choice(nodes, 2, replace=False)
-        start, goal = table.posture[here, 0].copy(), table.nodes[there] * table.spacing
-        if machine.slews:
-            began, ended = random.uniform(a.joint_min[0], a.joint_max[0], 2)
-            start, goal = np.append(began, start), machine.convert_to_base(goal, ended)
-        below, above = start - a.joint_min, a.joint_max - start
-        j = int(np.argmin(np.minimum(below, above) / machine.radian_equivalents))
-        upwards = above[j] < below[j]
-        start[j] = a.joint_max[j] + beyond if upwards else a.joint_min[j] - beyond
-        yield start, tuple(goal.tolist()), j
+    here, there = random.choice(np.flatnonzero(table.feasible), 2, replace=False)
+    start, goal = table.posture[here, 0].copy(), table.nodes[there] * table.spacing
+    if machine.slews:
+        began, ended = random.uniform(a.joint_min[0], a.joint_max[0], 2)
+        start, goal = np.append(began, start), machine.convert_to_base(goal, ended)
+    below, above = start - a.joint_min, a.joint_max - start
+    j = int(np.argmin(np.minimum(below, above) / machine.radian_equivalents))
+    start[j] = a.joint_max[j] if above[j] < below[j] else a.joint_min[j]
+    goal, kinds = tuple(goal.tolist()), []
+    for kind in PLANNER_KINDS:
+        with suppress(InfeasibleGoalError):  # not with the joints that `fixed` keeps
+            any_planner.plan(goal, MotionState.at_rest(start), options=PlanOptions(planner=kind))
+            kinds.append(kind)
+    return Move(start, goal, j, tuple(kinds))
 
 
 def excesses(machine, trajectory):
@@ -70,24 +85,19 @@ def assert_only_returns(machine, trajectory):
 
 
 @pytest.mark.parametrize("beyond", [0.5 * START_NOISE, 0.02, 0.1])
-def test_every_planner_leads_a_joint_back_that_is_beyond_its_limit(any_planner, beyond):
-    machine = any_planner.machine
-    for start, goal, j in starts_beyond(any_planner, beyond, 1):
-        for kind in PLANNER_KINDS:
-            options = PlanOptions(planner=kind)
-            inside = np.clip(start, machine.arrays.joint_min, machine.arrays.joint_max)
-            try:
-                any_planner.plan(goal, MotionState.at_rest(inside), options=options)
-            except InfeasibleGoalError:  # not with the joints that `fixed` keeps
-                continue
-            plan = any_planner.plan(goal, MotionState.at_rest(start), options=options)
-            trajectory = plan.motion.trajectory
-            assert_only_returns(machine, trajectory)
-            np.testing.assert_array_equal(trajectory.position[0], start)
-            assert machine.tip_in_base(trajectory.position[-1]) == pytest.approx(goal, abs=1e-6)
-            said, unit = plan.warnings[0], machine.joint_units[j]
-            assert f"the arm starts with {machine.joint_names[j]} at {start[j]:.4g} {unit}" in said
-            assert f"{beyond:.4g} {unit} beyond its" in said
+def test_every_planner_leads_a_joint_back_that_is_beyond_its_limit(any_planner, move, beyond):
+    machine, start, j = any_planner.machine, move.at_limit.copy(), move.j
+    start[j] += beyond if start[j] == machine.arrays.joint_max[j] else -beyond
+    for kind in move.kinds:
+        options = PlanOptions(planner=kind)
+        plan = any_planner.plan(move.goal, MotionState.at_rest(start), options=options)
+        trajectory = plan.motion.trajectory
+        assert_only_returns(machine, trajectory)
+        np.testing.assert_array_equal(trajectory.position[0], start)
+        assert machine.tip_in_base(trajectory.position[-1]) == pytest.approx(move.goal, abs=1e-6)
+        said, unit = plan.warnings[0], machine.joint_units[j]
+        assert f"the arm starts with {machine.joint_names[j]} at {start[j]:.4g} {unit}" in said
+        assert f"{beyond:.4g} {unit} beyond its" in said
 
 
 def test_the_sentence_names_each_joint_with_value_limit_and_excess(machine):
