@@ -21,10 +21,11 @@ AHEAD, ASIDE = (2.2, 0.3, 0.2), (1.9, 0.9, -0.4)
 
 @pytest.fixture
 def excavator(observer, start_simulator, start_planner):
-    """Both nodes of an excavator, running and heard."""
+    """Both nodes of an excavator, running and heard; its time runs three times as fast as real."""
     observer.machine = load_machine(FILE)
-    for start in (start_simulator, start_planner):
-        start("--ros-args", "-p", f"machine:={FILE}")
+    machine = "--ros-args", "-p", f"machine:={FILE}"
+    start_simulator(*machine, "-p", "publish_clock:=true", "-p", "real_time_factor:=3.0")
+    start_planner(*machine, "-p", "use_sim_time:=true")
     observer.until(lambda: observer.is_matched and len(observer.references) > 2)
     return observer
 
