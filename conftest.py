@@ -17,6 +17,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -325,11 +326,12 @@ def fork_of(ros_domain: int) -> Callable[..., Child]:
 
     Whoever calls it ends the child.
     """
-    from tests.forks.forked_process import ForkedProcess
+    from tests.forks.forked_process import ForkedProcess, call_executable
 
     def start(package: str, executable: str, *arguments: object) -> Child:
         words = [executable, *map(str, arguments)]
-        return Child(executable, ForkedProcess(package, words, dict(os.environ)))
+        program = partial(call_executable, package)
+        return Child(executable, ForkedProcess(program, words, dict(os.environ)))
 
     return start
 
@@ -338,6 +340,18 @@ def fork_of(ros_domain: int) -> Callable[..., Child]:
 def start_fork(fork_of: Callable[..., Child]) -> Iterator[Callable[..., Child]]:
     """Function that starts an installed executable; its process is ended after the test."""
     yield from children_by(fork_of)
+
+
+@pytest.fixture
+def start_script(ros_domain: int) -> Iterator[Callable[..., Child]]:
+    """Function (file, arguments...) that runs a script in a fork; it is ended after the test."""
+    from tests.forks.forked_process import ForkedProcess, run_script
+
+    def run(file: Path, *arguments: object) -> Child:
+        words = [str(each) for each in (file, *arguments)]
+        return Child(file.stem, ForkedProcess(run_script, words, dict(os.environ)))
+
+    yield from children_by(run)
 
 
 def installed_executable(package: str, executable: str) -> Path:

@@ -1,8 +1,8 @@
 """The examples run as they are, each in a process of its own, and the notebook without Jupyter."""
 
 import json
-import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import matplotlib
@@ -23,6 +23,8 @@ OUTPUT = {
     "10_study": ("  20 kg at 6 MPa: ", ["study.csv"]),
 }
 """Words that each example prints, and the files that it writes."""
+FRESH = "01_one_move", "10_study"
+"""Examples in a fresh Python: the first one, and the one that starts processes itself."""
 
 
 def test_every_example_is_run_and_listed():
@@ -33,20 +35,17 @@ def test_every_example_is_run_and_listed():
 
 
 @pytest.mark.parametrize("name", OUTPUT)
-def test_an_example_prints_and_writes_what_it_says(name, tmp_path):
+def test_an_example_prints_and_writes_what_it_says(
+    name, start_process, start_script, tmp_path, monkeypatch
+):
     file = EXAMPLES / f"{name}.py"
     assert len(file.read_text().splitlines()) < MAX_LINES
     words, files = OUTPUT[name]
-    run = subprocess.run(
-        [sys.executable, file, *([tmp_path / "new"] if files else [])],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=240,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
-    assert words in run.stdout
+    monkeypatch.chdir(tmp_path)
+    start = partial(start_process, sys.executable) if name in FRESH else start_script
+    run = start(file, *([tmp_path / "new"] if files else []))
+    assert run.wait(240) == 0, run.output
+    assert words in run.output
     assert sorted(each.name for each in tmp_path.rglob("*") if each.is_file()) == sorted(files)
     assert all(each.stat().st_size > 0 for each in tmp_path.rglob("*"))
 

@@ -70,7 +70,7 @@ def test_a_full_disk_ends_the_recorder_with_a_sentence_and_nobody_else(
     assert len(recording.references.time_ns) > 10
 
 
-def test_a_file_that_is_no_recording_stays_as_it_is_and_every_reader_says_so(start, tmp_path):
+def test_a_file_that_is_no_recording_stays_as_it_is_and_every_reader_says_so(start_fork, tmp_path):
     bag = tmp_path / "bag"
     bag.mkdir()
     (bag / "bag_0.mcap").write_bytes(bytes(range(256)) * 400)
@@ -82,7 +82,7 @@ def test_a_file_that_is_no_recording_stays_as_it_is_and_every_reader_says_so(sta
         "animate": ("animate", bag, "--output", tmp_path / "film.gif"),
         "view": ("view", bag, "--port", 0),
     }
-    children = {name: start("mhsb_tools", "mhsb", *words) for name, words in commands.items()}
+    children = {name: start_fork("mhsb_tools", "mhsb", *words) for name, words in commands.items()}
     for name, child in children.items():
         assert child.wait() == 1, child.output
         [sentence] = child.output.splitlines()

@@ -54,11 +54,11 @@ def node(ros_context):
 
 
 @pytest.fixture
-def mhsb(start):
+def mhsb(start_fork):
     """Function (words...) to exit code and output of a subcommand."""
 
     def run(*words: str) -> tuple[int, str]:
-        child = start("mhsb_tools", "mhsb", *words)
+        child = start_fork("mhsb_tools", "mhsb", *words)
         return child.wait(60), child.output
 
     return run

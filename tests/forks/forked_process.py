@@ -1,4 +1,4 @@
-"""Executables in forks of a process that has imported and loaded what nodes need.
+"""Executables and scripts in forks of a process that has imported and loaded what nodes need.
 
 A node starts in 0.5 s of processor time so, and in 2.2 s as a process of its own. What it is to
 start, and what signals do meanwhile, is the subject of tests that use the installed executables.
@@ -9,9 +9,11 @@ from __future__ import annotations
 import importlib
 import multiprocessing
 import os
+import runpy
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -31,15 +33,15 @@ def start_server() -> None:
 
 
 class ForkedProcess:
-    """An installed executable in a fork; has what a `Child` needs of `subprocess.Popen`."""
+    """A program in a fork; has what a `Child` needs of `subprocess.Popen`."""
 
-    def __init__(self, package: str, words: list[str], environment: dict[str, str]) -> None:
+    def __init__(
+        self, program: Callable[[str], object], words: list[str], environment: dict[str, str]
+    ) -> None:
         start_server()
         reader, writer = FORKS.Pipe(duplex=False)
         place = os.getcwd(), environment, writer
-        self._process = FORKS.Process(
-            target=run_executable, args=(package, words, *place), daemon=True
-        )
+        self._process = FORKS.Process(target=run, args=(program, words, *place), daemon=True)
         self._process.start()
         writer.close()
         self.pid = self._process.pid
@@ -67,10 +69,14 @@ class ForkedProcess:
         self.send_signal(signal.SIGKILL)
 
 
-def run_executable(
-    package: str, words: list[str], folder: str, environment: dict[str, str], output: Connection
+def run(
+    program: Callable[[str], object],
+    words: list[str],
+    folder: str,
+    environment: dict[str, str],
+    output: Connection,
 ) -> None:
-    """Become a session of this folder, environment and output, and call the entry point."""
+    """Become a session of this folder, environment and output, and call the program by its name."""
     os.setsid()
     os.chdir(folder)
     os.environ.clear()
@@ -80,4 +86,14 @@ def run_executable(
     output.close()
     sys.stdout.reconfigure(line_buffering=True)
     sys.argv = words
-    sys.exit(getattr(importlib.import_module(f"{package}.executables"), words[0])())
+    sys.exit(program(words[0]))
+
+
+def call_executable(package: str, name: str) -> object:
+    """Call the entry point of an installed executable."""
+    return getattr(importlib.import_module(f"{package}.executables"), name)()
+
+
+def run_script(file: str) -> None:
+    """Run a file as `python FILE` does."""
+    runpy.run_path(file, run_name="__main__")
