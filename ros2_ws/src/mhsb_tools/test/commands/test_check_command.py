@@ -2,18 +2,19 @@
 
 import json
 import re
-import subprocess
-import sys
 
 import numpy as np
+import pytest
 
+from mhsb_model import command_line
 from mhsb_model.obstacles.zones import Zones
 from mhsb_tools.commands import check_command as check
 
 
-def run(*arguments: str) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-m", "mhsb_tools.commands.check_command", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+@pytest.fixture
+def run(capsys):
+    """Function (words...) that runs the command: exit code, output and errors."""
+    return lambda *words: (command_line.run(check.check, words), *capsys.readouterr())
 
 
 def test_the_report_accounts_for_every_point_of_the_workspace(machine):
@@ -84,23 +85,23 @@ def test_the_report_tells_what_zones_leave_of_the_workspace(machine):
     assert len(below) - (642 - reached) <= left <= len(below)
 
 
-def test_the_command_prints_the_report_of_the_suites_arm():
-    result = run()
-    assert result.returncode == 0
-    assert result.stdout.startswith("mhsb_arm3: 3 joints")
+def test_the_command_prints_the_report_of_the_suites_arm(run):
+    code, output, _ = run()
+    assert code == 0
+    assert output.startswith("mhsb_arm3: 3 joints")
 
 
-def test_a_missing_file_is_one_sentence_and_a_failure():
-    result = run("nowhere.yaml")
-    assert result.returncode != 0
-    assert len(result.stderr.strip().splitlines()) == 1
-    assert "nowhere.yaml" in result.stderr
+def test_a_missing_file_is_one_sentence_and_a_failure(run):
+    code, _, errors = run("nowhere.yaml")
+    assert code != 0
+    assert len(errors.strip().splitlines()) == 1
+    assert "nowhere.yaml" in errors
 
 
-def test_json_has_the_numbers_of_the_text_in_si_units(machine):
-    done = run("--json")
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+def test_json_has_the_numbers_of_the_text_in_si_units(machine, run):
+    code, output, errors = run("--json")
+    assert code == 0, errors
+    found = json.loads(output)
     workspace = found["workspace"]
     kinds = ("held", "boosted", "too_heavy", "no_posture")
     assert sum(workspace[kind] for kind in kinds) == workspace["points"] == 642
@@ -149,8 +150,8 @@ def test_what_a_pole_leaves_is_counted_at_many_angles_of_the_slew(slewing_machin
     )
 
 
-def test_it_names_the_controllers_that_suit_the_sensors(machine):
+def test_it_names_the_controllers_that_suit_the_sensors(machine, run):
     assert check.facts(machine)["controllers"] == ["coordinated", "independent"]
-    done = run("excavator_1to14")
-    assert done.returncode == 0, done.stderr
-    assert "controllers that suit its length sensors alone: lag_compensated\n" in done.stdout
+    code, output, errors = run("excavator_1to14")
+    assert code == 0, errors
+    assert "controllers that suit its length sensors alone: lag_compensated\n" in output
