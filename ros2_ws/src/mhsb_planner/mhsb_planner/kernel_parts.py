@@ -17,7 +17,13 @@ from mhsb_planner.integrated import integrated_search
 from mhsb_planner.motion import s3_trajectory
 from mhsb_planner.motion.energy import energy_of_states
 from mhsb_planner.posture.s1_global_search import build_posture_table
-from mhsb_planner.search import fixed_j3, goal_clearance, manipulability_loss, s2_search
+from mhsb_planner.search import (
+    fixed_j3,
+    goal_clearance,
+    manipulability_loss,
+    s2_search,
+    s2_step,
+)
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.slewing import among_zones
 
@@ -98,6 +104,7 @@ def compile_remaining_kernels() -> None:
     """Compile the kernels that only some requests need, such as those for obstacles."""
     goal_clearance.warm_up(machine())
     among_zones.warm_up(machine())
+    s2_step.warm_up(machine())
     integrated_search.warm_up(machine())
 
 

@@ -51,7 +51,7 @@ from mhsb_planner.planning.loop import PlanningLoop
 from mhsb_planner.planning.motion_rules import fit_rules
 from mhsb_planner.planning.overload_remarks import describe_overload
 from mhsb_planner.posture.s1_posture_table import PostureTable
-from mhsb_planner.search import goal_clearance, manipulability_loss
+from mhsb_planner.search import goal_clearance, manipulability_loss, s2_step
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.manipulability_loss import area_term
 from mhsb_planner.search.s2_graph import StepGraph
@@ -415,6 +415,7 @@ def warm_up(planner: Planner, kinds: Iterable[str] | None = None) -> None:
     machine, graph = planner.machine, planner.graph
     planner.change_machine(machine.without_obstacles())
     goal_clearance.warm_up(planner.graph.machine)
+    s2_step.warm_up(planner.graph.machine)
     for kind in kinds:
         get_planner(kind).warm_up(planner.graph)
     among_zones.warm_up(planner.machine)

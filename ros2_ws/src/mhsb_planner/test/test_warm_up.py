@@ -3,6 +3,10 @@
 import subprocess
 import sys
 
+from mhsb_model.machine import load_machine
+from mhsb_planner.planner import Planner, warm_up
+from mhsb_planner.posture.s1_global_search import build_posture_table
+
 SCRIPT = """
 import sys
 from contextlib import suppress
@@ -20,6 +24,7 @@ from mhsb_model.trajectory import MotionState
 from mhsb_planner import planner as planning
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.search.s2_search import PathQuery, Weights, search, warm_up
+from mhsb_planner.search.s2_step import step_costs
 
 def compiled():
     return {
@@ -56,6 +61,7 @@ by_searches = {name: count for name, count in compiled().items() if count != bef
 planner = planning.Planner(machine, table)
 planning.warm_up(planner)
 before = compiled()
+step_costs(machine, q, q - 0.01)  # as planners of others and first moves into the limits do
 for options in (
     *(planning.PlanOptions(planner=kind) for kind in planning.PLANNER_KINDS),
     planning.PlanOptions(planner="integrated", area_weight=300.0),
@@ -118,3 +124,8 @@ def test_no_kernel_is_compiled_by_the_first_plans(table, tmp_path):
 def test_compiling_does_not_count_against_the_deadline_of_the_first_plan(table, tmp_path):
     done = run_with_table(FIRST_CALL, table, tmp_path)
     assert done.stdout.strip() == "True", done.stderr
+
+
+def test_a_machine_without_boost_is_warmed_up_too():
+    alone = load_machine().with_values({"hydraulics.modules.count": 0})
+    warm_up(Planner(alone, build_posture_table(alone, 0.25)))

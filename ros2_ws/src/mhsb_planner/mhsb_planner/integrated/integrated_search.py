@@ -280,7 +280,7 @@ def warm_up(machine: Machine) -> None:
     modes, weights = np.zeros(machine.joint_count, dtype=np.uint8), Weights(1.0, 1.0, 1.0)
     psi = machine.end_link_angle(task.goals.postures.posture[0])
     query = PathQuery(task.start, modes, (x, z), weights, goal_psi=psi)
-    search(machine, query, effort=task.limits)
+    search(task.machine, query, effort=task.limits)
     sample_goal_postures(machine, x, z, None, task.limits.psi_spacing)
     for part in (warm_up_pricing, warm_up_paths, warm_up_lattice, warm_up_refinement):
         part(machine)
@@ -344,7 +344,8 @@ def _straight_line(task: SearchProblem) -> FloatArray:
 def _example_problem(machine: Machine) -> SearchProblem:
     """Create a short, easy search problem for compiling kernels.
 
-    It starts in the middle of the joint ranges, has no obstacles, and allows very little effort.
+    It starts in the middle of the joint ranges and allows very little effort. It has no obstacles
+    and no gravity, so it has a solution for every machine, even for one without boost.
 
     Args:
         machine: The arm without a slewing joint.
@@ -352,7 +353,7 @@ def _example_problem(machine: Machine) -> SearchProblem:
     Returns:
         The problem, with weights of 1 for all terms of the cost, the manipulability loss included.
     """
-    machine = machine.without_obstacles()
+    machine = machine.without_obstacles().with_values({"gravity": 0.0})
     low, high = machine.arrays.joint_min, machine.arrays.joint_max
     start, end = low + 0.5 * (high - low), low + 0.52 * (high - low)
     effort = SearchLimits(psi_spacing=0.02, max_expansions=2, max_sweeps=1)
