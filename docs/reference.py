@@ -21,6 +21,7 @@ from mhsb_model import schema
 from mhsb_msgs_py import parameters
 from mhsb_planner.online.goal_states import GOAL_TRANSITIONS, GoalState, Transition
 from mhsb_planner.ros import planner_parameters
+from mhsb_sim.circuit.valves.registry import VALVE_KINDS
 from mhsb_sim.ros import sim_parameters
 
 FOLDER = Path(__file__).resolve().parent
@@ -95,7 +96,11 @@ def _parameter_row(node: Node, name: str) -> str:
 
 def machine_file_page() -> str:
     """Every key of a machine file, with range, unit and meaning."""
-    sections = "\n\n".join(dict.fromkeys(_sections("", MachineConfigWithGains)))
+    chapters = [*_sections("", MachineConfigWithGains)]
+    for kind in VALVE_KINDS:
+        if kind.section is not None:
+            chapters += _sections(f"circuit.valves.{kind.name}", kind.section)
+    sections = "\n\n".join(dict.fromkeys(chapters))
     return f"""# The machine file
 
 {GENERATED}

@@ -12,11 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mhsb_model.machine import load_machine
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.planner import Planner, PlanOptions
+from mhsb_planner.errors import NoPathError
+from mhsb_planner.planner import PlanOptions
 from mhsb_planner.planners.registry import REGISTERED_PLANNERS
-from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_tools.executables import SUBCOMMAND_TABLE
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -88,19 +87,48 @@ def test_a_page_that_follows_from_the_code_is_what_the_code_says(page, ros_domai
     assert (DOCS / page).read_text() == written, told
 
 
-def test_the_planner_that_a_page_shows_in_full_plans(monkeypatch):
-    page = (DOCS / "planners.md").read_text().partition("## A planner in full")[2]
+@pytest.fixture(scope="module")
+def own_planner():
+    """The example's names, and a function that plans with its planner."""
     shown: dict = {}
-    exec("\n".join(re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)), shown)
-    own = shown["StraightPlanner"]()
-    monkeypatch.setitem(REGISTERED_PLANNERS, own.name, own)
-    machine = load_machine()
-    planner = Planner(machine, build_posture_table(machine, 4 * machine.spacing))
-    start = MotionState.at_rest(np.array(machine.config.simulation.start_posture))
-    plan = planner.plan((0.55, 0.3), start, options=PlanOptions(planner=own.name))
-    end = machine.tip_position(plan.motion.trajectory.position[-1])
-    np.testing.assert_allclose(end, (0.55, 0.3), atol=1e-6)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(REGISTERED_PLANNERS, "straight", None)  # the example registers its own
+        exec((ROOT / "examples" / "04_own_planner.py").read_text(), shown)
+        yield shown
+
+
+def plan_straight(shown, start, **options):
+    options = PlanOptions(planner="straight", **options)
+    return shown["planner"].plan((0.55, 0.3), start, options=options)
+
+
+def test_the_planner_that_a_page_links_plans_and_stays_at_a_goal(own_planner):
+    plan, machine = plan_straight(own_planner, own_planner["start"]), own_planner["machine"]
+    end = plan.motion.trajectory.position[-1]
+    np.testing.assert_allclose(machine.tip_position(end), (0.55, 0.3), atol=1e-6)
     assert plan.lower_bound <= plan.energy.paper
+    psi = machine.end_link_angle(end)
+    end = MotionState.at_rest(end)
+    assert plan_straight(own_planner, end).path.steps == 0
+    assert plan_straight(own_planner, end, goal_psi=psi).path.steps == 0
+    assert plan_straight(own_planner, end, goal_psi=psi + 0.05).path.steps > 0
+
+
+def test_that_planner_tries_further_goal_postures_and_names_what_it_did_not_find(
+    own_planner, monkeypatch
+):
+    price, tried = own_planner["price_path"], []
+
+    def price_all_but_the_first(*path):
+        tried.append(path)
+        return price(*path) if len(tried) > 1 else None
+
+    monkeypatch.setitem(own_planner, "price_path", price_all_but_the_first)
+    plan_straight(own_planner, own_planner["start"])
+    assert len(tried) == 3
+    monkeypatch.setitem(own_planner, "price_path", lambda *path: None)
+    with pytest.raises(NoPathError):
+        plan_straight(own_planner, own_planner["start"])
 
 
 def test_the_lines_of_the_readme_plan_when_they_are_pasted(tmp_path, monkeypatch):

@@ -533,7 +533,7 @@ class CircuitDynamics(Section):
     valves: dict[ValveName, dict[ValveName, ValveNumber]] = Field(
         default={},
         exclude_if=lambda given: not given,
-        description="further valves, by the names of their kinds; the simulator checks them",
+        description="further valves: a section for each kind, which may be empty",
     )
 
 

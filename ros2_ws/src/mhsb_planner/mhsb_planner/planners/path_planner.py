@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import MotionState, Trajectory
 from mhsb_model.types import FloatArray, Position
+from mhsb_planner.goal_region import is_goal_met
 from mhsb_planner.integrated.lower_bound import MAX_CELLS, bound_energy_to_goal
 from mhsb_planner.motion.s3_blend_in import Coasting
 from mhsb_planner.motion.s3_state_to_rest import Steering
@@ -19,6 +20,7 @@ from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.manipulability_loss import AreaTerm
 from mhsb_planner.search.s2_graph import StepGraph
+from mhsb_planner.search.s2_search import SAME_POINT
 
 
 class SlewDemand(NamedTuple):
@@ -68,6 +70,26 @@ class PathRequest:
         """Goal (x, z) of a request in the plane [m]."""
         x, z = self.goal
         return x, z
+
+    def begins_at_goal(self, machine: Machine) -> bool:
+        """Return whether the departure is at the goal already, with an admissible end-link angle.
+
+        Args:
+            machine: The arm in its plane.
+
+        Returns:
+            True if the tip is within SAME_POINT of the goal or in its region, and the end-link
+            angle ψ within SAME_POINT of an admissible one.
+        """
+        return is_goal_met(
+            self.planar_goal,
+            self.options.goal_region,
+            self.options.goal_psi,
+            machine.tip_position(self.departure),
+            machine.end_link_angle(self.departure),
+            SAME_POINT,
+            SAME_POINT,
+        )
 
     def energy_lower_bound(self, machine: Machine, most_cells: int = MAX_CELLS) -> float:
         """Compute a lower bound on the energy of every plan from the start to the goal.

@@ -11,7 +11,12 @@ from mhsb_planner.planners.path_planner import PathPlanner
 from mhsb_planner.planners.table import TablePlanner
 
 REGISTERED_PLANNERS: dict[str, PathPlanner] = {
-    planner.name: planner for planner in (TablePlanner(), FixedPlanner(), IntegratedPlanner())
+    planner.name: planner
+    for planner in (
+        TablePlanner(),
+        FixedPlanner(),
+        IntegratedPlanner(),
+    )
 }
 """All planners by name."""
 

@@ -6,14 +6,13 @@ from collections.abc import Iterator
 
 from mhsb_model.errors import MhsbError
 from mhsb_planner.errors import DeadlineError
-from mhsb_planner.goal_region import is_goal_met, tip_positions
+from mhsb_planner.goal_region import tip_positions
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search import s2_search
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_search import SAME_POINT
 
 
 class TablePlanner:
@@ -76,11 +75,11 @@ def yield_graph_paths(
     Raises:
         MhsbError: There is no path to any position; the error is the one for the first position.
     """
-    if _is_in_goal_region(graph, task):
+    region = task.options.goal_region
+    if region is not None and task.begins_at_goal(graph.machine):  # the search sees a goal alone
         tip = graph.machine.tip_position(task.departure)
         yield DiscretePath.create_without_steps(tip, task.departure, task.modes.modes, 0.0)
         return
-    region = task.options.goal_region
     found: list[DiscretePath] = []
     refused: MhsbError | None = None
     for x, z in tip_positions(task.planar_goal, region).tolist():
@@ -98,26 +97,6 @@ def yield_graph_paths(
     best = min(found, key=lambda path: path.cost)
     if best is not found[0]:
         yield best
-
-
-def _is_in_goal_region(graph: StepGraph, task: PathRequest) -> bool:
-    """Return whether tip and end link are within the goal region before any motion.
-
-    Args:
-        graph: Step graph (steps between postures); provides the machine.
-        task: The request. Its departure (posture at rest where the path begins) is checked.
-
-    Returns:
-        True if they are. Always False without a region, since the search itself notices a start at
-        the goal.
-    """
-    options, posture = task.options, task.departure
-    if options.goal_region is None:
-        return False  # the search itself notices it
-    tip, angle = graph.machine.tip_position(posture), graph.machine.end_link_angle(posture)
-    return is_goal_met(
-        task.planar_goal, options.goal_region, options.goal_psi, tip, angle, SAME_POINT, SAME_POINT
-    )
 
 
 def _search_path_to(

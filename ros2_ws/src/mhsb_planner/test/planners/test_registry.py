@@ -114,7 +114,7 @@ def test_one_registration_makes_it_a_value_of_the_node_s_parameter(
 
 
 def test_a_planner_that_is_not_there_is_refused_with_those_that_are(machine, table):
-    with pytest.raises(RequestError, match="must be one of: table, fixed, integrated"):
+    with pytest.raises(RequestError, match=f"must be one of: {', '.join(PLANNER_KINDS)}"):
         get_planner("guess")
     start = MotionState.at_rest(table.posture[table.feasible][0, 0])
     with pytest.raises(RequestError, match="planner must be one of"):
@@ -122,7 +122,7 @@ def test_a_planner_that_is_not_there_is_refused_with_those_that_are(machine, tab
 
 
 def test_each_planner_is_registered_by_its_own_name():
-    assert PLANNER_KINDS == ("table", "fixed", "integrated")
+    assert PLANNER_KINDS[:3] == ("table", "fixed", "integrated")
     assert PlanOptions().planner == DEFAULT_PLANNER == "integrated"
     assert all(planner.name == name for name, planner in REGISTERED_PLANNERS.items())
 

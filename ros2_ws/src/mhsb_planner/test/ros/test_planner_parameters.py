@@ -47,7 +47,8 @@ def test_the_planner_can_be_chosen(node, machine, kind):
 
 def test_a_planner_that_is_not_there_is_refused_with_those_that_are(node, machine):
     reason = planner_parameters.find_refusal(node, machine, [Parameter("planner", value="guess")])
-    assert reason == "planner 'guess' is not there; give one of: table, fixed, integrated"
+    names = ", ".join(PLANNER_KINDS)
+    assert reason == f"planner 'guess' is not there; give one of: {names}"
 
 
 def test_the_area_is_weighed_by_the_integrated_planner_alone(node, machine):

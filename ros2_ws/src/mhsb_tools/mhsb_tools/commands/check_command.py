@@ -19,6 +19,7 @@ from mhsb_model.linkages import linkage
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, frozen
+from mhsb_sim.circuit.valves.registry import read_valve_sections
 
 PSI_SAMPLES, TELESCOPE_PSI_SAMPLES = 180, 3600
 """Number of end-link angles ψ at which postures are looked for at each point.
@@ -45,6 +46,7 @@ def check(
         json_: Print one JSON object, in SI units, instead of text.
     """
     machine = load_machine(file)
+    read_valve_sections(machine)
     if json_:
         print(json.dumps(facts(machine)))
     else:

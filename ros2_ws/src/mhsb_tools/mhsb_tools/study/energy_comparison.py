@@ -15,15 +15,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from mhsb_planner.motion.energy import Energy
+from mhsb_sim.circuit.valves.registry import VALVE_KINDS
 
 OTHER_LOSSES = (
     "check_valves",
     "join_valves",
     "relief_valves",
     "anti_cavitation",
-    "bleed",
+    *(kind.name for kind in VALVE_KINDS),
     "cavities",
-    "piston_seal",
 )
 """Circuit elements of `Simulator.energies` that are summed as `other valves`."""
 

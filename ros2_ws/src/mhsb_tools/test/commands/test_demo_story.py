@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from mhsb_model.verdict import Outcome, Verdict
+from mhsb_planner.planners.registry import PLANNER_KINDS
 from mhsb_tools.commands.demo_story import format_story
 from mhsb_tools.comparison.goal_tour import compare_on_tour
 
@@ -79,7 +80,7 @@ def test_a_tour_is_planned_from_goal_to_goal_by_every_planner(machine):
     goals = [(0.55, 0.60), (0.55, 0.60), (0.60, 0.10)]
     tour = compare_on_tour(machine, goals)
     assert tour["failures"] == {}
-    assert set(tour["planned_j"]) == {"table", "fixed", "integrated"}
+    assert set(tour["planned_j"]) == set(PLANNER_KINDS)
     assert 0.0 < tour["planned_j"]["integrated"] <= min(tour["planned_j"].values())
     assert tour["constant_pressure_pa"] > machine.arrays.supply_pressure
     assert tour["constant_pressure_j"] > tour["planned_j"]["integrated"]

@@ -11,6 +11,7 @@ from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.cases.moves import Move
 from mhsb_planner.planner import ENERGY_OPTIMAL
+from mhsb_planner.planners.registry import PLANNER_KINDS
 from mhsb_planner.posture.s1_global_search import postures_at
 from mhsb_tools.comparison.compare_command import as_text, summarize
 from mhsb_tools.comparison.compare_figure import draw_proportions
@@ -37,7 +38,7 @@ def comparison(comparer: PlannerComparer, machine: Machine) -> Comparison:
 
 
 def test_every_planner_and_the_ground_truth_have_a_record(comparison: Comparison) -> None:
-    assert list(comparison.records) == ["table", "fixed", "integrated", "ground truth"]
+    assert list(comparison.records) == [*PLANNER_KINDS, "ground truth"]
     assert not comparison.failures
 
 
@@ -76,7 +77,7 @@ def test_arms_that_slew_are_compared_too() -> None:
         ComparedMove("near", Move(start, goal), True)
     )
     assert not found.failures
-    assert list(found.records) == ["table", "fixed", "integrated", "ground truth"]
+    assert list(found.records) == [*PLANNER_KINDS, "ground truth"]
     truth = found.records["ground truth"].energy_path_j
     for record in found.records.values():
         assert record.energy_simulated_j == pytest.approx(record.energy_series_j, rel=0.1)

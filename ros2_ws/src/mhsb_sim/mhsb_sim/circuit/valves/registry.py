@@ -14,15 +14,17 @@ from pydantic import ValidationError
 from mhsb_model.errors import MachineFileError
 from mhsb_model.files.schema_problems import describe_validation_errors
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.machine import Machine
 from mhsb_model.records import Record, Records, create_records
 from mhsb_model.types import FloatArray
 from mhsb_sim.circuit.quantities import CircuitEnergies
-from mhsb_sim.circuit.valves import piston_seal, rail_bleed
+from mhsb_sim.circuit.valves.piston_seal import PISTON_SEAL, compute_seal_flow
+from mhsb_sim.circuit.valves.rail_bleed import RAIL_BLEED, compute_bleed_flow
 from mhsb_sim.circuit.valves.valve_kind import CircuitSite, ValveKind
 
 VALVE_KINDS: tuple[ValveKind, ...] = (
-    rail_bleed.RAIL_BLEED,
-    piston_seal.PISTON_SEAL,
+    RAIL_BLEED,
+    PISTON_SEAL,
 )
 """Kinds of valves, in the order in which their flows are added."""
 
@@ -40,9 +42,9 @@ def compute_valve_flow(kind: int, numbers: FloatArray, drop: float) -> tuple[flo
         Flow from start to end [m³/s] and slope [m³/(s Pa)]; both are 0 for an unknown index.
     """
     if kind == 0:
-        return rail_bleed.compute_bleed_flow(numbers, drop)
+        return compute_bleed_flow(numbers, drop)
     if kind == 1:
-        return piston_seal.compute_seal_flow(numbers, drop)
+        return compute_seal_flow(numbers, drop)
     return 0.0, 0.0
 
 
@@ -95,13 +97,12 @@ def place_valves(site: CircuitSite) -> PlacedValves:
     Raises:
         MachineFileError: A section names no kind, has an unknown key or a wrong value.
     """
-    given = site.machine.config.circuit.valves
-    sections = _read_sections(site.machine.name, given)
+    sections = read_valve_sections(site.machine)
     names = list(EnergyCounters.__annotations__)
     placed = [
         (k, names.index(kind.name), place)
         for k, kind in enumerate(VALVE_KINDS)
-        if kind.section is None or kind.name in given
+        if kind.section is None or kind.name in sections
         for place in kind.list_places(site, sections.get(kind.name))
     ]
     records = create_records(PlacedValve, len(placed))
@@ -112,12 +113,11 @@ def place_valves(site: CircuitSite) -> PlacedValves:
     return PlacedValves(records, numbers)
 
 
-def _read_sections(machine: str, given: dict[str, dict[str, float]]) -> dict[str, Any]:
+def read_valve_sections(machine: Machine) -> dict[str, Any]:
     """Check the sections of valves in a machine file against the schemas of their kinds.
 
     Args:
-        machine: Name of the machine, for the error.
-        given: Content of `circuit.valves` of its file.
+        machine: The machine as its file describes it, with `circuit.valves`.
 
     Returns:
         Instance of the schema, by the kind's name, for each section in the file. Keys that the
@@ -128,7 +128,7 @@ def _read_sections(machine: str, given: dict[str, dict[str, float]]) -> dict[str
     """
     schemas = {kind.name: kind.section for kind in VALVE_KINDS if kind.section is not None}
     sections, problems = {}, []
-    for name, content in given.items():
+    for name, content in machine.config.circuit.valves.items():
         schema = schemas.get(name)
         if schema is None:
             known = ", ".join(sorted(schemas)) or "none"
@@ -139,5 +139,5 @@ def _read_sections(machine: str, given: dict[str, dict[str, float]]) -> dict[str
         except ValidationError as error:
             problems += describe_validation_errors(error, schema, f"circuit.valves.{name}")
     if problems:
-        raise MachineFileError(machine, problems)
+        raise MachineFileError(machine.name, problems)
     return sections

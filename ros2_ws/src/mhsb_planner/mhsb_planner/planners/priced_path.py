@@ -1,0 +1,61 @@
+"""Discrete path through given postures, for planners that choose postures but not modes."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray
+from mhsb_planner.planners.path_planner import PathRequest
+from mhsb_planner.progress import PlanProgress
+from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
+from mhsb_planner.search.s2_search import SEARCH_TASK
+from mhsb_planner.search.s2_step import step_costs
+
+
+def price_path(
+    machine: Machine, task: PathRequest, posture: FloatArray, progress: PlanProgress
+) -> DiscretePath | None:
+    """Make the discrete path through postures, each step in its cheapest mode combination.
+
+    The cost of a step is w₁ E + w₂ T + w₃ switches, with E by the energy reading of the request.
+    Each step begins with the modes of the one before, so a step may be cheap and the next one dear.
+
+    Args:
+        machine: The arm in its plane, `StepGraph.machine`.
+        task: The request, with weights, energy reading and the modes in force at the start.
+        posture: Joint positions at the ends of the steps, shape (k + 1, n), k ≥ 1 [rad or m].
+        progress: Progress of the plan; its `search_deadline` is checked before each step.
+
+    Returns:
+        The path; None if a step is admissible in no mode combination.
+
+    Raises:
+        DeadlineError: The time for searching is over.
+    """
+    weights, modes, taken = task.options.weights, task.modes.modes, []
+    for start, end in pairwise(posture):
+        progress.search_deadline.check(SEARCH_TASK)
+        step = step_costs(machine, start, end)
+        if not step.admissible.any():
+            return None
+        energy = step.energy if task.options.energy_reading == "paper" else step.energy_series
+        switches = np.count_nonzero(machine.patterns != modes, axis=1)
+        cost = weights.energy * energy + weights.time * step.duration + weights.switches * switches
+        p = int(np.nanargmin(cost))
+        modes = machine.patterns[p]
+        taken.append((modes, step.duration[p], step.energy[p], step.energy_series[p], cost[p]))
+    chosen, duration, energy, energy_series, costs = map(np.array, zip(*taken, strict=True))
+    return DiscretePath(
+        tip=machine.tip_positions(posture),
+        posture=posture,
+        modes=chosen,
+        duration=duration,
+        energy=energy,
+        energy_series=energy_series,
+        cost=float(costs.sum()),
+        start_modes=task.modes.modes,
+        statistics=SearchStatistics(expanded=0, generated=len(taken), seconds=0.0),
+    )
