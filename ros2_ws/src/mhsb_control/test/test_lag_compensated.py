@@ -306,9 +306,14 @@ def test_pumps_deliver_what_the_pistons_take():
 
 def test_controllers_that_read_pressures_are_refused_without_sensors():
     machine = load_machine()
-    assert select_controllers(machine) == ("coordinated", "independent")
     blind = machine.with_values({"imperfections.sensors.pressure": "none"})
-    assert select_controllers(blind) == ("lag_compensated",)
+    reading = tuple(name for name in REGISTERED_CONTROLLERS if registry.reads_pressures(name))
+    assert reading[:2] == select_controllers(machine)[:2] == ("coordinated", "independent")
+    assert select_controllers(machine) == reading
+    assert "lag_compensated" not in reading
+    assert select_controllers(blind) == tuple(
+        name for name in REGISTERED_CONTROLLERS if name not in reading
+    )
     assert default_controller(machine) == "coordinated"
     assert default_controller(blind) == "lag_compensated"
     for name in REGISTERED_CONTROLLERS:

@@ -15,7 +15,12 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
-from mhsb_control import default_controller, get_controller_class, load_machine
+from mhsb_control import (
+    REGISTERED_CONTROLLERS,
+    default_controller,
+    get_controller_class,
+    load_machine,
+)
 from mhsb_model import command_line
 from mhsb_model.command_line import JsonFlag, OptionalFile, Seed
 from mhsb_model.files.output_folders import make_output_folder
@@ -79,12 +84,11 @@ class MethodArguments:
     """Options for planner and servo.
 
     Attributes:
-        planner: Method that chooses postures and path, as in `mhsb plan`: table, fixed or
-            integrated; integrated, as in the node, when left out.
+        planner: Method that chooses postures and path, as in `mhsb plan`; integrated, as in the
+            node, when left out.
         trajectory: How trajectories are made: polynomial or followed; followed for the integrated
             planner, polynomial for the others when left out.
-        controller: Servo controller: coordinated or independent, or lag_compensated for machines
-            without pressure sensors; the first of them that suits the machine when left out.
+        controller: Name of the servo controller; the first that suits the machine when left out.
         seed: Seed of the sensor noise.
         estimates_file: File (YAML) of what the lag_compensated servo has learnt: read at the start
             if it exists, written at the end.
@@ -92,7 +96,13 @@ class MethodArguments:
 
     planner: PlannerKind = DEFAULT_PLANNER
     trajectory: TrajectoryKind | None = None
-    controller: str | None = None
+    controller: Annotated[
+        str | None,
+        tyro.conf.arg(
+            help=f"Servo controller, one of {', '.join(REGISTERED_CONTROLLERS)}; the first of them "
+            "that suits the machine's sensors when left out."
+        ),
+    ] = None
     seed: Seed = 0
     estimates_file: OptionalFile = None
 

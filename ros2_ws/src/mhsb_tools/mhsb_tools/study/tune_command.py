@@ -60,14 +60,15 @@ def tune_servo(
     dry_run: bool = False,
     json_: JsonFlag = False,
 ) -> None:
-    """Tune the gains of both servo controllers with equal effort, and write them into the file.
+    """Tune the gains of the servo controllers with equal effort; write them into the machine file.
 
     The cost of a run is tip error RMS [mm] + supply overshoot [MPa], and 10 more for an opened
     relief valve, and for a fall. Minimised is the sum of two parts: the 90 % quantile over draws of
     plants that differ from the file, and the mean over the study's training scenarios on the exact
-    machine. Gains with which the arm would oscillate with growing amplitude in some posture are
-    excluded. If no trial is better, the file's own gains are kept. Run it again whenever linkages,
-    masses, cylinders or pumps of a machine change. Equal arguments give equal gains.
+    machine. Gains of the cascade (coordinated, independent) with which the arm would oscillate with
+    growing amplitude in some posture are excluded. If no trial is better, the file's own gains are
+    kept. Run it again whenever linkages, masses, cylinders or pumps of a machine change. Equal
+    arguments give equal gains.
 
     Args:
         machine: Machine file (YAML) to tune and to change; the suite's own arm when left out.

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from mhsb_control import REGISTERED_CONTROLLERS, read_gains
+from mhsb_control.cascade import CascadeGains
 from mhsb_control.natural_frequency import find_joint_frequency_ranges
 from mhsb_control.stability import SLOWEST_DECAY, compute_slowest_decay
 from mhsb_model.errors import MhsbError
@@ -221,7 +222,8 @@ def _cost_of_run(rms_mm: float, overshoot_mpa: float, relief: bool, fell: bool) 
 def is_stable(machine: Machine, payloads: set[float], controller: str, gains: Gains) -> bool:
     """Return whether oscillations of the controlled arm decay fast enough under every payload.
 
-    The linear model of the controlled arm is examined in several postures. In each, the slowest
+    Only gains of the cascade are examined, for whose control loop there is a linear model. The
+    linear model of the controlled arm is examined in several postures. In each, the slowest
     decay rate must be above the same threshold for every payload. This threshold is `SLOWEST_DECAY`
     times the lowest natural frequency of `machine` with its own payload, over all joints and
     postures.
@@ -233,13 +235,15 @@ def is_stable(machine: Machine, payloads: set[float], controller: str, gains: Ga
         gains: Value by name of the gain.
 
     Returns:
-        True if the decay is fast enough for all payloads.
+        True if the decay is fast enough for all payloads, or if the gains are not of the cascade.
 
     Raises:
         UnknownControllerError: No controller has this name.
         MachineFileError: A gain is out of its range.
     """
     own = read_gains(with_gains(machine, controller, gains), controller)
+    if not isinstance(own, CascadeGains):
+        return True
     least = SLOWEST_DECAY * float(find_joint_frequency_ranges(machine)[0].min())
     return all(compute_slowest_decay(machine, own, payload) > least for payload in payloads)
 

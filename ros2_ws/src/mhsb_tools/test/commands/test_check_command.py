@@ -155,3 +155,13 @@ def test_it_names_the_controllers_that_suit_the_sensors(machine, run):
     code, output, errors = run("excavator_1to14")
     assert code == 0, errors
     assert "controllers that suit its length sensors alone: lag_compensated\n" in output
+
+
+def test_a_valve_of_no_kind_and_a_wrong_key_of_a_valve_are_refused(tmp_path, machine, run):
+    own = machine.with_values({"circuit.valves": {"fuse": {}, "piston_seal": {"leakage": 1e-9}}})
+    file = tmp_path / "own.yaml"
+    file.write_text(json.dumps(own.config.model_dump(mode="json")))
+    code, _, errors = run(str(file))
+    assert code == 1
+    assert "circuit.valves.fuse: no such kind of valve" in errors
+    assert "circuit.valves.piston_seal.leakage" in errors

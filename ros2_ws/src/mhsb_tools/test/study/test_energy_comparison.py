@@ -7,8 +7,14 @@ import pytest
 
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.motion.energy import motion_energy
+from mhsb_sim.circuit.valves.registry import VALVE_KINDS
 from mhsb_sim.simulation.simulator import Simulator
-from mhsb_tools.study.energy_comparison import as_text, energy_elements, sum_parts
+from mhsb_tools.study.energy_comparison import (
+    OTHER_LOSSES,
+    as_text,
+    energy_elements,
+    sum_parts,
+)
 
 LOW, HIGH = np.array([-0.1, -0.3, -0.4]), np.array([0.2, -0.2, -0.4])
 
@@ -59,3 +65,7 @@ def test_runs_add_up_and_are_printed(elements):
     lines = as_text(elements)
     assert len(lines) == len(elements) + 2
     assert "leakage" in lines[6]
+
+
+def test_the_loss_of_every_kind_of_valve_is_among_the_other_valves():
+    assert {kind.name for kind in VALVE_KINDS} <= set(OTHER_LOSSES)
