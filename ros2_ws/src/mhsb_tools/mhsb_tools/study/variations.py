@@ -210,20 +210,27 @@ def scale_values(machine: Machine, factors: Mapping[str, float], variations: Var
 
 
 def _number(machine: Machine, key: str) -> float:
-    """Return a number in the machine file by its path.
+    """Return a number of the machine by its path in the machine file.
 
     Args:
         machine: The machine.
         key: Path of the value, such as `circuit.bulk_modulus`.
 
     Returns:
-        The value in the file's unit.
+        The value in the file's unit; the default if the file leaves the key out.
 
     Raises:
         ValuePathError: There is no such value.
         VariationError: The value is not a number.
     """
-    number = machine.value(key)
+    try:
+        number = machine.value(key)
+    except ValuePathError:
+        number = machine.config
+        for part in key.split("."):
+            if part not in getattr(type(number), "model_fields", ()):
+                raise
+            number = getattr(number, part)
     if isinstance(number, bool) or not isinstance(number, int | float):
         raise VariationError(f"{key} is no number, so it cannot be multiplied by a factor")
     return float(number)

@@ -59,11 +59,12 @@ def test_draws_fill_their_ranges_evenly_and_independently(machine: Machine) -> N
 
 
 def test_a_factor_goes_by_a_variations_name_or_by_a_path(machine: Machine) -> None:
-    factors = {"friction": 2.0, "joints.0.link.mass": 1.1}
+    factors = {"friction": 2.0, "joints.0.link.mass": 1.1, "circuit.land_length": 1.2}
     plant = scale_values(machine, factors, load_variations(machine))
     oil = machine.config.circuit
     assert plant.config.circuit.coulomb_friction == 2.0 * oil.coulomb_friction
     assert plant.config.circuit.viscous_friction == 2.0 * oil.viscous_friction
+    assert plant.config.circuit.land_length == pytest.approx(1.2 * 0.05)  # not in the file
     assert plant.arrays.link_mass[0] == pytest.approx(1.1 * machine.arrays.link_mass[0])
     assert plant.arrays.link_mass[1] == machine.arrays.link_mass[1]
 
@@ -90,6 +91,8 @@ def test_a_factor_on_what_is_common_is_one_on_what_actuators_have_in_its_place(
     [
         ({"weight": 2.0}, "weight: there is no 'weight'; valid are schema_version"),
         ({"circuit.softness": 2.0}, "there is no 'softness'; valid are bulk_modulus"),
+        ({"circuit.free_air": 2.0}, "circuit.free_air is 0, whatever the factor 2"),
+        ({"circuit.valves.piston_seal": 2.0}, "there is no 'valves'"),
         ({"overlap": 2.0}, "imperfections.valve_overlap is 0, whatever the factor 2"),
         ({"name": 2.0}, "name is no number"),
         ({"payload": -1.0}, "payload.mass: must be at least 0 kg"),
