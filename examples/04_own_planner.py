@@ -45,7 +45,8 @@ class StraightPlanner:
             raise NoPathError(tip, task.goal)
 
     def warm_up(self, graph):
-        """Compile nothing, since the planner has no kernels of its own."""
+        """Call the kernels of `paths`, except those of steps, which are called for all planners."""
+        sample_goal_postures(graph.machine, *graph.machine.tip_position(graph.layout.posture[0]))
 
 
 REGISTERED_PLANNERS[StraightPlanner.name] = StraightPlanner()
