@@ -5,12 +5,13 @@ is F = p_A A − p_B a [N], positive in extension.
 
     F_ff  = (M q̈ + C q̇ + g)/r + friction(v_ref) + d     feedforward
     F_ref = F_ff + (k_p k_h/ω_F) e                         position loop
-    u     = v_ref(t + T) + w + ω_F (F_ref − F)/k_h         force loop, limited at rest
+    u     = v_ff + w + ω_F (F_ref − F)/k_h                 force loop, limited at rest
+    v_ff  = v_ref(t + T) + Ḟ_m(t + T)/k_h                  piston and oil, T known
     ẇ     = k_i e                                          integral, for unmodelled flows
     τ ḋ   = F − F_ff                                       force bias, for unmodelled forces
 
-T is the time until a command acts, 0 if the controller does not estimate it [s].
-u is the demanded piston speed [m/s]; the valve flows are to produce it. The stiffness of the oil is
+T is the time until a command acts [s], and F_m = (M q̈ + C q̇ + g)/r. A controller that does not
+know T has v_ff = v_ref(t). u is the demanded piston speed [m/s]; the valve flows are to produce it. The stiffness of the oil is
 k_h = β (A²/V_A + a²/V_B) [N/m], so that dF/dt = k_h (u − v). The bias d follows unmodelled forces
 with the time constant τ. The force loop therefore damps oscillations and does not yield to an
 unmodelled load.
@@ -149,8 +150,6 @@ class SharedGains(Record):
     """Lag of a spool behind its command [s]."""
     reaction_time: float
     """Time T from a measurement to its effect on the valve opening [s]."""
-    reference_spacing: float
-    """Time between two points of the reference [s]."""
     supply_margin: float
     """Boost margin of the plan plus that of the servo [Pa]."""
     inertia_margin: float
@@ -236,14 +235,18 @@ class ControlAxis(Record):
     """Piston speed in the present reference [m/s]."""
     speed_to_command: float
     """Piston speed of the reference at the time when a command sent now acts [m/s]."""
+    force_to_command: float
+    """Force of the reference at that time, without friction [N]; NaN before the first step."""
+    holding_force_to_command: float
+    """Force that a closed valve would have to carry at that time [N]."""
+    force_rate: float
+    """Rate of change of `force_to_command` [N/s]."""
     speed_to_cross: float
-    """Piston speed of the reference when a spool that starts now has crossed its overlap [m/s]."""
+    """Piston speed of the reference when a spool that starts then has crossed its overlap [m/s]."""
     max_speed_at_rest: float
     """Largest |u| at rest [m/s]; inf while the reference moves."""
     force: float
     """Torque of the present reference over its moment arm, without friction [N]."""
-    holding_force: float
-    """Force that a closed valve would have to carry now [N]."""
     speed_ahead: float
     """Piston speed at point PREVIEW_POINT of the reference [m/s]."""
     force_ahead: float
@@ -281,7 +284,7 @@ class ControlAxis(Record):
     demand: float
     """Demanded piston speed u [m/s]."""
     supply_target: float
-    """Line pressure to be kept in boost [Pa]."""
+    """Line pressure to be kept in boost when a command acts [Pa]."""
     target_ahead: float
     """Line pressure needed at point PREVIEW_POINT [Pa]."""
     leakage: float
@@ -302,6 +305,9 @@ class ServoArguments(NamedTuple):
 
     reference: FloatArray  # [points, 3, n] q, q̇, q̈; point 0 is now
     sensors: Records[ActuatorReadings]  # [n]
+    # [2, 3, n] q, q̇, q̈ when a command acts, and when a spool has crossed its overlap
+    command_reference: FloatArray
+    command_times: FloatArray  # [2] s, times from now to these two
     rail_pressure: FloatArray  # [1] Pa, measured
     modes: ModeArray  # [n] prepared modes
     modes_ahead: ModeArray  # [n] modes in force at point PREVIEW_POINT
@@ -402,7 +408,7 @@ def build_axis_records(
         settings.min_bias_time_ratio * axes["force_bandwidth"] / frequency**2,
     )
     axes["radian_equivalent"] = machine.radian_equivalents
-    axes["bias"] = np.nan
+    axes["bias"] = axes["force_to_command"] = np.nan
     axes["deliverable_speed"] = np.inf
     axes["friction_share"] = 1.0
     return axes
@@ -436,6 +442,8 @@ def build_servo_arguments(
     circuit = signals.circuit
     return ServoArguments(
         reference=signals.reference,
+        command_reference=signals.command_reference,
+        command_times=signals.command_times,
         sensors=signals.sensors,
         rail_pressure=signals.rail_pressure,
         modes=signals.modes,
@@ -514,6 +522,7 @@ def compute_piston_demands(s: ServoArguments) -> None:
     for j in range(len(axes)):
         axis = axes[j]
         known_anew = load.weight[j] / axis.arm * (load.estimate[0] - payload)
+        axis.force_to_command += known_anew
         known_anew += (load.estimate[1 + j] - axis.friction_share) * axis.friction
         axis.bias -= known_anew
         axis.friction_share = load.estimate[1 + j]
@@ -521,7 +530,7 @@ def compute_piston_demands(s: ServoArguments) -> None:
 
 @kernel(inline="always")
 def compute_reference_forces(s: ServoArguments, payload: float) -> None:
-    """Compute lengths, piston speeds and forces of the reference, now and at the preview point.
+    """Compute lengths, piston speeds and forces of the reference, now and ahead.
 
     The force is the torque of inverse dynamics over the moment arm, without friction. The force
     that a closed valve would have to hold is that of gravity, or the whole force if the whole force
@@ -529,71 +538,47 @@ def compute_reference_forces(s: ServoArguments, payload: float) -> None:
     reference has no speed now and at the preview point. Otherwise it is inf.
 
     Args:
-        s: Signals, circuit, axes and estimates of the servo. Reads `reference`, `chain` and
-            `linkage`. Writes fields of `axes` in place: length, arm, speed, max_speed_at_rest,
-            force, holding_force, speed_ahead, force_ahead, holding_force_ahead, arm_ahead and
-            arm_slope_ahead. Overwrites `scratch`; rows MOTION_WORK and MOTION_WORK + 1 then hold
-            the torques and the gravity torques of the present reference [N m or N].
+        s: Signals, circuit, axes and estimates of the servo. Reads `reference`,
+            `command_reference`, `chain` and `linkage`. Writes fields of `axes` in place:
+            speed_to_command, force_to_command, holding_force_to_command, force_rate and
+            speed_to_cross; speed_ahead, force_ahead, holding_force_ahead, arm_ahead and
+            arm_slope_ahead; length, arm, speed, max_speed_at_rest and force. Overwrites `scratch`;
+            rows MOTION_WORK and MOTION_WORK + 1 then hold the torques and the gravity torques of
+            the present reference [N m or N].
         payload: Payload for the dynamics [kg].
     """
     axes, chain = s.axes, replace_payload(s.chain, payload)
     torque, weight = s.scratch[MOTION_WORK], s.scratch[MOTION_WORK + 1]
-    rest_speed = s.gains[0].settings.rest_speed
-    for k in (PREVIEW_POINT, 0):
-        q, qd, qdd = s.reference[k, 0], s.reference[k, 1], s.reference[k, 2]
-        compute_motion_torques(chain, q, qd, qdd, s.scratch, weight, torque)
+    rest_speed, to_cross = s.gains[0].settings.rest_speed, s.command_reference[1]
+    for k in range(3):
+        state = s.reference[0]
+        if k == 0:
+            state = s.command_reference[0]
+        elif k == 1:
+            state = s.reference[PREVIEW_POINT]
+        q, qd = state[0], state[1]
+        compute_motion_torques(chain, q, qd, state[2], s.scratch, weight, torque)
         for j in range(len(axes)):
             axis = axes[j]
             length, arm, slope = evaluate_linkage(s.linkage[j], q[j])
-            held = weight[j] if abs(weight[j]) < abs(torque[j]) else torque[j]
-            if k == PREVIEW_POINT:
-                axis.speed_ahead = arm * qd[j]
-                axis.force_ahead = torque[j] / arm
-                axis.holding_force_ahead = held / arm
+            speed, force = arm * qd[j], torque[j] / arm
+            held = (weight[j] if abs(weight[j]) < abs(torque[j]) else torque[j]) / arm
+            if k == 0:
+                rise = force - axis.force_to_command
+                axis.force_rate = 0.0 if math.isnan(rise) else rise / s.gains[0].step
+                axis.speed_to_command, axis.force_to_command = speed, force
+                axis.holding_force_to_command = held
+                _, arm, _ = evaluate_linkage(s.linkage[j], to_cross[0, j])
+                axis.speed_to_cross = arm * to_cross[1, j]
+            elif k == 1:
+                axis.speed_ahead, axis.force_ahead, axis.holding_force_ahead = speed, force, held
                 axis.arm_ahead, axis.arm_slope_ahead = arm, slope
             else:
-                axis.length, axis.arm = length, arm
-                axis.speed = arm * qd[j]
-                late = s.gains[0].reaction_time
-                crossing = s.gains[0].settings.crossing_lags * s.gains[0].valve_lag
-                axis.speed_to_command = predict_reference_speed(s, j, late)
-                axis.speed_to_cross = predict_reference_speed(s, j, late + crossing)
-                rests = qd[j] == 0.0 and axis.speed_ahead == 0.0
+                axis.length, axis.arm, axis.speed, axis.force = length, arm, speed, force
+                rests = speed == 0.0 and axis.speed_ahead == 0.0
                 axis.max_speed_at_rest = (
                     rest_speed * abs(arm) * axis.radian_equivalent if rests else math.inf
                 )
-                axis.force = torque[j] / arm
-                axis.holding_force = held / arm
-
-
-@kernel(inline="always")
-def predict_reference_speed(s: ServoArguments, j: int, ahead: float) -> float:
-    """Compute the piston speed of the reference some time ahead.
-
-    The joint speed is a cubic between the reference's points, by their speeds and accelerations.
-    The moment arm is linear in the joint position about point PREVIEW_POINT.
-
-    Args:
-        s: Signals, circuit, axes and estimates of the servo.
-        j: Index of the cylinder.
-        ahead: Time from now [s]; later than the last point, the speed is that of the last point.
-
-    Returns:
-        Piston speed [m/s]; that of the present if commands act at once.
-    """
-    axis, reference, gains = s.axes[j], s.reference, s.gains[0]
-    if gains.reaction_time <= 0.0:
-        return axis.speed
-    position = ahead / gains.reference_spacing
-    k = min(int(position), len(reference) - 2)
-    share, spacing = min(position - k, 1.0), gains.reference_spacing
-    before, after = reference[k, 1, j], reference[k + 1, 1, j]
-    left, right = spacing * reference[k, 2, j], spacing * reference[k + 1, 2, j]
-    rise, rest = after - before, 1.0 - share
-    speed = before + share * share * (3.0 - 2.0 * share) * rise
-    speed += share * rest * (rest * left - share * right)
-    way = reference[0, 0, j] - reference[PREVIEW_POINT, 0, j] + ahead * speed
-    return (axis.arm_ahead + axis.arm_slope_ahead * way) * speed
 
 
 @kernel(inline="always")
@@ -629,9 +614,11 @@ def demand_speed(
 ) -> None:
     """Compute the demanded piston speed u of one axis by the position and the force loop.
 
-        u = v_ref(t + T) + w + ω_F (F_ref − F)/k_h,    F_ref = F_known + d + (k_p k_h/ω_F) e
+        u = v_ref(t + T) + Ḟ_m(t + T)/k_h + w + ω_F (F_ref − F)/k_h
+        F_ref = F_known + d + (k_p k_h/ω_F) e
 
-    ω_F is the bandwidth of the force loop [1/s], k_h the stiffness of the oil [N/m], k_p the gain
+    F_m is the force of the reference without friction. Its rate Ḟ_m compresses the oil; the term is
+    0 for a controller that does not know T. ω_F is the bandwidth of the force loop [1/s], k_h the stiffness of the oil [N/m], k_p the gain
     of the position loop [1/s], and T the time until a command acts [s]. |u| is limited to
     `deliverable_speed`, which the pumps can supply, and while the reference rests also to
     `max_speed_at_rest`. The integral w stays constant while the valve is saturated (anti-windup).
@@ -656,6 +643,8 @@ def demand_speed(
         w = axis.integral + axis.integral_gain * error * gains.step
         axis.integral = min(max(w, -axis.integral_limit), axis.integral_limit)
     demand = axis.speed_to_command + pull * (force_reference - force) + axis.integral
+    if gains.reaction_time > 0.0:
+        demand += axis.force_rate / axis.stiffness
     most = min(axis.max_speed_at_rest, axis.deliverable_speed)
     axis.demand = min(max(demand, -most), most)
 
@@ -712,11 +701,12 @@ def set_supply_targets(
     constants: Records[CircuitConstants],
     gains: Records[SharedGains],
 ) -> None:
-    """Compute the supply pressures that an actuator needs now and at the preview point.
+    """Compute the supply pressures that an actuator needs at two times.
 
-    `compute_supply_need` gives both pressures, with the bias d added to all forces. The present
-    target is at least the target ahead, so that the line is charged in time. If the piston
-    reverses before the preview point, the present target also covers the whole force at standstill.
+    The first one is the time at which a command acts that is sent now, the second one the preview
+    point. `compute_supply_need` gives both pressures, with the bias d added to all forces. The
+    first target is at least the target ahead, so that the line is charged in time. If the piston
+    reverses before the preview point, the first target also covers the whole force at standstill.
     The pump takes over that force when the motion turns.
 
     Args:
@@ -727,14 +717,10 @@ def set_supply_targets(
         gains: Quantities that all axes share, SharedGains[1].
     """
     d = axis.bias
-    now = compute_supply_need(
-        axis.holding_force + d, axis.force + d, axis.speed, cylinder, constants, gains
-    )
+    held, force = axis.holding_force_to_command + d, axis.force_to_command + d
+    now = compute_supply_need(held, force, axis.speed_to_command, cylinder, constants, gains)
     if axis.speed * axis.speed_ahead < 0.0:
-        now = max(
-            now,
-            compute_supply_need(axis.force + d, axis.force + d, 0.0, cylinder, constants, gains),
-        )
+        now = max(now, compute_supply_need(force, force, 0.0, cylinder, constants, gains))
     axis.target_ahead = compute_supply_need(
         axis.holding_force_ahead + d,
         axis.force_ahead + d,

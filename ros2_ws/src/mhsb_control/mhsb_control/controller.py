@@ -44,6 +44,10 @@ class ServoSignals:
         reference: Joint positions q [rad or m], velocities q̇ and accelerations q̈,
             float64[REFERENCE_POINTS, 3, n]. The points are evenly spaced in time. Point 0 is now;
             point `PREVIEW_POINT` of `mhsb_control.reference` is the controller's `preview` later.
+        command_reference: q, q̇ and q̈ of the reference when a command sent now acts, and when a
+            spool that starts then has crossed its overlap, float64[2, 3, n].
+        command_times: Times from now to these two states, float64[2], [s]; 0 if commands act at
+            once. The controller writes them.
         sensors: Measured cylinder lengths and pressures, ActuatorReadings[n].
         rail_pressure: Measured pressure of the shared rail, float64[1], [Pa].
         modes: Prepared modes, uint8[n]: the mode in force of each actuator, or already the boosted
@@ -59,6 +63,8 @@ class ServoSignals:
     """
 
     reference: FloatArray
+    command_reference: FloatArray
+    command_times: FloatArray
     sensors: Records[ActuatorReadings]
     rail_pressure: FloatArray
     modes: ModeArray
@@ -91,6 +97,8 @@ class ServoSignals:
         sensors["rod_pressure"] = cap * (supply + tank) / (cap + rod)
         return cls(
             reference=np.zeros((REFERENCE_POINTS, 3, actuators)),
+            command_reference=np.zeros((2, 3, actuators)),
+            command_times=np.zeros(2),
             sensors=sensors,
             rail_pressure=np.full(1, supply),
             modes=modes.copy(),

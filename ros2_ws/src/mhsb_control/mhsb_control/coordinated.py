@@ -33,7 +33,6 @@ from mhsb_control.controller import ActuatorReadings, ServoSignals
 from mhsb_control.delay_line import describe_uncompensated_delay
 from mhsb_control.estimates import collect_estimates
 from mhsb_control.line_estimate import update_line_estimates
-from mhsb_control.reference import PREVIEW_POINT
 from mhsb_control.servo_pumps import (
     PumpGains,
     PumpSettings,
@@ -180,7 +179,6 @@ class CoordinatedController:
         cascade = build_servo_arguments(
             machine, signals, gains, estimates_load=True, settings=settings.cascade
         )
-        cascade.gains["reference_spacing"] = gains.preview / PREVIEW_POINT
         cascade.axes["joined"] = signals.circuit.actuators["join"]
         cascade.axes["supply_target"] = signals.sensors["line_pressure"]
         pumps = build_pump_state(machine, signals, gains, settings.pumps)
@@ -274,12 +272,14 @@ def limit_gains_by_delay(s: ServoArguments, p: PumpState, settings: Coordination
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `reaction_time` [s] of `gains`,
-            and `force_bandwidth`, `position_gain` and `integral_gain` of all axes, in place.
+            `command_times` [s], and `force_bandwidth`, `position_gain` and `integral_gain` of all axes, in place.
         p: State of the pumps with the estimates of delay and compressibility.
         settings: Tuned numbers of the controller itself.
     """
     drives, gains = p.drives.record[0], s.gains[0]
     gains.reaction_time = gains.step + gains.valve_lag + drives.delay * drives.step
+    crossing = gains.settings.crossing_lags * gains.valve_lag
+    s.command_times[0], s.command_times[1] = gains.reaction_time, gains.reaction_time + crossing
     compressibility = min(p.lines.estimate[0], 1.0)
     ratio = gains.settings.max_position_gain_ratio
     for j in range(len(s.axes)):
@@ -401,8 +401,8 @@ def compute_valve_command(
     The opening x = u/G makes dF/dt = k_h (u − v) with the flows over both metering edges. u is the
     demanded piston speed and v the actual one [m/s]. The speed G per opening, by
     `compute_speed_gain`, is that at the measured pressures, moved with the stiffness of each
-    chamber to the force F + w (F_ff − F). F_ff is the feedforward, and w the share of
-    `compute_feedforward_share`. `compute_opening` corrects for the estimated gain and overlap.
+    chamber to the force F + ΔF + w (F_ff − F). F_ff is the feedforward, ΔF its change until the
+    command acts, and w the share of `compute_feedforward_share`. `compute_opening` corrects for the estimated gain and overlap.
 
     The valve stays shut if the line pressure is below the load pressure p_L of the measured force.
     An open valve would let the load sink. From p_L on, the command rises to its full value over the
@@ -436,7 +436,8 @@ def compute_valve_command(
     gain = valve.speed_gain
     axis.flow_damping = min(abs(axis.demand) / gain, 1.0) * decay
     share = compute_feedforward_share(axis, reaction_time)
-    away = share * (axis.feedforward - force) / axis.stiffness
+    away = share * (axis.feedforward - force) + axis.force_to_command - axis.force
+    away /= axis.stiffness
     pressures = (
         sensor.line_pressure,
         sensor.cap_pressure + cap * axis.cap_stiffness * away,

@@ -74,15 +74,15 @@ class LineSettings(Record):
 
     30 % smaller and larger, N = 5: RMS error −2.1 and −9.3 % (mhsb_arm3), −5.5 and −7.7 %
     (excavator; overshoot −2.63 and −3.53 MPa)."""
-    flow_deviation: float = 1.5e-7
-    """Standard deviation of flow that is not in a balance [m³/s], above 0 … 1e-3.
+    flow_deviation: float = 0.0185
+    """Standard deviation of flow that is not in a balance, in a servo pump's flow, above 0 … 1.
 
-    Origin: chosen; 4 % of a servo pump's flow of the suite's own arm.
+    Origin: chosen on the suite's own arm.
 
     30 % smaller and larger, N = 5: RMS error +2.4 and −15.2 % (mhsb_arm3; overshoot −0.07 and
     +0.05 MPa), −5.6 and −0.3 % (excavator; overshoot −2.33 and −0.57 MPa)."""
-    volume_deviation: float = 3e-9
-    """Standard deviation of a window's stroke of a moving piston [m³], 0 … 1e-3.
+    volume_deviation: float = 3.7e-4
+    """Standard deviation of a window's stroke of a moving piston, in a servo pump's flow [s], 0 … 1.
 
     Origin: 6 µm of stroke at the piston area of 491 mm² of the suite's own arm.
 
@@ -272,11 +272,10 @@ def update_line_estimates(s: ServoArguments, lines: LineEstimates, settings: Lin
         fed_too = 0 if pressure > c.supply_pressure + settings.check_valve_margin else 1
         own, row = lines.balances[g], lines.row[g]
         if accumulate_balance(lines, g, members, fed_too, flow, step, settings.window_steps):
-            spread = (
-                (settings.flow_deviation * settings.window_steps * step) ** 2
-                + own.moving * settings.volume_deviation**2
-                + (settings.compression_deviation * row[0]) ** 2
-            )
+            spread = (settings.flow_deviation * settings.window_steps * step) ** 2
+            spread += own.moving * settings.volume_deviation**2
+            spread *= c.servo_pump_flow**2
+            spread += (settings.compression_deviation * row[0]) ** 2
             oil = own.supplied - own.moved
             if fed_too == 0 or (own.moving == 0.0 and oil > np.dot(row, lines.estimate)):
                 update_line_filter(lines, row, oil, spread, settings)

@@ -33,11 +33,15 @@ class EvaluatedReference(NamedTuple):
         mode_rows: Rows of the mode schedule now and at point `PREVIEW_POINT`, int64[2]; row 0
             before the first time.
         full_speed_velocity: Present velocity without speed scaling, float64[n], [rad/s or m/s].
+        command_values: States like `values` at `command_times`, float64[k, 3, n].
+        command_times: Times from now at full speed, float64[k], [s]. They are only read.
     """
 
     values: FloatArray
     mode_rows: IntArray
     full_speed_velocity: FloatArray
+    command_values: FloatArray
+    command_times: FloatArray
 
 
 class ReferencePreview:
@@ -58,15 +62,27 @@ class ReferencePreview:
     trajectory: Trajectory
     schedule: ModeSchedule
 
-    def __init__(self, values: FloatArray, preview: float) -> None:
+    def __init__(
+        self,
+        values: FloatArray,
+        preview: float,
+        command_values: FloatArray | None = None,
+        command_times: FloatArray | None = None,
+    ) -> None:
         """Prepare the reference; call `follow` before the first `update`.
 
         Args:
             values: Array that `update` writes in place, float64[points, 3, n]: positions,
                 velocities and accelerations of n joints at even times from now on.
             preview: Time from now to point `PREVIEW_POINT` [s].
+            command_values: Array that `update` writes in place as `values`, float64[k, 3, n], but
+                at the times `command_times`; None for none.
+            command_times: Times from now, float64[k], [s], read at every `update`; None for none.
         """
         self._values = values
+        count = values.shape[2]
+        self._command_values = np.zeros((0, 3, count)) if command_values is None else command_values
+        self._command_times = np.zeros(0) if command_times is None else command_times
         self._spacing_ns = round(preview / PREVIEW_POINT * SECOND_NS)
         self._rows: IntArray = np.zeros(2, dtype=np.int64)
         self.speed_scaling = build_full_speed_scaling()
@@ -92,7 +108,13 @@ class ReferencePreview:
             trajectory.offset_ns,
             trajectory.points,
             schedule.offset_ns,
-            EvaluatedReference(self._values, self._rows, self.full_speed_velocity),
+            EvaluatedReference(
+                self._values,
+                self._rows,
+                self.full_speed_velocity,
+                self._command_values,
+                self._command_times,
+            ),
             self.speed_scaling,
             integer_count=2,
         )
@@ -205,26 +227,25 @@ def evaluate_reference(
     rests.
 
     At the rate s of the speed scaling, velocities are multiplied by s and accelerations by s². The
-    present acceleration also gets ds/dt times the velocity at full speed. On the trajectory, the
-    reference points are s times `spacing_ns` apart. Test oracle: `Trajectory.sample`.
+    present acceleration and those at `command_times` also get ds/dt times the velocity at full
+    speed. On the trajectory, times are s times shorter. Test oracle: `Trajectory.sample`.
 
     Args:
         offset_ns: Times of the trajectory's points after its stamp, int64[k], [ns].
         points: Motion of the joints at these points.
         mode_offset_ns: Times after the stamp from which each row of the mode schedule applies,
             int64[rows], [ns].
-        reference: States of the reference points, rows of the mode schedule now and at point
-            PREVIEW_POINT, and present velocity at full speed. All are written in place.
+        reference: States of the reference points and at the command times, rows of the mode
+            schedule now and at point PREVIEW_POINT, and present velocity at full speed. All are
+            written in place.
         speed_scaling: State of the speed scaling, SpeedScaling[1]. Reads rate and delay. Writes
             `rests` in place: 1 if the trajectory has ended, else 0.
         spacing_ns: Time between two reference points at full speed [ns].
         since_ns: Present time after the stamp [ns]; the delay is subtracted here.
     """
-    position, velocity, acceleration = points
-    values, rows, full_speed_velocity = reference
-    last = len(offset_ns) - 1
+    values, rows, full_speed_velocity, command_values, command_times = reference
     since_ns -= int(np.rint(speed_scaling[0].delay))
-    speed_scaling[0].rests = 1.0 if since_ns > offset_ns[last] else 0.0
+    speed_scaling[0].rests = 1.0 if since_ns > offset_ns[-1] else 0.0
     rate, change = speed_scaling[0].rate, speed_scaling[0].change
     if rate != 1.0:
         spacing_ns = int(rate * spacing_ns)
@@ -233,24 +254,60 @@ def evaluate_reference(
         rows[k] = max(0, int(np.searchsorted(mode_offset_ns, time, "right")) - 1)
     for k in range(len(values)):
         time = since_ns + k * spacing_ns
-        out = values[k]
-        if time > offset_ns[last] or last == 0:
-            for j in range(position.shape[1]):
-                out[0, j], out[1, j], out[2, j] = position[last, j], 0.0, 0.0
-                if k == 0:
-                    full_speed_velocity[j] = 0.0
-            continue
-        time = max(time, 0)
-        i = min(int(np.searchsorted(offset_ns, time, "right")) - 1, last - 1)
-        h = (offset_ns[i + 1] - offset_ns[i]) / SECOND_NS
-        s = (time - offset_ns[i]) / SECOND_NS
+        evaluate_trajectory(offset_ns, points, time, values[k])
+        if k == 0:
+            for j in range(len(full_speed_velocity)):
+                full_speed_velocity[j] = values[0, 1, j]
+        scale_speed(values[k], rate, change if k == 0 else 0.0)
+    for k in range(len(command_times)):
+        time = since_ns + int(rate * command_times[k] * SECOND_NS)
+        evaluate_trajectory(offset_ns, points, time, command_values[k])
+        scale_speed(command_values[k], rate, change)
+
+
+@kernel(borrows=True)
+def evaluate_trajectory(
+    offset_ns: IntArray, points: JointMotion, time_ns: int, state: FloatArray
+) -> None:
+    """Evaluate a trajectory at full speed by quintic polynomials between its points.
+
+    Args:
+        offset_ns: Times of the trajectory's points after its stamp, int64[k], [ns].
+        points: Motion of the joints at these points.
+        time_ns: Time after the stamp [ns].
+        state: Position, velocity and acceleration, float64[3, n]. Written in place.
+    """
+    position, velocity, acceleration = points
+    last = len(offset_ns) - 1
+    if time_ns > offset_ns[last] or last == 0:
         for j in range(position.shape[1]):
-            start = (position[i, j], velocity[i, j], acceleration[i, j])
-            end = (position[i + 1, j], velocity[i + 1, j], acceleration[i + 1, j])
-            out[0, j], out[1, j], out[2, j] = quintic_hermite(s, h, start, end)
-            if k == 0:
-                full_speed_velocity[j] = out[1, j]
-            if rate != 1.0 or change != 0.0:
-                slowing = change * out[1, j] if k == 0 else 0.0
-                out[1, j] *= rate
-                out[2, j] = rate * rate * out[2, j] + slowing
+            state[0, j], state[1, j], state[2, j] = position[last, j], 0.0, 0.0
+        return
+    time_ns = max(time_ns, 0)
+    i = min(int(np.searchsorted(offset_ns, time_ns, "right")) - 1, last - 1)
+    h = (offset_ns[i + 1] - offset_ns[i]) / SECOND_NS
+    s = (time_ns - offset_ns[i]) / SECOND_NS
+    for j in range(position.shape[1]):
+        start = (position[i, j], velocity[i, j], acceleration[i, j])
+        end = (position[i + 1, j], velocity[i + 1, j], acceleration[i + 1, j])
+        state[0, j], state[1, j], state[2, j] = quintic_hermite(s, h, start, end)
+
+
+@kernel(borrows=True)
+def scale_speed(state: FloatArray, rate: float, change: float) -> None:
+    """Scale a trajectory's velocity by the rate s of the speed scaling, its acceleration by s².
+
+    The acceleration also gets `change` times the velocity at full speed.
+
+    Args:
+        state: Position, velocity and acceleration, float64[3, n]. The last two are written in
+            place.
+        rate: Rate s.
+        change: Rate of change ds/dt [1/s].
+    """
+    if rate == 1.0 and change == 0.0:
+        return
+    for j in range(state.shape[1]):
+        slowing = change * state[1, j]
+        state[1, j] *= rate
+        state[2, j] = rate * rate * state[2, j] + slowing

@@ -66,7 +66,12 @@ class ServoLoop:
         self._modules = machine.config.hydraulics.modules
         self._make_controller = partial(make_controller, controller, machine, signals)
         self.restart(learnt)
-        self.reference = ReferencePreview(signals.reference, self.controller.preview)
+        self.reference = ReferencePreview(
+            signals.reference,
+            self.controller.preview,
+            signals.command_reference,
+            signals.command_times,
+        )
         self.guard = ModeGuard(machine, signals, self.reference, self.controller.usual_error)
         self._watch = self.guard.watch
 

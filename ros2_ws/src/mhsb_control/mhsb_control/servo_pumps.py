@@ -171,6 +171,7 @@ class PumpState(NamedTuple):
     gains: Records[PumpParameters]  # [1]
     rail_target: FloatArray  # [2] Pa, pressure targets of the rail, now and at the preview point
     rail_before: FloatArray  # [1] Pa, rail pressure before the last line began to leave
+    targets: FloatArray  # [n + 1] Pa, pressure targets of the last step; last: rail
     volume: FloatArray  # [n + 1, REFERENCE_POINTS] m³, see `predict_line_volumes`; last row: rail
     coasting: (
         FloatArray  # [COASTING_SAMPLES + REFERENCE_POINTS − 1] s, see `compute_coasting_limit`
@@ -226,6 +227,7 @@ def build_pump_state(
         gains=own,
         rail_target=np.full(2, signals.rail_pressure[0]),
         rail_before=np.full(1, signals.rail_pressure[0]),
+        targets=np.zeros(n + 1),
         volume=np.zeros((n + 1, REFERENCE_POINTS)),
         coasting=np.zeros(len(points)),
         cautious_coasting=np.zeros(len(points)),
@@ -433,9 +435,10 @@ def compute_pump_demand(
 ) -> float:
     """Compute the flow that a pump is to feed into a line or into the rail.
 
-    It is the drawn flow plus a charging flow k C (p_ref − p). p is the pressure when the command
-    begins to act. k is the gain `pressure_gain`, at most `max_gain_delay` over the delay of
-    commands. Three limits apply:
+    It is the drawn flow plus a charging flow C (k (p_ref − p) + min(ṗ_ref, 0)). p is the pressure
+    when the command begins to act. k is the gain `pressure_gain`, at most `max_gain_delay` over the
+    delay of commands. With a low k the pressure would follow a falling target late. Three limits
+    apply:
 
     - The sum stays below `compute_coasting_limit` by the estimates.
     - The charging flow stays within `p.charging_flow_left`.
@@ -453,8 +456,8 @@ def compute_pump_demand(
         targets: p_ref, target of the pressure at present, and from point PREVIEW_POINT on [Pa].
         capacity: C, capacity of the line with the estimated compressibility [m³/Pa].
         pending: Oil that arrives whatever is commanded now [m³].
-        p: State of the pumps. Reads `volume` and `leakage_uncertainty` of the line. Reduces
-            `charging_flow_left` by the charging flow in place.
+        p: State of the pumps. Reads `volume` and `leakage_uncertainty` of the line. Writes its
+            entry of `targets`, and reduces `charging_flow_left` by the charging flow, in place.
 
     Returns:
         Flow [m³/s], not limited to the pump's range.
@@ -478,6 +481,8 @@ def compute_pump_demand(
     filled = pending - drawn * own.delay * own.step
     gain = min(g.pressure_gain, g.settings.max_gain_delay / max(own.delay * own.step, own.step))
     lacking = gain * (capacity * (target - pressure) - filled)
+    lacking += capacity * min(target - p.targets[line], 0.0) / own.step
+    p.targets[line] = target
     charge = min(lacking, p.charging_flow_left[0])
     least = g.settings.min_charge_share * charge
     if pressure < min(target, g.fed_below):
