@@ -87,7 +87,7 @@ def test_a_load_that_is_about_to_turn_round_is_charged_for_with_its_whole_force(
 ) -> None:
     axis = create_records(ControlAxis, 1)
     axis["holding_force_to_command"] = axis["holding_force_ahead"] = 2000.0
-    axis["force_to_command"] = 3500.0
+    axis["force_to_command"], axis["speed_to_command"] = 3500.0, -0.01
     axis["speed"], axis["speed_ahead"] = -0.01, -0.005
     set_supply_targets(axis[0], *oil)
     held = required_pressure(machine.arrays, 0, 2000.0, 0.0) + MARGIN
