@@ -401,8 +401,8 @@ def compute_valve_command(
     The opening x = u/G makes dF/dt = k_h (u − v) with the flows over both metering edges. u is the
     demanded piston speed and v the actual one [m/s]. The speed G per opening, by
     `compute_speed_gain`, is that at the measured pressures, moved with the stiffness of each
-    chamber to the force F + ΔF + w (F_ff − F). F_ff is the feedforward, ΔF its change until the
-    command acts, and w the share of `compute_feedforward_share`. `compute_opening` corrects for the estimated gain and overlap.
+    chamber to the force F + w (F_ff − F). F_ff is the feedforward, and w the share of
+    `compute_feedforward_share`. `compute_opening` corrects for the estimated gain and overlap.
 
     The valve stays shut if the line pressure is below the load pressure p_L of the measured force.
     An open valve would let the load sink. From p_L on, the command rises to its full value over the
@@ -436,8 +436,7 @@ def compute_valve_command(
     gain = valve.speed_gain
     axis.flow_damping = min(abs(axis.demand) / gain, 1.0) * decay
     share = compute_feedforward_share(axis, reaction_time)
-    away = share * (axis.feedforward - force) + axis.force_to_command - axis.force
-    away /= axis.stiffness
+    away = share * (axis.feedforward - force) / axis.stiffness
     pressures = (
         sensor.line_pressure,
         sensor.cap_pressure + cap * axis.cap_stiffness * away,
