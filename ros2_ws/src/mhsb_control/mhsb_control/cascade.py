@@ -237,10 +237,14 @@ class ControlAxis(Record):
     """Piston speed of the reference at the time when a command sent now acts [m/s]."""
     force_to_command: float
     """Force of the reference at that time, without friction [N]; NaN before the first step."""
-    holding_force_to_command: float
-    """Force that a closed valve would have to carry at that time [N]."""
     force_rate: float
     """Rate of change of `force_to_command` [N/s]."""
+    speed_to_pump: float
+    """Piston speed of the reference at the time when a pump command sent now acts [m/s]."""
+    force_to_pump: float
+    """Force of the reference at that time, without friction [N]."""
+    holding_force_to_pump: float
+    """Force that a closed valve would have to carry at that time [N]."""
     speed_to_cross: float
     """Piston speed of the reference when a spool that starts then has crossed its overlap [m/s]."""
     max_speed_at_rest: float
@@ -284,7 +288,7 @@ class ControlAxis(Record):
     demand: float
     """Demanded piston speed u [m/s]."""
     supply_target: float
-    """Line pressure to be kept in boost when a command acts [Pa]."""
+    """Line pressure to be kept in boost when a pump command acts [Pa]."""
     target_ahead: float
     """Line pressure needed at point PREVIEW_POINT [Pa]."""
     leakage: float
@@ -305,9 +309,9 @@ class ServoArguments(NamedTuple):
 
     reference: FloatArray  # [points, 3, n] q, q̇, q̈; point 0 is now
     sensors: Records[ActuatorReadings]  # [n]
-    # [2, 3, n] q, q̇, q̈ when a command acts, and when a spool has crossed its overlap
+    # [3, 3, n] q, q̇, q̈ when a valve opens, has crossed its overlap, and when a pump command acts
     command_reference: FloatArray
-    command_times: FloatArray  # [2] s, times from now to these two
+    command_times: FloatArray  # [3] s, times from now to these three
     rail_pressure: FloatArray  # [1] Pa, measured
     modes: ModeArray  # [n] prepared modes
     modes_ahead: ModeArray  # [n] modes in force at point PREVIEW_POINT
@@ -540,21 +544,23 @@ def compute_reference_forces(s: ServoArguments, payload: float) -> None:
     Args:
         s: Signals, circuit, axes and estimates of the servo. Reads `reference`,
             `command_reference`, `chain` and `linkage`. Writes fields of `axes` in place:
-            speed_to_command, force_to_command, holding_force_to_command, force_rate and
-            speed_to_cross; speed_ahead, force_ahead, holding_force_ahead, arm_ahead and
-            arm_slope_ahead; length, arm, speed, max_speed_at_rest and force. Overwrites `scratch`;
-            rows MOTION_WORK and MOTION_WORK + 1 then hold the torques and the gravity torques of
-            the present reference [N m or N].
+            speed_to_command, force_to_command, force_rate and speed_to_cross; speed_to_pump,
+            force_to_pump and holding_force_to_pump; speed_ahead, force_ahead, holding_force_ahead,
+            arm_ahead and arm_slope_ahead; length, arm, speed, max_speed_at_rest and force.
+            Overwrites `scratch`; rows MOTION_WORK and MOTION_WORK + 1 then hold the torques and the
+            gravity torques of the present reference [N m or N].
         payload: Payload for the dynamics [kg].
     """
     axes, chain = s.axes, replace_payload(s.chain, payload)
     torque, weight = s.scratch[MOTION_WORK], s.scratch[MOTION_WORK + 1]
     rest_speed, to_cross = s.gains[0].settings.rest_speed, s.command_reference[1]
-    for k in range(3):
+    for k in range(4):
         state = s.reference[0]
         if k == 0:
             state = s.command_reference[0]
         elif k == 1:
+            state = s.command_reference[2]
+        elif k == 2:
             state = s.reference[PREVIEW_POINT]
         q, qd = state[0], state[1]
         compute_motion_torques(chain, q, qd, state[2], s.scratch, weight, torque)
@@ -567,10 +573,12 @@ def compute_reference_forces(s: ServoArguments, payload: float) -> None:
                 rise = force - axis.force_to_command
                 axis.force_rate = 0.0 if math.isnan(rise) else rise / s.gains[0].step
                 axis.speed_to_command, axis.force_to_command = speed, force
-                axis.holding_force_to_command = held
                 _, arm, _ = evaluate_linkage(s.linkage[j], to_cross[0, j])
                 axis.speed_to_cross = arm * to_cross[1, j]
             elif k == 1:
+                axis.speed_to_pump, axis.force_to_pump = speed, force
+                axis.holding_force_to_pump = held
+            elif k == 2:
                 axis.speed_ahead, axis.force_ahead, axis.holding_force_ahead = speed, force, held
                 axis.arm_ahead, axis.arm_slope_ahead = arm, slope
             else:
@@ -703,8 +711,8 @@ def set_supply_targets(
 ) -> None:
     """Compute the supply pressures that an actuator needs at two times.
 
-    The first one is the time at which a command acts that is sent now, the second one the preview
-    point. `compute_supply_need` gives both pressures, with the bias d added to all forces. The
+    The first one is the time at which a pump command acts that is sent now, the second one the
+    preview point. `compute_supply_need` gives both pressures, with the bias d added to all forces. The
     first target is at least the target ahead, so that the line is charged in time. If the piston
     reverses before the preview point, the first target also covers the whole force at standstill.
     The pump takes over that force when the motion turns.
@@ -717,8 +725,8 @@ def set_supply_targets(
         gains: Quantities that all axes share, SharedGains[1].
     """
     d = axis.bias
-    held, force = axis.holding_force_to_command + d, axis.force_to_command + d
-    now = compute_supply_need(held, force, axis.speed_to_command, cylinder, constants, gains)
+    held, force = axis.holding_force_to_pump + d, axis.force_to_pump + d
+    now = compute_supply_need(held, force, axis.speed_to_pump, cylinder, constants, gains)
     if axis.speed * axis.speed_ahead < 0.0:
         now = max(now, compute_supply_need(force, force, 0.0, cylinder, constants, gains))
     axis.target_ahead = compute_supply_need(

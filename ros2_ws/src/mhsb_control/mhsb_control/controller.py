@@ -44,9 +44,10 @@ class ServoSignals:
         reference: Joint positions q [rad or m], velocities q̇ and accelerations q̈,
             float64[REFERENCE_POINTS, 3, n]. The points are evenly spaced in time. Point 0 is now;
             point `PREVIEW_POINT` of `mhsb_control.reference` is the controller's `preview` later.
-        command_reference: q, q̇ and q̈ of the reference when a command sent now acts, and when a
-            spool that starts then has crossed its overlap, float64[2, 3, n].
-        command_times: Times from now to these two states, float64[2], [s]; 0 if commands act at
+        command_reference: q, q̇ and q̈ of the reference, float64[3, 3, n], when a valve command sent
+            now acts, when a spool that starts then has crossed its overlap, and when a pump command
+            sent now acts.
+        command_times: Times from now to these three states, float64[3], [s]; 0 if commands act at
             once. The controller writes them.
         sensors: Measured cylinder lengths and pressures, ActuatorReadings[n].
         rail_pressure: Measured pressure of the shared rail, float64[1], [Pa].
@@ -97,8 +98,8 @@ class ServoSignals:
         sensors["rod_pressure"] = cap * (supply + tank) / (cap + rod)
         return cls(
             reference=np.zeros((REFERENCE_POINTS, 3, actuators)),
-            command_reference=np.zeros((2, 3, actuators)),
-            command_times=np.zeros(2),
+            command_reference=np.zeros((3, 3, actuators)),
+            command_times=np.zeros(3),
             sensors=sensors,
             rail_pressure=np.full(1, supply),
             modes=modes.copy(),

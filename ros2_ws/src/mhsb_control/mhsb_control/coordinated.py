@@ -277,9 +277,10 @@ def limit_gains_by_delay(s: ServoArguments, p: PumpState, settings: Coordination
         settings: Tuned numbers of the controller itself.
     """
     drives, gains = p.drives.record[0], s.gains[0]
-    gains.reaction_time = gains.step + gains.valve_lag + drives.delay * drives.step
+    delay, times = gains.step + drives.delay * drives.step, s.command_times
+    gains.reaction_time = delay + gains.valve_lag
     crossing = gains.settings.crossing_lags * gains.valve_lag
-    s.command_times[0], s.command_times[1] = gains.reaction_time, gains.reaction_time + crossing
+    times[0], times[1], times[2] = gains.reaction_time, gains.reaction_time + crossing, delay
     compressibility = min(p.lines.estimate[0], 1.0)
     ratio = gains.settings.max_position_gain_ratio
     for j in range(len(s.axes)):

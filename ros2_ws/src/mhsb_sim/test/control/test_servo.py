@@ -74,10 +74,10 @@ def test_the_supply_need_stays_between_the_main_pump_and_the_highest_boost(
 
 def test_the_target_of_now_covers_what_is_ahead(oil: tuple[Any, ...]) -> None:
     axis = create_records(ControlAxis, 1)
-    axis["holding_force_to_command"], axis["holding_force_ahead"] = 2000.0, 3000.0
+    axis["holding_force_to_pump"], axis["holding_force_ahead"] = 2000.0, 3000.0
     set_supply_targets(axis[0], *oil)
     assert axis["supply_target"][0] == axis["target_ahead"][0]
-    axis["holding_force_to_command"] = 4000.0
+    axis["holding_force_to_pump"] = 4000.0
     set_supply_targets(axis[0], *oil)
     assert axis["supply_target"][0] > axis["target_ahead"][0]
 
@@ -86,8 +86,8 @@ def test_a_load_that_is_about_to_turn_round_is_charged_for_with_its_whole_force(
     machine: Machine, oil: tuple[Any, ...]
 ) -> None:
     axis = create_records(ControlAxis, 1)
-    axis["holding_force_to_command"] = axis["holding_force_ahead"] = 2000.0
-    axis["force_to_command"], axis["speed_to_command"] = 3500.0, -0.01
+    axis["holding_force_to_pump"] = axis["holding_force_ahead"] = 2000.0
+    axis["force_to_pump"], axis["speed_to_pump"] = 3500.0, -0.01
     axis["speed"], axis["speed_ahead"] = -0.01, -0.005
     set_supply_targets(axis[0], *oil)
     held = required_pressure(machine.arrays, 0, 2000.0, 0.0) + MARGIN
