@@ -11,10 +11,12 @@ is F = p_A A − p_B a [N], positive in extension.
     τ ḋ   = F − F_ff                                       force bias, for unmodelled forces
 
 T is the time until a command acts [s], and F_m = (M q̈ + C q̇ + g)/r. A controller that does not
-know T has v_ff = v_ref(t). u is the demanded piston speed [m/s]; the valve flows are to produce it. The stiffness of the oil is
-k_h = β (A²/V_A + a²/V_B) [N/m], so that dF/dt = k_h (u − v). The bias d follows unmodelled forces
-with the time constant τ. The force loop therefore damps oscillations and does not yield to an
-unmodelled load.
+know T has v_ff = v_ref(t). u is the demanded piston speed [m/s]; the valve flows are to produce it.
+The stiffness of the oil is k_h = β (A²/V_A + a²/V_B) [N/m], so that dF/dt = k_h (u − v). Ḟ_m/k_h is
+the flow that compresses the oil as the force of the motion rises. Without it only the force loop
+would build up this force, the later the lower ω_F is. The bias d follows unmodelled forces with the
+time constant τ. The force loop therefore damps oscillations and does not yield to an unmodelled
+load.
 
 Payload and friction are the machine file's, or estimated (`mhsb_control/load_estimate`). If an
 estimate changes the feedforward, d changes by the opposite amount, so that F_ff stays continuous.
@@ -625,13 +627,13 @@ def demand_speed(
         u = v_ref(t + T) + Ḟ_m(t + T)/k_h + w + ω_F (F_ref − F)/k_h
         F_ref = F_known + d + (k_p k_h/ω_F) e
 
-    F_m is the force of the reference without friction. Its rate Ḟ_m compresses the oil; the term is
-    0 for a controller that does not know T. ω_F is the bandwidth of the force loop [1/s], k_h the stiffness of the oil [N/m], k_p the gain
-    of the position loop [1/s], and T the time until a command acts [s]. |u| is limited to
-    `deliverable_speed`, which the pumps can supply, and while the reference rests also to
-    `max_speed_at_rest`. The integral w stays constant while the valve is saturated (anti-windup).
-    While the reference rests, w changes only if the joint error is between `min_rest_error` and
-    `max_rest_error`.
+    F_m is the force of the reference without friction. The term with its rate Ḟ_m compresses the
+    oil; it is left out if the controller does not know T. ω_F is the bandwidth of the force loop
+    [1/s], k_h the stiffness of the oil [N/m], k_p the gain of the position loop [1/s], and T the
+    time until a command acts [s]. |u| is limited to `deliverable_speed`, which the pumps can
+    supply, and while the reference rests also to `max_speed_at_rest`. The integral w
+    stays constant while the valve is saturated (anti-windup). While the reference rests, w changes
+    only if the joint error is between `min_rest_error` and `max_rest_error`.
 
     Args:
         axis: State of the cylinder's control axis. Writes `feedforward` (F_known + d), `integral`
@@ -712,10 +714,10 @@ def set_supply_targets(
     """Compute the supply pressures that an actuator needs at two times.
 
     The first one is the time at which a pump command acts that is sent now, the second one the
-    preview point. `compute_supply_need` gives both pressures, with the bias d added to all forces. The
-    first target is at least the target ahead, so that the line is charged in time. If the piston
-    reverses before the preview point, the first target also covers the whole force at standstill.
-    The pump takes over that force when the motion turns.
+    preview point. `compute_supply_need` gives both pressures, with the bias d added to all forces.
+    The first target is at least the target ahead, so that the line is charged in time. If the
+    piston reverses before the preview point, the first target also covers the whole force at
+    standstill. The pump takes over that force when the motion turns.
 
     Args:
         axis: State of the cylinder's control axis. Writes `supply_target`

@@ -272,7 +272,8 @@ def limit_gains_by_delay(s: ServoArguments, p: PumpState, settings: Coordination
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `reaction_time` [s] of `gains`,
-            `command_times` [s], and `force_bandwidth`, `position_gain` and `integral_gain` of all axes, in place.
+            `command_times` [s], and `force_bandwidth`, `position_gain` and `integral_gain` of all
+            axes, in place.
         p: State of the pumps with the estimates of delay and compressibility.
         settings: Tuned numbers of the controller itself.
     """

@@ -75,14 +75,14 @@ class LineSettings(Record):
     30 % smaller and larger, N = 5: RMS error −2.1 and −9.3 % (mhsb_arm3), −5.5 and −7.7 %
     (excavator; overshoot −2.63 and −3.53 MPa)."""
     flow_deviation: float = 0.0185
-    """Standard deviation of flow that is not in a balance, in a servo pump's flow, above 0 … 1.
+    """Standard deviation of flow that is not in a balance, in full pump flows, above 0 … 1.
 
     Origin: chosen on the suite's own arm.
 
     30 % smaller and larger, N = 5: RMS error +2.4 and −15.2 % (mhsb_arm3; overshoot −0.07 and
     +0.05 MPa), −5.6 and −0.3 % (excavator; overshoot −2.33 and −0.57 MPa)."""
     volume_deviation: float = 3.7e-4
-    """Standard deviation of a window's stroke of a moving piston, in a servo pump's flow [s], 0 … 1.
+    """Standard deviation of a window's stroke of a moving piston, in full pump flows [s], 0 … 1.
 
     Origin: 6 µm of stroke at the piston area of 491 mm² of the suite's own arm.
 

@@ -38,6 +38,22 @@ def test_it_is_the_trajectory_within_rounding(
         )
 
 
+def test_states_at_command_times_are_those_of_the_trajectory(
+    plan: tuple[Trajectory, ModeSchedule],
+) -> None:
+    trajectory, schedule = plan
+    states, times = np.zeros((2, 3, 3)), np.array([0.0, 0.023])
+    reference = ReferencePreview(np.zeros((POINTS, 3, 3)), 0.1, states, times)
+    reference.follow(trajectory, schedule, planned=True)
+    for time in range(trajectory.stamp_ns - 10 * MS, trajectory.end_ns + 20 * MS, 7 * MS + 123):
+        reference.update(time)
+        for state, ahead in zip(states, times, strict=True):
+            expected = trajectory.sample(time + round(ahead * SECOND_NS))
+            np.testing.assert_allclose(state[0], expected.position, atol=1e-12)
+            np.testing.assert_allclose(state[1], expected.velocity, atol=1e-10)
+            np.testing.assert_allclose(state[2], expected.acceleration, atol=1e-8)
+
+
 def test_it_says_when_the_modes_change(plan: tuple[Trajectory, ModeSchedule]) -> None:
     trajectory, _ = plan
     schedule = ModeSchedule(

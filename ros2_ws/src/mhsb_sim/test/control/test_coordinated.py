@@ -81,6 +81,28 @@ def test_a_slow_pump_charges_its_line_though_its_leakage_is_not_known(machine: M
     assert simulator.actuator_states.supply_pressure[0] > needed - slow.arrays.boost_margin
 
 
+def test_a_force_that_rises_when_a_command_acts_is_built_up_by_compressed_oil(
+    machine: Machine,
+) -> None:
+    signals = Simulator(machine)._signals
+    controller = CoordinatedController(machine, signals, read_gains(machine, "coordinated"))
+    axes = controller._control.args[0].axes
+    signals.reference[:, 1] = 1e-3  # it moves: at rest, all is slow
+    for _ in range(3):
+        controller.update()
+    before, force = axes["demand"].copy(), axes["force_to_command"].copy()
+    signals.command_reference[0, 2] = 0.01
+    controller.update()
+    rise = axes["force_to_command"] - force
+    assert np.all(abs(rise) > 1.0)
+    step = machine.config.simulation.step
+    expected = rise / step / axes["stiffness"]
+    np.testing.assert_allclose(axes["demand"] - before, expected, rtol=0.05)
+    signals.command_reference[0, 2] = 0.01
+    controller.update()
+    np.testing.assert_allclose(axes["demand"], before, atol=0.05 * abs(expected).max())
+
+
 def test_a_piston_in_boost_is_told_no_speed_that_its_pump_cannot_keep_up_with(
     machine: Machine,
 ) -> None:
