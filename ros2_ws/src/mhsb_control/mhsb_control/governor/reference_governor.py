@@ -374,7 +374,7 @@ def compute_reserves(g: GovernorState) -> None:
 
     An actuator has to lift its load back if it has yielded to the load and the tip error is above
     `lift_error_ratio` usual errors. Its present need is then at least the holding pressure plus
-    `lifting_pressure`.
+    `lifting_pressure`. A slew carries no weight: what it yields to is inertia.
 
     Results for each actuator:
 
@@ -424,7 +424,8 @@ def compute_reserves(g: GovernorState) -> None:
                 carried = load_pressure(cap, rod, tank, actuator.force, speed)
             if abs(ahead) > STARTING_SPEED:
                 soon = compute_pressure_without_margin(k, cap, rod, tank, actuator.force, ahead)
-            if o.error > settings.lift_error_ratio * o.usual_error and away * actuator.force < 0.0:
+            lifts = not (g.chain.slews and j == 0) and away * actuator.force < 0.0
+            if lifts and o.error > settings.lift_error_ratio * o.usual_error:
                 held = compute_pressure_without_margin(k, cap, rod, tank, actuator.force, 0.0)
                 needed = max(needed, held + settings.lifting_pressure)
         least = max(0.0, needed, soon)
