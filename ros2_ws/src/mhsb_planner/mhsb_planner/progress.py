@@ -20,8 +20,8 @@ class PlanProgress:
         reserve: Time to keep for turning a path into a motion: mean time of the curves that were
             tried for the first motion [s].
         has_motion: True if a motion has been found already.
-        is_held_back: True if motions cannot keep up with their paths: S3 has refused a path that
-            costs less than the incumbent, or the incumbent takes much longer than its path.
+        is_held_back: True if motions cannot keep up with their paths: a path costs much less than
+            the incumbent, or there are paths and no motion yet.
         log: Log of proposals.
     """
 

@@ -6,7 +6,7 @@ The last resort is the stepped path, which rests at every posture.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
 from typing import Literal, Protocol
@@ -14,13 +14,16 @@ from typing import Literal, Protocol
 import numpy as np
 
 from mhsb_model.machine import Machine
+from mhsb_model.modes import BOOSTED_MODES
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
-from mhsb_model.types import FloatArray
+from mhsb_model.types import FloatArray, IntArray
 from mhsb_planner.motion.limits.limit import TimeScaling
 from mhsb_planner.motion.piston_motion import compute_cylinder_lengths
+from mhsb_planner.motion.resting import insert_rests
 from mhsb_planner.motion.s3_blend_in import Coasting
 from mhsb_planner.motion.s3_following import compute_followed_path
 from mhsb_planner.motion.s3_polynomial import fit_polynomial, node_times
+from mhsb_planner.motion.s3_slowing import USAGE_RESERVE
 from mhsb_planner.motion.s3_state_to_rest import Steering, compute_steered_motion
 from mhsb_planner.motion.s4_mode_schedule import StartModes, SwitchingRules
 from mhsb_planner.motion.trajectory_points import SmoothCurve
@@ -77,10 +80,12 @@ class SteppedPath:
         return q, qd, qdd
 
 
-def compute_stepped_path(machine: Machine, path: DiscretePath, stretch: float) -> SteppedPath:
+def compute_stepped_path(
+    machine: Machine, path: DiscretePath, scale: FloatArray | float
+) -> SteppedPath:
     """Compute a motion along a discrete path that rests at every node.
 
-    Each step is a straight line in joint space. At stretch 1 no piston is faster than in this step
+    Each step is a straight line in joint space. At scale 1 no piston is faster than in this step
     of the discrete path, and its acceleration and jerk keep the machine's limits. This holds only
     approximately if the moment arms vary much within a step. A step lasts at least
     MIN_RAMPED_STEP_DURATION.
@@ -88,7 +93,7 @@ def compute_stepped_path(machine: Machine, path: DiscretePath, stretch: float) -
     Args:
         machine: Machine whose piston acceleration and jerk are the limits.
         path: Discrete path.
-        stretch: Factor on all durations [-].
+        scale: Factor on the durations of all steps, or of each step, shape (k,) [-].
 
     Returns:
         Motion that begins at time 0.
@@ -99,16 +104,11 @@ def compute_stepped_path(machine: Machine, path: DiscretePath, stretch: float) -
     duration = np.maximum(speed * path.duration, MIN_RAMPED_STEP_DURATION)
     duration = np.maximum(duration, np.sqrt(acceleration * stroke / m.max_piston_acceleration))
     duration = np.maximum(duration, np.cbrt(jerk * stroke / m.max_piston_jerk))
-    return SteppedPath(path.posture, np.concatenate([[0.0], np.cumsum(stretch * duration)]))
+    return SteppedPath(path.posture, np.concatenate([[0.0], np.cumsum(scale * duration)]))
 
 
 SHORTEST_MOVE = 0.5
 """Shortest duration of a polynomial [s]."""
-
-USAGE_RESERVE = 1.003
-"""Factor by which durations are stretched beyond the need at the points [-].
-
-It covers what may happen between the points."""
 
 TrajectoryKind = Literal["polynomial", "followed"]
 """Start of S3: the published polynomials, or ramps that follow the discrete path."""
@@ -179,12 +179,14 @@ class FitRules:
 
 @dataclass(frozen=True, eq=False)
 class CurveCandidate:
-    """One kind of curve and the way in which it is tried.
+    """One kind of curve along a path and the way in which it is tried.
 
     Attributes:
+        path: Discrete path that the curve follows.
         method: Method that the result will state.
         name: Words that describe the curve in messages.
-        curve_at: Function that returns the curve for a stretch, a factor on the path's durations.
+        curve_at: Function that returns the curve for factors on the durations of the path's steps,
+            shape (k,).
         start: State of the joints at the beginning of the curve.
         lead_in: Motion before the curve, such as braking; None if there is none.
         stretch: Stretch that is tried first [-].
@@ -193,19 +195,22 @@ class CurveCandidate:
         coasts: True if the curve begins with a moving start that coasts or steers.
         stretchable: Time scalings of the limits for which the curve is stretched; any other limit
             refuses it.
+        slows_pieces: True if only the steps around a violation become longer, False if all do.
         max_stretch: Largest factor on the first stretch [-]; None means that of the rules.
         only_after_thrust_lack: True if the curve is tried only if the one before lacked pressure.
     """
 
+    path: DiscretePath
     method: FitMethod
     name: str
-    curve_at: Callable[[float], Curve]
+    curve_at: Callable[[FloatArray], Curve]
     start: MotionState
     lead_in: Trajectory | None = None
     stretch: float = 1.0
     furthest_travel: FloatArray | None = None
     coasts: bool = False
     stretchable: tuple[TimeScaling, ...] = (TimeScaling.SPEED, TimeScaling.INERTIA)
+    slows_pieces: bool = False
     max_stretch: float | None = None
     only_after_thrust_lack: bool = False
 
@@ -227,7 +232,9 @@ def iterate_candidates(
     1. the polynomial, if `rules.trajectory` is `polynomial`, and nothing else if
        `rules.polynomial_only`,
     2. if the start coasts: ramps that begin at once,
-    3. ramps from rest, after `brake`,
+    3. ramps from rest, after `brake`; then the shortest of them with a rest before each step in
+       which an actuator is boosted that was not before, so that no ramp begins where its load is
+       still too high,
     4. the path step by step with a rest at every node, after `brake`, if `rules.stepped`.
 
     If a mode is younger than the least time between two switches, 3 and 4 follow once more after an
@@ -249,8 +256,14 @@ def iterate_candidates(
     """
     rest = MotionState.at_rest(path.posture[0])
     if isinstance(coast, Steering):
-        steered = partial(compute_steered_motion, machine, path, start)
-        yield CurveCandidate(FitMethod.STEERED, "steered", steered, start, coasts=True)
+        yield CurveCandidate(
+            path,
+            FitMethod.STEERED,
+            "steered",
+            lambda scale: compute_steered_motion(machine, path, start, float(scale[0])),
+            start,
+            coasts=True,
+        )
         return
     if rules.trajectory == "polynomial":
         yield _create_polynomial(path, start, brake)
@@ -263,11 +276,37 @@ def iterate_candidates(
     if youngest > 0.0:
         waited = (brake or standstill(start.position)).with_rest(round(youngest * SECOND_NS))
         lead_ins.append(("after a rest, ", waited))
+    boosts = _find_boost_steps(path)
     for words, lead_in in lead_ins:
         yield from _iterate_ramped(machine, path, rest, lead_in, None, rules, words)
+        if len(boosts) > 0:
+            rested, named = insert_rests(machine, path, boosts), f"{words}resting before boost, "
+            shortest = replace(rules, ramp_factors=rules.ramp_factors[:1])
+            yield from _iterate_ramped(machine, rested, rest, lead_in, None, shortest, named)
         if rules.stepped:
             stepped = partial(compute_stepped_path, machine, path)
-            yield CurveCandidate(FitMethod.STEPPED, f"{words}stepped", stepped, rest, lead_in)
+            yield CurveCandidate(
+                path,
+                FitMethod.STEPPED,
+                f"{words}stepped",
+                stepped,
+                rest,
+                lead_in,
+                slows_pieces=True,
+            )
+
+
+def _find_boost_steps(path: DiscretePath) -> IntArray:
+    """Find the steps of a path, but the first, in which an actuator is boosted that was not before.
+
+    Args:
+        path: Discrete path. Only `modes` is read.
+
+    Returns:
+        Indices of the steps in ascending order.
+    """
+    boosted = BOOSTED_MODES[path.modes]
+    return np.flatnonzero((boosted[1:] & ~boosted[:-1]).any(axis=1)) + 1
 
 
 def _iterate_ramped(
@@ -302,6 +341,7 @@ def _iterate_ramped(
     for slower in rules.ramp_factors:
         last = coast is None and slower == rules.ramp_factors[-1]
         yield CurveCandidate(
+            path,
             FitMethod.RAMPED,
             f"{words}with ramps {slower:g} times the shortest",
             partial(
@@ -317,6 +357,7 @@ def _iterate_ramped(
             coasts=coast is not None,
             only_after_thrust_lack=slower != rules.ramp_factors[0],
             stretchable=(TimeScaling.SPEED, TimeScaling.INERTIA) if last else (TimeScaling.SPEED,),
+            slows_pieces=True,
         )
 
 
@@ -342,17 +383,19 @@ def _create_polynomial(
     if brake is None:
         rest = MotionState.at_rest(path.posture[0])
         return CurveCandidate(
+            path,
             FitMethod.POLYNOMIAL,
             "polynomial",
-            lambda stretch: fit_polynomial(path, rest, 0.0, stretch),
+            lambda scale: fit_polynomial(path, rest, 0.0, float(scale[0])),
             rest,
             stretch=shortest,
         )
     delay = brake.duration_ns / SECOND_NS / 2
     return CurveCandidate(
+        path,
         FitMethod.POLYNOMIAL,
         "polynomial from the moving start",
-        lambda stretch: fit_polynomial(path, start, delay, stretch),
+        lambda scale: fit_polynomial(path, start, delay, float(scale[0])),
         start,
         stretch=shortest,
         furthest_travel=compute_furthest_travel(start, np.vstack([brake.position, path.posture])),

@@ -67,7 +67,7 @@ def smooth_path(
     machine: Machine,
     path: DiscretePath,
     ramp: Ramp,
-    stretch: float,
+    scale: FloatArray | float,
     beginning: PathBeginning = FROM_REST,
     last_ramp_factor: float = 1.0,
 ) -> RampedMotion:
@@ -81,7 +81,7 @@ def smooth_path(
         machine: Machine that moves.
         path: Discrete path.
         ramp: Ramp of all changes of speed.
-        stretch: Factor on the path's durations [-].
+        scale: Factor on the durations of all steps, or of each step, shape (k,) [-].
         beginning: Time at which the motion along the path begins, its first ramp, and the coasting.
         last_ramp_factor: Factor on the times of the last ramp [-]. The time of its middle stays.
 
@@ -91,7 +91,7 @@ def smooth_path(
     """
     length = compute_cylinder_lengths(machine.arrays, path.posture)
     coast, delay, first_ramp = beginning
-    due = _durations(path, stretch)
+    due = _durations(path, scale)
     at, change, rise, blend, node_time = _place_ramps(
         length, due, delay, *ramp, *(first_ramp or ramp)
     )
@@ -107,19 +107,19 @@ def smooth_path(
     return own if coast is None else coast.motion.superpose(own)
 
 
-def _durations(path: DiscretePath, stretch: float) -> FloatArray:
+def _durations(path: DiscretePath, scale: FloatArray | float) -> FloatArray:
     """Return the stretched durations of a path's steps.
 
     A step counts as at least MIN_STEP_DURATION long before it is stretched.
 
     Args:
         path: Discrete path of k steps. Only `duration` is read.
-        stretch: Factor on the durations [-].
+        scale: Factor on the durations of all steps, or of each step, shape (k,) [-].
 
     Returns:
         Durations, shape (k,) [s].
     """
-    return stretch * np.maximum(path.duration, MIN_STEP_DURATION)
+    return scale * np.maximum(path.duration, MIN_STEP_DURATION)
 
 
 @kernel
@@ -203,7 +203,7 @@ def compute_followed_path(
     path: DiscretePath,
     ramp_factor: float,
     coast: Coasting | None,
-    stretch: float,
+    scale: FloatArray | float,
     last_ramp_factor: float = 1.0,
 ) -> RampedMotion:
     """Compute a motion along a discrete path that keeps the limits of piston acceleration and jerk.
@@ -219,13 +219,13 @@ def compute_followed_path(
         ramp_factor: Factor on the duration of the first ramps tried [-]; may be below 1.
         coast: Coasting (motion by which a moving start comes to rest by itself). None if the motion
             begins at rest.
-        stretch: Factor on the path's durations [-].
+        scale: Factor on the durations of all steps, or of each step, shape (k,) [-].
         last_ramp_factor: Further factor on the duration of the last ramp [-]; may be below 1.
 
     Returns:
         First motion within the limits. If there is none: the last motion tried, which exceeds them.
     """
-    tried = _iterate_slower_motions(machine, path, ramp_factor, coast, stretch, last_ramp_factor)
+    tried = _iterate_slower_motions(machine, path, ramp_factor, coast, scale, last_ramp_factor)
     motion = next(tried)
     while not motion.keeps_dynamic_limits:
         slowed = next(tried, None)
@@ -240,7 +240,7 @@ def _iterate_slower_motions(
     path: DiscretePath,
     slower: float,
     coast: Coasting | None,
-    stretch: float,
+    scale: FloatArray | float,
     last: float,
 ) -> Iterator[RampedMotion]:
     """Yield motions along a discrete path, with longer and longer ramps (smooth changes of speed).
@@ -262,7 +262,7 @@ def _iterate_slower_motions(
         path: Discrete path.
         slower: Factor on the duration of the shortest ramps [-].
         coast: Coasting (motion by which a moving start comes to rest by itself). None at rest.
-        stretch: Factor on the path's durations [-].
+        scale: Factor on the durations of all steps, or of each step, shape (k,) [-].
         last: Further factor on the duration of the last ramp [-].
 
     Yields:
@@ -272,7 +272,7 @@ def _iterate_slower_motions(
     stroke = np.abs(np.diff(compute_cylinder_lengths(machine.arrays, path.posture), axis=0)).max(
         axis=1
     )
-    fastest = float(np.max(stroke / _durations(path, stretch)))
+    fastest = float(np.max(stroke / _durations(path, scale)))
     ramp, delay = shortest_ramp(machine, fastest).scale(slower, slower), 0.0
     if coast is not None:
         ramp = max(ramp, coast.ramp, key=lambda each: each.duration)
@@ -280,15 +280,15 @@ def _iterate_slower_motions(
         even = ramp.align_with(coast.ramp)
         at_once = PathBeginning(coast, coast.stop_time)
         sharing_ramp = at_once._replace(ramp=coast.ramp)
-        yield smooth_path(machine, path, even, stretch, sharing_ramp, last)
+        yield smooth_path(machine, path, even, scale, sharing_ramp, last)
         for longer in RAMP_DURATION_FACTORS:
             slow = ramp.scale(longer, longer)
-            yield smooth_path(machine, path, slow, stretch, at_once, last)
+            yield smooth_path(machine, path, slow, scale, at_once, last)
         for later in (round_up_to_time_step(0.5 * rise), rise):
             begun = PathBeginning(coast, coast.stop_time + later)
-            yield smooth_path(machine, path, ramp, stretch, begun, last)
+            yield smooth_path(machine, path, ramp, scale, begun, last)
     for _ in range(MAX_SLOWING_ROUNDS):
-        motion = smooth_path(machine, path, ramp, stretch, PathBeginning(coast, delay), last)
+        motion = smooth_path(machine, path, ramp, scale, PathBeginning(coast, delay), last)
         yield motion
         acceleration, jerk = (max(1.0, peak) for peak in motion.peaks)
         ramp = ramp.scale(acceleration, max(1.0, jerk / acceleration))

@@ -258,24 +258,21 @@ class EndValues(NamedTuple):
         )
         return cls(LimitValues(begin), LimitValues(end), modes)
 
-    def compute_stretch(self, first: int) -> float:
-        """Return the factor on a motion's duration with which it keeps all limits on speed.
+    def compute_speed_uses(self, first: int) -> FloatArray:
+        """Compute the share of the limits on speed that each interval uses.
 
         Args:
-            first: First interval that counts.
+            first: First interval that counts; the intervals before it get 0.
 
         Returns:
-            Largest quantity of a limit with TimeScaling.SPEED at the ends of the intervals [-]. Up
-            to 1 the limits are kept; inf means that no duration keeps them.
+            Largest quantity of a limit with TimeScaling.SPEED at the ends of each interval, shape
+            (k,) [-]. Up to 1 the limits are kept. A longer duration divides it. inf means that no
+            duration keeps them.
         """
-        return float(
-            max(
-                each.of(limit)[first:].max()
-                for limit in STATE_LIMITS
-                if limit.time_scaling is TimeScaling.SPEED
-                for each in (self.begin, self.end)
-            )
-        )
+        limits = [each for each in STATE_LIMITS if each.time_scaling is TimeScaling.SPEED]
+        uses = np.max([end.of(each) for each in limits for end in (self.begin, self.end)], axis=0)
+        uses[:first] = 0.0
+        return uses
 
 
 def keeps_position_limits(machine: Machine, trajectory: Trajectory) -> bool:

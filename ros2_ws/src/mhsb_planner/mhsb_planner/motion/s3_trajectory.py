@@ -55,7 +55,6 @@ from mhsb_planner.motion.ramped_motion import RampedMotion
 from mhsb_planner.motion.s3_blend_in import Coasting, compute_coasting
 from mhsb_planner.motion.s3_candidates import (
     TRAJECTORY_KINDS,
-    USAGE_RESERVE,
     Curve,
     CurveCandidate,
     FitMethod,
@@ -65,6 +64,14 @@ from mhsb_planner.motion.s3_candidates import (
     iterate_candidates,
 )
 from mhsb_planner.motion.s3_limits import EndValues, find_first_violation, middle_profile
+from mhsb_planner.motion.s3_polynomial import MIN_STEP_DURATION
+from mhsb_planner.motion.s3_slowing import (
+    PIECE_THRUST_STRETCH,
+    THRUST_STRETCH,
+    USAGE_RESERVE,
+    compute_needed_factors,
+    spread_over_steps,
+)
 from mhsb_planner.motion.s3_state_to_rest import Steering
 from mhsb_planner.motion.s4_mode_schedule import N, StartModes, keeps_dwell
 from mhsb_planner.motion.scheduled_motion import ScheduledMotion
@@ -87,9 +94,6 @@ __all__ = [
 
 SAME_POSTURE = 1e-9
 """Difference of joint positions that counts as rounding [rad]."""
-
-THRUST_STRETCH = 1.25
-"""Factor by which a motion is stretched if pressure lacks: inertia then falls by a third [-]."""
 
 ACCEPTED_LIMIT_USE = 1.0001
 """Largest use of the limits, with its reserve, that is accepted if stretching has no effect [-].
@@ -211,7 +215,7 @@ def fit_trajectory(
         if kind.only_after_thrust_lack and not lacked:
             continue
         candidate = kind if kind.stretch >= least else replace(kind, stretch=least)
-        outcome = _fit_candidate(machine, limits, path, modes, candidate, rules, deadline)
+        outcome = _fit_candidate(machine, limits, modes, candidate, rules, deadline)
         if isinstance(outcome, FittedMotion):
             return replace(outcome, refused=tuple(refused)) if refused else outcome
         refused.append(f"{candidate.name}: {outcome}")
@@ -372,7 +376,7 @@ def _fit_each(
     for brake, steering, rules in ways:
         for candidate in iterate_candidates(machine, path, start, brake, steering, modes, rules):
             motion = _fit_candidate(
-                machine, machine.arrays, path, modes, candidate, FitRules(), NO_DEADLINE
+                machine, machine.arrays, modes, candidate, FitRules(), NO_DEADLINE
             )
             if isinstance(motion, FittedMotion):
                 for known in (motion.profiles, None):
@@ -453,28 +457,27 @@ def _widen_limits_to(machine: Machine, posture: FloatArray) -> Machine:
 def _fit_candidate(
     machine: Machine,
     limits: MachineArrays,
-    path: DiscretePath,
     modes: StartModes,
     candidate: CurveCandidate,
     rules: FitRules,
     deadline: Deadline,
 ) -> FittedMotion | Violation | str:
-    """Compute the motion of one curve, stretched in time until it keeps every limit.
+    """Compute the motion of one curve, slowed until it keeps every limit.
 
     In each round the curve is sampled, gets its mode schedule and is checked. It is refused at once
     if it passes a joint limit or misses a via point. It is also refused at once if a piston runs on
-    too far, or an actuator is switched too soon again. The stretch grows by the factor by which
-    V_max, the curve limits, valves and pumps are exceeded. Pressures, and the times between the
-    points, are checked last. The rounds end with a violation that stretching cannot mend, or with a
-    stretch beyond the greatest one.
+    too far, or an actuator is switched too soon again. The durations of the path's steps grow by
+    the factor by which V_max, the curve limits, valves and pumps are exceeded: only around the
+    violation if the candidate slows pieces, else all of them. Pressures, and the times between the
+    points, are checked last. The rounds end with a violation that slowing cannot mend, or with a
+    stretch of the whole path beyond the greatest one.
 
     Args:
         machine: Machine whose joint limits and workspace admit the start.
         limits: Arrays of the machine with its own limits, to which joints beyond them have to
             return.
-        path: Discrete path.
         modes: Modes in force at the start, and time since each actuator's last switch.
-        candidate: Curve to try.
+        candidate: Curve to try, with its path.
         rules: Settings of the fit.
         deadline: Instant at which the work is given up.
 
@@ -484,10 +487,11 @@ def _fit_candidate(
     Raises:
         DeadlineError: The deadline passed.
     """
-    lead_in, stretch, before = candidate.lead_in, candidate.stretch, math.inf
+    lead_in, before, path = candidate.lead_in, math.inf, candidate.path
+    scale = np.full(path.steps, candidate.stretch)
     for _ in range(MAX_STRETCH_ROUNDS):
         deadline.check(FIT_TASK)
-        curve = candidate.curve_at(stretch)
+        curve = candidate.curve_at(scale)
         if refused := _describe_refused_curve(curve):
             return refused
         trajectory, first = sample_curve(curve, candidate.start, path.posture[-1]), 0
@@ -504,32 +508,50 @@ def _fit_candidate(
         if not scheduled.keeps_dwell:
             return f"an actuator is switched twice within {rules.switching.min_dwell:g} s"
         trajectory, profile = scheduled.trajectory, scheduled.profile
+        time = trajectory.offset_ns / SECOND_NS
         tip = machine.convert_to_base(profile.tip, trajectory.position[:, 0])
         if missed := describe_first_missed(tip, rules.via_points):
             return missed
         ends = EndValues.from_profile(machine, profile, scheduled.intervals)
-        speed = _compute_speed_use(machine, candidate, profile, first, rules)
-        used = max(ends.compute_stretch(first), speed, slowing)
+        speeds = _compute_speed_uses(machine, candidate, profile, first, rules)
+        used = np.max(
+            [ends.compute_speed_uses(first), speeds, np.full_like(speeds, slowing)], axis=0
+        )
         deadline.check(FIT_TASK)
-        needed = USAGE_RESERVE * used
-        stuck, before = used == before, used
-        if needed <= (ACCEPTED_LIMIT_USE if stuck else 1.0):
+        needed, most = USAGE_RESERVE * used, float(used.max())
+        stuck, before = most == before, most
+        if USAGE_RESERVE * most <= (ACCEPTED_LIMIT_USE if stuck else 1.0):
             schedule = scheduled.schedule
             middles = middle_profile(machine, trajectory)
             violation = find_first_violation(machine, trajectory, schedule, ends, deadline, middles)
             if violation is None:
-                return _assemble_motion(
-                    machine, path, candidate, curve, scheduled, middles, stretch
-                )
+                return _assemble_motion(machine, candidate, curve, scheduled, middles, scale)
             scaling = violation.limit.time_scaling
             if scaling not in candidate.stretchable or violation.time < time[first]:
                 return violation
-            is_inertia = scaling is TimeScaling.INERTIA
-            needed = THRUST_STRETCH if is_inertia else USAGE_RESERVE * (1.0 + violation.amount)
-        stretch *= max(needed, USAGE_RESERVE) if stuck else needed
+            lacking = PIECE_THRUST_STRETCH if candidate.slows_pieces else THRUST_STRETCH
+            needed = compute_needed_factors(violation, ends, used, time, lacking)
+        factor = np.array(needed.max())
+        if candidate.slows_pieces:
+            factor = spread_over_steps(needed[first:], time[first:] - time[first], curve.node_time)
+        scale = scale * (np.maximum(factor, USAGE_RESERVE) if stuck else factor)
+        stretch = _compute_stretch(path, scale)
         if stretch > (candidate.max_stretch or rules.max_stretch) * candidate.stretch:
             return f"V_max, valves and pumps would take a duration {stretch:.3g} times the path's"
     return "stretching it did not bring it within what valves and pumps can do"
+
+
+def _compute_stretch(path: DiscretePath, scale: FloatArray) -> float:
+    """Compute the factor on a path's whole duration from the factors on its steps.
+
+    Args:
+        path: Discrete path. Only `duration` is read.
+        scale: Factor on the duration of each step, shape (k,) [-].
+
+    Returns:
+        Mean of the factors, weighted by the durations [-].
+    """
+    return float(np.average(scale, weights=np.maximum(path.duration, MIN_STEP_DURATION)))
 
 
 def _describe_refused_curve(curve: Curve) -> str:
@@ -579,14 +601,14 @@ def _describe_passed_limit(
     return ""
 
 
-def _compute_speed_use(
+def _compute_speed_uses(
     machine: Machine,
     candidate: CurveCandidate,
     profile: MotionProfile,
     first: int,
     rules: FitRules,
-) -> float:
-    """Compute the largest ratio of a piston's speed to its allowed speed in a motion.
+) -> FloatArray:
+    """Compute the ratio of piston speed to allowed piston speed in each interval of a motion.
 
     The allowed speed of each piston is V_max (1 + max_excess). If the curve begins with a moving
     start, the start may be faster, and stretching cannot slow it. The factor 1 + max_excess is then
@@ -595,18 +617,22 @@ def _compute_speed_use(
     Args:
         machine: Machine that moves.
         candidate: Curve that is tried; it says whether it begins with a moving start.
-        profile: Profile of the motion, with the piston speeds.
-        first: Index of the first point after the lead-in (motion before the curve, such as
-            braking). Earlier points do not count.
+        profile: Profile of the motion at its k + 1 points, with the piston speeds.
+        first: First interval after the lead-in (motion before the curve, such as braking). The
+            intervals before it get 0.
         rules: Settings of the fit, with `max_excess`.
 
     Returns:
-        Largest ratio [-]; above 1 the motion is too fast.
+        Largest ratio over pistons and both ends of each interval, shape (k,) [-]; above 1 the
+        interval is too fast.
     """
+    share = (np.abs(profile.speed) / machine.arrays.max_piston_speed).max(axis=1)
     fastest = 1.0 + rules.max_excess
     if candidate.coasts:
-        fastest = max(fastest, USAGE_RESERVE * (1.0 + _speed_excess(machine, profile[:1])))
-    return (1.0 + _speed_excess(machine, profile[first:])) / fastest
+        fastest = max(fastest, USAGE_RESERVE * float(share[0]))
+    uses: FloatArray = np.maximum(share[:-1], share[1:]) / fastest
+    uses[:first] = 0.0
+    return uses
 
 
 def _get_preferred_modes(
@@ -680,12 +706,11 @@ def _compute_overrun(
 
 def _assemble_motion(
     machine: Machine,
-    path: DiscretePath,
     candidate: CurveCandidate,
     curve: Curve,
     scheduled: ScheduledMotion,
     middles: MotionProfile,
-    stretch: float,
+    scale: FloatArray,
 ) -> FittedMotion:
     """Assemble the result of a fit, with its deviations from the discrete path.
 
@@ -695,18 +720,17 @@ def _assemble_motion(
 
     Args:
         machine: Machine that moves.
-        path: Discrete path.
-        candidate: Curve that was tried. The result states its method and whether it has a lead-in,
-            a motion before the curve such as braking.
-        curve: The curve at its final stretch.
+        candidate: Curve that was tried, with its path. The result states its method and whether it
+            has a lead-in, a motion before the curve such as braking.
+        curve: The curve at its final scale.
         scheduled: The curve's trajectory, with lead-in and rests, and its modes.
         middles: Profile at the middles between the trajectory's points.
-        stretch: Final factor on the path's durations [-].
+        scale: Final factor on the duration of each step of the path, shape (k,) [-].
 
     Returns:
         The motion; its `refused` is empty.
     """
-    trajectory, profile = scheduled.trajectory, scheduled.profile
+    path, trajectory, profile = candidate.path, scheduled.trajectory, scheduled.profile
     at_nodes = curve.sample(curve.node_time)[0]
     tips = machine.tip_in_base(at_nodes)
     return FittedMotion(
@@ -714,7 +738,7 @@ def _assemble_motion(
         scheduled.schedule,
         candidate.method,
         candidate.lead_in is not None,
-        stretch,
+        _compute_stretch(path, scale),
         _speed_excess(machine, profile),
         float(np.linalg.norm(tips - path.tip, axis=1).max()),
         float(np.max(np.abs(at_nodes - path.posture))),

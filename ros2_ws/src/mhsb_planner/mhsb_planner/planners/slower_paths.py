@@ -1,9 +1,8 @@
 """Paths at lower piston speeds, for requests whose motions cannot keep up with their paths.
 
-A search takes the speed of each step as V_max, or as what pumps and pressures admit. On an arm with
-very different moment arms, ramps and mode switches may then take so long that S3 refuses the best
-path, or stretches its motion to several times its duration. A path that is slower from the
-beginning has modes that suit its speed, and mostly costs less than a stretched one.
+A search takes the speed of each step as V_max, or as what pumps and pressures admit. It leaves no
+pressure for the ramps of the motion, so that the motion may need boost, or much more time than its
+path. A path that is slower from the beginning has modes that suit its speed, and then costs less.
 """
 
 from __future__ import annotations
@@ -28,9 +27,8 @@ def paths_at_falling_speeds(
     """Yield a planner's paths at V_max (allowed piston speed), then at lower speeds if needed.
 
     Each factor of SPEED_FACTORS is tried while `progress.is_held_back` is True (motions cannot keep
-    up with their paths). The factors are also tried if there is no path at V_max, since slower
-    steps need less pressure. They end with the time of the search. An error at a lower speed is
-    only logged.
+    up with their paths). The factors are also tried while there is no path, since slower steps need
+    less pressure. They end with the time of the search. An error at a lower speed is only logged.
 
     Args:
         planner: The planner.

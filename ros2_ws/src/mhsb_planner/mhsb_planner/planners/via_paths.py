@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 
 from mhsb_model.machine import Machine
+from mhsb_planner.motion.resting import insert_rests
 from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
-from mhsb_planner.planners.resting import insert_rests
 from mhsb_planner.planners.slower_paths import paths_at_falling_speeds
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics

@@ -20,9 +20,9 @@ from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.errors import DeadlineError, StartError
 from mhsb_planner.motion.limits.joint_range import JOINT_TOLERANCE, joint_excess
+from mhsb_planner.motion.resting import insert_rests
 from mhsb_planner.plan_log import ProposalOutcome
 from mhsb_planner.planners.path_planner import PathProposal, PathRequest
-from mhsb_planner.planners.resting import insert_rests
 from mhsb_planner.planners.via_paths import PathSource, join_paths, paths_through_via_points
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.progress import PlanProgress

@@ -61,11 +61,8 @@ a motion. If fitting takes long, the motion is long, and the own search will fin
 MIN_REPLACEMENT_GAIN = 0.02
 """Relative gain in cost from which another motion replaces the rest of the plan in force."""
 
-MIN_REFUSED_COST_RATIO = 0.8
-"""Ratio of a path's cost to the incumbent's below which it matters that S3 refused the path [-]."""
-
-MAX_SLOWDOWN = 1.25
-"""Largest ratio of a motion's duration to its path's at which it counts as keeping up [-]."""
+MIN_PATH_COST_RATIO = 0.8
+"""Ratio of a path's cost to the incumbent's below which motions cannot keep up with paths [-]."""
 
 ALLOWED_DELAY_SHARE = 0.1
 """Additional duration that a cheaper motion may have if another is to follow, as a share of the
@@ -112,8 +109,7 @@ class PlanningLoop:
         self.progress = PlanProgress(deadline, log=log)
         self._best: Plan | None = None
         self._refused: FitError | None = None
-        self._refused_path: DiscretePath | None = None
-        self._refused_cost = math.inf
+        self._cheapest_path_cost = math.inf
         self._cut_short: DeadlineError | None = None
         self._postponed: PostponedVariants | None = None
         self._seconds = {"search": 0.0, "fit": 0.0, "energy": 0.0}
@@ -222,8 +218,7 @@ class PlanningLoop:
         - With a deadline, the variants of the first motion wait for the next path, or for the end
           of the proposals. They take several times as long as that motion and lower the cost less.
 
-        If the path is not skipped, `progress.is_held_back` is updated: True if motions cannot keep
-        up with their paths.
+        If the path is not skipped, `progress.is_held_back` is updated.
 
         Args:
             proposal: The proposal.
@@ -243,7 +238,9 @@ class PlanningLoop:
             followed = self._fit_and_keep(proposal, following_rules(rules))
             rules = replace(rules, polynomial_only=followed is not None)
         motion = self._fit_and_keep(proposal, rules) or followed
-        self._judge_speed(path, motion)
+        self._cheapest_path_cost = min(self._cheapest_path_cost, path.cost)
+        incumbent_cost = math.inf if self._best is None else self._best.cost(options)
+        self.progress.is_held_back = self._cheapest_path_cost < MIN_PATH_COST_RATIO * incumbent_cost
         if motion is not None and best is None and self.progress.has_deadline and self._best:
             cost = self._best.cost(options)
             self._postponed = PostponedVariants(proposal, motion, rules, cost)
@@ -251,28 +248,6 @@ class PlanningLoop:
         self._try_postponed_variants()
         if motion is not None:
             self._try_variants(proposal, motion, rules)
-
-    def _judge_speed(self, path: DiscretePath, motion: FittedMotion | None) -> None:
-        """Update `progress.is_held_back`: whether motions cannot keep up with their paths.
-
-        With an incumbent (best plan so far) it is True in two cases. S3 (trajectory stage) has
-        refused to follow a path that costs less than MIN_REFUSED_COST_RATIO times the incumbent. Or
-        the incumbent's motion takes longer than MAX_SLOWDOWN times its path. Without an incumbent,
-        it is True if S3 has refused to follow any path.
-
-        Args:
-            path: The path that was fitted last.
-            motion: Motion that `_fit_and_keep` returned for it, or None.
-        """
-        if motion is None and self._refused_path is path:
-            self._refused_cost = min(self._refused_cost, path.cost)
-        best, options = self._best, self._task.options
-        if best is None:
-            self.progress.is_held_back = self._refused_cost < math.inf
-            return
-        is_slow = best.duration > MAX_SLOWDOWN * float(best.path.duration.sum())
-        is_dear = self._refused_cost < MIN_REFUSED_COST_RATIO * best.cost(options)
-        self.progress.is_held_back = is_dear or (is_slow and best.path.steps > 0)
 
     def _try_postponed_variants(self) -> None:
         """Try the postponed variants of the first motion, if there are any, and forget them.
@@ -446,8 +421,6 @@ class PlanningLoop:
         except FitError as error:
             self._log(proposal, ProposalOutcome.REFUSED, rules, reason=error.refused[-1])
             self._refused = self._refused or error
-            if rules.trajectory == "followed":
-                self._refused_path = proposal.path
             if best is None and self._is_steering:
                 raise
             if best is not None and rules.polynomial_only:

@@ -34,6 +34,7 @@ from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.trajectory import MotionState
 from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.errors import DeadlineError, NoPathError
+from mhsb_planner.motion.resting import insert_rests
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planners.path_planner import (
     NOTHING_ELSE,
@@ -43,7 +44,6 @@ from mhsb_planner.planners.path_planner import (
     SlewDemand,
     propose_in_both_ways,
 )
-from mhsb_planner.planners.resting import insert_rests
 from mhsb_planner.planners.schedule import Proposer, schedule_in_turn, take_turns
 from mhsb_planner.planners.via_paths import PlanePaths, join_paths, plan_leg
 from mhsb_planner.progress import PlanProgress

@@ -12,11 +12,11 @@ from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState
 from mhsb_model.types import frozen
+from mhsb_planner.motion.resting import insert_rests
 from mhsb_planner.motion.s3_ramps import shortest_ramp
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.planners.path_planner import PathRequest
-from mhsb_planner.planners.resting import insert_rests
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.manipulability_loss import WITHOUT_AREA
 from mhsb_planner.slewing.among_zones import (

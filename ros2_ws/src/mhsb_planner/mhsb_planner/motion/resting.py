@@ -14,7 +14,7 @@ from mhsb_planner.search.s2_search import Weights
 
 
 def insert_rests(
-    machine: Machine, path: DiscretePath, step_indices: IntArray, weights: Weights
+    machine: Machine, path: DiscretePath, step_indices: IntArray, weights: Weights | None = None
 ) -> DiscretePath:
     """Insert a rest before given steps of a path.
 
@@ -29,14 +29,14 @@ def insert_rests(
         machine: The whole arm.
         path: The path; it stays unchanged.
         step_indices: Indices of the steps before which the arm rests, by the steps of `path`.
-        weights: Weights of energy and time, for the cost of the rests.
+        weights: Weights of energy and time, for the cost of the rests; None: the cost stays.
 
     Returns:
-        Copy of the path with one more step for each rest, and a higher cost.
+        Copy of the path with one more step for each rest.
     """
     m, seconds = machine.arrays, shortest_ramp(machine).duration
     energy = m.supply_pressure * machine.joint_count * m.leakage_flow * seconds
-    dearer = len(step_indices) * (weights.energy * energy + weights.time * seconds)
+    price = 0.0 if weights is None else weights.energy * energy + weights.time * seconds
     return replace(
         path,
         tip=np.insert(path.tip, step_indices, path.tip[step_indices], axis=0),
@@ -45,5 +45,5 @@ def insert_rests(
         duration=np.insert(path.duration, step_indices, seconds),
         energy=np.insert(path.energy, step_indices, energy),
         energy_series=np.insert(path.energy_series, step_indices, energy),
-        cost=path.cost + dearer,
+        cost=path.cost + len(step_indices) * price,
     )

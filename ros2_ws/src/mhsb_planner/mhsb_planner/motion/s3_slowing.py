@@ -1,0 +1,79 @@
+"""Slowing of those pieces of a motion in which pumps, valves or pressures do not suffice.
+
+A motion along a discrete path has a scale for each step: a factor on the step's duration. If a
+limit is broken at some instants, only the steps around them become longer.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mhsb_model.types import FloatArray
+from mhsb_planner.motion.limits.limit import TimeScaling, Violation
+from mhsb_planner.motion.limits.thrust import THRUST_LIMIT
+from mhsb_planner.motion.s3_limits import EndValues
+
+THRUST_STRETCH, PIECE_THRUST_STRETCH = 1.25, 1.5
+"""Factor on a motion's duration, and on that of a piece of it, if pressure lacks [-].
+
+With the first, inertia falls by a third. A piece is short, so a larger factor costs little there
+and needs fewer rounds."""
+
+USAGE_RESERVE = 1.003
+"""Factor by which durations are stretched beyond the need at the points [-].
+It covers what may happen between the points."""
+
+
+def compute_needed_factors(
+    violation: Violation,
+    ends: EndValues,
+    used: FloatArray,
+    time: FloatArray,
+    thrust_stretch: float,
+) -> FloatArray:
+    """Compute how much longer each interval of a motion has to be, to mend a broken limit.
+
+    If pressure lacks, every interval in which it lacks needs `thrust_stretch`. If valves or pumps
+    do not suffice between two points, the interval of the violation needs the factor by which they
+    are exceeded, times USAGE_RESERVE.
+
+    Args:
+        violation: The broken limit; its time scaling is INERTIA or SPEED.
+        ends: Quantities of the limits at the ends of the k intervals.
+        used: Share of what V_max, valves and pumps can do that each interval uses, shape (k,) [-].
+        time: Times of the motion's points, shape (k + 1,) [s].
+        thrust_stretch: Factor if pressure lacks [-].
+
+    Returns:
+        Factor on the duration of each interval, shape (k,) [-].
+    """
+    broken = min(int(np.searchsorted(time, violation.time, "right")) - 1, len(used) - 1)
+    if violation.limit.time_scaling is TimeScaling.INERTIA:
+        thrust = np.maximum(ends.begin.of(THRUST_LIMIT), ends.end.of(THRUST_LIMIT))
+        needed = np.where(thrust > THRUST_LIMIT.broken_above, thrust_stretch, 1.0)
+        needed[broken] = thrust_stretch
+        return needed
+    needed = USAGE_RESERVE * used
+    needed[broken] = USAGE_RESERVE * (1.0 + violation.amount)
+    return needed
+
+
+def spread_over_steps(needed: FloatArray, time: FloatArray, node_time: FloatArray) -> FloatArray:
+    """Compute the factor on the duration of each path step from those of a motion's intervals.
+
+    A ramp around a node belongs to the two steps that meet there. Both therefore get the largest
+    factor of the intervals that are nearest to the node. No factor is below 1.
+
+    Args:
+        needed: Factor that each interval needs, shape (m,) [-].
+        time: Times of the motion's points, shape (m + 1,) [s].
+        node_time: Time at which the motion is to be at each node of the path, shape (k + 1,) [s].
+
+    Returns:
+        Factor of each step, shape (k,) [-].
+    """
+    halfway = 0.5 * (node_time[:-1] + node_time[1:])
+    nearest = np.searchsorted(halfway, 0.5 * (time[:-1] + time[1:]))
+    at_node = np.ones(len(node_time))
+    np.maximum.at(at_node, nearest, needed)
+    return np.maximum(at_node[:-1], at_node[1:])
