@@ -258,11 +258,8 @@ class EndValues(NamedTuple):
         )
         return cls(LimitValues(begin), LimitValues(end), modes)
 
-    def compute_speed_uses(self, first: int) -> FloatArray:
+    def compute_speed_uses(self) -> FloatArray:
         """Compute the share of the limits on speed that each interval uses.
-
-        Args:
-            first: First interval that counts; the intervals before it get 0.
 
         Returns:
             Largest quantity of a limit with TimeScaling.SPEED at the ends of each interval, shape
@@ -270,9 +267,9 @@ class EndValues(NamedTuple):
             duration keeps them.
         """
         limits = [each for each in STATE_LIMITS if each.time_scaling is TimeScaling.SPEED]
-        uses = np.max([end.of(each) for each in limits for end in (self.begin, self.end)], axis=0)
-        uses[:first] = 0.0
-        return uses
+        uses = [end.of(each) for each in limits for end in (self.begin, self.end)]
+        largest: FloatArray = np.max(uses, axis=0)
+        return largest
 
 
 def keeps_position_limits(machine: Machine, trajectory: Trajectory) -> bool:

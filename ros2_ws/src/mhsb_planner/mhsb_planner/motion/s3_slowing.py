@@ -19,6 +19,12 @@ THRUST_STRETCH, PIECE_THRUST_STRETCH = 1.25, 1.5
 With the first, inertia falls by a third. A piece is short, so a larger factor costs little there
 and needs fewer rounds."""
 
+MIN_PIECE_FACTOR = 1.02
+"""Least factor by which a piece is slowed alone [-].
+
+A piece that is slowed alone adds corners to the motion, and the time between two corners is rounded
+up. To slow the whole motion by a smaller factor takes less time."""
+
 USAGE_RESERVE = 1.003
 """Factor by which durations are stretched beyond the need at the points [-].
 It covers what may happen between the points."""
@@ -29,49 +35,58 @@ def compute_needed_factors(
     ends: EndValues,
     used: FloatArray,
     time: FloatArray,
-    thrust_stretch: float,
+    slows_pieces: bool,
 ) -> FloatArray:
     """Compute how much longer each interval of a motion has to be, to mend a broken limit.
 
-    If pressure lacks, every interval in which it lacks needs `thrust_stretch`. If valves or pumps
-    do not suffice between two points, the interval of the violation needs the factor by which they
-    are exceeded, times USAGE_RESERVE.
+    If pressure lacks, every interval in which it lacks needs PIECE_THRUST_STRETCH, or
+    THRUST_STRETCH if the whole motion is slowed. If valves or pumps do not suffice between two
+    points, the interval of the violation needs the factor by which they are exceeded, times
+    USAGE_RESERVE.
 
     Args:
         violation: The broken limit; its time scaling is INERTIA or SPEED.
         ends: Quantities of the limits at the ends of the k intervals.
         used: Share of what V_max, valves and pumps can do that each interval uses, shape (k,) [-].
         time: Times of the motion's points, shape (k + 1,) [s].
-        thrust_stretch: Factor if pressure lacks [-].
+        slows_pieces: True if only the steps around the violation become longer.
 
     Returns:
         Factor on the duration of each interval, shape (k,) [-].
     """
     broken = min(int(np.searchsorted(time, violation.time, "right")) - 1, len(used) - 1)
     if violation.limit.time_scaling is TimeScaling.INERTIA:
+        stretch = PIECE_THRUST_STRETCH if slows_pieces else THRUST_STRETCH
         thrust = np.maximum(ends.begin.of(THRUST_LIMIT), ends.end.of(THRUST_LIMIT))
-        needed = np.where(thrust > THRUST_LIMIT.broken_above, thrust_stretch, 1.0)
-        needed[broken] = thrust_stretch
+        needed = np.where(thrust > THRUST_LIMIT.broken_above, stretch, 1.0)
+        needed[broken] = stretch
         return needed
     needed = USAGE_RESERVE * used
     needed[broken] = USAGE_RESERVE * (1.0 + violation.amount)
     return needed
 
 
-def spread_over_steps(needed: FloatArray, time: FloatArray, node_time: FloatArray) -> FloatArray:
+def spread_over_steps(
+    needed: FloatArray, time: FloatArray, node_time: FloatArray, slows_pieces: bool
+) -> FloatArray:
     """Compute the factor on the duration of each path step from those of a motion's intervals.
 
-    A ramp around a node belongs to the two steps that meet there. Both therefore get the largest
-    factor of the intervals that are nearest to the node. No factor is below 1.
+    All steps get the largest factor, unless pieces are slowed and it exceeds MIN_PIECE_FACTOR. Then
+    a ramp around a node belongs to the two steps that meet there, and both get the largest factor
+    of the intervals that are nearest to the node, but at least 1.
 
     Args:
         needed: Factor that each interval needs, shape (m,) [-].
         time: Times of the motion's points, shape (m + 1,) [s].
         node_time: Time at which the motion is to be at each node of the path, shape (k + 1,) [s].
+        slows_pieces: True if steps may be slowed alone.
 
     Returns:
         Factor of each step, shape (k,) [-].
     """
+    most = float(needed.max())
+    if not slows_pieces or most <= MIN_PIECE_FACTOR:
+        return np.full(len(node_time) - 1, most)
     halfway = 0.5 * (node_time[:-1] + node_time[1:])
     nearest = np.searchsorted(halfway, 0.5 * (time[:-1] + time[1:]))
     at_node = np.ones(len(node_time))

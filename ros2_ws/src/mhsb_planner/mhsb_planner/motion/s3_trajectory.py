@@ -66,8 +66,6 @@ from mhsb_planner.motion.s3_candidates import (
 from mhsb_planner.motion.s3_limits import EndValues, find_first_violation, middle_profile
 from mhsb_planner.motion.s3_polynomial import MIN_STEP_DURATION
 from mhsb_planner.motion.s3_slowing import (
-    PIECE_THRUST_STRETCH,
-    THRUST_STRETCH,
     USAGE_RESERVE,
     compute_needed_factors,
     spread_over_steps,
@@ -502,8 +500,7 @@ def _fit_candidate(
         position = trajectory.position[first:]
         if passed := _describe_passed_limit(machine, limits, candidate, position, rules):
             return passed
-        time = trajectory.offset_ns / SECOND_NS
-        preferred = _get_preferred_modes(path, curve.node_time, time, first)
+        preferred = _get_preferred_modes(path, curve.node_time, trajectory, first)
         scheduled = ScheduledMotion.create(machine, trajectory, modes, preferred, rules.switching)
         if not scheduled.keeps_dwell:
             return f"an actuator is switched twice within {rules.switching.min_dwell:g} s"
@@ -513,10 +510,8 @@ def _fit_candidate(
         if missed := describe_first_missed(tip, rules.via_points):
             return missed
         ends = EndValues.from_profile(machine, profile, scheduled.intervals)
-        speeds = _compute_speed_uses(machine, candidate, profile, first, rules)
-        used = np.max(
-            [ends.compute_speed_uses(first), speeds, np.full_like(speeds, slowing)], axis=0
-        )
+        used = np.maximum(_compute_speed_uses(machine, candidate, profile, ends, rules), slowing)
+        used[:first] = 0.0
         deadline.check(FIT_TASK)
         needed, most = USAGE_RESERVE * used, float(used.max())
         stuck, before = most == before, most
@@ -529,11 +524,9 @@ def _fit_candidate(
             scaling = violation.limit.time_scaling
             if scaling not in candidate.stretchable or violation.time < time[first]:
                 return violation
-            lacking = PIECE_THRUST_STRETCH if candidate.slows_pieces else THRUST_STRETCH
-            needed = compute_needed_factors(violation, ends, used, time, lacking)
-        factor = np.array(needed.max())
-        if candidate.slows_pieces:
-            factor = spread_over_steps(needed[first:], time[first:] - time[first], curve.node_time)
+            needed = compute_needed_factors(violation, ends, used, time, candidate.slows_pieces)
+        since, slows_pieces = time[first:] - time[first], candidate.slows_pieces
+        factor = spread_over_steps(needed[first:], since, curve.node_time, slows_pieces)
         scale = scale * (np.maximum(factor, USAGE_RESERVE) if stuck else factor)
         stretch = _compute_stretch(path, scale)
         if stretch > (candidate.max_stretch or rules.max_stretch) * candidate.stretch:
@@ -605,10 +598,10 @@ def _compute_speed_uses(
     machine: Machine,
     candidate: CurveCandidate,
     profile: MotionProfile,
-    first: int,
+    ends: EndValues,
     rules: FitRules,
 ) -> FloatArray:
-    """Compute the ratio of piston speed to allowed piston speed in each interval of a motion.
+    """Compute the share of V_max, valves and pumps that each interval of a motion uses.
 
     The allowed speed of each piston is V_max (1 + max_excess). If the curve begins with a moving
     start, the start may be faster, and stretching cannot slow it. The factor 1 + max_excess is then
@@ -618,25 +611,23 @@ def _compute_speed_uses(
         machine: Machine that moves.
         candidate: Curve that is tried; it says whether it begins with a moving start.
         profile: Profile of the motion at its k + 1 points, with the piston speeds.
-        first: First interval after the lead-in (motion before the curve, such as braking). The
-            intervals before it get 0.
+        ends: Quantities of the limits at the ends of the k intervals.
         rules: Settings of the fit, with `max_excess`.
 
     Returns:
-        Largest ratio over pistons and both ends of each interval, shape (k,) [-]; above 1 the
-        interval is too fast.
+        Largest share at both ends of each interval, shape (k,) [-]; above 1 the interval is too
+        fast, inf if no speed is possible.
     """
     share = (np.abs(profile.speed) / machine.arrays.max_piston_speed).max(axis=1)
     fastest = 1.0 + rules.max_excess
     if candidate.coasts:
         fastest = max(fastest, USAGE_RESERVE * float(share[0]))
-    uses: FloatArray = np.maximum(share[:-1], share[1:]) / fastest
-    uses[:first] = 0.0
-    return uses
+    speed = np.maximum(share[:-1], share[1:]) / fastest
+    return np.maximum(ends.compute_speed_uses(), speed)
 
 
 def _get_preferred_modes(
-    path: DiscretePath, node_time: FloatArray, time: FloatArray, first: int
+    path: DiscretePath, node_time: FloatArray, trajectory: Trajectory, first: int
 ) -> ModeArray:
     """Return the discrete path's modes at the points of a trajectory.
 
@@ -646,13 +637,14 @@ def _get_preferred_modes(
         path: Discrete path. Only `modes` is read.
         node_time: Time at which the motion is to be at each node, from the end of the lead-in
             (motion before the curve, such as braking), shape (k + 1,) [s].
-        time: Times of the trajectory's points, shape (m,) [s].
+        trajectory: Trajectory of m points.
         first: Index of the point at which the lead-in ends. The points before it get mode N; 0
             means no lead-in.
 
     Returns:
         Mode codes, shape (m, n).
     """
+    time = trajectory.offset_ns / SECOND_NS
     return _assign_step_modes(path.modes, node_time, time, first)
 
 
