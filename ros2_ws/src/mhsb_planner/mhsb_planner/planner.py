@@ -46,10 +46,11 @@ from mhsb_planner.planners.registry import (
     planners_weighing_area,
 )
 from mhsb_planner.planners.via_paths import PathSource, PlanePaths
-from mhsb_planner.planning.first_moves import describe_start_problems, paths_from_anywhere
+from mhsb_planner.planning.first_moves import paths_from_anywhere
 from mhsb_planner.planning.loop import PlanningLoop
 from mhsb_planner.planning.motion_rules import fit_rules
 from mhsb_planner.planning.overload_remarks import describe_overload
+from mhsb_planner.planning.start_problems import describe_start_problems
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search import goal_clearance, manipulability_loss, s2_step
 from mhsb_planner.search.discrete_path import DiscretePath

@@ -10,35 +10,33 @@ no deeper into an obstacle than it is at the start. The trajectory is checked fo
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
 
-from mhsb_model.errors import MhsbError, suggest_unit_of_number
+from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.errors import DeadlineError, StartError
 from mhsb_planner.motion.limits.joint_range import JOINT_TOLERANCE, joint_excess
 from mhsb_planner.motion.resting import insert_rests
+from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.plan_log import ProposalOutcome
 from mhsb_planner.planners.path_planner import PathProposal, PathRequest
+from mhsb_planner.planners.priced_path import price_path
 from mhsb_planner.planners.via_paths import PathSource, join_paths, paths_through_via_points
+from mhsb_planner.planning.start_problems import describe_limit_excess, suggest_unit_of_start
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.progress import PlanProgress
-from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
+from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.goal_clearance import describe_start_contact
-from mhsb_planner.search.s2_step import step_costs
 from mhsb_planner.slewing.turned_path import combine_with_slew, compute_even_turning
 
 START_NOISE = 0.01
 """Largest distance of a start beyond a joint limit that counts as measurement noise [rad or m]. The
 planner treats such a start as if it were within the limits.
-"""
-
-NAMED_EXCESS = 1e-3
-"""Distance beyond a joint limit from which the start is mentioned in the plan's warnings [rad or
-m]. It is more than the noise of a joint's sensor.
 """
 
 TRIED_POSTURES = 8
@@ -65,67 +63,6 @@ DIRECT_SHARE = 0.5
 """Share of the remaining time in which the planner searches directly from a start in an obstacle.
 It finds most paths then; the rest of the time is for paths over a first move.
 """
-
-
-def describe_limit_excess(machine: Machine, posture: FloatArray) -> str:
-    """Return a clause that names the joints that are beyond their limits in a posture.
-
-    Args:
-        machine: The arm.
-        posture: Joint positions, shape (n,) [rad or m].
-
-    Returns:
-        Name, value, excess and limit of each joint whose excess is above NAMED_EXCESS; empty if
-        there is none. An example is "joint_1 at 2.494 rad, 0.02 rad beyond its upper limit of 2.474
-        rad".
-    """
-    a, words = machine.arrays, []
-    for j, value in enumerate(posture.tolist()):
-        unit, low, high = machine.joint_units[j], a.joint_min[j], a.joint_max[j]
-        side, limit = ("upper", high) if value > high else ("lower", low)
-        excess = max(value - high, low - value)
-        if excess > NAMED_EXCESS:
-            words.append(
-                f"{machine.joint_names[j]} at {value:.4g} {unit}, {excess:.4g} {unit} beyond its "
-                f"{side} limit of {limit:.4g} {unit}"
-            )
-    return " and ".join(words)
-
-
-def suggest_unit_of_start(machine: Machine, posture: FloatArray) -> str:
-    """Return a clause that asks whether a posture was meant in degrees, or in mm.
-
-    Args:
-        machine: The arm.
-        posture: Joint positions, shape (n,) [rad or m].
-
-    Returns:
-        The clause, for the first joint whose excess over its limit is greater than its whole range.
-        Empty if there is no such joint.
-    """
-    low, high = machine.arrays.joint_min, machine.arrays.joint_max
-    for j in np.flatnonzero(np.maximum(posture - high, low - posture) > high - low):
-        unit = machine.joint_units[j]
-        return suggest_unit_of_number(float(posture[j]), unit, float(low[j]), float(high[j]))
-    return ""
-
-
-def describe_start_problems(machine: Machine, posture: FloatArray) -> str:
-    """Return a clause on joints beyond their limits and on obstacles touched at the start.
-
-    Args:
-        machine: The arm.
-        posture: Start posture, shape (n,) [rad or m].
-
-    Returns:
-        The clause; empty if nothing is wrong.
-    """
-    beyond = describe_limit_excess(machine, posture)
-    clauses = (
-        f"the arm starts with {beyond}" if beyond else "",
-        describe_start_contact(machine, posture),
-    )
-    return "; ".join(filter(None, clauses))
 
 
 def paths_from_anywhere(
@@ -450,52 +387,28 @@ def _plan_first_move(
 ) -> DiscretePath | None:
     """Plan the cheapest straight move from where the path begins to a posture, as one step.
 
-    The mode combination of least cost is taken; the request gives the weights of energy, time and
-    mode switches. If only the slew moves, the path contains the slew's motion alone.
+    The mode combination of least cost is taken. If only the slew moves, the path contains the
+    slew's motion alone.
 
     Args:
         machine: The whole arm.
-        task: The request; gives departure (posture at rest where the path begins), modes in force
-            and weights.
+        task: The request; gives departure (posture at rest where the path begins), modes in force,
+            weights and energy reading.
         posture: End of the move, shape (n,) [rad or m].
 
     Returns:
         The path, slew included. None if no mode combination is admissible.
     """
-    plane, weights, slews = machine.planar_arm, task.options.weights, int(machine.slews)
+    plane, slews, modes = machine.planar_arm, int(machine.slews), task.modes
     begin, end = task.departure[slews:], posture[slews:]
-    modes = task.modes.modes[slews:]
+    in_plane = replace(task, modes=StartModes(modes.modes[slews:], modes.age[slews:]))
+    path: DiscretePath | None
     if np.array_equal(begin, end):  # the slew alone is beyond its limits
         tip = plane.tip_position(begin)
-        path = DiscretePath.create_without_steps(tip, begin, modes, 0.0)
-        return combine_with_slew(
-            machine, task, path, compute_even_turning(machine, path, *_slew_angles(task, posture))
-        )
-    costs = step_costs(plane, begin, end)
-    switches = np.count_nonzero(plane.patterns != modes, axis=1)
-    cost = weights.energy * costs.energy + weights.time * costs.duration
-    cost = np.where(costs.admissible, cost + weights.switches * switches, np.inf)
-    best = int(np.argmin(cost))
-    if not np.isfinite(cost[best]):
-        return None
-    path = DiscretePath(
-        tip=np.array([plane.tip_position(begin), plane.tip_position(end)]),
-        posture=np.array([begin, end]),
-        modes=plane.patterns[[best]],
-        duration=costs.duration[[best]],
-        energy=costs.energy[[best]],
-        energy_series=costs.energy_series[[best]],
-        cost=float(cost[best]),
-        start_modes=modes,
-        statistics=SearchStatistics(0, 0, 0.0),
-    )
-    if not machine.slews:
+        path = DiscretePath.create_without_steps(tip, begin, in_plane.modes.modes, 0.0)
+    else:
+        path = price_path(plane, in_plane, np.array([begin, end]), PlanProgress())
+    if path is None or not machine.slews:
         return path
-    return combine_with_slew(
-        machine, task, path, compute_even_turning(machine, path, *_slew_angles(task, posture))
-    )
-
-
-def _slew_angles(task: PathRequest, posture: FloatArray) -> tuple[float, float]:
-    """Return the slew's angles at the request's departure and in a posture [rad]."""
-    return float(task.departure[0]), float(posture[0])
+    turning = compute_even_turning(machine, path, float(task.departure[0]), float(posture[0]))
+    return combine_with_slew(machine, task, path, turning)
