@@ -240,7 +240,7 @@ class ControlAxis(Record):
     force_to_command: float
     """Force of the reference at that time, without friction [N]; NaN before the first step."""
     force_rate: float
-    """Rate of change of `force_to_command` [N/s]."""
+    """Rate of change of `force_to_command` [N/s]; 0 if commands act at once."""
     speed_to_pump: float
     """Piston speed of the reference at the time when a pump command sent now acts [m/s]."""
     force_to_pump: float
@@ -573,7 +573,8 @@ def compute_reference_forces(s: ServoArguments, payload: float) -> None:
             held = (weight[j] if abs(weight[j]) < abs(torque[j]) else torque[j]) / arm
             if k == 0:
                 rise = force - axis.force_to_command
-                axis.force_rate = 0.0 if math.isnan(rise) else rise / s.gains[0].step
+                is_known = s.command_times[0] > 0.0 and not math.isnan(rise)
+                axis.force_rate = rise / s.gains[0].step if is_known else 0.0
                 axis.speed_to_command, axis.force_to_command = speed, force
                 _, arm, _ = evaluate_linkage(s.linkage[j], to_cross[0, j])
                 axis.speed_to_cross = arm * to_cross[1, j]
@@ -628,7 +629,7 @@ def demand_speed(
         F_ref = F_known + d + (k_p k_h/ω_F) e
 
     F_m is the force of the reference without friction. The term with its rate Ḟ_m compresses the
-    oil; it is left out if the controller does not know T. ω_F is the bandwidth of the force loop
+    oil; it is 0 if the controller writes no `command_times`. ω_F is the bandwidth of the force loop
     [1/s], k_h the stiffness of the oil [N/m], k_p the gain of the position loop [1/s], and T the
     time until a command acts [s]. |u| is limited to `deliverable_speed`, which the pumps can
     supply, and while the reference rests also to `max_speed_at_rest`. The integral w
@@ -652,9 +653,8 @@ def demand_speed(
     if axis.is_saturated == 0.0 and acts:
         w = axis.integral + axis.integral_gain * error * gains.step
         axis.integral = min(max(w, -axis.integral_limit), axis.integral_limit)
-    demand = axis.speed_to_command + pull * (force_reference - force) + axis.integral
-    if gains.reaction_time > 0.0:
-        demand += axis.force_rate / axis.stiffness
+    demand = axis.speed_to_command + axis.force_rate / axis.stiffness
+    demand += pull * (force_reference - force) + axis.integral
     most = min(axis.max_speed_at_rest, axis.deliverable_speed)
     axis.demand = min(max(demand, -most), most)
 

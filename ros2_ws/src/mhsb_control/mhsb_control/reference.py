@@ -228,7 +228,7 @@ def evaluate_reference(
 
     At the rate s of the speed scaling, velocities are multiplied by s and accelerations by s². The
     present acceleration and those at `command_times` also get ds/dt times the velocity at full
-    speed. On the trajectory, times are s times shorter. Test oracle: `Trajectory.sample`.
+    speed. On the trajectory, times ahead are multiplied by s. Test oracle: `Trajectory.sample`.
 
     Args:
         offset_ns: Times of the trajectory's points after its stamp, int64[k], [ns].

@@ -87,6 +87,7 @@ class ServoLoop:
         Raises:
             ArgumentError: There are responses, but the controller keeps none.
         """
+        self.signals.command_times[:] = 0.0
         self.controller = self._make_controller(learnt)
         self._control = self.controller.update
 

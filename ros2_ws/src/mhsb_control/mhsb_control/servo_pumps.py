@@ -456,8 +456,8 @@ def compute_pump_demand(
         targets: p_ref, target of the pressure at present, and from point PREVIEW_POINT on [Pa].
         capacity: C, capacity of the line with the estimated compressibility [m³/Pa].
         pending: Oil that arrives whatever is commanded now [m³].
-        p: State of the pumps. Reads `volume` and `leakage_uncertainty` of the line. Writes its
-            entry of `targets`, and reduces `charging_flow_left` by the charging flow, in place.
+        p: State of the pumps. Reads `volume`, `leakage_uncertainty` and `targets` of the line.
+            Reduces `charging_flow_left` by the charging flow in place.
 
     Returns:
         Flow [m³/s], not limited to the pump's range.
@@ -482,7 +482,6 @@ def compute_pump_demand(
     gain = min(g.pressure_gain, g.settings.max_gain_delay / max(own.delay * own.step, own.step))
     lacking = gain * (capacity * (target - pressure) - filled)
     lacking += capacity * min(target - p.targets[line], 0.0) / own.step
-    p.targets[line] = target
     charge = min(lacking, p.charging_flow_left[0])
     least = g.settings.min_charge_share * charge
     if pressure < min(target, g.fed_below):
@@ -635,8 +634,8 @@ def command_pumps(s: ServoArguments, p: PumpState) -> None:
         s: Signals, circuit, axes and estimates of the servo. Writes `flow_command` [m³/s] and
             `to_rail_command` (1: switch the module to the rail, 0: to its own line) of all modules
             in place.
-        p: State of the pumps. Updates `drives` in place. If lag and delay were estimated anew, it
-            also writes `coasting` and `cautious_coasting`.
+        p: State of the pumps. Updates `drives` and `targets` in place. If lag and delay were
+            estimated anew, it also writes `coasting` and `cautious_coasting`.
     """
     axes, modules, serves, module_home = s.axes, s.modules, s.serves, s.module_home
     c, g, drives = s.constants[0], p.gains[0], p.drives
@@ -678,3 +677,6 @@ def command_pumps(s: ServoArguments, p: PumpState) -> None:
             )
             command = drives.flow[k] + lead * (demand - drives.flow[k])
         module.flow_command = min(max(command, 0.0), c.servo_pump_flow)
+    for j in range(len(axes)):
+        p.targets[j] = axes[j].supply_target
+    p.targets[len(axes)] = p.rail_target[0]

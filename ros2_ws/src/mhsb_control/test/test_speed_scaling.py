@@ -71,8 +71,8 @@ def test_a_slowed_reference_stays_on_its_way_and_is_its_own_derivative(
 ) -> None:
     start = np.array([0.3, -1.4, -1.5])
     trajectory, schedule = motion(MotionState.at_rest(start), start + 0.3)
-    values = np.zeros((6, 3, 3))
-    reference = ReferencePreview(values, preview=0.06)
+    values, states = np.zeros((6, 3, 3)), np.zeros((2, 3, 3))
+    reference = ReferencePreview(values, 0.06, states, np.array([0.0, 0.023]))
     reference.follow(trajectory, schedule, planned=True)
     rows, own = [], []
     for k, each in enumerate(wanted):
@@ -85,6 +85,13 @@ def test_a_slowed_reference_stays_on_its_way_and_is_its_own_derivative(
             own[-1] + round(0.06 * SECOND_NS * reference.speed_scaling["rate"][0])
         )
         np.testing.assert_allclose(values[2, 0], ahead.position, atol=1e-8)
+        rate, change = (float(reference.speed_scaling[name][0]) for name in ("rate", "change"))
+        np.testing.assert_array_equal(states[0], values[0])
+        late = trajectory.sample(own[-1] + round(0.023 * SECOND_NS * rate))
+        np.testing.assert_allclose(states[1, 0], late.position, atol=1e-8)
+        np.testing.assert_allclose(states[1, 1], rate * late.velocity, atol=1e-6)
+        slowed = rate**2 * late.acceleration + change * late.velocity
+        np.testing.assert_allclose(states[1, 2], slowed, atol=1e-4)
         update_rate(reference.speed_scaling[0], min(each, 1.0), STEP, RECORD)
     q, qd, qdd = np.array(rows).transpose(1, 0, 2)
     np.testing.assert_allclose(q, trajectory.sample_many(np.array(own))[0], atol=1e-9)

@@ -7,17 +7,18 @@ Curves are tried in this order. The first that keeps every limit is taken, and t
 2. The discrete path with ramps between its speeds, slower and slower ones. If a moving start
    coasts, the path begins at once.
 3. From a moving start: coming to rest, and then 2.
-4. The discrete path step by step, with a rest at every node.
+4. The path with ramps, and with a rest before each step in which an actuator begins to be boosted.
+5. The discrete path step by step, with a rest at every node.
 
-If a mode has just been switched, 3 and 4 are tried once more after a rest, in which the mode
+If a mode has just been switched, 3 to 5 are tried once more after a rest, in which the mode
 becomes old enough to be left.
 
 A motion may have to end near the end of the plan in force, as for a goal that moves. It then steers
 straight there from its state of motion (`s3_state_to_rest`), and no other curve is tried.
 
-Durations are stretched until valves, servo pumps and main pump can follow. Ramps are made slower
-until the pressures suffice. A motion rests for a while at its end if an actuator would otherwise be
-switched too early there.
+Steps become longer until valves, servo pumps and main pump can follow (`s3_slowing`). Ramps are
+made slower until the pressures suffice. A motion rests for a while at its end if an actuator would
+otherwise be switched too early there.
 """
 
 from __future__ import annotations
@@ -134,7 +135,8 @@ class FittedMotion:
         schedule: Modes over time.
         method: Method of the part after braking.
         braked: True if the motion begins with braking.
-        stretch: Factor on the discrete path's durations [-].
+        stretch: Mean factor on the durations of the path's steps, weighted by them [-]. Rests that
+            were inserted count as steps.
         speed_excess: Greatest |v|/V_max − 1 of a piston [-]; negative if V_max is kept.
         tip_deviation: Greatest distance of the tip from a node of the path at the time at which the
             motion is to be there [m].
@@ -465,10 +467,10 @@ def _fit_candidate(
     In each round the curve is sampled, gets its mode schedule and is checked. It is refused at once
     if it passes a joint limit or misses a via point. It is also refused at once if a piston runs on
     too far, or an actuator is switched too soon again. The durations of the path's steps grow by
-    the factor by which V_max, the curve limits, valves and pumps are exceeded: only around the
-    violation if the candidate slows pieces, else all of them. Pressures, and the times between the
-    points, are checked last. The rounds end with a violation that slowing cannot mend, or with a
-    stretch of the whole path beyond the greatest one.
+    the factor by which V_max, valves and pumps are exceeded: only around the violation if the
+    candidate slows pieces, else all of them. If the curve limits are exceeded, all steps grow.
+    Pressures, and the times between the points, are checked last. The rounds end with a violation
+    that slowing cannot mend, or with a stretch of the whole path beyond the greatest one.
 
     Args:
         machine: Machine whose joint limits and workspace admit the start.

@@ -218,7 +218,8 @@ class PlanningLoop:
         - With a deadline, the variants of the first motion wait for the next path, or for the end
           of the proposals. They take several times as long as that motion and lower the cost less.
 
-        If the path is not skipped, `progress.is_held_back` is updated.
+        If the path is not skipped, `progress.is_held_back` is set: True if the cheapest path so far
+        costs less than MIN_PATH_COST_RATIO times the incumbent, or there is no incumbent.
 
         Args:
             proposal: The proposal.
@@ -238,7 +239,8 @@ class PlanningLoop:
             followed = self._fit_and_keep(proposal, following_rules(rules))
             rules = replace(rules, polynomial_only=followed is not None)
         motion = self._fit_and_keep(proposal, rules) or followed
-        self._cheapest_path_cost = min(self._cheapest_path_cost, path.cost)
+        if path.steps > 0:
+            self._cheapest_path_cost = min(self._cheapest_path_cost, path.cost)
         incumbent_cost = math.inf if self._best is None else self._best.cost(options)
         self.progress.is_held_back = self._cheapest_path_cost < MIN_PATH_COST_RATIO * incumbent_cost
         if motion is not None and best is None and self.progress.has_deadline and self._best:

@@ -7,10 +7,21 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.motion import s3_candidates, s3_trajectory
+from mhsb_planner.motion.limits.limit import Violation
+from mhsb_planner.motion.limits.registry import STATE_LIMITS
+from mhsb_planner.motion.limits.thrust import THRUST_LIMIT
 from mhsb_planner.motion.s3_candidates import FitRules
-from mhsb_planner.motion.s3_slowing import MIN_PIECE_FACTOR, spread_over_steps
+from mhsb_planner.motion.s3_limits import EndValues, LimitValues
+from mhsb_planner.motion.s3_slowing import (
+    MIN_PIECE_FACTOR,
+    PIECE_THRUST_STRETCH,
+    THRUST_STRETCH,
+    compute_needed_factors,
+    spread_over_steps,
+)
 from mhsb_planner.motion.s3_trajectory import fit_trajectory
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 
@@ -63,3 +74,34 @@ def test_a_path_that_is_too_fast_in_one_step_is_slowed_there_alone(
     assert scales[-1][4] > 1.5
     assert np.all(scales[-1][[0, 1, 2, 6, 7]] <= MIN_PIECE_FACTOR)
     assert motion.stretch == pytest.approx(np.sum(scales[-1] * hurried) / np.sum(hurried))
+
+
+@pytest.mark.parametrize("slows_pieces", [True, False])
+def test_intervals_in_which_pressure_lacks_need_the_factor_for_it_and_no_others(slows_pieces):
+    thrust = np.zeros((len(STATE_LIMITS), 6))
+    thrust[STATE_LIMITS.index(THRUST_LIMIT)] = [0.2, 1.1, 0.9, 1.0, 0.3, 0.1]
+    ends = EndValues(LimitValues(thrust), LimitValues(0.5 * thrust), np.zeros((6, 3), np.uint8))
+    violation, time = Violation(THRUST_LIMIT, 0.45, 0.01), np.linspace(0.0, 0.6, 7)
+    needed = compute_needed_factors(violation, ends, np.full(6, 0.8), time, slows_pieces)
+    stretch = PIECE_THRUST_STRETCH if slows_pieces else THRUST_STRETCH
+    assert needed == pytest.approx([1.0, stretch, 1.0, 1.0, stretch, 1.0])
+
+
+def test_the_arm_stands_still_before_a_step_in_which_a_boost_begins(machine, walk):
+    path = walk(np.random.default_rng(5), 6)
+    modes = np.zeros_like(path.modes)
+    modes[3:, 1] = Mode.DECOUPLED_BOOST
+    path, start = replace(path, modes=modes), MotionState.at_rest(path.posture[0])
+    settled = StartModes.create_settled(path.start_modes)
+    tried = list(
+        s3_candidates.iterate_candidates(
+            machine, path, start, None, None, settled, FitRules.create_following()
+        )
+    )
+    [resting] = [each for each in tried if each.name.startswith("resting before boost")]
+    assert resting is tried[-2]  # the last one rests at every node
+    assert resting.path.steps == path.steps + 1
+    curve = resting.curve_at(np.ones(resting.path.steps))
+    q, qd, _ = curve.sample(np.array([curve.node_time[3:5].mean()]))
+    assert q[0] == pytest.approx(path.posture[3], abs=1e-9)
+    assert qd[0] == pytest.approx(np.zeros(3), abs=1e-9)

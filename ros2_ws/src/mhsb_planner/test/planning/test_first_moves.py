@@ -69,6 +69,7 @@ def move(any_planner):
         with suppress(InfeasibleGoalError):  # not with the joints that `fixed` keeps
             any_planner.plan(goal, MotionState.at_rest(start), options=PlanOptions(planner=kind))
             kinds.append(kind)
+    assert kinds
     return Move(start, goal, j, tuple(kinds))
 
 

@@ -2,12 +2,14 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.errors import DeadlineError
+from mhsb_planner.motion.s3_blend_in import compute_coasting
 from mhsb_planner.plan_log import PlanLog, ProposalOutcome
 from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions
 
@@ -79,3 +81,12 @@ def test_the_table_has_a_line_for_each_entry(planner, start):
     lines = str(log).splitlines()
     assert len(lines) == 1 + len(plan.log.entries)
     assert "taken" in lines[1]
+
+
+def test_a_start_that_comes_to_rest_at_its_goal_is_not_planned_at_lower_speeds(planner, start):
+    machine = planner.machine
+    moving = MotionState(start.position, np.full(machine.joint_count, 0.05), start.acceleration)
+    goal = machine.tip_position(compute_coasting(machine, moving).trajectory.position[-1])
+    plan = planner.plan(tuple(goal.tolist()), moving)
+    assert plan.log.entries
+    assert not [each for each in plan.log.entries if "V_max" in each.proposer]

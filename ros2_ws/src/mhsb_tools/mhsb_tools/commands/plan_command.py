@@ -427,7 +427,7 @@ def fit_lines(plan: Plan, seconds: dict[str, float]) -> list[str]:
     """
     motion = plan.motion
     return [
-        f"fit: {motion.method.value}, stretched {motion.stretch:.2f} times, "
+        f"fit: {motion.method.value}, stretched {motion.stretch:.2f} times on average, "
         f"{100 * max(0.0, motion.speed_excess):.0f} % above V_max at most, "
         f"tip within {1e3 * motion.tip_deviation:.0f} mm of the discrete path",
         "planned in "

@@ -1,4 +1,4 @@
-"""`study`: run both servo controllers over scenarios, draws, faults or the mismatch benchmark.
+"""`study`: run the servo controllers over scenarios, draws, faults or the mismatch benchmark.
 
 Scenarios are those of config/study_scenarios.yaml. Draws are plants that differ from the machine
 file as config/variations.yaml says.
