@@ -131,7 +131,7 @@ def test_a_plan_that_comes_twice_is_followed_once(observer, sender):
 def test_of_two_plans_whose_halves_are_mixed_the_newer_is_followed(observer, sender):
     # Halves go by topics of their own: nobody knows whether the older pair is complete first.
     older = sender.move(share=0.5)
-    observer.serve(0.05)
+    observer.until(lambda: observer.references[-1].stamp_ns > older.stamp_ns)
     newer = sender.move()
     assert newer.stamp_ns > older.stamp_ns
     sender.trajectory(older)
@@ -148,7 +148,7 @@ def test_of_two_plans_whose_halves_are_mixed_the_newer_is_followed(observer, sen
 
 def test_an_older_plan_that_comes_late_does_not_disturb_the_newer_one(observer, sender):
     older = sender.move(share=0.5)
-    observer.serve(0.05)
+    observer.until(lambda: observer.references[-1].stamp_ns > older.stamp_ns)
     newer = sender.move()
     sender.trajectory(newer)
     sender.modes(newer)
