@@ -90,7 +90,7 @@ def test_intervals_in_which_pressure_lacks_need_the_factor_for_it_and_no_others(
 def test_the_arm_stands_still_before_a_step_in_which_a_boost_begins(machine, walk):
     path = walk(np.random.default_rng(5), 6)
     modes = np.zeros_like(path.modes)
-    modes[3:, 1] = Mode.DECOUPLED_BOOST
+    modes[3:, 1] = Mode.DB
     path, start = replace(path, modes=modes), MotionState.at_rest(path.posture[0])
     settled = StartModes.create_settled(path.start_modes)
     tried = list(
