@@ -3,7 +3,11 @@
 import subprocess
 import sys
 
+import numpy as np
+import pytest
+
 from mhsb_model.machine import load_machine
+from mhsb_model.trajectory import MotionState
 from mhsb_planner.planner import Planner, warm_up
 from mhsb_planner.posture.s1_global_search import build_posture_table
 
@@ -128,4 +132,11 @@ def test_compiling_does_not_count_against_the_deadline_of_the_first_plan(table, 
 
 def test_a_machine_without_boost_is_warmed_up_too():
     alone = load_machine().with_values({"hydraulics.modules.count": 0})
-    warm_up(Planner(alone, build_posture_table(alone, 0.25)))
+    planner = Planner(alone, build_posture_table(alone, 0.25))
+    warm_up(planner)
+    table = planner.graph.table
+    begin, end = np.flatnonzero(np.isfinite(table.posture[:, 0]).all(axis=1))[:2]
+    goal = tuple((table.nodes[end] * table.spacing).tolist())
+    plan = planner.plan(goal, MotionState.at_rest(table.posture[begin, 0]))
+    assert not plan.motion.schedule.modes.any()
+    assert alone.tip_position(plan.motion.trajectory.position[-1]) == pytest.approx(goal, abs=1e-6)

@@ -44,7 +44,7 @@ def any_planner(request):
 
 @dataclass(frozen=True)
 class Move:
-    """From a posture with joint j at its nearest limit, and the planners that get to the goal."""
+    """Move from a posture with joint j at a limit; `kinds` are the planners that can do it."""
 
     at_limit: np.ndarray
     goal: tuple[float, ...]
