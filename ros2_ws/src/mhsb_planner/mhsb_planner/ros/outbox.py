@@ -119,13 +119,15 @@ class RosOutbox:
     def _store_answer(self, request: PlanRequest, job: Future[Replan | None]) -> None:
         """Store the answer of the worker to a request, and wake the node.
 
-        An exception that is not an MhsbError is also logged with its traceback. This runs in the
-        worker's thread.
+        An exception that is not an MhsbError is also logged with its traceback. A request that
+        `close` has dropped gets no answer. This runs in the worker's thread.
 
         Args:
             request: The request.
-            job: The finished work, with its result or its exception.
+            job: The finished or cancelled work.
         """
+        if job.cancelled():
+            return
         error = job.exception()
         if error is None:
             self._answers.append((request, job.result()))
