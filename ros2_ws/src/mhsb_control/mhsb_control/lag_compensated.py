@@ -197,9 +197,22 @@ class LagCompensatedAxis:
         return command
 
     def _command(self, length: float, look_ahead: LookAhead) -> float:
-        """Compute the valve command by the module's equations, limited to −1 … 1.
+        """Compute the valve command of this control step.
 
-        Updates `speed` and the integral.
+        The command causes the reference's speed one delay ahead, plus a correction. The correction
+        has a proportional and an integral part. The way that commands under way still cause is
+        subtracted from its error. Corrections and speeds are limited. While the reference rests,
+        there is no integral part, and corrections begin only beyond a position error.
+
+        Updates `speed` (piston speed that is commanded [m/s]), the integral, and the time at rest.
+
+        Args:
+            length: Measured cylinder length [m].
+            look_ahead: Function of a time ahead [s]; it returns the reference's length [m] and
+                piston speed [m/s] at that time.
+
+        Returns:
+            Valve command, −1 … 1; positive extends.
         """
         s, g = self._settings, self._gains
         delay = self.delay.delay

@@ -193,12 +193,14 @@ def update_drive_estimates(
 ) -> bool:
     """Add one step of all pumps to the window, and predict each pump's flow.
 
-    The flow is predicted for the instant when the next command begins to act, see
-    `predict_pump_flow`. The kernel runs before the pumps get new commands. Every `window_steps`
-    steps, the windows that `accumulate_pump_window` accepts give new estimates of lag and delay.
+    The kernel runs before the pumps get new commands. Each pump's flow is predicted for the instant
+    when the next command begins to act. A window is a stretch of `window_steps` steps. At its end,
+    lag and delay are estimated anew. Pumps whose flow has changed too little, or implausibly, do
+    not contribute. If no pump contributes, the estimates stay.
 
     Args:
-        d: Estimates, updated in place. `flow` [m³/s] and `pending` [m³] are written in every step.
+        d: Estimates, updated in place. Written in every step: `flow`, the predicted flow [m³/s],
+            and `pending`, the oil that is delivered until then [m³].
         modules: Records of the circuit's modules, [m], with measured flows and the commands of the
             last step.
         settings: Tuned numbers.

@@ -253,14 +253,16 @@ def build_pump_state(
 
 @kernel(borrows=True)
 def predict_coasting(p: PumpState) -> None:
-    """Recompute the oil that a pump delivers after a stop command, per unit of its flow.
+    """Recompute the oil that a pump still delivers after a stop command, per unit of its flow.
 
-    `coasting` follows from the estimated lag and delay. `cautious_coasting` follows from a lag that
-    is `caution_sigmas` standard deviations longer, and from the longest plausible delay.
+    The oil counts from the instant when the command begins to act, up to each of the times
+    `coasting_times` after the command. `coasting` follows from the estimated lag and delay.
+    `cautious_coasting` follows from a lag that is `caution_sigmas` standard deviations longer, and
+    from the longest plausible delay.
 
     Args:
-        p: State of the pumps. Writes `coasting` and `cautious_coasting` [s], at the times
-            `coasting_times`, in place.
+        p: State of the pumps. Writes `coasting` and `cautious_coasting` in place: oil [m³] per flow
+            [m³/s], so in s.
     """
     own, sigmas = p.drives.record[0], p.gains[0].settings.caution_sigmas
     delay, later = own.delay * own.step, (own.max_plausible_delay - own.delay) * own.step

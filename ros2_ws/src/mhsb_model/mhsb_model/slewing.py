@@ -79,18 +79,18 @@ def convert_to_plane(m: MachineArrays, position: Position, preferred_slew: float
 
 
 def project_to_plane(m: MachineArrays, position: FloatArray) -> FloatArray:
-    """Convert positions in `base_link` into the arm's plane, turned to each position in turn.
+    """Convert positions in `base_link` into the arm's plane.
 
-    A slewing arm moves in a vertical plane that its joint 1 turns. The slew's angle is not
-    computed, and its limits are not checked.
+    A slewing arm moves in a vertical plane that its joint 1 turns. For each position, the plane is
+    taken as turned to it. The slew's angle is not computed, and its limits are not checked.
 
     Args:
         m: Arrays of the machine.
         position: (x, z), or (x, y, z) if joint 1 slews, shape (…, 2 or 3) [m].
 
     Returns:
-        Distance x' ahead of joint 2 and height z' in the plane, shape (…, 2) [m]. The input itself
-        if the arm does not slew.
+        Horizontal distance x' from joint 2 and height z' above the origin of `base_link`, shape
+        (…, 2) [m]. The input itself if the arm does not slew.
     """
     if not m.slews:
         return position

@@ -71,8 +71,9 @@ class PointArrays:
 def read_point_arrays(message: JointTrajectory | bytes, what: str, max_points: int) -> PointArrays:
     """Return the content of a message, or of its bytes, as arrays.
 
-    Bytes are read by NumPy if all points have the same arrays, all of one length. Otherwise rclpy
-    reads them. The number of points is checked before any point is read.
+    NumPy reads bytes in which all points fill the same fields (such as positions and velocities)
+    with arrays of one length. rclpy reads all others. The number of points is checked before any
+    point is read.
 
     Args:
         message: Message, or its serialized bytes.

@@ -112,8 +112,8 @@ class Planner:
 
         Payload, supply pressure, V_max (allowed piston speed), zones and number of booster modules
         may change. Nothing happens if the configuration is the same. Otherwise the step graph is
-        built again. The posture table stays, but mode combinations that need more modules than
-        there are, are left out.
+        built again from the same posture table. It contains only mode combinations for which the
+        changed machine has enough modules.
 
         Args:
             machine: The changed machine.

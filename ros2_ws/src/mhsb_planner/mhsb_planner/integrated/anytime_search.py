@@ -253,12 +253,13 @@ def _yield_cheaper_lines(
 def lattice_spacings(task: SearchProblem, best: CylinderPath | None) -> list[float]:
     """Return the spacings of the lattices, in a decreasing geometric sequence.
 
-    With an incumbent (cheapest path so far) the spacings depend on a stroke. It is the largest
-    change of a cylinder's length from the start to a waypoint of the incumbent, or to a goal
-    posture that may be cheaper. The fields of `SearchLimits` give the limits:
+    With an incumbent (cheapest path so far) the spacings depend on a stroke: the largest change of
+    a cylinder's length from the start to any of certain postures. These are the waypoints of the
+    incumbent, and the goal postures whose lower bound is below the incumbent's cost. The other
+    names are fields of `SearchLimits`:
 
-        last = stroke / finest_step_count, at least min_spacing, at most max_last_spacing
-        first = stroke / 3, at least last, at most max_first_spacing
+        last = min(max_last_spacing, max(min_spacing, stroke / finest_step_count))
+        first = min(max_first_spacing, max(last, stroke / 3))
 
     Without an incumbent the spacings run from `max_first_spacing` to `max_last_spacing`. The ratio
     of successive spacings is at most `spacing_ratio`.
@@ -268,7 +269,7 @@ def lattice_spacings(task: SearchProblem, best: CylinderPath | None) -> list[flo
         best: Incumbent; None if there is none.
 
     Returns:
-        Spacings [m], the first and the last included.
+        Spacings [m] from `first` to `last`, both included; one spacing if they are equal.
     """
     effort = task.limits
     if best is None:
@@ -292,16 +293,16 @@ def yield_lattice_paths(
     """Search lattices of decreasing spacing and yield ever cheaper cylinder paths.
 
     A lattice is a regular grid of cylinder lengths. Before each lattice the incumbent (cheapest
-    path so far) is refined by `refine`: its waypoints are moved by shares of the lattice's spacing.
-    Each lattice is searched twice: first with a simpler cost model, then with the real one. The
-    second search is left out if the first finds nothing and there is no incumbent.
+    path so far) is refined: its waypoints are moved by shares of the lattice's spacing. Each
+    lattice is searched first with a simpler cost model, then with the real one. The second search
+    is skipped if the first finds nothing and there is no incumbent.
 
-    A path found on a lattice is refined. The refinement is left out if the path costs no less than
-    the incumbent and runs within one spacing of it.
+    A path found on a lattice is refined, too. This is skipped if the path costs no less than the
+    incumbent and runs within one spacing of it.
 
     The function ends after the finest lattice, with or without a path. It ends earlier if the
     incumbent is close to the lower bound (MIN_LATTICE_GAP) or the time is up. With an incumbent it
-    also ends once `max_expansions` states have been expanded.
+    also ends as soon as `max_expansions` states have been expanded.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
@@ -309,9 +310,9 @@ def yield_lattice_paths(
         work: Numbers of expanded states and priced steps; increased in place.
 
     Yields:
-        The incumbent after each refinement, even if it is unchanged, and each cheaper path from a
-        lattice. None comes once after QUICK_LATTICE_COUNT lattices, and before every lattice once
-        half of the time is gone. The caller can then try something else.
+        Before each lattice the refined incumbent, even if it is unchanged; then each cheaper path
+        from the lattice. None comes at breaks, in which the caller can try something else: after
+        QUICK_LATTICE_COUNT lattices, and before each lattice in the second half of the time.
     """
     for number, spacing in enumerate(lattice_spacings(task, best)):
         if number == QUICK_LATTICE_COUNT or task.progress.is_half_over:

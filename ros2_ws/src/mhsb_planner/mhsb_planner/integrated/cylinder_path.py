@@ -110,15 +110,16 @@ def cost_model(
     """Build the cost model for cylinder paths that start with given modes.
 
     The model contains all mode combinations of the machine. A cylinder slower than MAX_HELD_SPEED
-    counts as at rest. It must be boosted if the main pump's pressure cannot hold its load. If the
-    manipulability loss has a weight, BOOST_RESERVE is added to the boost margin.
+    counts as at rest: it must be boosted if the main pump's pressure cannot hold its load. Faster
+    cylinders have other limits. If the manipulability loss has a weight, BOOST_RESERVE is added to
+    the boost margin.
 
     Args:
         machine: The arm without a slewing joint.
         start_modes: Modes in force at the start, uint8, shape (n,).
         weight: Weights of energy [1/J], time [1/s] and mode switches, shape (3,).
-        column: Energy that the cost contains: ENERGY_PAPER_COLUMN or ENERGY_SERIES_COLUMN (energy
-            readings `paper` and `series`).
+        column: How the cost prices boosted oil: ENERGY_PAPER_COLUMN as the paper does, or
+            ENERGY_SERIES_COLUMN for servo pumps in series with the main pump.
         area: Weight and reference area of the manipulability loss (lost area of the velocity
             polytope). By default the loss has no weight.
 

@@ -472,10 +472,10 @@ def _relax_step(
 ) -> bool:
     """Record a step to a state if it is cheaper than all paths known to the state.
 
-    A state is a lattice point and the mode combination of arrival. A step is dropped if the
-    target's point has another state that is as cheap or cheaper, including the mode switches from
-    that state to the target. Otherwise the target gets the cost and the parent, and it is put on
-    the open list or moved there.
+    A state is a lattice point and the mode combination of arrival. The arm can also reach the
+    target from the cheapest other state of its point, by mode switches there. The step is dropped
+    if that costs no more. Otherwise the target gets the cost and the parent. It enters the open
+    list, or its place there is updated.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -485,7 +485,8 @@ def _relax_step(
         origin: State from which the step leads.
         target: Number of the state that is reached. The last state is the goal, which has no point.
         cost: Cost of the path from the start to the target.
-        least: Lower bound on the cost from the target to the goal, times the heuristic weight.
+        least: Weighted heuristic: heuristic weight times lower bound on the cost from the target
+            to the goal.
 
     Returns:
         True if the step was recorded.
@@ -650,21 +651,21 @@ def expand(
     """Expand up to `limit` states of an A* search over a lattice; call again to continue.
 
     A state is a lattice point and the mode combination of arrival. The first call expands the
-    start. To expand a state means to price the steps to all neighbours of its point, and to the
-    goal postures within one lattice step. Steps to a goal posture include the switches to the modes
-    that hold the arm there.
+    start. To expand a state means to price the steps to all neighbours of its point. Steps to the
+    goal postures around the point are priced, too. They include the switches to the modes that hold
+    the arm there.
 
     Test oracle: scipy.sparse.csgraph.dijkstra on the same points and steps.
 
     Args:
-        problem: Cost model, lattice and goals.
+        problem: Cost model, lattice and goal postures.
         w: Working memory of the thread, overwritten.
         f: Open list and state records, changed in place; the last state is the goal.
         known: Data of the lattice points that the search has reached, changed in place.
-        rule: Cost limit, heuristic weight, and whether any path will do.
-        limit: Largest number of states to take from the open list in this call. Some states are
-            taken but not expanded: those for which another state of their point, with the mode
-            switches, is cheaper.
+        rule: Cost limit, heuristic weight, and whether the search stops at the first path.
+        limit: Largest number of states to take from the open list in this call. A state is taken
+            but not expanded if the arm reaches it more cheaply through another state of its point
+            and a mode switch there.
 
     Returns:
         SEARCH_PAUSED after `limit` states, GOAL_FOUND, or SEARCH_EXHAUSTED if there is no path

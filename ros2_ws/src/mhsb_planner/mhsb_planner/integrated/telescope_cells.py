@@ -38,17 +38,17 @@ enclosed.
 def enclose_with_telescopes(
     m: MachineArrays, tip: tuple[float, float], side: int, cell: FloatArray, box: FloatArray
 ) -> bool:
-    """Compute the ranges of the cylinder lengths in a cell of goal postures with telescopes.
+    """Compute the range of each cylinder length over a set of goal postures, for telescopic arms.
 
-    The last two turning joints close the chain. A cell holds an interval for each other joint.
-    Interval arithmetic gives ranges that may be too wide, but never too narrow.
+    The last two turning joints follow from the others and the tip position. The set is a cell: an
+    interval for each of the others. Interval arithmetic gives ranges that may be too wide, but
+    never too narrow.
 
     Args:
         m: Numeric description of the machine.
         tip: Tip position (x, z) [m].
         side: Sign of the last turning joint's angle, −1 or 1, as in `tip_postures.close_chain`.
-        cell: Lower and upper end for each joint that does not close the chain, shape (n - 2, 2)
-            [rad or m].
+        cell: Lower and upper end of the interval of each other joint, shape (n - 2, 2) [rad or m].
         box: Written in place, shape (2, n): shortest and longest length of each cylinder [m].
 
     Returns:
@@ -120,14 +120,16 @@ def _tip_relative_to_telescope_end(
 def _elbow_angle_range(radius: Interval, d1: Interval, d2: Interval) -> Interval:
     """Return the range of the elbow angle |qⱼ| [rad] of a triangle, by the cosine rule.
 
+    The corners are joint i, joint j (the elbow) and the tip. |qⱼ| is π minus the angle between the
+    sides D₁ and D₂: 0 for a straight arm.
+
     Args:
         radius: Range of the distance R between joint i and the tip [m].
-        d1: Range of the distance D₁ between the joints i and j, which close the chain [m].
+        d1: Range of the distance D₁ between the joints i and j [m].
         d2: Range of the distance D₂ between joint j and the tip [m].
 
     Returns:
-        Range of the angle between the extension of D₁ and D₂; (π, 0), an empty range, if no
-        triangle is possible.
+        Range of |qⱼ|; the empty range (π, 0) if no triangle is possible.
     """
     above = radius[1] ** 2 - d1[0] ** 2 - d2[0] ** 2
     below = radius[0] ** 2 - d1[1] ** 2 - d2[1] ** 2

@@ -184,8 +184,8 @@ def _find_peaks(time: FloatArray, acceleration: FloatArray) -> tuple[float, floa
     """Compute the largest acceleration and jerk of pistons with piecewise linear acceleration.
 
     Args:
-        time: Times in ascending order, shape (k,) [s].
-        acceleration: Piston accelerations at these times, shape (k, n) [m/s²].
+        time: Strictly increasing times, shape (k,) [s].
+        acceleration: Piston accelerations at these times, linear between them, shape (k, n) [m/s²].
 
     Returns:
         Largest absolute acceleration [m/s²] and jerk [m/s³] over all pistons.

@@ -465,17 +465,19 @@ def _fit_candidate(
     """Compute the motion of one curve, slowed until it keeps every limit.
 
     In each round the curve is sampled, gets its mode schedule and is checked. It is refused at once
-    if it passes a joint limit or misses a via point. It is also refused at once if a piston runs on
-    too far, or an actuator is switched too soon again. The durations of the path's steps grow by
-    the factor by which V_max, valves and pumps are exceeded: only around the violation if the
-    candidate slows pieces, else all of them. If the curve limits are exceeded, all steps grow.
-    Pressures, and the times between the points, are checked last. The rounds end with a violation
-    that slowing cannot mend, or with a stretch of the whole path beyond the greatest one.
+    in four cases: it passes a joint limit, misses a via point, moves a piston further than braking
+    and path need, or switches an actuator again too soon.
+
+    Otherwise steps become longer if V_max, valves, pumps, or the limits of joint acceleration and
+    jerk are exceeded. If the candidate slows pieces, only the steps around the violation become
+    longer, else all steps. When all this holds at the sampled points, pressures, obstacles and the
+    times between the points are checked. The rounds end with a violation that slowing cannot mend,
+    or when the whole path would become too slow.
 
     Args:
-        machine: Machine whose joint limits and workspace admit the start.
-        limits: Arrays of the machine with its own limits, to which joints beyond them have to
-            return.
+        machine: Machine with joint limits that are widened so that they contain the start.
+        limits: Arrays of the machine with the limits of the machine file. A joint that starts
+            beyond them must not move further out.
         modes: Modes in force at the start, and time since each actuator's last switch.
         candidate: Curve to try, with its path.
         rules: Settings of the fit.

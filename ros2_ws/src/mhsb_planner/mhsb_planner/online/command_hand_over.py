@@ -209,8 +209,8 @@ class HandOver:
             sent: The command, with the times of its planning and sending and the request for it.
 
         Returns:
-            True if the arm never reports its plan in force. The caller must then confirm the
-            command at once.
+            True if the arm is of a kind that does not report which plan it executes. The caller
+            must then confirm the command at once.
         """
         self._outbox.send(sent.command)
         self._last_stamp_ns = sent.command.stamp_ns
@@ -251,10 +251,11 @@ class HandOver:
         return sent.replan if sent.request.settings is settings else None
 
     def confirm(self, sent: UnconfirmedPlan) -> None:
-        """Store that the arm follows a command, also one that had been given up.
+        """Store that the arm follows a command.
 
-        The command becomes `own_command` of the arm state. If the arm reports its plan in force,
-        the time since planning is added to the estimate of the transport time.
+        The command becomes `own_command` of the arm state. It may be one whose confirmation came
+        after `give_up`. Some arms report which plan they execute. For these, the time since
+        planning becomes a sample of the estimated transport time.
 
         Args:
             sent: The command.

@@ -723,10 +723,10 @@ class GoalLifecycle:
         1. Its goal has ended: nothing happens.
         2. The reason is in `FINAL_REFUSALS`: the goal ends.
         3. A newer goal waits: the goal ends as superseded.
-        4. The plan starts from rest and is still valid, and the arm has not refused it for being
-           elsewhere: it is stamped and sent again.
-        5. Otherwise the goal is planned for again with a longer commit horizon (time until the plan
-           takes over).
+        4. The plan starts from rest, the arm is still at its start, and nothing has made it void:
+           it gets a new stamp and is sent again.
+        5. Otherwise a new plan for the goal is made, with a longer commit horizon (time until the
+           plan takes over).
 
         Cases 4 and 5 count as a late plan; after too many of them the goal ends.
 
@@ -908,14 +908,14 @@ class GoalLifecycle:
     def _judge_execution(self) -> None:
         """End the execution of the goal in force if the arm's reports say that it is over.
 
-        Nothing is judged in these cases:
+        The end is reported. Nothing happens in these cases:
 
         - A stop is under way.
         - Another plan for the same goal is wanted, is being made, or was sent without an answer
           yet.
-        - The last message of the arm is `REFERENCE_TIMEOUT` to `LONGEST_WAIT` old: the arm is
-          frozen, or its messages are late.
-        - The tip is at the goal, but the goal still moves.
+        - The arm has been silent for more than `REFERENCE_TIMEOUT`: it may be frozen, or its
+          messages are late. After `LONGEST_WAIT` the execution is judged by the last reports.
+        - The tip has reached the end of its plan, but the goal has moved on and still moves.
         """
         execution, now = self.execution, self._clock.steady_time()
         if execution is None or self._stop.is_under_way:

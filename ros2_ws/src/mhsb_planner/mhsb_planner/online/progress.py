@@ -69,8 +69,9 @@ def compute_energy_between(
         last_ns: End, after `first_ns`, by the same clock [ns].
 
     Returns:
-        Energy of this part of the motion [J]. `paper` and `series` differ in the price of boosted
-        oil (p_L/η against pumps in series). The other fields are the parts of `series`.
+        Energy of this part of the motion [J]. Its field `paper` prices boosted oil by p_L/η (load
+        pressure, pump efficiency). `series` takes the servo pumps in series with the main pump; the
+        remaining fields show how `series` is made up.
     """
     parts = -(-(last_ns - first_ns) // SPACING_NS)
     edges = np.linspace(first_ns, last_ns, parts + 1).astype(np.int64)

@@ -46,21 +46,20 @@ class MovingError(MhsbError):
 def find_start_command(arm_state: ArmState, steady_time: float, now_ns: int) -> Command:
     """Return the command that a plan made now has to continue.
 
-    A state is fresh if it was received at most `OLDEST_STATE` ago. The first source that exists
-    decides:
+    Some arms report which plan they execute; others do not. A state is fresh if it was received at
+    most `OLDEST_STATE` ago. The first source that exists decides:
 
-    1. This planner's last confirmed command, if the arm reports it as in force.
-    2. A fresh reference that rests: the result holds the arm there. A reference that moves is an
+    1. This planner's last confirmed command, if the arm reports that it executes it.
+    2. A fresh reference of the arm. At rest, the result holds the arm there; in motion, it is an
        error.
-    3. This planner's last confirmed command, if the arm never reports a plan in force.
-    4. A fresh measurement at rest: the result holds the arm there. A measurement in motion is an
-       error.
+    3. This planner's last confirmed command, if the arm does not report which plan it executes.
+    4. A fresh measurement. At rest, the result holds the arm there; in motion, it is an error.
 
     Args:
         arm_state: Arm state.
         steady_time: Present time by the steady clock [s].
-        now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns]. It is the
-            stamp of a command that holds.
+        now_ns: Present time of plans [ns]: the arm's clock minus the delay that speed scaling has
+            caused. It is the stamp of a command that holds.
 
     Returns:
         This planner's own command, or a command that holds the position in the modes in force.

@@ -235,11 +235,13 @@ class StopSequence:
     def find_void_time(self, stop_ns: int, received_at: float | None) -> float | None:
         """Return the time up to which goals are void, after the arm's report of its last stop.
 
-        Void are goals that were received before the report, but not later than `OLD_STOP` after the
-        stop. If the stop was more than `LATE_REPORT` old at the report's receipt, this process was
-        suspended. The report's receipt is then taken as `LATE_REPORT` after now. A report belongs
-        to an own call of ~/stop if the last own call was at most `OWN_REPORT` ago; each own call
-        accounts for one report.
+        A goal is void if it was received before the report and not later than `OLD_STOP` after the
+        stop. Stops that this planner called for (~/stop) make no goal void: each call explains one
+        report, if the last call is at most `OWN_REPORT` ago.
+
+        A stop that was more than `LATE_REPORT` old when its report came shows that this process was
+        suspended. Goals that came meanwhile may wait unread. The receipt of the report is then
+        taken to be `LATE_REPORT` in the future.
 
         Args:
             stop_ns: Time of the stop by the arm's clock [ns]; 0 means never.

@@ -192,9 +192,9 @@ def _create_search(
     """Create an integrated search (path, postures and modes together) for a request.
 
     Args:
-        machine: The arm in its plane.
+        machine: The planar arm (without the slewing joint).
         task: The request.
-        progress: Progress of the plan.
+        progress: Progress of the plan, with the deadline of the search.
         area: Weight and reference area of the manipulability loss, in place of the request's.
         effort: Limits on the number of states that the search expands; None: defaults.
         leaks: True if the search counts the leakage of the valves when it compares paths.

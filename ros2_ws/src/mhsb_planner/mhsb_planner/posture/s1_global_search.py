@@ -132,10 +132,10 @@ def _compute_area_inputs(
         psi: End-link angle [rad].
         elbow: Elbow branch (sign of the second-last joint's angle), −1 or 1.
         q: Posture, written in place, shape (3,) [rad].
-        cross: Cross products C_i × C_j, written in place, shape (3, 3) [-]. C_j is the tip velocity
-            per speed of piston j.
-        limit: Largest inlet flows by joint, mode and direction, written in place, shape (3, modes,
-            2) [m³/s].
+        cross: Scalar cross products C_i × C_j, written in place, shape (3, 3) [-]. The plane vector
+            C_j is the tip velocity per speed of piston j.
+        limit: Largest inlet flows by joint, mode and direction (0 extends, 1 retracts), written in
+            place, shape (3, modes, 2) [m³/s].
 
     Returns:
         False if the posture does not exist or is not within limits; `cross` and `limit` are then

@@ -273,10 +273,13 @@ class MoveTipServer:
         return lambda settings: self._settings_with(changes) if changes else settings
 
     def _finish(self, job: _ActionGoal) -> None:
-        """Let rclpy write the result of a goal that has ended, and forget the goal.
+        """Schedule the result of a goal that has ended, and forget the goal.
+
+        rclpy later runs `_write_result` as the goal's execute callback, and sends what it returns
+        to the client.
 
         Args:
-            job: The goal.
+            job: The goal, with its result.
         """
         if job in self._jobs:
             self._jobs.remove(job)

@@ -345,8 +345,10 @@ def _collect_steps_to_goal_node(
         edges: Steps of the graph; those that leave `origins` must be priced.
         patterns: Number of mode patterns.
         node: Index of the node that is the goal.
-        origins: Numbers of the postures whose steps are examined.
-        owner: Index of the goal posture in which a step ends, by mode pattern, shape (patterns,).
+        origins: Numbers of the graph's postures whose steps are examined. A node has one or more
+            postures.
+        owner: For each mode pattern the index of the goal posture in which a step of that pattern
+            ends, shape (patterns,).
 
     Returns:
         Steps in the order of `origins`: number of the posture left, index of the goal posture

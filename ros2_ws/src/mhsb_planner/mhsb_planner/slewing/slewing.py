@@ -183,9 +183,9 @@ class SlewingPaths:
     def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
         """Yield paths of the whole arm from the start posture to the goal.
 
-        The planner finds paths in the arm's plane, which turns with the slew. Without zones in
-        space each of these is combined with a slew at even speed. With zones, several methods look
-        for paths on which the arm keeps clear.
+        The planner finds paths in the arm's vertical plane, which turns with the slew. Without
+        zones in space, each planar path is combined with a slew at constant speed. With zones,
+        several methods look for paths on which the arm keeps clear.
 
         Args:
             task: Path request of the whole arm, with the goal (x, y, z) in `base_link`.
@@ -195,8 +195,8 @@ class SlewingPaths:
             Paths of the whole arm, as proposals.
 
         Raises:
-            MhsbError: The tip at the goal is too near to a zone, or no path exists or is found in
-                time.
+            MhsbError: The tip at the goal is too near to a zone. Or there is no path at all, or
+                none was found before the deadline.
         """
         in_plane, slew = self._convert_to_plane(task)
         in_the_plane = PlanePaths(self.planner, self.graph)
@@ -378,9 +378,9 @@ class SlewingPaths:
     ) -> Iterator[PathProposal]:
         """Yield a path as one proposal, or as up to two proposals if a baseline has made it.
 
-        A baseline is a planner for comparison, and its path is marked as `for_comparison`. It comes
-        once for the kind of trajectory (S3) that this source's planner uses. It comes a second time
-        for the baseline's own kind, unless the request sets the kind.
+        A baseline is another planner for comparison; its proposals are marked `for_comparison`. The
+        first proposal leaves open how the trajectory is fitted to the path (stage S3). The second
+        one asks for the baseline's own method. It is missing if the request chooses the method.
 
         Args:
             planner: Planner that has made the path.

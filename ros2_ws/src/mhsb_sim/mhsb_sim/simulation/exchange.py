@@ -229,10 +229,10 @@ def send_commands(servo_circuit: Components, circuit: Circuit, queue: CommandQue
     a pump to the rail (0 … 1).
 
     Args:
-        servo_circuit: The circuit as the servo knows it, with new commands.
+        servo_circuit: The servo's own copy of the circuit's records; it holds the new commands.
         circuit: The simulated circuit. The commands that are due are written into its actuators and
             modules in place.
-        queue: Commands on their way. Updated in place.
+        queue: Commands that wait for their time, updated in place.
     """
     n, m, rows = len(circuit.actuators), len(circuit.modules), queue.rows
     row = (queue.newest[0] + 1) % len(rows)

@@ -204,9 +204,10 @@ class Overpressure:
 
 
 class SupplyLoss:
-    """Largest lack of supply pressure over the lines, 1 − p_line/P_S [-].
+    """Largest lack of supply pressure among the supply lines, 1 − p_line/P_S [-].
 
-    Each line counts with its smallest lack in the last `min_duration_samples` samples.
+    p_line is a line's pressure and P_S the main pump's. Each line counts with its smallest lack in
+    the last `min_duration_samples` samples.
     """
 
     name, unit = "supply_loss", ""

@@ -49,9 +49,9 @@ class SupervisedArm:
         self._begin()
 
     def _begin(self) -> None:
-        """Set supervision, plan receiver and fault to their state at the start.
+        """Return supervision and plan receiver to their initial state, without a reported fault.
 
-        All servo pumps are used again, and plans stamped up to now are refused.
+        All servo pumps are used again. Plans that are stamped up to now are refused.
         """
         self.halted = False
         self.last_stop_ns = 0
@@ -255,12 +255,12 @@ class SupervisedArm:
     # --- Internals -------------------------------------------------------------------------------
 
     def _watch(self) -> None:
-        """Run supervision once, and adapt payload and plan receiver to the result.
+        """Run supervision for one watch period, and adapt payload and plan receiver.
 
-        A payload that is being reduced falls for one period. If supervision has now stopped the
-        arm, the receiver refuses plans from now on. If supervision has released the arm, the
-        receiver takes plans again. If a fault is being cleared and the arm rests, the release
-        begins.
+        First the simulated payload decreases by one period's share, if a lighter one was set. If
+        supervision stops the arm in this call, the receiver refuses plans from now on. If it
+        releases the arm, the receiver takes plans again. A release is begun if the user has cleared
+        the fault, the arm rests, and the payload has its set value.
         """
         self._reduce_payload()
         before = self.supervision.phase

@@ -237,14 +237,14 @@ class Supervision:
             self.warning = "; ".join(filter(None, [without, self.warning]))
 
     def _stop_for_fault(self, fault: str, closes: bool) -> None:
-        """Stop the arm because of a fault.
+        """Stop the arm because of a fault, by braking or by closing its valves.
 
-        The reference decelerates along its path (phase STOPPING). If `closes` is set, the valves
-        close at once (phase CLOSED). `fault` is stored and `warning` cleared.
+        To brake means that the reference decelerates along its path (phase STOPPING). Closed valves
+        override the reference (phase CLOSED). `fault` is stored and `warning` cleared.
 
         Args:
             fault: Sentence on the fault.
-            closes: True if the valves close at once.
+            closes: True closes the valves at once; False brakes.
         """
         self.fault, self.warning = fault, ""
         self._simulator.stop()

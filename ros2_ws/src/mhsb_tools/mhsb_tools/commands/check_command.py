@@ -276,15 +276,15 @@ Each entry is a format string and the factor from the SI value to the printed un
 
 
 def _own_lines(joints: list[dict[str, Any]]) -> list[str]:
-    """Format the values that the machine file gives to single actuators only.
+    """Format the values by which single actuators differ from the machine's common values.
 
     Args:
         joints: One dictionary for each joint, as `_joint_facts` returns it. Only `own` is read:
             value by key, keys as in ACTUATOR_FORMATS.
 
     Returns:
-        One line for each actuator that has such values, in the order of the joints. Empty if none
-        has.
+        One line for each actuator that has values of its own, in the order of the joints. Empty if
+        none has.
     """
     lines = []
     for number, joint in enumerate(joints, start=1):

@@ -123,8 +123,8 @@ def _accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
 
     Returns:
         At most one line each on planning time, the largest jump of the reference when a new plan
-        takes over, and the tip's distance from its reference. A line is left out if its values are
-        None. Then one line for each time that a cylinder cavitated.
+        takes over, and the tip's distance from its reference. A line is missing if its values are
+        None. Then one line for each cavitation event of a cylinder.
     """
     lines = []
     planning, lead = summary["replan_ms"]["p50"], summary["lead_ms"]["p50"]

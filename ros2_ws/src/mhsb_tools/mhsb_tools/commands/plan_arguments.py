@@ -132,11 +132,11 @@ class GoalArguments:
     goal_box: Annotated[Point | None, tyro.conf.arg(metavar="DX DZ"), DISTANCE_RANGE] = None
 
     def choose_angle(self) -> Angle:
-        """Return the end-link angle ψ at the goal as the options give it, without conversion [rad].
+        """Return the end-link angle ψ at the goal that the options set.
 
         Returns:
-            `goal_psi`, or the pair `goal_psi_range` (least, greatest). None if neither option was
-            given: ψ is free.
+            `goal_psi`, or the pair `goal_psi_range` (least, greatest), in rad as the user gave it.
+            None if neither option was given: ψ is free.
 
         Raises:
             UsageError: Both an angle and a range were given.

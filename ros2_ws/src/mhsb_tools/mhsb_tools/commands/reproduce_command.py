@@ -92,8 +92,8 @@ def reproduce(
 
     Writes table.csv (every run), summary.json and the figures as PNG with their data as CSV. The
     summary has every expectation: what the paper says, and what the published and the exact search
-    give. It also counts the expectations met with other scales of the published heuristic, and has
-    the best operating points. Energies are in J, lengths in m, times in s.
+    give. It also says how many expectations are met if the published heuristic is multiplied by
+    other factors, and has the best operating points. Energies are in J, lengths in m, times in s.
 
     Args:
         output: Folder to write to.

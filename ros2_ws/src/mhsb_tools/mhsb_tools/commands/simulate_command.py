@@ -443,10 +443,10 @@ def as_text(summary: dict[str, Any]) -> list[str]:
 
     Returns:
         A line of column titles, then a line for each goal. Each goal's line has position [m], time
-        until the next goal [s], duration of the plan [s] and distance of the tip when the time is
-        over [mm]. Then lines with warnings, tip errors [mm], highest pressures [MPa], energies of
-        main pump and servo pumps [J], numbers of mode switches and of interventions of the mode
-        guard, and simulated time [s].
+        until the next goal [s] and duration of the plan [s]. Last comes the tip's distance from the
+        goal at the end of that time [mm]. Then lines with warnings, tip errors [mm], highest
+        pressures [MPa], energies of main pump and servo pumps [J], numbers of mode switches and of
+        interventions of the mode guard, and simulated time [s].
     """
     axes = [axis for axis in "xyz" if axis in summary["goals"][0]]
     head = f"goal {', '.join(axes)} [m]"

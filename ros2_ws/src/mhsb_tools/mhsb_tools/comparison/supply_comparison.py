@@ -205,11 +205,11 @@ def as_text(title: str, found: Mapping[str, Any]) -> list[str]:
         found: Result of `totals` for these moves.
 
     Returns:
-        Lines without line breaks; empty if `found` is empty. The first has title, number of moves
-        and the supply pressure of a pump with one constant pressure for all moves [MPa]. The second
-        has column titles. Then each supply that has
-        numbers has a line with four energies [kJ]: to the oil and at the shafts, with leakage and
-        without. A number in brackets counts the moves in which the supply takes less than MHSB.
+        Lines without line breaks; empty if `found` is empty. The first has title and number of
+        moves, and the lowest constant pressure with which every move can be done [MPa]. The second
+        has column titles. A line for each supply follows. It has four energies [kJ]: to the oil and
+        at the shafts, with leakage and without. The number in brackets counts the moves in which
+        the supply takes less than MHSB. A supply without any numbers has no line.
     """
     if not found:
         return []

@@ -232,9 +232,9 @@ class Survey:
     def _judge_repeated(self) -> None:
         """Decide whether the messages of repeated chunks are kept or are duplicates.
 
-        They are kept if two things hold: no damage was found, and the file has no statistics or its
-        statistics count them. Otherwise they are counted in `duplicates`, and the file counts as
-        damaged. Without repeated chunks, nothing changes.
+        In a damaged file they are duplicates. In a whole file they are duplicates only if the
+        message count in its statistics does not include them. Duplicates are counted in
+        `duplicates`, and the file then counts as damaged. Without repeated chunks, nothing changes.
         """
         repeated = self._repeated.total()
         if self.first_damage is None and self.written in (None, self.kept + repeated):
@@ -271,9 +271,9 @@ class Survey:
 
         Args:
             others: Schemas and channels to choose from.
-            trust_text: True takes the text of a schema as it is if it can be decoded. Otherwise,
-                and with False, the text is replaced by the one that is known here for a ROS type of
-                that name.
+            trust_text: True keeps each schema's text that can be decoded. Any other text is
+                replaced by the definition that ROS has here for the type; it becomes empty if ROS
+                does not know the type.
         """
         held = self.definitions
         for channel_id in self.counts.keys() & others.channels.keys():

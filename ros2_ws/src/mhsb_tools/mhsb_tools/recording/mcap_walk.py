@@ -612,8 +612,8 @@ class McapWalk:
 
         Yields:
             Damage if the checksum is wrong, and then the summary in any case. The summary counts as
-            verified if it has a checksum that is right. This can be known only if the record that
-            ends the data section was found before the summary.
+            verified if its checksum is right. The checksum is not examined if there is none, or if
+            the record "data end" was not found: the checksum counts from there.
         """
         parts, self._parts = self._parts, _SummaryParts()
         if not parts.begun:

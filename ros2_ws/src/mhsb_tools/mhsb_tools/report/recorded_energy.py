@@ -79,8 +79,8 @@ def _step(
 
     Args:
         machine: The machine.
-        followed: All references as one trajectory.
-        modes: All modes as one schedule.
+        followed: References of the whole recording, joined into one trajectory.
+        modes: Modes in force over the whole recording.
         before: The earlier report.
         after: The later report.
 

@@ -755,8 +755,9 @@ def judge_expectation(expectation: Expectation, runs: Runs) -> ExpectationResult
         runs: All runs of the machine.
 
     Returns:
-        The judgement. If a run that the expectation needs has no path, it is not met and its
-        shortfall is 1.
+        The judgement. Its shortfall is the largest relative distance of a value from its bound: 0
+        if the expectation is met, at most 1. The expectation counts as not met, with shortfall 1,
+        if one of its runs has no path.
     """
     own = {name: numbers(runs, name) for name in expectation.runs}
     try:

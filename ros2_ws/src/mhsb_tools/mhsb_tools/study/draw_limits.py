@@ -111,11 +111,12 @@ class PayloadShare:
         """Compute the share of draws whose 95 % interval contains the true payload.
 
         Args:
-            records: Records of one controller, one for each draw. Records without an interval are
-                left out.
+            records: Records of one controller, one for each draw. Records without an interval do
+                not count.
 
         Returns:
-            A list with the share [%] and its limits; empty if no record has an interval.
+            A list with one figure: the share [%] with the limits that the study allows (92 … 98).
+            Empty if no record has an interval.
         """
         holds = [record.payload_holds for record in records if record.payload_holds is not None]
         if not holds:

@@ -92,7 +92,7 @@ class Scenario:
             A changed copy of the machine.
 
         Raises:
-            MachineFileError: The machine may not have a value of the scenario.
+            MachineFileError: A value of the scenario is not allowed for this machine.
         """
         config = machine.changed(payload=self.payload).config
         circuit = config.circuit.model_copy(update={"servo_pump_lag": self.pump_lag})

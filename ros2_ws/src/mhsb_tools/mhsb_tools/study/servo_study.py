@@ -204,16 +204,17 @@ def supply_overshoot(machine: Machine, run: Replay) -> FloatArray:
 
     p_line is the pressure in the supply line [Pa]. need(t) is the supply pressure that the
     reference needs, at least P_S [Pa]. q_leak is the leakage of a valve [m³/s], and C the volume of
-    line and rail divided by the bulk modulus [m³/Pa]. dt is the step [s]. The window accounts for
-    lines that are charged in advance. The second term of p accounts for a closed line, whose
-    pressure falls only by leakage of its valve.
+    line or rail divided by the bulk modulus [m³/Pa]. dt is the step [s]. The window accounts for
+    lines that are charged in advance. The second term of p accounts for a boosted line whose pump
+    stands: its pressure falls only by leakage of the valve. The line is taken as joined to the
+    rail, as in mode SB.
 
     Args:
         machine: The arm that was simulated.
         run: The record of k steps with n joints.
 
     Returns:
-        Excess [Pa], shape (k, n); negative if the line is below p(t).
+        Excess [Pa], shape (k, n); negative if the line is below p(t) + PRESSURE_ALLOWANCE.
     """
     width = round(NEED_WINDOW / run.step) + 1
     need = needed_pressure(machine, run.reference, run.modes)

@@ -123,11 +123,11 @@ class EnergyCounter:
 
 
 def describe_energies(energies: FloatArray) -> str:
-    """Describe in one sentence where the energy went.
+    """Describe in one sentence where the energy of the pumps went.
 
     Args:
-        energies: Energies of main pump, servo pumps, into the valves, and work of the pistons,
-            shape (4,) [J]; nan if unknown.
+        energies: Four energies [J], nan if unknown: delivered by the main pump, delivered by the
+            servo pumps, carried by the oil to the inlets of the servo valves, work of the pistons.
 
     Returns:
         The sentence, with Markdown emphasis. If an energy is unknown, it says that the pumps have

@@ -47,15 +47,16 @@ def speed_limit(
 ) -> float:
     """Compute the largest speed of a piston under a load.
 
-    If the piston moves against its load, the pressure limits its speed:
+    Pressure limits the speed of a piston that moves against its load:
 
         v = K √((p − margin − p_L) A_d/(A³ + a³))
 
     p is the main pump's pressure P_S in mode N, and the highest boost pressure in boost. p_L is the
-    load pressure, A_d the area that fills in the direction of motion. If the piston moves with its
-    load, two limits hold: the same equation with p = P_S and without margin, and the flow through
-    the valve, v = K √P_S/A_d. In boost the flow of n modules, v = n Q_SP/A_d, is a further limit,
-    with the flow Q_SP of one servo pump.
+    load pressure: supply pressure that holds the force at rest. A_d is the area of the chamber that
+    fills. Two limits hold for a piston that moves with its load. One is the same equation with
+    p = P_S and without margin. The other is v = K √P_S/A_d, at which the whole pressure P_S drops
+    in the valve. In boost, the flow Q_SP of each of n servo pumps sets a further limit,
+    v = n Q_SP/A_d.
 
     Args:
         oil: Hydraulic numbers that all actuators share.
