@@ -109,8 +109,8 @@ def yield_paths(task: SearchProblem, work: SearchWork) -> Iterator[CylinderPath 
     A cylinder path is a polyline of cylinder lengths. There are three stages: straight lines,
     lattices of decreasing spacing, and a last local refinement. The lattices are skipped if the
     incumbent (cheapest path so far) costs at most (1 + MIN_LATTICE_GAP) times the lower bound. The
-    refinement is skipped if it costs at most (1 + MIN_RELATIVE_GAIN) times the lower bound. Both
-    are skipped if the time is up.
+    refinement is skipped if the incumbent costs at most (1 + MIN_RELATIVE_GAIN) times the lower
+    bound. Both are skipped when the time is up.
 
     The first straight line is yielded at once. A path from a lattice is yielded at once if it saves
     at least the share WORTH_A_MOTION of the cost of the path yielded before. The cheapest path of
@@ -177,17 +177,17 @@ def may_be_improved(task: SearchProblem, best: CylinderPath | None, share: float
 def yield_straight_paths(task: SearchProblem) -> Iterator[CylinderPath | None]:
     """Yield ever cheaper straight cylinder paths from the start to goal postures.
 
-    First it tries every STRAIGHT_GOAL_STRIDE-th goal posture, the least lower bound on the cost
-    first. If there is a line, it then tries the skipped goal postures next to the end of the best
-    line.
+    The first round tries every STRAIGHT_GOAL_STRIDE-th goal posture, the least lower bound on the
+    cost first. If a line was found, the second round tries the skipped goal postures beside the
+    one where the best line ends.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
 
     Yields:
-        A line that is cheaper than all lines before. None after the first FIRST_LINES trials if
-        they gave no line, and None once more if the rest of the first round gave none. The caller
-        can then try something else.
+        A line that is cheaper than all lines before. None, so that the caller can try something
+        else, after the first FIRST_LINES trials if they gave no line. A second None at the end of
+        the first round if it gave no line.
     """
     numbers = np.arange(len(task.goal_lower_bounds))
     sparse = numbers % STRAIGHT_GOAL_STRIDE == 0
@@ -367,12 +367,13 @@ def search_lattice(
     A lattice is a regular grid of cylinder lengths, and its points are the possible waypoints.
 
     With an incumbent, A* looks for a path below MAX_SEARCHED_COST_RATIO times the incumbent's cost.
-    It may expand what is left of `max_expansions`, and only goal postures with a lower bound below
-    the incumbent's cost count. For arms of more than three joints with a deadline it is weighted
-    with DEADLINE_HEURISTIC_WEIGHT.
+    Only goal postures with a lower bound below the incumbent's cost are goals. The search may
+    expand the remainder of `max_expansions` states. Its heuristic weight is 1, or
+    DEADLINE_HEURISTIC_WEIGHT for an arm of more than three joints if there is a deadline.
 
-    Without an incumbent, A* weighted with FIRST_HEURISTIC_WEIGHT expands FIRST_STATES states. If
-    these do not suffice, a second search accepts any path and has no limit on its states.
+    Without an incumbent, A* with the heuristic weight FIRST_HEURISTIC_WEIGHT expands at most
+    FIRST_STATES states. If it finds nothing, a second search stops at the first path; its number of
+    states is not limited.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
@@ -509,12 +510,12 @@ def refine(
 ) -> CylinderPath:
     """Improve a cylinder path by local changes in proportion to a lattice spacing.
 
-    The function first removes waypoints. It splits a path of one straight segment into three
-    segments. Then a compass search moves each waypoint by a stride, in sweeps with ever smaller
-    strides (`stride_shares` of `SearchLimits`, times the spacing). The last waypoint moves by a
-    change of the goal posture. Sweeps with all strides but the last price paths coarsely. Their
-    result is kept only if it is also cheaper by the problem's own cost model. No change is tried
-    after the deadline.
+    The function first removes waypoints without which the path costs no more. It splits a path of
+    one straight segment into three segments. Then a compass search moves each waypoint by a stride,
+    in sweeps with ever smaller strides (`stride_shares` of `SearchLimits`, times the spacing). The
+    last waypoint moves by a change of the goal posture. All sweeps but those with the last stride
+    price paths coarsely. Their result is kept only if it is cheaper by exact pricing, too. No
+    change is tried after the deadline.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.

@@ -241,13 +241,13 @@ def _workspace_excess(m: MachineArrays, posture: FloatArray) -> float:
 def _leaves_workspace(m: MachineArrays, points: Postures, here: int) -> bool:
     """Return whether the tip leaves the workspace between points[here] and points[1 - here].
 
-    Both ends of the move are compared with the workspace. If an end is nearer to the edge than
-    WORKSPACE_EDGE_DISTANCE, the posture half-way in cylinder lengths is checked, too. An excess of
-    WORKSPACE_TOLERANCE is allowed. If the move starts farther outside, it may stay as far outside.
+    Both ends of the move are checked. If an end is nearer to the edge than WORKSPACE_EDGE_DISTANCE,
+    the posture half-way in cylinder lengths is checked, too. An excess of WORKSPACE_TOLERANCE is
+    allowed. A move that starts farther outside must not increase its excess.
 
     Args:
         m: Numeric description of the machine.
-        points: Three postures: both ends, and row 2, whose joint positions may be overwritten.
+        points: Three postures: both ends in rows 0 and 1, and row 2 as working memory.
         here: Index of the start, 0 or 1.
 
     Returns:

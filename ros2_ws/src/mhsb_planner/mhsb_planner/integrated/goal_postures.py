@@ -131,9 +131,8 @@ def _free_coordinate_units(machine: Machine, between: tuple[float, float] | None
     are the positions of all joints but the last two turning ones, which close the chain.
 
     The change is 1 rad for an angle, and the joint's range divided by π [m] for a telescope. It is
-    0 for a coordinate that must keep its value. If `between` is given, ψ must keep its value, even
-    if `between` has room for other values. With telescopes all coordinates must then keep their
-    values, because each of them would change ψ.
+    0 for a coordinate that must keep its value. This is ψ if `between` is given, even if `between`
+    contains other values. With telescopes it is then every coordinate, because each would change ψ.
 
     Args:
         machine: The arm without a slewing joint.
@@ -172,11 +171,14 @@ def _sample_at_tip(
             coordinates are sampled, the distance is spacing^(1/m).
 
     Returns:
-        Tip positions, all equal, shape (count, 2) [m]; postures, shape (count, n) [rad or m]; elbow
-        branches (sign of the second-last joint's angle), −1 or 1, shape (count,), with telescopes
-        the number of the solution (`side`) of `close_chain`; free coordinates, shape (count, n - 2)
-        [rad or m]: q₁ … q₍ₙ₋₃₎ and ψ, or with telescopes the positions of the joints that do not
-        close the chain.
+        Four arrays, one row for each sample:
+
+        - Tip positions, all equal, shape (count, 2) [m].
+        - Postures, shape (count, n) [rad or m].
+        - Elbow branches (sign of the second-last joint's angle), −1 or 1, shape (count,). With
+          telescopes: sign of the last turning joint's angle.
+        - Free coordinates, shape (count, n - 2) [rad or m]: q₁ … q₍ₙ₋₃₎ and ψ. With telescopes:
+          positions of all joints but the last two turning ones.
 
     Raises:
         OutOfWorkspaceError: The tip position is outside the workspace.

@@ -576,8 +576,7 @@ def _step_to_goal(
         known: Data of the lattice points that the search has reached. If the step is recorded,
             known.reached[0] becomes k.
         origin: State of the lattice point from which the step leads.
-        k: Index of the goal posture. The caller has checked that it is within one lattice step of
-            the point.
+        k: Index of the goal posture, which must be within one lattice step of the point.
         rule: Cost limit; paths of this cost or more are dropped.
     """
     goals, target = problem.goals, StepTarget(len(f.states) - 1, 0, 0.0)
@@ -601,10 +600,10 @@ def _step_to_neighbour(
 ) -> None:
     """Price the step from an expanded state to a neighbouring lattice point.
 
-    States of the point that the step reaches more cheaply than before enter the open list. The step
-    is skipped if a lower bound shows that it cannot lead to a path below the cost limit, or to a
-    cheaper state of the point. If any path will do (`reachability_only`), it is also skipped if the
-    point has been reached.
+    The step may reach several states of the point, one in each mode combination. Those that become
+    cheaper enter the open list. The step is skipped if a lower bound shows that it makes none of
+    them cheaper, or leads to no path below the cost limit. With `reachability_only` it is also
+    skipped if the point has been reached before.
 
     Args:
         problem: Cost model, lattice and goals.
@@ -613,7 +612,7 @@ def _step_to_neighbour(
         known: Data of the lattice points that the search has reached, changed in place.
         origin: The expanded state.
         point: Number of the neighbouring point.
-        rule: Cost limit, heuristic weight, and whether any path will do.
+        rule: Cost limit, heuristic weight, and whether the search stops at the first path.
     """
     t, lattice, goals = problem
     row = known.row[point] - 1
@@ -778,8 +777,8 @@ class LatticeSearch:
             deadline: Instant after which the search pauses; it may be continued.
             heuristic_weight: Heuristic weight w ≥ 1. The path costs at most w times as much as the
                 cheapest one, unless `reachability_only` is set.
-            reachability_only: If true, any path will do, and lattice points that have been reached
-                are not reached again.
+            reachability_only: If true, each lattice point is reached only once. The search then
+                finds a path fastest, but not a cheap one.
 
         Returns:
             Waypoints of the path from the start to the goal posture, shape (points, n) [m], and the

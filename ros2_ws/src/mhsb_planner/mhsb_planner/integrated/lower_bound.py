@@ -386,8 +386,8 @@ def bound_energy_to_goal(
         goal: Tip position (x, z) [m].
         psi: End-link angle at the goal, or its range (least, greatest) [rad]; None means any.
         region: Other admissible tip positions; None means the goal alone.
-        others: Oil volume [m³] and least duration [s] of joints outside the plane, such as the
-            slew.
+        others: Oil volume [m³] and least duration [s] that the slew needs for its part of the move;
+            0 without a slew.
         most_cells: Limit on the effort: largest number of cells that the branch and bound adds. It
             has no effect for an arm of three turning joints.
 

@@ -142,11 +142,11 @@ def _shoulder_angle_range(radius: Interval, d1: Interval, d2: Interval) -> Inter
 
     Args:
         radius: Range of the distance R between joint i and the tip [m].
-        d1: Range of the distance D₁ between the joints i and j, which close the chain [m].
+        d1: Range of the distance D₁ between the joints i and j [m].
         d2: Range of the distance D₂ between joint j and the tip [m].
 
     Returns:
-        Range of the angle; (π, 0), an empty range, if no triangle is possible.
+        Range of the angle; the empty range (π, 0) if no triangle is possible.
     """
     above = radius[1] ** 2 + d1[1] ** 2 - d2[0] ** 2
     below = radius[0] ** 2 + d1[0] ** 2 - d2[1] ** 2
@@ -163,7 +163,7 @@ def _arc_cosine_range(over: Interval, under: Interval) -> Interval:
             MIN_DENOMINATOR.
 
     Returns:
-        Range of the angle [rad]; (π, 0), an empty range, if no quotient lies within ±1.
+        Range of the angle [rad]; the empty range (π, 0) if no quotient lies within ±1.
     """
     small, large = max(MIN_DENOMINATOR, under[0]), max(MIN_DENOMINATOR, under[1])
     low = over[0] / (small if over[0] < 0.0 else large) - INTERVAL_ROUNDING

@@ -57,10 +57,10 @@ class ArmClockEstimator:
     def add_stamp(self, stamp_ns: int, steady_time: float) -> bool:
         """Add a stamp, and return whether it is not earlier than the stamp before.
 
-        All earlier stamps are dropped if the arm's clock has gone back. They are also dropped if it
-        is more than `MIN_CLOCK_JUMP` ahead of the time expected from the earlier stamps. In each
-        time slot of `STAMP_SPACING` only the least delayed stamp is kept. Stamps older than
-        `SPEED_WINDOW` are dropped.
+        All earlier stamps are dropped if the arm's clock has gone back, or has jumped ahead: more
+        than `MIN_CLOCK_JUMP` beyond the time expected from the earlier stamps. In each time slot of
+        `STAMP_SPACING` only the least delayed stamp is kept. Stamps older than `SPEED_WINDOW` are
+        dropped.
 
         Args:
             stamp_ns: Stamp by the arm's clock [ns].
@@ -371,10 +371,10 @@ class ArmState:
     def get_plan_time_ns(self, steady_time: float, ros_ns: int) -> int:
         """Return the present time of plans, in which plans are stamped [ns].
 
-        It is the extrapolated time of the arm's clock less `plan_delay_ns`. If the arm has been
-        silent for more than `OLDEST_STATE`, the earlier one of the extrapolated time and the ROS
-        clock is used. The reason is a ROS clock that the arm itself publishes: it stands still if
-        the arm does.
+        It is the extrapolated time of the arm's clock minus `plan_delay_ns`. If the arm has been
+        silent for more than `OLDEST_STATE`, the ROS clock is used instead of the extrapolated time
+        if it is earlier. The reason: an arm may itself publish the ROS clock, which then stands
+        still with the arm.
 
         Args:
             steady_time: Present time by the steady clock [s].
@@ -431,11 +431,12 @@ class ArmState:
         """Return whether the arm moves under a command of this planner.
 
         Args:
-            now_ns: Present time of plans (arm's clock less the plan delay) [ns].
+            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
-            True if this planner's last confirmed command has not ended. In addition the arm must
-            report that command as in force, or be an arm that never reports which plan is in force.
+            True if this planner's last confirmed command has not ended and, as far as known, is the
+            one that the arm executes. Some arms do not report which plan they execute; for these,
+            the first condition suffices.
         """
         own = self.own_command
         confirmed = own is not None and self.plan_in_force_ns in (None, own.stamp_ns)

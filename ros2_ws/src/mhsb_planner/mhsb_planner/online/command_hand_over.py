@@ -81,7 +81,7 @@ class HandOver:
         """Return the earliest stamp for a new command, later than all stamps sent before [ns].
 
         Args:
-            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
+            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
         """
         return max(now_ns, self._last_stamp_ns + 1)
 
@@ -89,7 +89,7 @@ class HandOver:
         """Return whether the last stamp sent is more than `AHEAD_NS` ahead of the time of plans.
 
         Args:
-            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
+            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
         """
         return self._last_stamp_ns > now_ns + AHEAD_NS
 
@@ -183,8 +183,7 @@ class HandOver:
             replan: The plan.
             pending_goal: Its goal, for the commit horizon.
             settings: Settings for all goals, which bound the commit horizon.
-            now_ns: Present time of plans [ns]. This is the time of the arm's clock minus the delay
-                by which the arm is behind its plans.
+            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
             The plan with the new stamp. None if the command before still moves at that stamp,
@@ -271,12 +270,12 @@ class HandOver:
 
         Args:
             sent: The command.
-            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
+            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
-            True if `LONGEST_WAIT` has passed since sending in real time. Also True if two times
-            exceed `CONFIRMATION_TIMEOUT`: the real time since sending, and the time since the
-            change. The change is the time at which the command leaves the one before.
+            True in two cases. `LONGEST_WAIT` has passed since sending in real time. Or
+            `CONFIRMATION_TIMEOUT` has passed since sending in real time, and has also passed since
+            the change (time at which the command leaves the one before).
         """
         waited = self._clock.steady_time() - sent.sent_at
         grace = self._arm_state.clock_estimator.convert_duration(CONFIRMATION_TIMEOUT)
@@ -286,8 +285,9 @@ class HandOver:
     def give_up(self, sent: UnconfirmedPlan, reason: HandOverReason) -> None:
         """Store that the arm has not taken the command that was sent last.
 
-        If the reason is `LATE`, the estimated transport time becomes longer. If it is `STAMP`, the
-        estimate of the arm's clock starts again from the last stamp that the arm has sent.
+        For the reason `LATE`, the estimated transport time becomes longer. For the reason `STAMP`
+        (the arm did not accept the plan's stamp), the estimate of the arm's clock starts again from
+        the last stamp that the arm has sent.
 
         Args:
             sent: The command. Only `planned_at` is read.

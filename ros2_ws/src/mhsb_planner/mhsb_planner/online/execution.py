@@ -81,20 +81,20 @@ class Execution:
 
         The first of these cases that applies decides:
 
-        - The reference comes from several publishers: `ABORTED` once the plan has ended.
-        - Another plan is in force: `REPLACED`.
+        - The reference comes from several publishers: `ABORTED`, but not before the plan's end.
+        - The arm executes another plan: `REPLACED`.
         - The arm has begun to hold more than `EARLY_NS` before the plan's end: it has dropped the
-          plan. The outcome is `ABORTED` at once if the arm reports a fault. Otherwise it is known
-          `REASON_NS` later: `STOPPED` or `ABORTED`, by the place of the reference.
+          plan. If it reports a fault, the outcome is `ABORTED` at once. Otherwise the place of the
+          reference decides between `STOPPED` and `ABORTED`; this is returned `REASON_NS` later.
         - The plan has ended: the distance of the measured tip from the goal decides.
 
-        An arm that never reports its plan in force is assumed to follow the plan. Writes
+        Some arms do not report which plan they execute; they are assumed to follow this one. Writes
         `dropped_since`.
 
         Args:
             machine: Machine by which the tip's place is computed.
             arm_state: Arm state.
-            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
+            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
             Outcome, sentence and cause; None while the execution goes on.
@@ -124,7 +124,7 @@ class Execution:
 
         Args:
             arm_state: Arm state.
-            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
+            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
             Outcome, sentence and cause. None while the arm may still report a fault as the reason.
@@ -141,7 +141,7 @@ class Execution:
 
         Args:
             arm_state: Arm state. Only `reference` is read.
-            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
+            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
             `STOPPED` if the reference of every joint is within `SAME_PLACE` of the plan's position
@@ -164,7 +164,7 @@ class Execution:
         Args:
             machine: Machine by which the tip's place is computed.
             arm_state: Arm state. Only `measured` is read.
-            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
+            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
             `REACHED` if the tip is within the settings' `reached_tolerance`. Otherwise None until

@@ -145,14 +145,14 @@ class GoalLifecycle:
     def get_state(self, pending_goal: PendingGoal) -> GoalState:
         """Return the state of a goal: waiting, being planned for, and so on.
 
-        Several plans may be made for one goal. Then `EXECUTING` and `STOPPING` come before
-        `PLANNING`, that before `WAITING`, and that before `REVOKED` and `UNCONFIRMED`.
+        Several plans may be made for one goal, so that several states apply.
 
         Args:
             pending_goal: The goal.
 
         Returns:
-            `ENDED`, or the first of these states that applies.
+            The first state that applies, in this order: `ENDED`; `STOPPING` or `EXECUTING`;
+            `PLANNING`; `WAITING`; `REVOKED` or `UNCONFIRMED` (a plan was sent, without an answer).
         """
         if pending_goal.has_ended:
             return GoalState.ENDED
@@ -234,7 +234,7 @@ class GoalLifecycle:
         The steps come in this order:
 
         1. Give up a sent command that the arm has not confirmed in time.
-        2. If a moving goal has stopped, make it wait for a plan to its exact place.
+        2. If a moving goal has stopped, let it wait for a plan to its exact place.
         3. End the execution of a goal if the arm's reports say that it is over.
         4. Begin a stop if the newest goal was cancelled.
         5. Take the next step of a stop that is under way.
@@ -287,17 +287,17 @@ class GoalLifecycle:
     ) -> PlanRequest:
         """Build the request for a plan to a goal.
 
-        The arm rests if the trajectory of `start` has ended at `now_ns`. The commit horizon (time
-        until the new plan takes over) then covers only transport and confirmation, because the plan
-        is stamped when it is ready, and the machine's dead time. The deadline is the same in both
-        cases: `steady_time` plus the horizon for a moving arm, less its part for transport. The
-        target of a moving goal is extrapolated.
+        The arm counts as moving until the trajectory of `start` has ended. Its commit horizon (time
+        until the new plan takes over) then covers planning, transport, confirmation and the
+        machine's dead time. For an arm at rest it covers no planning, because the plan is stamped
+        when it is ready. The deadline leaves the same time for planning in both cases: the horizon
+        of a moving arm without its part for transport. The target of a moving goal is extrapolated.
 
         Args:
             pending_goal: The goal.
             start: Command that the plan continues.
             steady_time: Present time by the steady clock [s].
-            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
+            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
             The request. Its commit horizon is by the arm's clock, its deadline by the steady clock.
@@ -336,7 +336,7 @@ class GoalLifecycle:
 
         Args:
             pending_goal: The goal.
-            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
+            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
             True if the goal needs no plan of its own. That includes a goal that is being executed
@@ -377,12 +377,13 @@ class GoalLifecycle:
         - None ends the goal: the arm is there already.
         - `DeadlineError`: the goal is planned for again with a longer commit horizon (time until a
           new plan takes over). It is refused after `MAX_LATE_PLANS` tries at the longest horizon.
-        - Another `MhsbError` leaves a plan in force that leads to this very goal. Without such a
-          plan, an extrapolated target of a moving goal is replaced by the goal's own place.
+        - Another `MhsbError`: if the arm executes a plan to this very goal, that plan goes on. If
+          the target was extrapolated from a moving goal, the goal's own place is planned for.
           Otherwise the goal is refused.
         - Any other exception refuses the goal with `INTERNAL`.
 
-        After a plan or a `DeadlineError`, the time of planning is added to `horizon_estimator`.
+        After a plan, `horizon_estimator` gets the time of planning; after a `DeadlineError`,
+        `LATE_PLAN_FACTOR` times that time.
 
         Args:
             request: The request that was answered.
@@ -422,9 +423,9 @@ class GoalLifecycle:
         """Send a plan, and accept its goal if that has no verdict yet.
 
         A plan that starts from rest first gets the present time as its stamp. If the command before
-        still moves at that time, the goal is planned for again instead. A plan counts as too late,
-        and is not sent, if its change has passed. The change is the time at which it leaves the
-        command before. If the plan is sent, `attempts`, `plan_stamp_ns` and `lead_ms` of the goal
+        still moves at that time, the goal is planned for again instead. The change is the time at
+        which the plan leaves the command before. A plan whose change has passed counts as too late
+        and is not sent. If the plan is sent, `attempts`, `plan_stamp_ns` and `lead_ms` of the goal
         are updated.
 
         Args:
@@ -464,7 +465,8 @@ class GoalLifecycle:
     def _send(self, sent: UnconfirmedPlan) -> None:
         """Send a command.
 
-        If the arm never reports its plan in force, the command is handled as confirmed at once.
+        Some arms do not report which plan they execute. For these, the command is handled as
+        confirmed at once.
 
         Args:
             sent: The command with its request.
@@ -625,9 +627,9 @@ class GoalLifecycle:
         """Handle the arm's report of its last stop, and end the goals that came before it.
 
         A stop is ignored if it was reported before, or if this planner has called for it. Otherwise
-        all goals end as stopped that were received up to `StopSequence.find_void_time`: before this
-        report, but not much later than the stop. If the arm has taken a plan for such a goal after
-        the stop and executes it, the arm is stopped again.
+        goals are void that were received before this report, up to a short time after the stop
+        (`StopSequence.find_void_time`). They end as stopped. If the arm has taken a plan for a void
+        goal after the stop and executes it, the arm is stopped again.
 
         Args:
             stop_ns: Time of the stop by the arm's clock [ns]; 0 means never, and nothing happens.
@@ -673,11 +675,11 @@ class GoalLifecycle:
             self._queue.put_back(pending_goal)
 
     def _handle_confirmation(self, sent: UnconfirmedPlan) -> None:
-        """Handle the arm's confirmation that it follows a command, also one that had been given up.
+        """Handle the arm's confirmation that it follows a command.
 
-        A braking command is stored as confirmed, and the stop is finished if the time of rest is
-        known. If zones have changed since it was made, the rest of its motion is checked for
-        obstacles.
+        The confirmation may come after waiting for it was given up. A braking command is stored as
+        confirmed; the stop is finished if it is known when the arm will rest. If zones have changed
+        since the braking command was made, the remainder of its motion is checked for obstacles.
 
         A plan begins the execution of its goal, and further plans for that goal are withdrawn.
         Another goal that was being executed ends as replaced. If the plan became void (was revoked)
@@ -789,9 +791,9 @@ class GoalLifecycle:
         self._stop_for_cancelled_goal()
 
     def _stop_for_cancelled_goal(self) -> None:
-        """Stop the arm if the newest goal that has not ended was cancelled.
+        """Stop the arm if the newest goal in progress was cancelled.
 
-        A goal has not ended while it waits, is being planned for, is executed, or has a plan that
+        A goal is in progress while it waits, is being planned for, is executed, or has a plan that
         the arm has not answered yet. Nothing happens while a stop is under way.
 
         As with every stop, all goals end as stopped. Those that wait or are being planned for end
@@ -935,5 +937,5 @@ class GoalLifecycle:
         self._reports.report_end(pending_goal, *ending)
 
     def _now_ns(self) -> int:
-        """Return the present time of plans: the arm's clock less the delay of slowed plans [ns]."""
+        """Return the time of plans: the arm's clock minus the arm's delay behind its plans [ns]."""
         return self.arm_state.get_plan_time_ns(self._clock.steady_time(), self._clock.ros_ns())

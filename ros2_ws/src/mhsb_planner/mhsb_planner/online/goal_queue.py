@@ -181,14 +181,14 @@ class GoalQueue:
         It waits until all of these hold, but for at most `LONGEST_WAIT`:
 
         - The arm is connected so that it would receive a plan.
-        - If the arm sends a reference, it has also reported its plan in force.
+        - If the arm sends a reference, it has also reported which plan it executes.
         - The arm has reported its machine, or `FIRST_REPORT` has passed since its first state.
         - The last stamp sent is not ahead of the time of plans.
 
         Args:
             pending_goal: The waiting goal.
-            stamps_are_ahead: Whether the last stamp sent is ahead of the time of plans (arm's clock
-                less the delay of slowed plans).
+            stamps_are_ahead: Whether the last stamp sent is ahead of the time of plans (the arm's
+                clock minus the arm's delay behind its plans).
         """
         arm, now = self._arm_state, self._clock.steady_time()
         is_half_known = arm.reference is not None and arm.plan_in_force_ns is None
@@ -234,10 +234,10 @@ class GoalQueue:
     def choose_target(self, pending_goal: PendingGoal, commit_horizon: float) -> tuple[Goal, float]:
         """Choose the target of a plan for a goal, and return it with the goal's period.
 
-        A moving goal is extrapolated by the commit horizon plus one period, but only a little way.
-        If the goal has stopped, or its `needs_exact_place` is set, the target is its exact place.
-        The period is still returned then, so that the plan is made as for a moving goal. A plan of
-        the other kind may choose another posture and swing the tip far beyond.
+        A moving goal is extrapolated by the commit horizon plus one period; its way is limited. If
+        the goal has stopped, or its `needs_exact_place` is set, the target is its exact place. The
+        period of a stopped goal is returned, too, so that its plan is made as for a moving goal. A
+        plan for a fixed goal might choose another posture and swing the tip far beyond.
 
         Args:
             pending_goal: The goal.
@@ -259,12 +259,13 @@ class GoalQueue:
 
         Args:
             request: The request.
-            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
+            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
             False if the epoch (count of events that make plans void) has changed since the request.
-            Otherwise True in two cases. The plan in force is the one at the request. Or that plan
-            was `start_command`, has ended or ends within `EARLY_NS`, and the arm now holds.
+            Otherwise True if the arm still executes the plan of the time of the request. Also True
+            if it then executed the request's `start_command` and now holds its end position,
+            reached at most `EARLY_NS` early.
         """
         start, in_force_ns = request.start_command, self._arm_state.plan_in_force_ns
         has_ended = now_ns >= start.trajectory.end_ns - EARLY_NS

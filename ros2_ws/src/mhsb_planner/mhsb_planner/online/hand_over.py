@@ -35,12 +35,13 @@ class HandOverTimes:
 def choose_hand_over_times(in_force: Command, now_ns: int, commit_horizon_ns: int) -> HandOverTimes:
     """Choose stamp and change of a command that takes over from another one.
 
-    At its stamp the new command begins, at its change it leaves the old one. The change comes
-    `commit_horizon_ns` after the stamp. Two trajectory points closer than `MIN_POINT_SPACING_NS`
-    make the quintic between them inaccurate. So the stamp is chosen as follows:
+    The new command begins at its stamp by repeating the old one, and leaves it at its change. The
+    change comes `commit_horizon_ns` after the stamp. Two trajectory points closer than
+    `MIN_POINT_SPACING_NS` make the quintic between them inaccurate. So the stamp is chosen in
+    steps:
 
-    1. It is `now_ns`, but at least `MIN_POINT_SPACING_NS` after the old stamp.
-    2. If an old point follows it by less than this spacing, it moves to that point.
+    1. The stamp is `now_ns`, but at least `MIN_POINT_SPACING_NS` after the old stamp.
+    2. If an old point follows the stamp by less than this spacing, the stamp moves to that point.
     3. If an old point precedes the change by less than this spacing, stamp and change are delayed.
 
     Steps 2 and 3 are repeated until both hold.
@@ -123,8 +124,8 @@ def _check_continuity(left: MotionState, new: Trajectory) -> None:
 def _compute_stamp_delay(points: IntArray, stamp_ns: int, commit_horizon_ns: int) -> int:
     """Compute by how much a stamp must be delayed to keep away from an old trajectory's points.
 
-    No point may come less than `MIN_POINT_SPACING_NS` after the stamp. No point may come less than
-    that before the change, at which the new command leaves the old one.
+    No point may lie in the `MIN_POINT_SPACING_NS` after the stamp, nor in the same time before the
+    change. The change is the time at which the new command leaves the old one.
 
     Args:
         points: Absolute times of the old trajectory's points, increasing, int64[k], [ns].
@@ -172,8 +173,7 @@ def _compute_prefix_times(old: Trajectory, times: HandOverTimes) -> IntArray:
 def _join_schedules(old: ModeSchedule, times: HandOverTimes, new: ModeSchedule) -> ModeSchedule:
     """Join an old mode schedule up to the change with a new one from the change on.
 
-    The result also stores when each actuator switched its mode last before the stamp, as `old`
-    knows it.
+    The result also stores the time of each actuator's last switch before the stamp, from `old`.
 
     Args:
         old: Schedule that is in force up to the change.

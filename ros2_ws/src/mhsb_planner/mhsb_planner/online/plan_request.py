@@ -38,7 +38,8 @@ class PlanRequest:
         period: Median time between the goal's last messages [s]; 0 if these give no velocity.
         settings: Settings of the plan.
         start_command: Command that the plan continues.
-        in_force_ns: Stamp of the plan in force at the request [ns]; None if the arm reports none.
+        in_force_ns: Stamp of the plan in force at the request [ns]; `NO_PLAN` if the arm held, None
+            if it does not report which plan it executes.
         now_ns: Time of plans at the request [ns].
         commit_horizon: Commit horizon by the arm's clock [s].
         requested_at: Time of the request by the steady clock [s].
@@ -63,8 +64,8 @@ class PlanRequest:
     def make_plan(self, replanner: Replanner) -> Replan | None:
         """Make the requested plan; runs in the worker's thread.
 
-        The replanner is first changed to the machine of the request, and keeps it. Via points that
-        the tip has passed already, or passes before the new plan takes over, are left out.
+        The replanner is first changed to the machine of the request, and keeps it. The plan does
+        not lead again through via points that the tip passes before it takes over.
 
         Args:
             replanner: Makes the plan.
@@ -95,9 +96,9 @@ class PlanRequest:
         """Return the via points that the new plan still has to pass.
 
         These are all via points of the settings in two cases: the new plan starts from rest, or no
-        earlier plan with the same settings exists. Otherwise they are the via points of the earlier
-        plan, less those that the tip passes before the new plan takes over. So the tip passes each
-        via point once between two rests, even if goals follow each other in motion.
+        earlier plan with the same settings exists. Otherwise they are those via points of the
+        earlier plan that the tip has not passed when the new plan takes over. So the tip passes
+        each via point a single time between two rests, even if goals follow each other in motion.
 
         Returns:
             Via points in `base_link`, each (x, z) or (x, y, z) [m].

@@ -40,7 +40,7 @@ class Progress:
 
         Args:
             execution: Execution of the plan in force.
-            now_ns: Present time of plans (arm's clock less the delay of slowed plans) [ns].
+            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
         """
         command, change_ns = execution.command, execution.change_ns
         end_ns = command.trajectory.end_ns

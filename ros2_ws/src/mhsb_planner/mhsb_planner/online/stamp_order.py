@@ -58,13 +58,14 @@ class StampOrder:
         depends on the publishers that the ROS graph shows:
 
         - One publisher: its clock was set back, and `publisher_conflict` is cleared.
-        - Several publishers: for `DECIDED_AFTER` after the step back, every stamp before the latest
-          one is `MIXED`. A second step back within this time sets `publisher_conflict`. If there is
-          none, a clock was set back, and the next stamp before the latest one is `BACK`.
+        - Several publishers: for `DECIDED_AFTER` after the step back, every stamp earlier than the
+          latest one is `MIXED`. A second step back within this time sets `publisher_conflict`.
+          Without it, a clock was set back: the next stamp that is earlier than the latest one is
+          `BACK`.
 
         The latest stamp is the greatest one since a clock was last set back. While
-        `publisher_conflict` is set, every stamp before it is `MIXED`. `publisher_conflict` is
-        cleared `SECOND_PUBLISHER_TIMEOUT` after the last step back.
+        `publisher_conflict` is set, every stamp earlier than the latest one is `MIXED`.
+        `publisher_conflict` is cleared `SECOND_PUBLISHER_TIMEOUT` after the last step back.
 
         Args:
             stamp_ns: Stamp by the publisher's clock [ns].

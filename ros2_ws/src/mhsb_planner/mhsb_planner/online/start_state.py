@@ -58,8 +58,8 @@ def find_start_command(arm_state: ArmState, steady_time: float, now_ns: int) -> 
     Args:
         arm_state: Arm state.
         steady_time: Present time by the steady clock [s].
-        now_ns: Present time of plans [ns]: the arm's clock minus the delay that speed scaling has
-            caused. It is the stamp of a command that holds.
+        now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans. A
+            command that holds gets this stamp.
 
     Returns:
         This planner's own command, or a command that holds the position in the modes in force.

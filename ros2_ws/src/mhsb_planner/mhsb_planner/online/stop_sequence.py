@@ -340,7 +340,7 @@ class StopSequence:
         If the stop has an obstacle, the braking is chosen to rest before it. The reason of the stop
         then becomes a sentence on where the arm rests. If computing this takes more than
         `LATE_SHARE` of the commit horizon (time until braking begins), it is repeated with a longer
-        one.
+        horizon.
 
         Args:
             stop: The stop under way.
@@ -378,10 +378,10 @@ class StopSequence:
             sent: The braking command.
 
         Returns:
-            Success and a sentence on when the arm will rest, which finishes the stop. None if that
-            time is not known: the reference governor has delayed plans, or the arm never reports
-            its plan in force. Only a measured rest then finishes the stop. None also without a
-            stop.
+            Success and a sentence on when the arm will rest; this finishes the stop. None if the
+            time of rest is not known: the reference governor has delayed plans, or the arm does not
+            report which plan it executes. Only a measured rest then finishes the stop. None also
+            without a stop.
         """
         if sent.obstacle_sentence:
             self._report_obstacle(sent.obstacle_sentence)
@@ -523,5 +523,5 @@ class StopSequence:
             self._outbox.warn(sentence)
 
     def _now_ns(self) -> int:
-        """Return the present time of plans: the arm's clock less the delay of slowed plans [ns]."""
+        """Return the time of plans: the arm's clock minus the arm's delay behind its plans [ns]."""
         return self._arm_state.get_plan_time_ns(self._clock.steady_time(), self._clock.ros_ns())

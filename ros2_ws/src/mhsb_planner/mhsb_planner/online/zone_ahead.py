@@ -127,8 +127,8 @@ class ZoneStop:
             - The arm touches nothing and has passed the obstacle already.
             - It touches nothing and stops before the obstacle.
             - It stops nearer to the obstacle than the margin. Distance and margin are stated [m].
-            - It was in an obstacle at the command's stamp. The depth at rest is stated [m], or that
-                it rests beyond.
+            - It was in an obstacle at the command's stamp. The depth at rest is stated [m]. If it
+                rests beyond the obstacle, the sentence says so.
             - It cannot stop before the obstacle. The depth at rest is stated [m]. If it rests
                 beyond, the greatest depth on the way is stated.
         """
@@ -205,8 +205,9 @@ def make_braking_for_obstacle(
     """Make the command that brakes along the path in force for an obstacle ahead.
 
     Take the softest braking that touches nothing and rests at least the machine's margin away from
-    every obstacle. If there is none, take the braking with the greatest least clearance, usually
-    the hardest. If several are equal in that, the greatest clearance at rest decides.
+    every obstacle. If there is none, compare the least clearances on the way and take the braking
+    with the greatest, usually the hardest. Among equal ones, the greatest clearance at rest
+    decides.
 
     Args:
         machine: Machine with the zones in force.
@@ -215,8 +216,8 @@ def make_braking_for_obstacle(
         commit_horizon: Time from the stamp to the begin of braking [s]. The result repeats
             `in_force` during this time.
         since_ns: Time at which the obstacle was set, by the same clock [ns]. The result's
-            `passed_clearance` is the least clearance from then to its stamp. If it is negative, the
-            arm has been in an obstacle, and has passed it if it is clear of obstacles now.
+            `passed_clearance` is the least clearance from then to its stamp. A negative value means
+            that the arm has been in an obstacle. If it is clear of obstacles now, it has passed it.
 
     Returns:
         The command with its clearances.

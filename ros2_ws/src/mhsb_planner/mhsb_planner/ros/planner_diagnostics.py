@@ -81,8 +81,8 @@ def _describe_plan_in_force(arm_state: ArmState) -> str:
         arm_state: Arm state.
 
     Returns:
-        "unknown" if the arm reports no plan in force at all, "none, the arm holds" if it reports
-        that it holds. Otherwise the stamp and whether the plan is this planner's.
+        "unknown" if the arm has not reported which plan it executes; "none, the arm holds" if it
+        reports that it executes none. Otherwise the stamp, and whether this planner made the plan.
     """
     if arm_state.plan_in_force_ns is None:
         return "unknown"
