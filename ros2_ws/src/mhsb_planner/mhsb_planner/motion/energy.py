@@ -115,8 +115,8 @@ def motion_energy(
         trajectory: Joint trajectory.
         schedule: Modes over time.
         profiles: Profiles (piston speeds and forces) at the trajectory's points and middles, and
-            the modes between the points. They are used instead of `schedule`, whose modes must then
-            change at the points only. None computes them, and mode switches may lie anywhere.
+            the modes between the points. These modes are used instead of `schedule`, and can change
+            at the points only. None computes the profiles; mode switches may then lie anywhere.
 
     Returns:
         Energy of the motion [J]. The field `paper` follows the published model. All other fields
@@ -177,9 +177,9 @@ def charging_energy(
 ) -> float:
     """Compute the shaft work that servo pumps take to charge their lines before boosts.
 
-    A boost begins in a row whose mode is boosted after a row whose mode is not. Its line must then
-    be raised from the main pump's pressure. A boost that is in force in the first row costs
-    nothing.
+    A boost begins in a row whose mode is boosted while the mode of the row before is not. The
+    actuator's line must then be raised from the main pump's pressure. A boost that is in force in
+    the first row costs nothing.
 
     Args:
         machine: Machine with its circuit and servo settings.
@@ -197,13 +197,17 @@ def charging_energy(
 def _charging_energy_and_slip(
     machine: Machine, speed: FloatArray, force: FloatArray, modes: ModeArray
 ) -> tuple[float, float]:
-    """Compute the shaft work that charges lines before boosts, and what slip takes of it.
+    """Compute the shaft work that charges lines before boosts, and the loss by slip in it.
+
+    A boost begins in a row whose mode is boosted while the mode of the row before is not.
 
     Args:
         machine: Machine with its circuit and servo settings.
-        speed: As in `charging_energy`.
-        force: As in `charging_energy`.
-        modes: As in `charging_energy`.
+        speed: Piston speeds at the beginning of each row, shape (k, n) [m/s]. Further rows are
+            ignored.
+        force: Piston forces at the beginning of each row, shape (k, n) [N]. Further rows are
+            ignored.
+        modes: Mode codes of each row, shape (k, n).
 
     Returns:
         Shaft work of the servo pumps, and the hydraulic work lost by slip [J].
@@ -455,9 +459,9 @@ def _compute_charging_work(
 ) -> tuple[float, float]:
     """Compute the hydraulic work that charges supply lines before boosts; slip is the only loss.
 
-    A boost begins in a row whose mode is boosted after a row whose mode is not. Its line of the
-    volume V is then raised by Δp to the boosted pressure. With the bulk modulus β, the flow Q into
-    cylinder and valve, and the time T:
+    A boost begins in a row whose mode is boosted while the mode of the row before is not. The
+    actuator's line of the volume V is then raised by Δp to the boosted pressure. With the bulk
+    modulus β, the flow Q into cylinder and valve, and the time T:
 
         work = V Δp²/(2β) + Q Δp T
 

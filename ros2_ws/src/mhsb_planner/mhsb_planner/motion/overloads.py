@@ -59,10 +59,10 @@ class Overload:
 def find_overloads(
     machine: Machine, time: FloatArray, profile: MotionProfile
 ) -> tuple[Overload, ...]:
-    """Find the actuators that rest under loads that take more than the highest boost pressure.
+    """Find the actuators that rest under a load too heavy for the highest boost pressure.
 
     Only the closed valve holds such a load. A cylinder rests if its speed is within the dead band.
-    A rest lasts from each resting instant to the next instant; the last instant adds no time.
+    Each resting instant counts up to the next instant; the last instant adds no time.
 
     Args:
         machine: Machine with its hydraulics.

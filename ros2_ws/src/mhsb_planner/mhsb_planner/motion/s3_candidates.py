@@ -229,16 +229,15 @@ def iterate_candidates(
     A start with a `Steering` has one curve only: straight to the path's end. Otherwise the order
     is:
 
-    1. the polynomial, if `rules.trajectory` is `polynomial`, and nothing else if
-       `rules.polynomial_only`,
-    2. if the start coasts: ramps that begin at once,
-    3. ramps from rest, after `brake`; then the shortest of them with a rest before each step in
-       which an actuator is boosted that was not before, so that no ramp begins where its load is
-       still too high,
-    4. the path step by step with a rest at every node, after `brake`, if `rules.stepped`.
+    1. The polynomial, if `rules.trajectory` is `polynomial`. With `rules.polynomial_only` it is the
+       only curve.
+    2. Ramps (smooth changes of speed) that begin at once, if the start coasts.
+    3. Ramps from rest, after `brake`. Then the shortest of them, with a rest before each step in
+       which the boost of an actuator begins: so no ramp begins before its load can be carried.
+    4. The path step by step with a rest at every node, after `brake`, if `rules.stepped`.
 
-    If a mode is younger than the least time between two switches, 3 and 4 follow once more after an
-    additional rest. In this rest the mode becomes old enough.
+    If a mode has been in force for less than the least time between two switches, 3 and 4 follow
+    a second time. They then begin with an additional rest, in which this time passes.
 
     Args:
         machine: Machine that moves.
@@ -252,7 +251,7 @@ def iterate_candidates(
         rules: Settings of the fit.
 
     Yields:
-        Curves with the way in which they are tried. None is computed yet.
+        Curves with the way in which they are tried. They are not computed yet.
     """
     rest = MotionState.at_rest(path.posture[0])
     if isinstance(coast, Steering):
@@ -366,9 +365,9 @@ def _create_polynomial(
 ) -> CurveCandidate:
     """Create the published polynomial as a curve to try.
 
-    From a moving start it is not stretched beyond its first stretch. The candidate then also holds
-    the largest travel that each joint has in its first direction while braking or on the path. The
-    caller refuses a curve that runs on farther.
+    From a moving start, the polynomial must not be stretched beyond its first stretch. The
+    candidate then also has a limit on the travel of each joint in its first direction: the largest
+    travel while braking or on the path. The caller refuses a curve that goes farther.
 
     Args:
         path: Discrete path.

@@ -139,9 +139,10 @@ def _place_ramps(
     speeds are lowered accordingly. A ramp has two times, T₁ ≥ T₂: its acceleration builds up in T₂,
     begins to decrease at T₁, and is over after T₁ + T₂.
 
-    The first ramp begins at `delay` and has the times `first_rise` and `first_blend`. All others
-    have the times `rise` and `blend`, and the middles that they would have with the first ramp's
-    times. A ramp that would thus begin before `delay` gets the first ramp's times.
+    The first ramp begins at `delay` and has the times `first_rise` and `first_blend`. The middles
+    of all ramps are placed as if all had these times. The other ramps then get the times `rise` and
+    `blend` around their middles. A ramp that would thus begin before `delay` keeps the first ramp's
+    times.
 
     Args:
         length: Cylinder lengths at the path's nodes, shape (k + 1, n) [m].
@@ -254,8 +255,9 @@ def _iterate_slower_motions(
     - Two begin a little later.
 
     MAX_SLOWING_ROUNDS motions follow whose path begins when the coasting has ended; from rest there
-    are only these. Let one exceed the limit of acceleration by the factor a ≥ 1, and that of jerk
-    by the factor b ≥ 1. In the next, the ramps' T₁ is longer by a, and their T₂ by b/a if b > a.
+    are only these. A ramp's acceleration builds up in the time T₂ and begins to decrease at T₁. Let
+    a motion exceed the limit of acceleration by the factor a ≥ 1, and that of jerk by the factor
+    b ≥ 1. In the next motion, T₁ is longer by the factor a, and T₂ by b/a if b > a.
 
     Args:
         machine: Machine that moves.

@@ -314,8 +314,8 @@ def find_first_violation(
         machine: Machine with its obstacles.
         trajectory: Joint trajectory of k points.
         schedule: Modes over time. They must change at the trajectory's points only.
-        ends: Quantities that the limits bound, at the ends of the intervals between the points;
-            None computes them. If given, its modes are used instead of the schedule.
+        ends: Quantities that the limits bound, at the ends of the intervals between the points,
+            with modes that are used instead of the schedule. None computes them.
         deadline: Instant at which the work is given up.
         middles: Profile (piston speeds and forces) at the middles of the intervals, by
             `middle_profile`; None computes it.
@@ -346,7 +346,7 @@ def find_first_violation(
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the kernels that check intervals closely which bounds do not prove clear.
+    """Compile the kernels that check at close instants the intervals that bounds do not clear.
 
     Args:
         machine: Machine whose number of joints gives the argument types.

@@ -39,10 +39,10 @@ def compute_needed_factors(
 ) -> FloatArray:
     """Compute how much longer each interval of a motion has to be, to mend a broken limit.
 
-    If pressure lacks, every interval in which it lacks needs PIECE_THRUST_STRETCH, or
-    THRUST_STRETCH if the whole motion is slowed. If valves or pumps do not suffice between two
-    points, the interval of the violation needs the factor by which they are exceeded, times
-    USAGE_RESERVE.
+    If the pressure is too low for the load, every interval with this lack needs a fixed factor:
+    PIECE_THRUST_STRETCH, or THRUST_STRETCH if the whole motion is slowed. If valves or pumps do not
+    suffice between two points, the interval of the violation needs the factor by which they are
+    exceeded, times USAGE_RESERVE.
 
     Args:
         violation: The broken limit; its time scaling is INERTIA or SPEED.
@@ -71,9 +71,9 @@ def spread_over_steps(
 ) -> FloatArray:
     """Compute the factor on the duration of each path step from those of a motion's intervals.
 
-    All steps get the largest factor, unless pieces are slowed and it exceeds MIN_PIECE_FACTOR. Then
-    a ramp around a node belongs to the two steps that meet there, and both get the largest factor
-    of the intervals that are nearest to the node, but at least 1.
+    All steps get the largest factor if it is at most MIN_PIECE_FACTOR, or if `slows_pieces` is
+    False. Otherwise each interval counts for its nearest node, and so for the two steps that meet
+    there. Each step gets the largest factor that counts for it, at least 1.
 
     Args:
         needed: Factor that each interval needs, shape (m,) [-].

@@ -181,11 +181,11 @@ def fit_trajectory(
         path: Discrete path. It begins at `start`, or where `brake` comes to rest.
         start: State of the joints at the start.
         modes: Modes in force at the start, and time since each actuator's last switch.
-        brake: Way in which a moving start comes to rest; None for a start at rest. A trajectory
-            brakes along the old path (`mhsb_model.braking`). A `Coasting` brings the pistons to
-            rest by themselves; the motion along the path may begin before they rest. A `Steering`
-            holds the rest of the plan in force, at whose end the path begins; the motion then goes
-            from `start` straight to the path's end.
+        brake: How a moving start is continued; None for a start at rest. A `Trajectory` brakes
+            along the old path (`mhsb_model.braking`). A `Coasting` brings each piston to rest by
+            itself; the motion along the path may begin before that. A `Steering` contains the
+            remainder of the plan in force, at whose end the path begins; the motion then goes from
+            `start` straight to the path's end.
         rules: Settings of the fit; None means the defaults.
         deadline: Instant at which the work is given up.
 
@@ -575,13 +575,14 @@ def _describe_passed_limit(
     position: FloatArray,
     rules: FitRules,
 ) -> str:
-    """Describe by how much a curve passes a joint limit, or a limit on how far a piston runs on.
+    """Describe by how much a curve passes a joint limit, or moves a piston too far.
 
     Args:
         machine: Machine that moves.
-        limits: Arrays of the machine with the joint limits. A joint that starts beyond a limit may
-            return.
-        candidate: Curve that is tried; it may limit the travel of the joints.
+        limits: Arrays of the machine with the joint limits. A joint that starts beyond a limit must
+            not move further out.
+        candidate: Curve that is tried. Its `furthest_travel`, if set, limits how far the pistons
+            may move: not further than braking and the path need.
         position: Joint positions at the sampled points, shape (m, n) [rad or m].
         rules: Settings of the fit, with `max_overrun`.
 

@@ -502,9 +502,9 @@ def _enforce_lead_and_dwell(
         last: One after the last interval that may change.
         lead: Time by which each run begins earlier [s].
         dwell: Least length of runs and gaps [s].
-        beside: State before interval `first`, and state from interval `last` on. _ON: a run that
-            touches this place is long enough. _OFF: a gap that touches it stays. _EDGE: runs and
-            gaps that touch it are treated like all others.
+        beside: State before interval `first`, and state from interval `last` on. _ON: a run beside
+            it counts as long enough. _OFF: a gap beside it stays a gap. _EDGE: runs and gaps
+            beside it are treated like all others.
     """
     before, after = beside
     since = math.inf

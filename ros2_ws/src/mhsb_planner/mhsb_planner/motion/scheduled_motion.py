@@ -48,11 +48,10 @@ class ScheduledMotion:
         preferred: ModeArray | None = None,
         rules: SwitchingRules | None = None,
     ) -> ScheduledMotion:
-        """Compute the modes of a trajectory, with a standstill at its end if they need time.
+        """Compute the modes of a trajectory, with a standstill at its end if switches need time.
 
         If an actuator would be switched twice within `rules.min_dwell`, the trajectory gets a
-        standstill at its end. It lasts twice this time, long enough for two switches one after the
-        other.
+        standstill at its end. The standstill lasts twice this time, long enough for two switches.
 
         Args:
             machine: Machine with its hydraulics and modules.
@@ -86,7 +85,7 @@ class ScheduledMotion:
         preferred: ModeArray | None,
         rules: SwitchingRules,
     ) -> ScheduledMotion:
-        """Compute the modes of a trajectory, which stays as it is.
+        """Compute the modes of a trajectory without a change of the trajectory.
 
         Args:
             machine: Machine with its hydraulics and modules.

@@ -270,9 +270,10 @@ def compute_least_times(
 ) -> tuple[FloatArray, IntArray]:
     """Compute the least time to each state of path and slew by dynamic programming.
 
-    State (i, k) means that the path has been followed to corner i and that k parts of the slew's
-    stroke are done. A step either turns the slew by one part, or follows one stretch while the slew
-    turns by 0 to MAX_PARTS_PER_STEP parts. Steps on which the arm touches an obstacle are left out.
+    State (i, k) means that the path has been followed to the end of its i-th stretch, and that k
+    parts of the slew's stroke are done. A step either turns the slew by one part, or follows one
+    stretch while the slew turns by 0 to MAX_PARTS_PER_STEP parts. Steps on which the arm touches an
+    obstacle are not allowed.
 
     Tests compare the result with scipy.sparse.csgraph.dijkstra over the same states and steps.
 
@@ -285,9 +286,9 @@ def compute_least_times(
         slew: Stroke and limits of the slew.
 
     Returns:
-        Least time to each state, float64[corners, parts + 1], [s]; inf if it cannot be reached.
-        Then the last step to each state, int64[corners, parts + 1]: the number of parts by which
-        the slew turned during the stretch before, or REST_STEP if the slew turned alone.
+        Least time to each state, float64[stretches + 1, parts + 1], [s]; inf if the state cannot be
+        reached. Then the last step to each state, int64 in the same shape: the number of parts by
+        which the slew turned during that stretch, or REST_STEP if the slew turned alone.
     """
     posture, duration, oil, corner = path
     corners, parts = len(corner), len(angle) - 1

@@ -83,10 +83,10 @@ def distribute_stroke(
 ) -> tuple[FloatArray, FloatArray]:
     """Distribute the slew's stroke over the steps of a path.
 
-    The slew's piston moves at one speed in all steps, or slower in a step if V_max or the flow
-    requires it. If the whole stroke cannot be done so, the durations of all steps are multiplied by
-    one factor. Speed and factor are found by bisection. If all durations are 0, the steps get equal
-    strokes, and equal durations in which these can be done. Without steps, both results are empty.
+    The slew's piston has the same speed in all steps, except where V_max or the flow requires a
+    lower one. If the durations are too short for the whole stroke, all are multiplied by one
+    factor. Speed and factor are found by bisection. If all durations are 0, the steps get equal
+    strokes, and equal durations that suffice. Without steps, both results are empty.
 
     Args:
         stroke: Whole stroke of the slew's piston, ≥ 0 [m].
@@ -135,7 +135,7 @@ def _find_least(holds: Callable[[float], bool], low: float, high: float) -> floa
     """Find the least number for which a monotone condition holds, by bisection.
 
     Args:
-        holds: Condition; once it holds for a number, it holds for all larger ones.
+        holds: Condition. If it holds for a number, it must hold for all larger ones, too.
         low: Number not above the result.
         high: Number for which the condition holds.
 

@@ -70,11 +70,11 @@ def yield_carrying_postures(
 ) -> Iterator[FloatArray]:
     """Yield postures in which the arm can slew from start to goal without collision.
 
-    The postures come from the posture table, in mode N of all actuators. They are clear of the
-    shadows of all zones. A shadow is an obstacle in the arm's plane: a posture clear of it is clear
-    of the zone at all slew angles of the turn. They are ordered by a lower bound on the cost from
-    the start over the posture to the goal, the least first. Each tip is at least MIN_GRID_DISTANCE
-    grid spacings away from the tips of all postures before.
+    The postures come from the posture table, with all actuators in mode N. They are clear of the
+    shadows of all zones. A shadow is an obstacle in the arm's plane: a posture that is clear of it
+    is clear of the zone at all slew angles of the turn. The postures are ordered by a lower bound
+    on the cost from the start through the posture to the goal, the least first. Each tip is at
+    least MIN_GRID_DISTANCE grid spacings away from the tips of all postures before.
 
     Args:
         machine_among_shadows: Arm without its slew. Its obstacles are the shadows of all zones past
@@ -228,15 +228,14 @@ class SlewingPaths:
     ) -> Iterator[PathProposal]:
         """Yield clear paths of the whole arm among zones in space, by three methods.
 
-        The methods have their turns by `schedule_in_turn`; the module's docstring says which are
-        quick.
+        The three methods take turns in the order of `schedule_in_turn`.
 
         The direct method takes planar paths as if there were no zones. The method "past shadows"
         takes planar paths that are clear at every slew angle. The method "carried" takes planar
-        paths over a via point at which the arm may slew. Each planar path is combined with a slew
-        motion on which the arm keeps clear. It is skipped if there is none. A path with a via
-        point, or with steps in which the slew turns alone, comes a second time with rests added
-        there.
+        paths through a via point at which the arm may slew. Each planar path is combined with a
+        slew motion on which the arm keeps clear. A planar path without such a slew motion is
+        skipped. Some paths have a via point, or steps in which the slew turns alone. They are
+        yielded a second time, with rests added there.
 
         If zones raise the cost of a direct path by no more than FREE_COST_FACTOR, the other methods
         are dropped. An error ends only its own method. When the time is up, the function ends if a
@@ -341,7 +340,7 @@ class SlewingPaths:
         slew_angles: tuple[float, float],
         progress: PlanProgress,
     ) -> Iterator[PathProposal]:
-        """Yield planar paths over a via point at which the arm may slew without collision.
+        """Yield planar paths through a via point at which the arm may slew without collision.
 
         Zones are avoided at the start's slew angle before the via point, and at the goal's slew
         angle after it. There are two rounds over at most MAX_CARRYING_POSTURES via points. In the

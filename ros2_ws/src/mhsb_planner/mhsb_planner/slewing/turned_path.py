@@ -53,9 +53,10 @@ def compute_even_turning(
 ) -> SlewMotion:
     """Compute a slew motion at an even speed along a planar path, without regard to zones.
 
-    The slew's piston has the same speed in all steps, or a lower one where its largest speed or the
-    main pump requires it. The steps last as long as before, or longer by one factor if the slew
-    cannot keep up. For a path without steps the slew turns alone, as quickly as possible.
+    The slew's piston has the same speed in all steps, except in steps in which its largest speed or
+    the main pump's flow requires a lower one. If the slew cannot keep up with the path, all steps
+    become longer by one factor. For a path without steps the slew turns alone, as quickly as
+    possible.
 
     Args:
         machine: The whole arm, which slews.

@@ -36,12 +36,12 @@ The rest is enough for the valve at the lowest speeds."""
 
 @kernel(inline="always")
 def measure_holding_pressure(m: MachineArrays, state: LimitInputs) -> float:
-    """Return the largest share of its available pressure that a cylinder takes to hold a load [-].
+    """Return the largest ratio of holding pressure to available pressure over all cylinders [-].
 
-    This is the supply pressure that carries the load at speed 0, with the boost margin, over the
-    highest supply pressure of the cylinder's mode. A cylinder counts if it moves against its load,
-    or if its speed is between a quarter of the dead band and the whole. The result is 0 if none
-    counts.
+    The holding pressure carries the load at speed 0, with the boost margin. The available pressure
+    is the highest supply pressure of the cylinder's mode. Cylinders slower than a quarter of the
+    dead band do not count, nor do those that their load moves at more than the dead band. The
+    result is 0 if none counts.
 
     Args:
         m: Arrays of the machine.

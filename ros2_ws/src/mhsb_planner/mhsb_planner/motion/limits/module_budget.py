@@ -16,7 +16,7 @@ from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit
 
 @kernel(inline="always")
 def measure_module_excess(m: MachineArrays, state: LimitInputs) -> float:
-    """Return the number of booster modules that the modes use, less those fitted.
+    """Return the number of booster modules that the modes use, minus the number fitted.
 
     Args:
         m: Arrays of the machine.

@@ -29,10 +29,10 @@ from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit, TimeScalin
 def measure_thrust(m: MachineArrays, state: LimitInputs) -> float:
     """Return the largest ratio of needed to available supply pressure over all cylinders [-].
 
-    The needed pressure carries gravity and inertia at the piston's speed, and leaves the part of
-    the boost margin that inertia may not use. The available pressure is the highest of the
-    cylinder's mode. Only cylinders that move against this load count. The result is 0 if there is
-    none.
+    The needed pressure carries gravity and inertia at the piston's speed, plus the part of the
+    boost margin that is kept free of inertia forces. The available pressure is the highest of the
+    cylinder's mode. Only cylinders that move against gravity and inertia count. The result is 0 if
+    there is none.
 
     Args:
         m: Arrays of the machine.

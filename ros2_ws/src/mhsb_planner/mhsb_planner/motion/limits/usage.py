@@ -86,13 +86,13 @@ def speed_limit(
 
 @kernel(inline="always")
 def measure_usage(m: MachineArrays, state: LimitInputs) -> float:
-    """Return the share of what main pump, servo pumps and valves can do that a motion uses [-].
+    """Return how far a motion uses the capacity of main pump, servo pumps and valves [-].
 
-    It is the largest of several ratios. The first is the flow of all pistons over the main pump's
-    flow less leakage. The others are the speed of each piston over its largest speed under its
-    load; pistons in the dead band (up to MAX_HELD_SPEED) have no such ratio. A motion that is
-    slower by this factor keeps the limit. The result is inf if a cylinder moves although it cannot,
-    or if leakage takes the whole flow.
+    The result is the largest of several ratios; above 1 the motion is too fast by this factor. One
+    ratio is the flow of all pistons, divided by the flow that the main pump has for them after
+    leakage. The others are the speed of each piston, divided by its largest speed under its load.
+    Pistons in the dead band (up to MAX_HELD_SPEED) have no such ratio. The result is inf if a
+    cylinder moves although its pressure does not suffice, or if leakage takes the whole flow.
 
     Args:
         m: Arrays of the machine.
