@@ -471,9 +471,9 @@ def connect_servo_pumps(circuit: Circuit, count: int) -> int:
 def connect_lands(circuit: Circuit, j: int, count: int) -> int:
     """Add the leakage over the lands of a servo valve's spool to the elements of a substep.
 
-    The spool at x moves two of the four lands towards an overlap of o − x, and two towards o + x.
-    If the isolating valves are shut, oil passes from the line to the tank over the two lands of
-    each work port in series.
+    Two of the four lands have the overlap o − x, and two have o + x. o is the overlap of the
+    centred spool, and x the spool position (−1 … 1). If the isolating valves are shut, the oil
+    flows from line to tank, through the two lands of each work port in series.
 
     Args:
         circuit: The circuit. Writes into `net` in place, and adds to `supply_flow` of the actuator.

@@ -247,7 +247,7 @@ class ArmPublisher:
 def _select_actuator_values(of_modules: FloatArray, count: int) -> FloatArray:
     """Return the value of each actuator's own booster module.
 
-    Module i belongs to actuator i. Values of modules beyond the last actuator are left out.
+    Module i belongs to actuator i. Values of modules beyond the last actuator are ignored.
 
     Args:
         of_modules: One value per module, float64[m].

@@ -198,7 +198,7 @@ def check_changes(node: Node, plant: Machine, changes: Sequence[Parameter]) -> S
     """Check whether parameters may be changed.
 
     Three rules are checked. A real-time factor other than 1 needs `publish_clock`. Faults must be
-    valid. For each symptom of supervision, the value at which it warns may not exceed the value at
+    valid. For each symptom of supervision, the value at which it warns must be at most the value at
     which it stops the arm.
 
     Args:

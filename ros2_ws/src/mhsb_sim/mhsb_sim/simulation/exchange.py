@@ -147,8 +147,9 @@ def read_sensors(
     """Compute the readings of all sensors in a step, with noise, offsets, rounding and faults.
 
     Offsets and errors first grow by the drift of one period. The order of sensors is: n lengths;
-    cap, rod and line pressure of each actuator in turn; pressure of the rail; speeds of the m servo
-    pumps as flows. A length is rounded to the resolution of the joint position.
+    cap, rod and line pressure of actuator 1, then of actuator 2 and so on; pressure of the rail;
+    speeds of the m servo pumps as flows. A length is rounded to the resolution of the joint
+    position.
 
     Args:
         noise_rows: Noise of many steps, float64[rows, 4 n + 1 + m], [m, Pa or m³/s]. The offsets
@@ -265,9 +266,9 @@ def advance_to_midstep(
     """Advance the circuit to the middle of a step, and apply its forces to the mechanics.
 
     Args:
-        servo_circuit: The circuit as the servo knows it, with its commands. If `sends` is 1, the
-            valves that it assumes are updated in place.
-        queue: Commands on their way. Updated in place if `sends` is 1.
+        servo_circuit: The servo's own copy of the circuit's records, with its commands. If `sends`
+            is 1, the valve positions that the servo assumes are updated in it.
+        queue: Commands that wait for their time; updated in place if `sends` is 1.
         circuit: The simulated circuit, advanced in place.
         pistons: Cylinder lengths [m], piston speeds [m/s], moment arms [m] and joint positions [rad
             or m], float64[4, n].

@@ -189,8 +189,8 @@ class Overpressure:
             sample: State of the arm.
 
         Returns:
-            Its lowest pressure in the last `min_duration_samples` samples over its setting [-], and
-            a clause that names it. The ratio is 0 if there are fewer samples yet.
+            Its lowest pressure in the last `min_duration_samples` samples, divided by its relief
+            setting [-], and a clause that names it. The ratio is 0 if there are fewer samples yet.
         """
         of = sample.actuators
         pressure = np.concatenate([of.cap_pressure, of.rod_pressure, of.supply_pressure])

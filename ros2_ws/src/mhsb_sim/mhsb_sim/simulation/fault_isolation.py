@@ -184,14 +184,16 @@ class FrozenLength:
         self._reference_length = np.zeros(machine.joint_count)
 
     def evaluate(self, sample: ArmSample) -> Finding:
-        """Find the piston whose reference has moved furthest since its length reading last changed.
+        """Find the length sensor that is most likely frozen.
+
+        It is the one whose piston should have moved furthest since the reading last changed.
 
         Args:
             sample: State of the arm.
 
         Returns:
-            Distance of that reference from its value at the last change of the reading [m], and a
-            clause that names the sensor.
+            Distance of that piston's reference from its value at the last change of the reading
+            [m], and a clause that names the sensor.
         """
         now = sample.sensed.length
         wanted = self._machine.cylinder_lengths(sample.reference.position)
@@ -361,10 +363,11 @@ class DisagreeingValve:
     ) -> tuple[FloatArray, FloatArray]:
         """Compute the range of piston speeds that valve openings and pressures explain.
 
-        The equations are in the docstring of the class. Pressures and lengths are means of two
-        samples; pressure rates are their differences over WATCH_PERIOD. Each of the two valve
-        commands is evaluated as it is, and with `valve_opening_tolerance` added and subtracted.
-        With two chambers, that gives twelve speeds. The range covers all of them.
+        A chamber's speed follows from its valve flow, and from the oil that its pressure change
+        compresses (see the class). Pressures and lengths are means of two samples; pressure rates
+        are their differences divided by WATCH_PERIOD. Each of the two valve commands is evaluated
+        as it is, and with `valve_opening_tolerance` added and subtracted. With two chambers, that
+        gives twelve speeds. The range covers all of them.
 
         Args:
             before: Readings of the last sample.

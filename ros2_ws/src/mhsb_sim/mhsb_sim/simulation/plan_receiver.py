@@ -51,7 +51,7 @@ class PlanTarget(Protocol):
         """Return the reference at an earlier time.
 
         Args:
-            time_ns: Time of plans (clock less the delay of slowed plans) [ns].
+            time_ns: Time of plans [ns]: the clock minus the delay that speed scaling has caused.
 
         Returns:
             The state; None if that time is no longer recorded.
@@ -98,8 +98,8 @@ class PlanReceiver:
     """Collects the halves of plans, and hands over complete plans that continue the reference.
 
     Attributes:
-        due_ns: Time of plans (clock less the delay of slowed plans) at which `update` has a plan to
-            hand over [ns]; NEVER_NS if no complete plan waits.
+        due_ns: Time of plans at which `update` has a plan to hand over [ns]: the clock minus the
+            delay that speed scaling has caused. NEVER_NS if no complete plan waits.
     """
 
     def __init__(self, machine: Machine, target: PlanTarget) -> None:
@@ -322,7 +322,8 @@ class PlanReceiver:
         """Apply a complete plan if it continues the reference, else refuse it.
 
         It continues the reference if position and velocity of every joint differ by at most
-        `MAX_HAND_OVER_JUMP` from the state that the plan in force has now at full speed.
+        `MAX_HAND_OVER_JUMP` from those of the plan in force now. Speed scaling (slower execution)
+        does not change these velocities.
 
         Args:
             pair: The complete plan, which is due.

@@ -153,8 +153,8 @@ class Simulator:
     def reset(self, time_ns: int = 0, posture: FloatArray | None = None) -> None:
         """Put the arm at rest, with all counters at zero and without faults.
 
-        The payload stays, and what `save_estimates` has kept last. The arm holds in modes that
-        carry its load. Sensor noise starts again from the seed.
+        The payload stays. The servo begins with the estimates that `save_estimates` has kept last.
+        The arm holds in modes that carry its load. Sensor noise starts again from the seed.
 
         Args:
             time_ns: New simulated time [ns].
@@ -299,7 +299,8 @@ class Simulator:
         """Return the reference at an earlier time.
 
         Args:
-            time_ns: Time of plans (simulated time less the delay of slowed plans) [ns].
+            time_ns: Time of plans [ns]: simulated time minus the delay that speed scaling has
+                caused.
 
         Returns:
             State of the trajectory that was followed then; None if it is no longer recorded.

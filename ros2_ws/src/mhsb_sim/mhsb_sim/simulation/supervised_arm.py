@@ -242,7 +242,8 @@ class SupervisedArm:
     def set_payload(self, mass: float) -> None:
         """Change the payload at the tip: a heavier one at once, a lighter one gradually.
 
-        The load falls over some seconds, because compressed oil would throw the arm up.
+        A lighter payload is reached within some seconds. A sudden change would let compressed oil
+        throw the arm up.
 
         Args:
             mass: Payload [kg].

@@ -113,8 +113,8 @@ class Supervision:
     def restart(self) -> None:
         """Begin again in phase WATCHING, without fault, warning or history.
 
-        The servo of the simulator may use all servo pumps again. If the arm has no pressure
-        sensors, symptoms that need them are left out.
+        The servo of the simulator may use all servo pumps again. Symptoms that need pressure
+        sensors are evaluated only if the arm has such sensors.
         """
         machine = self._simulator.machine
         omitted = () if measures_pressures(machine) else PRESSURE_SYMPTOM_KINDS
