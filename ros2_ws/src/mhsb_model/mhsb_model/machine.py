@@ -538,7 +538,7 @@ class Machine:
         return slewing.convert_to_base(self.arrays, tip, np.asarray(slew))
 
     def project_to_plane(self, position: Position | FloatArray) -> FloatArray:
-        """Convert positions in `base_link` into the arm's plane, turned to each position in turn.
+        """Convert positions in `base_link` into the arm's plane, turned to each position.
 
         A slewing arm moves in a vertical plane that its joint 1 turns. The slew's limits are not
         checked.

@@ -99,7 +99,7 @@ def _compare_with_progress(arm: Machine, table: PostureTable, entries: int) -> T
     """Compare random entries of a posture table with the solver SLSQP, with a progress bar.
 
     Args:
-        arm: The arm in its plane.
+        arm: The planar arm (without the slewing joint).
         table: The posture table.
         entries: Number of entries to compare.
 

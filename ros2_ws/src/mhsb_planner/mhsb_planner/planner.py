@@ -147,17 +147,17 @@ class Planner:
             goal: Tip position in `base_link`: (x, z) [m], or (x, y, z) if joint 1 slews. The goal
                 region of the options admits others.
             start: State of motion at the start.
-            modes: Modes in force at the start; None: mode N (main pump alone) of all actuators, for
-                long.
+            modes: Modes in force at the start. None: all actuators have long been in mode N (main
+                pump alone).
             brake: Braking along the old path (`mhsb_model.braking`); None: a moving start must
                 steer or coast.
             options: Options of the plan; None: defaults.
             deadline: Instant at which the search for cheaper motions ends. The first plan of a
                 process that has a deadline first compiles all code; its deadline is later by that
                 time.
-            rest: Rest of the plan in force, with stamp 0; None: no plan is in force. If it ends at
-                the goal, it stays unless another motion is cheaper by MIN_REPLACEMENT_GAIN. If it
-                is short and ends near the goal, steering is tried.
+            rest: Remaining part of the plan in force, with stamp 0; None: no plan is in force. If
+                it ends at the goal, it is kept unless another motion is cheaper by
+                MIN_REPLACEMENT_GAIN. If it is short and ends near the goal, steering is tried.
             log: Log that is filled in place, also if there is no plan; None: only the plan has it.
 
         Returns:
@@ -254,8 +254,8 @@ class Planner:
 
         Args:
             path: The path.
-            modes: Modes in force at the start; None: mode N (main pump alone) of all actuators, for
-                long.
+            modes: Modes in force at the start. None: all actuators have long been in mode N (main
+                pump alone).
             options: Options of the plan; None: defaults.
 
         Returns:
@@ -317,8 +317,8 @@ class Planner:
     ) -> list[Trajectory | Coasting | Steering | None]:
         """List the ways in which a start can come to rest, the better first.
 
-        1. Steering: one curve straight to the goal. It is possible if the rest of the plan in force
-           lasts at most MAX_REMAINING_TIME and ends near the goal.
+        1. Steering: one curve straight to the goal. It is possible if the remaining part of the
+           plan in force lasts at most MAX_REMAINING_TIME and ends near the goal.
         2. Coasting: the joints come to rest within their limits of acceleration and jerk. It is
            possible if all joints stay within their ranges. Without `brake` it is listed in any
            case.
@@ -328,7 +328,7 @@ class Planner:
             goal: Goal of the tip in `base_link` [m].
             start: State of motion at the start.
             brake: Braking along the old path, or None.
-            rest: Rest of the plan in force, or None.
+            rest: Remaining part of the plan in force, or None.
             options: Options of the plan. Only `period` is read.
 
         Returns:
@@ -379,8 +379,8 @@ class Planner:
         Args:
             goal: Goal of the tip in `base_link` [m].
             start: State of motion at the start.
-            modes: Modes in force at the start; None: mode N (main pump alone) of all actuators, for
-                long.
+            modes: Modes in force at the start. None: all actuators have long been in mode N (main
+                pump alone).
             brake: How the start comes to rest; None: it is at rest.
             options: Options of the plan.
 

@@ -403,9 +403,9 @@ def _lacks_pressure_to_accelerate(
 ) -> np.ndarray:
     """Determine when the main pump's pressure is too low for an actuator to accelerate its load.
 
-    The pressure must carry gravity and inertia, and leave the part of the boost margin that inertia
-    may not use. Only instants count at which the piston moves against this load, faster than 0.9 of
-    the dead band. Speeds and loads are multiplied by NEED_FACTOR as a reserve.
+    The pressure must carry gravity and inertia, plus the part of the boost margin that is kept free
+    of inertia forces. Only instants count at which the piston moves against this load, faster than
+    0.9 of the dead band. Speeds and loads are multiplied by NEED_FACTOR as a reserve.
 
     Args:
         m: Arrays of the machine.

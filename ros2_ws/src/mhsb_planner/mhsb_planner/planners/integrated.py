@@ -231,7 +231,7 @@ def _paths_without_leakage(
     slew, so leakage is equal on all paths.
 
     Args:
-        machine: The arm in its plane.
+        machine: The planar arm (without the slewing joint).
         task: The request.
         progress: Progress of the plan.
 
@@ -249,12 +249,12 @@ def _path_with_time_price(
 ) -> Iterator[PathProposal]:
     """Yield the path that is cheapest if each second costs TIME_PRICE [W] more.
 
-    The search ignores the manipulability loss. Once it has a path, it ends after the expansion of
-    MAX_TIME_PRICED_STATES states in all. The cost that the path states contains neither the price
-    on time nor that loss.
+    The search ignores the manipulability loss. As soon as it has a path, the number of its expanded
+    states is limited to MAX_TIME_PRICED_STATES. The cost that the path states contains neither the
+    price on time nor that loss.
 
     Args:
-        machine: The arm in its plane.
+        machine: The planar arm (without the slewing joint).
         task: The request.
         progress: Progress of the plan.
 
@@ -281,7 +281,7 @@ def _path_without_area(
     The cost that the path states does not contain that loss.
 
     Args:
-        machine: The arm in its plane.
+        machine: The planar arm (without the slewing joint).
         task: The request.
         progress: Progress of the plan.
 
@@ -324,7 +324,7 @@ def _for_comparison(
     If the manipulability loss has a weight, weight times loss along the path is added to each cost.
 
     Args:
-        machine: The arm in its plane.
+        machine: The planar arm (without the slewing joint).
         task: The request. Only `area` is read.
         proposals: Proposals whose costs do not contain the manipulability loss.
 

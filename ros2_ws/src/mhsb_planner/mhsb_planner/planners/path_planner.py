@@ -75,7 +75,7 @@ class PathRequest:
         """Return whether the departure is at the goal already, with an admissible end-link angle.
 
         Args:
-            machine: The arm in its plane.
+            machine: The planar arm (without the slewing joint).
 
         Returns:
             True if the tip is within SAME_POINT of the goal or in its region, and the end-link
@@ -98,7 +98,7 @@ class PathRequest:
         region. It includes the oil and the least time of the slew.
 
         Args:
-            machine: The arm in its plane.
+            machine: The planar arm (without the slewing joint).
             most_cells: Largest number of additional cells of the branch and bound, for an arm that
                 has not three revolute joints. More cells give a higher bound.
 
@@ -201,9 +201,9 @@ def propose_in_both_ways(
 ) -> Iterator[PathProposal]:
     """Yield a baseline's path for both methods of S3, which makes a motion of a path.
 
-    S3 (trajectory stage) fits a polynomial or follows the path. The path comes first for the method
-    of the planner that the request names, then for the baseline's own. If the options choose the
-    method, the path comes only once.
+    S3 (trajectory stage) fits a polynomial or follows the path. The first proposal leaves the
+    method to the planner that the request names. The second one asks for the baseline's own method.
+    It is missing if the options of the request choose the method.
 
     Args:
         path: Proposal of the baseline.

@@ -21,10 +21,11 @@ def price_path(
     """Make the discrete path through postures, each step in its cheapest mode combination.
 
     The cost of a step is w₁ E + w₂ T + w₃ switches, with E by the energy reading of the request.
-    Each step begins with the modes of the one before, so a step may be cheap and the next one dear.
+    Each step counts its switches from the modes of the step before. Later steps are not looked at,
+    so the path as a whole may cost more than necessary.
 
     Args:
-        machine: The arm in its plane, `StepGraph.machine`.
+        machine: The planar arm (without the slewing joint), `StepGraph.machine`.
         task: The request, with weights, energy reading and the modes in force at the start.
         posture: Joint positions at the ends of the steps, shape (k + 1, n), k ≥ 1 [rad or m].
         progress: Progress of the plan; its `search_deadline` is checked before each step.

@@ -119,10 +119,10 @@ class ProposerSet:
     slew_time: float
 
     def turns_without_leakage(self) -> Iterator[Proposer]:
-        """Yield `without_leakage` until it has ended, if the slew takes longer than the own path.
+        """Yield the proposer `without_leakage` until it has ended, if its search is worthwhile.
 
-        The own path is the proposal of the last turn of `own`. Nothing is yielded if that turn gave
-        none.
+        It is if the last turn of `own` gave a path that takes less time than the slew. Otherwise
+        nothing is yielded.
         """
         last = self.own.last
         if last is not None and last.path.duration.sum() < self.slew_time:
@@ -218,10 +218,10 @@ def schedule_in_turn(
     - A proposer that is not quick goes to the end.
     - While there is no motion, a quick proposer goes to the head: it has turn after turn until it
       has ended.
-    - Once there is a motion, a quick proposer goes behind the next proposer in the queue.
+    - After the first motion, a quick proposer goes behind the next proposer in the queue.
 
-    Once there is a motion, a single quick proposer thus has every second turn. Several quick
-    proposers share all turns until only one of them is left, and the others wait.
+    After the first motion, a single quick proposer thus has every second turn. Several quick
+    proposers share all turns, until only one of them is left; the other proposers wait so long.
 
     Args:
         first: Proposer at the head of the queue at first. It is not quick.

@@ -26,9 +26,10 @@ def paths_at_falling_speeds(
 ) -> Iterator[PathProposal]:
     """Yield a planner's paths at V_max (allowed piston speed), then at lower speeds if needed.
 
-    Each factor of SPEED_FACTORS is tried while `progress.is_held_back` is True (motions cannot keep
-    up with their paths). The factors are also tried while there is no path, since slower steps need
-    less pressure. They end with the time of the search. An error at a lower speed is only logged.
+    The factors of SPEED_FACTORS are tried one after the other in two cases: there is no path yet
+    (slower steps need less pressure), or `progress.is_held_back` is True (motions cannot keep up
+    with their paths). No factor is tried after the deadline of the search. An error at a lower
+    speed is only logged.
 
     Args:
         planner: The planner.
@@ -70,7 +71,7 @@ def limit_speeds(machine: Machine, factor: float) -> Machine:
     """Return a copy of a machine in which all pistons are slower, for searches only.
 
     Args:
-        machine: The arm in its plane; it stays unchanged.
+        machine: The planar arm (without the slewing joint); it stays unchanged.
         factor: Factor on V_max (allowed piston speed) of each actuator [-].
 
     Returns:

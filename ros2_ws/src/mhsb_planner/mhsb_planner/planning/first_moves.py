@@ -198,8 +198,8 @@ def _first_moves(
 
     Straight moves come first: to the departure (posture at rest where the path begins) clipped to
     the joint limits, then to nearby postures of the table. At most TRIED_POSTURES moves are
-    planned, the one to the clipped departure included. Moves on which the arm gets deeper into an
-    obstacle are left out, as are moves that no mode combination can do. Then comes a way out of the
+    planned, the one to the clipped departure included. A move is skipped if the arm gets deeper
+    into an obstacle on it, or if no mode combination can do it. Then comes a way out of the
     obstacles by steepest ascent of the clearance.
 
     Nothing is yielded if a linkage passes a dead centre on the straight move from the departure to
@@ -319,7 +319,7 @@ def _is_movable(machine: Machine, posture: FloatArray) -> bool:
 def _postures_nearby(
     machine: Machine, table: PostureTable, posture: FloatArray
 ) -> Iterator[FloatArray]:
-    """Yield postures within the joint limits, those first that a straight move reaches earliest.
+    """Yield postures within the joint limits, sorted by the time of a straight move to them.
 
     If the given posture is beyond joint limits, the posture clipped to them comes before all
     others. It may be in an obstacle. Then come the table's postures for mode N (main pump alone) of

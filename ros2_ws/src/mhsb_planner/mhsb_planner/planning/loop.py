@@ -144,8 +144,7 @@ class PlanningLoop:
         """Fit motions to proposed paths, and return the cheapest as a plan.
 
         An error of the proposers, or the deadline, ends the loop. It is raised only if there is no
-        motion. Before the loop ends, the variants of the first motion are tried that were put off
-        until there was time for them.
+        motion. Variants of the first motion that were postponed are tried before the loop ends.
 
         Args:
             proposals: Path proposals, requested one after the other.
@@ -205,10 +204,10 @@ class PlanningLoop:
     def _consider(self, proposal: PathProposal) -> None:
         """Fit motions to a path, and keep each that beats the incumbent (best plan so far).
 
-        The path is skipped if even MIN_MOTION_COST_RATIO times its cost without mode switches
-        exceeds the incumbent's cost. Otherwise it gets one motion by the rules of `fit_rules`. If
-        that motion costs at most NEAR_BEST_COST_FACTOR times as much as the incumbent, variants of
-        it follow.
+        The path is skipped if MIN_MOTION_COST_RATIO times its cost, counted without mode switches,
+        exceeds the incumbent's cost. Otherwise one motion is fitted to it by the rules of
+        `fit_rules`. Variants of that motion follow if it costs at most NEAR_BEST_COST_FACTOR times
+        as much as the incumbent.
 
         Two exceptions serve to find a first motion early:
 

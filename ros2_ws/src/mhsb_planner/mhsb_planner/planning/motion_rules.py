@@ -42,10 +42,10 @@ SHORT_MOTION_TIME_FACTOR = 1.5
 def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> FitRules:
     """Return the rules by which S3 (trajectory stage) makes a motion of a path.
 
-    The method of S3 is a polynomial, or following the path. The first of these that is given
+    The method of S3 is to fit a polynomial or to follow the path. The first of these that is given
     decides: the method of the options, `of_path`, and the method of the planner that the options
     name. A polynomial may exceed V_max (allowed piston speed) by the options' `max_speed_excess`.
-    It may not if only `of_path` asks for a polynomial.
+    If only `of_path` asks for a polynomial, it must keep V_max.
 
     Args:
         options: Options of the plan.

@@ -105,7 +105,7 @@ class Grid:
         A start or goal off the grid is joined to these nodes.
 
         A position on a grid line belongs to the cells on both sides. A position on a node belongs
-        to all four cells around the node. The node at the position itself is left out.
+        to all four cells around the node; that node itself is not in the result.
 
         Args:
             x: Tip position forward [m].

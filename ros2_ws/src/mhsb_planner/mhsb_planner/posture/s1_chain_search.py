@@ -68,8 +68,9 @@ SAME_AREA = 1e-9
 def _sample_postures(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
     """Sample postures within joint limits at a tip position.
 
-    Each pair of joints in turn brings the tip to the position, in up to two ways. The other joints
-    are sampled evenly, limits included, as densely as MAX_CLOSED_CHAINS allows.
+    Every pair of joints is used, one after the other, to bring the tip to the position; each has up
+    to two solutions. The other joints are sampled evenly, limits included, as densely as
+    MAX_CLOSED_CHAINS allows.
 
     Args:
         m: Numeric description of the machine.

@@ -481,8 +481,8 @@ class MoveTipServer:
         """Choose the goals that get feedback in this round.
 
         If there are at most `FEEDBACK_AT_ONCE`, all get it. Otherwise the goal that is being
-        executed gets it in every round. Of the others, `FEEDBACK_AT_ONCE` get it in each round, in
-        turn.
+        executed gets it in every round. Of the others, the next `FEEDBACK_AT_ONCE` get it in each
+        round, so that each has its turn.
 
         Returns:
             Goals to send feedback for.

@@ -75,8 +75,8 @@ def bound_cost_to_nearest(
     """Compute a lower bound on the weighted cost from a start to the cheapest of several goals.
 
     Args:
-        c: Hydraulic coefficients of the machine (areas, speed limits, flows, supply pressure). Oil
-            and time of other motions in it count in the bounds.
+        c: Hydraulic coefficients of the machine (areas, speed limits, flows, supply pressure). Its
+            `other_oil` and `other_time` (needs of other motions, such as a slew) count, too.
         start: Cylinder lengths at the start, shape (n,) [m].
         goals: Cylinder lengths at the goals, shape (goals, n) [m].
         weight: Weights w₁ of energy [1/J] and w₂ of time [1/s]. Further entries are ignored.
@@ -113,8 +113,8 @@ def bound_costs_between(
     """Compute a lower bound on the weighted cost from a start to each of several goals.
 
     Args:
-        c: Hydraulic coefficients of the machine (areas, speed limits, flows, supply pressure). Oil
-            and time of other motions in it count in the bounds.
+        c: Hydraulic coefficients of the machine (areas, speed limits, flows, supply pressure). Its
+            `other_oil` and `other_time` (needs of other motions, such as a slew) count, too.
         start: Cylinder lengths at the start, shape (n,) [m].
         goals: Cylinder lengths at the goals, shape (goals, n) [m].
         weight: Weights w₁ of energy [1/J] and w₂ of time [1/s]. Further entries are ignored.

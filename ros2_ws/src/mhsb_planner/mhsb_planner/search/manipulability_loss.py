@@ -177,7 +177,7 @@ def area_along_path(machine: Machine, path: DiscretePath) -> AreaProfile:
     so that no joint moves by more than `MAX_JOINT_STEP` in a part.
 
     Args:
-        machine: Machine of the path; a slewing joint 1 is left out.
+        machine: Machine of the path; a slewing joint 1 is ignored.
         path: Discrete path.
 
     Returns:
@@ -204,7 +204,7 @@ def area_along_motion(
     The trajectory is divided into parts of equal duration, none longer than `MAX_POINT_SPACING_NS`.
 
     Args:
-        machine: Machine of the trajectory; a slewing joint 1 is left out.
+        machine: Machine of the trajectory; a slewing joint 1 is ignored.
         trajectory: Joint trajectory.
         schedule: Modes over time.
         deadline: Instant at which the work is given up.

@@ -156,10 +156,10 @@ def expand(
 
     A state is a workspace node and the mode pattern of arrival. The first call expands the start.
     Steps that leave a posture are priced with `cost_model` when they are needed for the first time,
-    and appended to `edges`. A state is useless if another state of its posture, with the mode
-    switches, costs no more. It is not put on the open list. If it becomes useless later, it is
-    skipped when its turn comes; it then counts towards `limit` but not as expanded. The caller
-    holds the lock `PricedSteps.guard()`.
+    and appended to `edges`. A state is useless if the arm gets there as cheaply through another
+    state of its posture and mode switches there. A useless state is not put on the open list. If it
+    becomes useless while it is on the list, it is taken from there but not expanded; it counts
+    towards `limit`. The caller holds the lock `PricedSteps.guard()`.
 
     Test oracle: scipy.sparse.csgraph.dijkstra on the same graph.
 
@@ -254,10 +254,10 @@ def _relax_steps(
 ) -> None:
     """Record every step that leads to a state more cheaply than the path known so far.
 
-    At equal cost a path with fewer steps counts as cheaper. The same state can also be reached by
-    the path to the cheapest known state of its posture and mode switches there. If this costs less
-    than the path over the step, or as much with no more steps, the state is left out. Other states
-    are put on the open list, or moved there.
+    At equal cost a path with fewer steps counts as cheaper. The arm can also reach the state from
+    the cheapest known state of the same posture, by mode switches there. The step is not recorded
+    if that way costs less, or as much with no more steps. Otherwise the state enters the open list,
+    or its place there is updated.
 
     Args:
         open_list: Open list and records of all states. Written in place.

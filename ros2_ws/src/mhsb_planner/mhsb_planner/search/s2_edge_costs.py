@@ -117,9 +117,9 @@ def price_steps(
     """Append the admissible steps that leave a posture to lists of steps.
 
     Steps lead to all neighbouring workspace nodes in all mode patterns (one mode for each
-    actuator). A step is left out if the tip leaves the workspace or the arm comes too near to an
-    obstacle. It is left out if a joint that needs boost is not boosted. Patterns that boost further
-    joints are kept only if the neighbour has no other admissible pattern.
+    actuator). A step is inadmissible if the tip leaves the workspace or the arm comes too near to
+    an obstacle. It is also inadmissible if a joint that needs boost is not boosted. Patterns that
+    boost further joints are admissible only if the neighbour has no other admissible pattern.
 
     Test oracle: steps computed one by one in plain NumPy.
 

@@ -398,10 +398,9 @@ def _price_steps_to_nodes(
 ) -> JoiningSteps:
     """Compute the admissible steps from a start to nodes of the graph.
 
-    Moves on which the tip leaves the workspace or the arm comes too near to an obstacle are left
-    out, and mode patterns in which a joint that needs boost has none. Patterns that boost a joint
-    without need are left out if the node has any other admissible pattern. A node without
-    admissible pattern gets no step.
+    A step is inadmissible if the tip leaves the workspace or the arm comes too near to an obstacle.
+    It is also inadmissible in mode patterns in which a joint that needs boost has none. Patterns
+    that boost a joint without need are admissible only if the node has no other admissible pattern.
 
     Args:
         cost_model: Machine, obstacles, postures and states of the graph.
@@ -453,10 +452,10 @@ def _price_steps_to_goal(
 ) -> JoiningSteps:
     """Compute the admissible steps from some postures to the goal.
 
-    Moves on which the tip leaves the workspace or the arm comes too near to an obstacle are left
-    out, and mode patterns in which a joint that needs boost has none. A group assigns a goal
-    posture to each mode pattern, and patterns may share a posture. Patterns that boost a joint
-    without need are left out if the group has any other admissible pattern.
+    A step is inadmissible if the tip leaves the workspace or the arm comes too near to an obstacle.
+    It is also inadmissible in mode patterns in which a joint that needs boost has none. A group
+    assigns a goal posture to each mode pattern, and patterns may share a posture. Patterns that
+    boost a joint without need are admissible only if the group has no other admissible pattern.
 
     Args:
         cost_model: Machine, obstacles and mode patterns of the graph.

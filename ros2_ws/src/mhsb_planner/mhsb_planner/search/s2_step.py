@@ -431,8 +431,8 @@ def _describe_move(
 ) -> None:
     """Compute stroke, oil and pressures of a move, and which of its joints need boost.
 
-    A joint that moves no faster than `c.rest_speed` is treated as held at rest, if it needs boost
-    to hold its load (`_describe_hold`).
+    A joint that moves at most at `c.rest_speed` counts as held at rest if the main pump cannot hold
+    its load (`_describe_hold`).
 
     Args:
         c: Hydraulic coefficients of the machine.
@@ -581,8 +581,8 @@ def _compute_duration(
     """Compute the duration of a move in one mode pattern, and the leakage at the shared rail.
 
     The duration is the longest of several times. For each piston it is the time of its stroke at
-    its largest speed. For the main pump it is the time in which it delivers the oil of all pistons,
-    beside the leakage of all valves.
+    its largest speed. For the main pump it is the time in which it delivers the oil of all pistons
+    in addition to the leakage of all valves.
 
     Args:
         c: Hydraulic coefficients of the machine.

@@ -378,8 +378,9 @@ class Simulator:
         Args:
             reference: Rows for position, velocity and acceleration of the reference, float64[3, n].
             position: True joint positions, float64[n], [rad or m].
-            pressure: Pressures of cap side, rod side and line of each actuator in turn, then of
-                rail, manifold (behind the main pump) and tank, float64[3 n + 3], [Pa].
+            pressure: Pressures of cap side, rod side and line of actuator 1, then of actuator 2 and
+                so on, then of rail, manifold (behind the main pump) and tank, float64[3 n + 3],
+                [Pa].
             modes: Modes in force, uint8[n].
         """
         reference[:] = self._signals.reference[0]

@@ -301,7 +301,7 @@ def at_highest_pressure(machine: Machine) -> Machine:
     """Return the machine with P_S at the highest boost pressure, where it never needs boost.
 
     Raises:
-        MachineFileError: The machine may not have this supply pressure.
+        MachineFileError: This supply pressure is not allowed for the machine.
     """
     return machine.changed(supply_pressure=machine.arrays.max_boost_pressure)
 

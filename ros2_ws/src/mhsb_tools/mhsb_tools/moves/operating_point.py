@@ -223,7 +223,7 @@ class _Search:
         """Return the machine with P_S [Pa] and V_max [m/s] of a point.
 
         Raises:
-            MachineFileError: The machine may not have these values.
+            MachineFileError: These values are not allowed for the machine.
         """
         return self._own.changed(supply_pressure=point[0], max_piston_speed=point[1])
 

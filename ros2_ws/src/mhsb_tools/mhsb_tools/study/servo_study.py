@@ -151,7 +151,7 @@ def plan_scenario(machine: Machine, scenario: Scenario) -> PlannedScenario:
         refused goal.
 
     Raises:
-        MachineFileError: The machine may not have the scenario's payload or pump lag.
+        MachineFileError: The scenario's payload or pump lag is not allowed for the machine.
         HoldingError: Holding the start posture needs more booster modules than the machine has.
     """
     loaded = scenario.apply_to(machine)

@@ -22,7 +22,7 @@ def find_needed_mode(machine: Machine, posture: FloatArray) -> int:
     all joints is the result.
 
     Args:
-        machine: The arm in its plane.
+        machine: The planar arm (without the slewing joint).
         posture: Joint positions, shape (n,) [rad, telescopes m].
 
     Returns:
@@ -42,7 +42,7 @@ def compute_boost_regions(machine: Machine, table: PostureTable) -> IntArray:
     has the lowest code (N 0, DB 1, SB 2).
 
     Args:
-        machine: The arm in its plane.
+        machine: The planar arm (without the slewing joint).
         table: Posture table.
 
     Returns:
