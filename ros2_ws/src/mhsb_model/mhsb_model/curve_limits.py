@@ -127,9 +127,8 @@ def least_inertias(m: MachineArrays) -> FloatArray:
 
     M_jj is a diagonal element of the mass matrix. It is evaluated on a grid of about
     MAX_INERTIA_POSTURES postures over the joint ranges. The first joint stays at its lower limit,
-    since M_jj does not depend on it. Postures are left out if the tip is nearer to the origin than
-    the workspace's least radius or farther than its greatest. If that leaves out all postures, none
-    is left out.
+    since M_jj does not depend on it. Only postures with the tip between the workspace's least and
+    greatest radius count. If there are none, all postures count.
 
     Args:
         m: Arrays of the machine.

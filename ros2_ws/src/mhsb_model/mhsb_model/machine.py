@@ -200,7 +200,7 @@ class Machine:
 
         - The main pump's largest flow is smaller by the leakage of the slew's valve.
         - `arrays.external_leakage` is that leakage [m³/s], because it still costs energy.
-        - Keep-out zones are left out; ground, base and self-collision stay.
+        - It has no keep-out zones; ground, base and self-collision stay.
         """
         if not self.slews:
             return self
@@ -319,7 +319,7 @@ class Machine:
         """SHA-256 of the parts of the machine file that a posture table depends on, in hexadecimal.
 
         A posture table has the best posture for each tip position; it is valid for machines with
-        the same hash. `FIELDS_OUTSIDE_TABLE_HASH` lists the parts that are left out.
+        the same hash. `FIELDS_OUTSIDE_TABLE_HASH` lists the parts that do not change the hash.
         """
         content = self.config.model_dump(mode="json", exclude=FIELDS_OUTSIDE_TABLE_HASH)
         for joint in content["joints"]:  # values left out do not change the hash

@@ -192,7 +192,7 @@ class ModuleState(Record):
     flow: float
     """Displacement times speed [m³/s]."""
     delivered: float
-    """Flow times the share that the inlet fills, less the slip [m³/s]."""
+    """Flow times the share that the inlet fills, minus the slip [m³/s]."""
     to_rail: float
     """Share of the flow that goes to the rail, 0 … 1."""
     lag_ratio: float

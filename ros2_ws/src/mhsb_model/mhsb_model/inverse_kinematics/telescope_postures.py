@@ -42,7 +42,7 @@ def find_telescope_postures(m: MachineArrays, x: float, z: float, psi: FloatArra
     if nothing is sampled: with two revolute joints and one telescope.
 
     Args:
-        m: Machine in its plane (without a slew), with at least one telescope.
+        m: Planar machine (without a slewing joint), with at least one telescope.
         x: Tip position forward [m].
         z: Tip position up [m].
         psi: End-link angles ψ to look at (sums of all revolute joint angles), float64[k], [rad].
@@ -88,7 +88,7 @@ def _find_postures_closed_by_telescope(
     Solutions beyond the joint limits are dropped. The first revolute joint has the index 0.
 
     Args:
-        m: Machine in its plane (without a slew).
+        m: Planar machine (without a slewing joint).
         x: Tip position forward [m].
         z: Tip position up [m].
         psi: End-link angles ψ to look at, float64[k], [rad].
@@ -137,7 +137,7 @@ def hold_extensions(m: MachineArrays, extension: FloatArray) -> MachineArrays:
     shorter chain. All other fields still belong to the whole chain.
 
     Args:
-        m: Machine in its plane (without a slew).
+        m: Planar machine (without a slewing joint).
         extension: Extension of each telescope in joint order, float64[telescopes], [m].
 
     Returns:

@@ -84,7 +84,7 @@ def solve_posture(
     A tip position fixes two of n joints. The free variables give the others.
 
     Args:
-        m: Machine in its plane (without a slew), with n joints.
+        m: Planar machine (without a slewing joint), with n joints.
         x: Tip position forward [m].
         z: Tip position up [m].
         free: Free variables, float64[n - 2], [rad or m]. Without telescopes: the first n − 3 joint
@@ -137,7 +137,7 @@ def find_postures(m: MachineArrays, x: float, z: float, psi: FloatArray) -> Floa
     are sampled: each takes INNER_SAMPLES evenly spaced values, in all combinations.
 
     Args:
-        m: Machine in its plane (without a slew), with n revolute joints.
+        m: Planar machine (without a slewing joint), with n revolute joints.
         x: Tip position forward [m].
         z: Tip position up [m].
         psi: End-link angles ψ to look at (sums of all joint angles), float64[k], [rad].
@@ -173,7 +173,7 @@ def _combine_links(
     angle of joint `first` has no influence.
 
     Args:
-        m: Machine in its plane (without a slew).
+        m: Planar machine (without a slewing joint).
         q: Posture, float64[n], [rad or m].
         first: Index of the first link.
         last: Index after the last link.
@@ -218,7 +218,7 @@ def close_chain(
     Test oracle: SciPy's root finder on the forward kinematics.
 
     Args:
-        m: Machine in its plane (without a slew).
+        m: Planar machine (without a slewing joint).
         x: Tip position forward [m].
         z: Tip position up [m].
         i: Index of the first joint that moves.
@@ -259,7 +259,7 @@ def _close_with_revolute_joints(
     joint's range.
 
     Args:
-        m: Machine in its plane (without a slew).
+        m: Planar machine (without a slewing joint).
         tip: Tip position seen from joint i.
         i: Index of the first joint that moves.
         j: Index of the second joint that moves.
@@ -302,7 +302,7 @@ def _close_with_prismatic_joints(
     range.
 
     Args:
-        m: Machine in its plane (without a slew).
+        m: Planar machine (without a slewing joint).
         tip: Tip position seen from joint i.
         i: Index of the first joint that moves.
         j: Index of the second joint that moves.
@@ -347,7 +347,7 @@ def _compute_offset(
     """Compute the vector from one joint of the chain to a later one, in the base frame.
 
     Args:
-        m: Machine in its plane (without a slew).
+        m: Planar machine (without a slewing joint).
         q: Posture, float64[n], [rad or m].
         first: Index of the first joint.
         last: Index of the later joint; n for the tip.
@@ -406,7 +406,7 @@ def find_closing_joints(m: MachineArrays) -> tuple[int, int]:
     straight line, and the links from the second one on form another.
 
     Args:
-        m: Machine in its plane (without a slew).
+        m: Planar machine (without a slewing joint).
 
     Returns:
         Indices i < j. With one revolute joint, i is −1; with none, both are.
@@ -431,7 +431,7 @@ def solve_posture_with_held_joints(
     """Compute the posture for a tip position in which two joints move and all others are held.
 
     Args:
-        m: Machine in its plane (without a slew), with n joints.
+        m: Planar machine (without a slewing joint), with n joints.
         x: Tip position forward [m].
         z: Tip position up [m].
         moved: Indices i < j of the two joints that move.
@@ -464,7 +464,7 @@ def find_closure_side(m: MachineArrays, q: FloatArray, i: int, j: int) -> int:
     - Both slide: always.
 
     Args:
-        m: Machine in its plane (without a slew).
+        m: Planar machine (without a slewing joint).
         q: Posture, float64[n], [rad or m].
         i: Index of the first joint.
         j: Index of the second joint, j > i.
@@ -508,7 +508,7 @@ def find_nearest_posture(
     smallest. In this comparison 1 m counts as 1 rad.
 
     Args:
-        m: Machine in its plane (without a slew).
+        m: Planar machine (without a slewing joint).
         x: Tip position forward [m].
         z: Tip position up [m].
         given: Given posture, which may exceed the limits, float64[n], [rad or m].

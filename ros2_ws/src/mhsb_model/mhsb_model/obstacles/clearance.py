@@ -1,7 +1,7 @@
 """Distance of the arm from the obstacles that it must keep clear of.
 
 A link is a capsule: all points within its radius of the line between its joints. The clearance of
-an obstacle is the least signed distance of the link's line from it, less the link's radius. Inside
+an obstacle is the least signed distance of the link's line from it, minus the link's radius. Inside
 an obstacle the signed distance is negative: max(x_min − x, x − x_max, z_min − z, z − z_max) for a
 box, |p − c| − R for a circle.
 
@@ -244,7 +244,7 @@ def row_clearance(
 ) -> float:
     """Compute the clearance between the obstacle and the link, or the tip, of one table row.
 
-    The clearance is the signed distance between the obstacle and the link's line, less the value in
+    The clearance is the signed distance between the obstacle and the link's line, minus the value in
     column RADIUS_COLUMN: the link's radius (0 for the tip alone), and in the rows of
     `Obstacles.path_rows` also a margin.
 
@@ -291,7 +291,7 @@ def point_clearance(rows: FloatArray, k: int, x: float, z: float) -> float:
         z: Point, up [m].
 
     Returns:
-        Signed distance of the point from the obstacle, less the radius [m]; negative if they
+        Signed distance of the point from the obstacle, minus the radius [m]; negative if they
         overlap.
     """
     if rows[k, KIND_COLUMN] == CIRCLE_KIND:
@@ -316,7 +316,7 @@ def tip_clearance(rows: FloatArray, links: int, x: float, z: float) -> tuple[flo
 
     Returns:
         Least clearance [m] and the index of its row; inf and −1 if no row counts. The clearance is
-        the signed distance of the point from the obstacle, less the value in column RADIUS_COLUMN.
+        the signed distance of the point from the obstacle, minus the value in column RADIUS_COLUMN.
         This value is the radius of the last link, or 0 in a row for the tip alone. In the rows of
         `Obstacles.path_rows` the margin of discrete paths is added to it.
     """
@@ -352,7 +352,7 @@ def tip_clearance_in_space(
 
     Returns:
         Least clearance [m] and the index of its row; inf and −1 if no row counts. The clearance is
-        the signed distance of the point from the zone, less the radius in column RADIUS_COLUMN.
+        the signed distance of the point from the zone, minus the radius in column RADIUS_COLUMN.
         That is the radius of the last link, or 0 in a row for the tip alone. In
         `Obstacles.path_rows` both include a margin.
     """
@@ -372,7 +372,7 @@ def clearance(
 ) -> tuple[float, int]:
     """Compute the least clearance of the arm in a posture over all obstacles.
 
-    The clearance of a row is the distance between its obstacle and its link, less the link's
+    The clearance of a row is the distance between its obstacle and its link, minus the link's
     radius. In the rows of `Obstacles.path_rows` the radius includes a margin.
 
     Args:
@@ -400,7 +400,7 @@ def clearances(
 ) -> tuple[FloatArray, IntArray]:
     """Compute the least clearance of the arm in each of several postures.
 
-    The clearance is the distance between a link and an obstacle, less the link's radius. In the
+    The clearance is the distance between a link and an obstacle, minus the link's radius. In the
     rows of `Obstacles.path_rows` the radius includes a margin.
 
     Args:

@@ -215,9 +215,9 @@ def _sample_telescopic_chain(
             a telescope).
 
     Returns:
-        Postures within limits, shape (count, n) [rad or m]; number of the solution of
-        `close_chain`, −1 or 1, shape (count,); and positions of the joints that do not close the
-        chain, shape (count, n - 2) [rad or m].
+        Postures within limits, shape (count, n) [rad or m]; sign of the last turning joint's angle,
+        −1 or 1, shape (count,); and positions of the joints that do not close the chain, shape
+        (count, n - 2) [rad or m].
     """
     a, held = machine.arrays, held_joints(machine)
     i, j = find_closing_joints(a)
@@ -251,7 +251,7 @@ def _compute_postures(
             and the end-link angle ψ. With telescopes: the positions of all joints but the last two
             turning ones.
         elbow: Elbow branches (sign of the second-last joint's angle), −1 or 1, shape (count,). With
-            telescopes the number of the solution (`side`) of `close_chain`.
+            telescopes the sign of the last turning joint's angle.
         posture: Written in place, shape (count, n) [rad or m]; rows without a posture are
             undefined.
 

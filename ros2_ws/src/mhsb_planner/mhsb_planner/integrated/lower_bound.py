@@ -112,7 +112,7 @@ def enclose_cell(
         m: Numeric description of the machine.
         tip: Tip position (x, z) [m].
         elbow: Elbow branch (sign of the second-last joint's angle), −1 or 1; with telescopes the
-            number of the solution (`side`) of `close_chain`.
+            sign of the last turning joint's angle.
         cell: Lower and upper ends of the free coordinates, shape (n - 2, 2) [rad or m].
         box: Written in place, shape (2, n): shortest and longest length of each cylinder [m].
 
@@ -186,7 +186,7 @@ def _compute_cell_bounds(
         cost: Machine, cylinder lengths at the start, and weights.
         tip: Tip position (x, z) [m].
         elbow: Elbow branch (sign of the second-last joint's angle), −1 or 1; with telescopes the
-            number of the solution (`side`) of `close_chain`.
+            sign of the last turning joint's angle.
         cell: Lower and upper ends of the free coordinates, shape (n - 2, 2) [rad or m]: the first n
             − 3 joint angles and the end-link angle ψ. With telescopes: the positions of all joints
             but the last two turning ones.

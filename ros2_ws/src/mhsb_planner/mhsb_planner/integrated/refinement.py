@@ -137,7 +137,7 @@ def compute_goal_lengths(
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
         tip: Tip position (x, z) at the goal [m].
         elbow: Elbow branch (sign of the second-last joint's angle), −1 or 1; with telescopes the
-            number of the solution (`side`) of `close_chain`.
+            sign of the last turning joint's angle.
         free: Free coordinates, shape (n - 2,) [rad or m]: the first n − 3 joint angles and the
             end-link angle ψ. With telescopes: the positions of all joints but the last two turning
             ones.

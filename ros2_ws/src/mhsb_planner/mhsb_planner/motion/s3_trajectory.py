@@ -103,7 +103,7 @@ MAX_STRETCH_ROUNDS = 8
 """Number of times that a curve is stretched before it is given up."""
 
 LONGEST_MOTION = MAX_DURATION_NS / SECOND_NS - 10.0
-"""Longest motion that an arm accepts, less the longest prefix that repeats the plan before [s]."""
+"""Longest motion that an arm accepts, minus the longest prefix that repeats the plan before [s]."""
 
 FIT_TASK = "making a trajectory of the path"
 

@@ -1,6 +1,6 @@
 """Execution of a plan in force, which ends as reached, replaced, stopped or aborted.
 
-The time of plans is the arm's clock less the delay by which speed scaling has slowed plans.
+The time of plans is the arm's clock minus the delay by which speed scaling has slowed plans.
 """
 
 from __future__ import annotations

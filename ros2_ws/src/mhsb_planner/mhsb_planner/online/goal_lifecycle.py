@@ -11,7 +11,7 @@ is only stamped anew. `goal_states` has the table of what each event does to a g
 
 A command is a joint trajectory with its mode schedule. From its stamp on it repeats the command
 before. From its change on, one commit horizon later, it differs from that command. The time of
-plans is the arm's clock less the delay by which speed scaling has slowed plans.
+plans is the arm's clock minus the delay by which speed scaling has slowed plans.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Queue of goals before a plan for them is sent: the waiting goal and the one being planned for.
 
-The time of plans is the arm's clock less the delay by which speed scaling has slowed plans.
+The time of plans is the arm's clock minus the delay by which speed scaling has slowed plans.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 A command is a joint trajectory with its mode schedule. The stamp of the new command is the
 planner's present time. Its new part begins one commit horizon later, at the change. Until then it
 repeats the old curve, so that the receiver can take it over at any moment in between. All times are
-in the time of plans: the arm's clock less the delay by which speed scaling has slowed plans.
+in the time of plans: the arm's clock minus the delay by which speed scaling has slowed plans.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Progress of the motion to a goal, and the energy it has taken, by the plan in force.
 
-The time of plans is the arm's clock less the delay by which speed scaling has slowed plans.
+The time of plans is the arm's clock minus the delay by which speed scaling has slowed plans.
 """
 
 from __future__ import annotations

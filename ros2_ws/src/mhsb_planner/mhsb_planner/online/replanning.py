@@ -3,7 +3,7 @@
 A command is a joint trajectory with its mode schedule. A new command repeats the old one until its
 commit horizon is over. It leaves the old one there with equal position, velocity and acceleration.
 If the old command still moves at that time, it is first braked along its path. The time of plans is
-the arm's clock less the delay by which speed scaling has slowed plans.
+the arm's clock minus the delay by which speed scaling has slowed plans.
 """
 
 from __future__ import annotations

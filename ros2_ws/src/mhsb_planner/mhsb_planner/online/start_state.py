@@ -3,7 +3,7 @@
 A plan continues the command in force (trajectory and mode schedule) if that is this planner's own.
 Otherwise it starts from the reference that the servo follows. Hardware without a reference starts
 from this planner's last command, or from measured joint states at rest. The time of plans is the
-arm's clock less the delay by which speed scaling has slowed plans.
+arm's clock minus the delay by which speed scaling has slowed plans.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A stop is finished when the arm is measured at rest. It is also finished when the arm has confirmed
 a braking command, if the time at which the arm will rest is known. The time of plans is the arm's
-clock less the delay by which speed scaling has slowed plans.
+clock minus the delay by which speed scaling has slowed plans.
 """
 
 from __future__ import annotations

@@ -134,7 +134,7 @@ class HydraulicCoefficients(NamedTuple):
         max_boost_pressure: Highest boost pressure [Pa].
         boost_margin: Extra pressure margin [Pa].
         tank_pressure: Tank pressure p_T [Pa].
-        shared_flow: Main pump flow less the leakage with all joints in mode N [m³/s].
+        shared_flow: Main pump flow minus the leakage with all joints in mode N [m³/s].
         leakage_flow: Leakage of one valve at P_S [m³/s].
         land_leakage: Share of that leakage over the lands of the spool [-].
         idle_leakage: Leakage of further valves, which serve none of the n joints [m³/s].

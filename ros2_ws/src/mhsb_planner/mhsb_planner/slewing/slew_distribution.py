@@ -8,7 +8,7 @@ one factor λ:
 
 tᵢ [s] and Vᵢ [m³] are duration and oil volume of path step i, and sᵢ [m] is the slew's stroke in
 it. |ΔL| is the whole stroke of the slew's piston, and A its area. Q is the flow of the main pump
-Q_MP less the leakage q_leak of n valves [m³/s].
+Q_MP minus the leakage q_leak of n valves [m³/s].
 """
 
 from __future__ import annotations

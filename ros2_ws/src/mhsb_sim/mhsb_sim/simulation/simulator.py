@@ -262,7 +262,7 @@ class Simulator:
 
     @property
     def plan_time_ns(self) -> int:
-        """Time of plans [ns]: simulated time less the delay by which speed scaling slowed plans."""
+        """Time of plans [ns]: simulated time minus the delay by which speed scaling slowed plans."""
         return self._reference.compute_trajectory_time_ns(self._time_ns)
 
     @property
@@ -442,7 +442,7 @@ class Simulator:
 
     @property
     def energy_gap(self) -> float:
-        """Energy that the pumps delivered, less the sum of where it went [J].
+        """Energy that the pumps delivered, minus the sum of where it went [J].
 
         It is zero apart from rounding.
         """
@@ -658,7 +658,7 @@ class Simulator:
     ) -> None:
         """Follow a trajectory from now on; reference and modes are updated at once.
 
-        The begin is recorded for `reference_at`, in the time of plans (simulated time less the
+        The begin is recorded for `reference_at`, in the time of plans (simulated time minus the
         delay of slowed plans).
 
         Args:
