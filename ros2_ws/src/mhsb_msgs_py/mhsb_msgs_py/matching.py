@@ -111,10 +111,10 @@ class MatchingSubscriptions:
     def update(self) -> None:
         """Open further subscriptions for publishers that a topic's own subscription does not match.
 
-        There is one for each combination of reliability and durability that such publishers offer.
-        Opening one is logged. It is closed again once all its publishers are gone. `problem` names
-        all publishers that do not match the topic's own subscription, even if a further
-        subscription serves them.
+        There is one further subscription for each combination of reliability and durability that
+        such publishers offer. Its opening is logged. It is closed again when all its publishers are
+        gone. `problem` names all publishers that do not match the topic's own subscription, even if
+        a further subscription serves them.
         """
         problems = []
         for heard in self._topics:

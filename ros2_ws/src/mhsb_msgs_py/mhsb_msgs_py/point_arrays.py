@@ -231,8 +231,8 @@ def _read_message(message: JointTrajectory) -> PointArrays:
 def _read_regular_bytes(raw: bytes, head: _HeadReader) -> PointArrays | None:
     """Read all points at once from bytes with a regular layout.
 
-    The layout is regular if all points have the same arrays, all of one length. These arrays are
-    the positions alone, or positions, velocities and accelerations.
+    The layout is regular if all points fill the same fields, with arrays of one length. The fields
+    are the positions alone, or positions, velocities and accelerations.
 
     Args:
         raw: Bytes of the message.

@@ -244,9 +244,9 @@ def row_clearance(
 ) -> float:
     """Compute the clearance between the obstacle and the link, or the tip, of one table row.
 
-    The clearance is the signed distance between the obstacle and the link's line, minus the value in
-    column RADIUS_COLUMN: the link's radius (0 for the tip alone), and in the rows of
-    `Obstacles.path_rows` also a margin.
+    The clearance is the signed distance between the obstacle and the link's line, minus the value
+    in column RADIUS_COLUMN. This is the link's radius (0 for the tip alone), in the rows of
+    `Obstacles.path_rows` with a margin.
 
     Args:
         m: Machine with n joints.

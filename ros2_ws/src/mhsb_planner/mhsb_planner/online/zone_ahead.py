@@ -3,8 +3,8 @@
 The arm brakes along its path by the softest braking that rests before the zone with the margin. If
 there is none, it takes the braking with the greatest least clearance that keeps the machine's
 limits, usually the hardest. A sentence states the place at which the command that is sent comes to
-rest, its commit horizon included. Absolute times are in the time of plans: the arm's clock minus the
-delay by which speed scaling has slowed plans.
+rest, its commit horizon included. Absolute times are in the time of plans: the arm's clock minus
+the delay by which speed scaling has slowed plans.
 """
 
 from __future__ import annotations

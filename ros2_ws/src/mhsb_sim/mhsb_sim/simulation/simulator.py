@@ -262,7 +262,7 @@ class Simulator:
 
     @property
     def plan_time_ns(self) -> int:
-        """Time of plans [ns]: simulated time minus the delay by which speed scaling slowed plans."""
+        """Time of plans [ns]: simulated time minus the delay that speed scaling has caused."""
         return self._reference.compute_trajectory_time_ns(self._time_ns)
 
     @property

@@ -303,7 +303,7 @@ def _count_workspace_points(machine: Machine) -> dict[str, Any]:
     At each point, the posture with the lowest required pressure counts.
 
     Args:
-        machine: An arm that does not slew, or the plane of one that does.
+        machine: The planar arm (without the slewing joint).
 
     Returns:
         A dictionary. Keys:
@@ -465,7 +465,7 @@ def _workspace_nodes(machine: Machine) -> list[tuple[float, float]]:
     """Return the grid points of the workspace.
 
     Args:
-        machine: An arm that does not slew, or the plane of one that does.
+        machine: The planar arm (without the slewing joint).
 
     Returns:
         Points (x, z) [m] at integer multiples of the machine's grid spacing. They lie between the
@@ -485,11 +485,11 @@ def _workspace_nodes(machine: Machine) -> list[tuple[float, float]]:
 def _find_lowest_hold_pressures(machine: Machine, x: float, z: float) -> FloatArray | None:
     """Return the supply pressures that hold the arm, at rest with the tip at a given point.
 
-    Postures with all sampled angles of the end link are tried. The one is taken whose highest
-    required pressure of all actuators is lowest.
+    Postures with all sampled angles of the end link are tried. For each, the highest pressure that
+    any of its actuators requires counts. The posture for which this is lowest is taken.
 
     Args:
-        machine: An arm that does not slew, or the plane of one that does.
+        machine: The planar arm (without the slewing joint).
         x: Tip position forward [m].
         z: Tip position up [m].
 

@@ -61,11 +61,11 @@ def ground_truth(
     does not carry its load. In the other it is not. Each of its paths is improved by small changes
     if it costs at most 1.25 times as much as the incumbent.
 
-    `least_cost` is left out in each of these cases: the reading is `series`, an actuator is boosted
-    at the start, there are obstacles, or the incumbent is within 0.2 % of a lower bound.
+    `least_cost` does not run in each of these cases: the reading is `series`, an actuator is
+    boosted at the start, there are obstacles, or the incumbent is within 0.2 % of a lower bound.
 
     Args:
-        machine: An arm that does not slew, or the plane of one that does.
+        machine: The planar arm (without the slewing joint).
         start: Start posture, shape (n,) [rad or m].
         start_modes: Modes in force at the start, shape (n,).
         goal: Tip position (x, z) [m].

@@ -75,7 +75,7 @@ def least_cost(
     the lattice; a finer lattice may have a cheaper path.
 
     Args:
-        machine: An arm that does not slew, or the plane of one that does.
+        machine: The planar arm (without the slewing joint).
         start: Start posture, shape (n,) [rad or m].
         goal: Tip position (x, z) [m].
         weights: Weights of energy, time and mode switches.
@@ -518,8 +518,8 @@ class _Lattice:
             pricing: Step costs of the machine.
             start: Start posture, shape (n,) [rad or m].
             goals: Goal postures, shape (goals, n) [rad or m].
-            known: Cost of the best path known so far. Points that no cheaper path can pass are left
-                out.
+            known: Cost of the best path known so far. Points that no cheaper path can pass are not
+                in the lattice.
         """
         self._pricing, self._known, self._goals = pricing, known, goals
         self._goal_lengths = pricing.lengths(goals)
@@ -721,8 +721,9 @@ class _Lattice:
         """Add the steps from all lattice points to their neighbours in one direction.
 
         A step gets one edge for each mode combination in which it is possible; the modes are equal
-        at both ends. A step is left out if its middle or its end is outside the workspace. A step
-        that begins outside (the start may be there) may stay outside, but may not lead farther out.
+        at both ends. A step gets no edge if its middle or its end is outside the workspace. A step
+        that begins outside (the start may be there) may stay outside, but must not lead farther
+        out.
 
         Args:
             steps: Edges of the graph; extended in place.

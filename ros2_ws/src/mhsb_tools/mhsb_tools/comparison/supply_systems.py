@@ -254,7 +254,7 @@ def pump_controlled(
         recovering: Whether lowering loads drive their pumps and give energy back.
 
     Returns:
-        Energy to the oil, less what is recovered, and energy at the pumps' shafts.
+        Energy to the oil minus the recovered energy, and energy at the pumps' shafts.
 
     Source:
         R. Rahmfeld, M. Ivantysynova, Displacement controlled linear actuator with differential

@@ -281,7 +281,7 @@ def _judge_applied_goal(
         end_ns: End of the goal's plan [ns, ROS time]; None if there was no plan, or its trajectory
             was not recorded.
         left_until_ns: Latest end of a plan that leaves time to settle at the goal [ns, ROS time].
-            It is the time of the next goal that was not refused, or the end of the recording, less
+            It is the time of the next goal that was not refused, or the end of the recording, minus
             the settling time.
         execution: Execution report of the goal; None if there was none.
 

@@ -45,14 +45,14 @@ def compute_energy_record(
     Both are counted from the first report that is used. The planned energy is the planner's model
     for the reference that the servo followed and the modes that were in force. While the arm rests,
     the model counts the leakage of the modes that hold it. If the simulator was restarted between
-    two reports, this interval adds 0 to all energies. Reports outside the time of the references
-    are left out.
+    two reports, this interval adds 0 to all energies. Reports before the first or after the last
+    reference are ignored.
 
     Args:
         recording: The recording. Only `simulator_reports` is read.
         machine: Its machine.
-        followed: All references of the recording as one trajectory.
-        modes: All modes of the recording as one schedule.
+        followed: References of the whole recording, joined into one trajectory.
+        modes: Modes in force over the whole recording.
 
     Returns:
         Energies at each report that is used; empty arrays if there is none.

@@ -66,7 +66,7 @@ def evaluate_goals(
 
     Args:
         recording: The recording.
-        followed: All references of the recording as one trajectory.
+        followed: References of the whole recording, joined into one trajectory.
         tip: Measured and reference motion of the tip.
 
     Returns:
@@ -107,7 +107,7 @@ def _is_moving(followed: Trajectory, time_ns: int) -> bool:
     """Return whether the reference was moving at a time.
 
     Args:
-        followed: All references of the recording as one trajectory.
+        followed: References of the whole recording, joined into one trajectory.
         time_ns: ROS time [ns]. The last reference at or before it counts; if there is none, the
             first.
 

@@ -48,7 +48,7 @@ def compute_tip_motion(recording: Recording, machine: Machine, followed: Traject
     Args:
         recording: The recording. Only `joint_states` is read.
         machine: Its machine.
-        followed: All references of the recording as one trajectory.
+        followed: References of the whole recording, joined into one trajectory.
 
     Returns:
         Motion of the tip. Joint states before the first or after the last reference are left out.

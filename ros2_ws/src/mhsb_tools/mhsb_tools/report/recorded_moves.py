@@ -21,8 +21,8 @@ def cut_into_moves(run: EvaluatedRecording) -> list[MoveRecord]:
     """Cut a recording into moves, one for each goal whose plan took over.
 
     A move begins when the goal's plan takes over. It ends when the next goal's plan takes over, or
-    REST_NS after the reference has come to rest if that is earlier. Moves with fewer than two
-    recorded hydraulic states are left out.
+    earlier: REST_NS after the reference has come to rest. Moves with fewer than two recorded
+    hydraulic states are not in the result.
 
     Args:
         run: The evaluated recording.

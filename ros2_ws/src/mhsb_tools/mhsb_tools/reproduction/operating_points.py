@@ -56,9 +56,9 @@ def find_points(runs: Runs) -> dict[str, BestPoint]:
     """Search the best supply pressure for Case 1-1 and the best V_max for Case 1-2.
 
     The cases are moves of the paper. V_max is the piston speed for planning. The best value is the
-    one with which the motion costs
-    least, by the weights of the case. Each search is made with the planners `table` and
-    `integrated`. Its range is that of the paper's sweep, from first to last value.
+    one with which the motion costs least, by the weights of the case. Each search is made with the
+    planners `table` and `integrated`. Its range is that of the paper's sweep, from first to last
+    value.
 
     Args:
         runs: All runs of the machine; only its machine and posture table are used.

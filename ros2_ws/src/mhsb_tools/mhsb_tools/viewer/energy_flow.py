@@ -91,12 +91,12 @@ class EnergyCounter:
         self._delivered = pumps - self._pumps
 
     def add_sample(self, sample: ActuatorSample, time: float) -> None:
-        """Add a sample of the actuators to the energies into the valves and of the pistons.
+        """Add the power in a sample of the actuators to two energies.
 
-        The power is integrated from the last sample to this one by the trapezoidal rule. If they
-        are more than LONGEST_GAP apart, or time decreases, nothing is added. Before
-        `add_pump_report` has set the zero of all energies, nothing is added either; the sample is
-        only stored as the last one.
+        These are the energy of the oil at the valve inlets and the work of the pistons. The power
+        is integrated from the last sample to this one by the trapezoidal rule. Nothing is added if
+        the two samples are more than LONGEST_GAP apart, or if time decreases. Before the first
+        `add_pump_report`, the sample is only stored as the last one.
 
         Args:
             sample: Hydraulic states of all actuators.
@@ -115,9 +115,10 @@ class EnergyCounter:
 
     @property
     def energies(self) -> FloatArray:
-        """Energies of main pump, servo pumps, into the valves and of the pistons, shape (4,) [J].
+        """Energies of main pump, servo pumps, oil at the valve inlets, and pistons, shape (4,) [J].
 
-        Before `add_pump_report` has set their zero, the first two are nan and the others 0.
+        They count from the first `add_pump_report`. Before it, the first two are nan and the others
+        0.
         """
         return np.concatenate([self._delivered, self._used])
 

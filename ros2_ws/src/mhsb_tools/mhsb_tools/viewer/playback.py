@@ -185,7 +185,7 @@ class Playback:
             times_ns: ROS times, int64 (k,) [ns].
 
         Returns:
-            Energies of main pump, servo pumps, into the valves, and of the pistons, shape (k, 4)
+            Energies of main pump, servo pumps, oil at the valve inlets, and pistons, shape (k, 4)
             [J]; nan if they were not recorded. Each is the last known value at or before its time;
             for times before the first record, the first value.
         """
@@ -218,16 +218,16 @@ class Playback:
 
 
 def _integrate_recorded_power(recording: Recording) -> tuple[IntArray, FloatArray]:
-    """Compute the energies into the valves and of the pistons over a recording.
+    """Compute the energy of the oil at the valve inlets, and of the pistons, in a recording.
 
     Args:
         recording: The recording.
 
     Returns:
         ROS times of the hydraulic states, int64 (k,) [ns], and energies up to these times, shape
-        (k, 2) [J]: into the valves (column 0) and of the pistons (column 1). They are 0 at the
-        simulator's first report, so negative before. If hydraulic states or reports are missing,
-        there is one row with time 0 and nan.
+        (k, 2) [J]: of the oil at the valve inlets (column 0) and of the pistons (column 1). They
+        are 0 at the simulator's first report, so negative before. If hydraulic states or reports
+        are missing, there is one row with time 0 and nan.
     """
     actuators, reports = recording.actuators, recording.simulator_reports
     if len(actuators.time_ns) == 0 or not reports:
