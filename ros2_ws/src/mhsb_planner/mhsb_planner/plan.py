@@ -41,8 +41,8 @@ class Plan:
     `print(plan)` shows a summary.
 
     Attributes:
-        path: Discrete path of S2; without steps if the motion is braking alone or the rest of a
-            plan.
+        path: Discrete path of S2; without steps if the motion is braking alone or the remaining
+            part of a plan.
         motion: Trajectory of S3 and mode schedule of S4, both with stamp 0.
         energy: Energy of the motion in both readings.
         machine: Machine for which the plan was made.

@@ -74,8 +74,8 @@ __all__ = [
 MAX_REMAINING_TIME, MAX_GOAL_DISTANCE, MAX_STREAMED_GOAL_DISTANCE = 1.0, 5e-3, 0.05
 """Conditions under which a motion steers straight to its goal from a moving start.
 
-The rest of the plan in force lasts no longer than the first value [s]. It ends no farther from the
-goal than the second [m], or the third if another motion is to follow.
+The remaining part of the plan in force lasts at most the first value [s]. Its end is at most the
+second value [m] away from the goal, or the third if another motion is to follow.
 """
 
 MAX_POSTURE_TURN_RATE = 0.2
@@ -140,7 +140,7 @@ class Planner:
         """Plan a motion to a goal.
 
         A moving start can come to rest in several ways. They are tried in this order until there is
-        a plan: steering (one curve straight to the goal), coasting (all joints slow down at once),
+        a plan: steering (one curve straight to the goal), coasting (all joints slow down together),
         and `brake`. Without a deadline, equal requests give equal plans.
 
         Args:
@@ -347,7 +347,7 @@ class Planner:
         return stops if brake is None else [*stops, brake]
 
     def _ends_at_goal(self, goal: Position, rest: Trajectory, options: PlanOptions) -> bool:
-        """Return whether the rest of the plan in force ends at the goal or in its region.
+        """Return whether the remaining part of the plan in force ends at the goal or in its region.
 
         The end link must have an admissible angle there, too.
 

@@ -383,8 +383,8 @@ def search_lattice(
         work: Numbers of expanded states and priced steps; increased in place.
 
     Returns:
-        The path, priced with the cost model of `task`. None if no path was found, it is
-        inadmissible by that model, or it costs MAX_REFINED_COST_RATIO times the incumbent or more.
+        The path, priced with the cost model of `task`. None if no path was found, or if the path is
+        inadmissible by that model or costs at least MAX_REFINED_COST_RATIO times the incumbent.
     """
     limit = math.inf if best is None else best.cost
     worth = np.flatnonzero(task.goal_lower_bounds < limit)
@@ -555,11 +555,11 @@ def _sweep_with_stride(
 ) -> CylinderPath:
     """Run sweeps of a compass search with one stride over a cylinder path.
 
-    A sweep tries to move each waypoint by the stride and keeps what is cheaper. It prices the path
-    in pieces of the stroke `piece`. After each sweep the path is also priced by the problem's own
-    cost model; this is its real cost. The sweeps end early if the real cost exceeds that of the
-    best path so far. They also end if a sweep lowers the price of the path by less than the share
-    MIN_RELATIVE_GAIN.
+    A sweep tries to move each waypoint by the stride and keeps what is cheaper. To price the path,
+    it cuts it into pieces in which no cylinder moves by more than `piece`. After each sweep the
+    path is also priced by the problem's own cost model; this is its real cost. The sweeps end early
+    if the real cost exceeds that of the best path so far. They also end if a sweep lowers the price
+    of the path by less than the share MIN_RELATIVE_GAIN.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.

@@ -356,11 +356,12 @@ def _extend_by_piece(t: PathCostModel, w: PathCostBuffers, here: int, parent: In
     """Extend the dynamic programming over mode combinations by one piece of a path.
 
     The piece leads from w.points[here] to w.points[1 - here]. For each admissible combination p of
-    the piece, with the least cost value[o] of arriving at its start in combination o:
+    the piece:
 
         after[p] = min over o of (value[o] + w₃ switches[o, p]) + w₁ E[p] + w₂ T[p] + w₄ M[p]
 
-    w₁ to w₄ are the cost weights, E, T and M the piece's energy, duration and manipulability loss.
+    value[o] is the least cost of arriving at the piece's start in combination o. w₁ to w₄ are the
+    cost weights. E, T and M are the piece's energy, duration and manipulability loss.
     The function reads w.value[here] and writes w.value[1 - here]; inadmissible combinations get
     inf.
 
@@ -539,7 +540,7 @@ def price_path(
         w: Working memory of the thread, overwritten.
         via: Waypoints, shape (points, n) [m].
         start: Joint positions at via[0], shape (n,) [rad or m].
-        limit: The path is given up once a lower bound on its cost reaches this.
+        limit: The path is given up when a lower bound on its cost reaches this.
 
     Returns:
         The cost; inf if the path is inadmissible or its cost reaches the limit.

@@ -80,9 +80,9 @@ def sample_goal_postures(
 
     The postures at a tip position have m = n − 2 free coordinates, one less if ψ must have one
     value. For m = 1 successive samples differ by at most `spacing`, and the ends of each feasible
-    interval are among them. For larger m the distance is spacing^(1/m), which limits their number.
-    With k tip positions, `spacing` is first multiplied by k. Postures that come too near to
-    obstacles are left out, and so are tip positions without any posture.
+    interval are among them. For larger m the distance is spacing^(1/m). With k tip positions,
+    `spacing` is first multiplied by k. Both limit the number of samples. Postures that come too
+    near to obstacles are dropped, and so are tip positions without any posture.
 
     Args:
         machine: The arm without a slewing joint.
@@ -307,7 +307,7 @@ def _sample_turning_chain(
 
 @kernel
 def _reachable_inner_samples(m: MachineArrays, x: float, z: float, samples: int) -> IntArray:
-    """List the angles of the inner joints with which the last three joints reach the tip.
+    """List the angles of the inner joints with which the last three joints reach a tip position.
 
     Args:
         m: Numeric description of the machine.

@@ -525,7 +525,7 @@ def _price_step_to(
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
-        w: Working memory with both postures; the rest is overwritten.
+        w: Working memory with both postures; all else in it is overwritten.
         f: Open list and state records, changed in place.
         known: Data of the lattice points that the search has reached, changed in place.
         origin: State from which the step leads.
@@ -571,7 +571,7 @@ def _step_to_goal(
 
     Args:
         problem: Cost model, lattice and goals.
-        w: Working memory with the point in w.points[0]; the rest is overwritten.
+        w: Working memory with the point in w.points[0]; all else in it is overwritten.
         f: Open list and state records, changed in place.
         known: Data of the lattice points that the search has reached. If the step is recorded,
             known.reached[0] becomes k.

@@ -231,8 +231,8 @@ def _branch_and_bound(
         cost: Machine, cylinder lengths at the start, and weights.
         tip: Tip position (x, z) [m].
         psi: Least and greatest ψ [rad].
-        best_sampled_bound: Least bound to one sampled posture (middle of a cell), of all tip
-            positions evaluated before; inf means none. It only ends the halving earlier.
+        best_sampled_bound: Least bound to any single posture (middle of a cell) that was evaluated
+            before, at any tip position; inf means none. A small value ends the halving earlier.
 
     Returns:
         Lower bound on the cost, inf if no posture reaches the tip position; and the new
@@ -285,8 +285,8 @@ def _branch_and_bound_of_chain(
         tip: Tip position (x, z) [m].
         ranges: Lower end, upper end and unit of each free coordinate, shape (n - 2, 3) [rad or m].
             Widths are divided by the unit before they are compared.
-        best_sampled_bound: Least bound to one sampled posture (middle of a cell), of all tip
-            positions evaluated before; inf means none. It only ends the halving earlier.
+        best_sampled_bound: Least bound to any single posture (middle of a cell) that was evaluated
+            before, at any tip position; inf means none. A small value ends the halving earlier.
         most_cells: Largest number of cells that halving may add to the first 2 · FIRST_CELLS.
 
     Returns:

@@ -185,7 +185,7 @@ class SearchProblem:
 
         Args:
             via: Waypoints (cylinder lengths), shape (points, n) [m]; the first is the start.
-            limit: The path is given up once a lower bound on its cost reaches this.
+            limit: The path is given up when a lower bound on its cost reaches this.
 
         Returns:
             The cost; inf if the path is inadmissible or its cost reaches the limit.

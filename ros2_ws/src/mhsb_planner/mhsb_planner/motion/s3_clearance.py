@@ -51,7 +51,7 @@ class Contact:
 def find_first_contact(machine: Machine, trajectory: Trajectory) -> Contact | None:
     """Find the first contact of a trajectory with an obstacle.
 
-    An approach that is too close to exclude a contact counts as one. A motion that starts in an
+    An approach too close to exclude a contact counts as a contact. A motion that starts in an
     obstacle, or nearer to it than START_LEEWAY, may leave it. On the way out it may get nearer or
     deeper by at most START_LEEWAY.
 
@@ -73,7 +73,7 @@ def find_first_contact(machine: Machine, trajectory: Trajectory) -> Contact | No
 
 
 def find_contact_ahead(machine: Machine, trajectory: Trajectory, now_ns: int) -> Contact | None:
-    """Find the first contact with an obstacle in the rest of a trajectory.
+    """Find the first contact with an obstacle in the remaining part of a trajectory.
 
     The check begins at the trajectory's last point at or before the given time. If this time is
     before the trajectory, the check begins at the first point. If it is after the end, nothing is
@@ -86,7 +86,7 @@ def find_contact_ahead(machine: Machine, trajectory: Trajectory, now_ns: int) ->
         now_ns: Absolute time, on the clock of the trajectory's stamp [ns].
 
     Returns:
-        The contact, or None if the rest is clear. Its time counts from the point where the check
+        The contact, or None if there is none. Its time counts from the point where the check
         began.
     """
     here = int(np.searchsorted(trajectory.offset_ns, now_ns - trajectory.stamp_ns, "right")) - 1
@@ -161,9 +161,9 @@ def _first_contact(
 ) -> tuple[float, float, int]:
     """Find the first contact of a joint motion with an obstacle by conservative advancement.
 
-    An approach that is too close to exclude a contact counts as one. An obstacle may be left if the
-    start is in it, or nearer to it than START_LEEWAY. Until the clearance has exceeded START_LEEWAY
-    once, the motion may get nearer or deeper by at most START_LEEWAY.
+    An approach that is too close to exclude a contact counts as a contact. An obstacle may be left
+    if the start is in it, or nearer to it than START_LEEWAY. Until the clearance first exceeds
+    START_LEEWAY, the motion may get nearer or deeper by at most START_LEEWAY.
 
     Test oracle: clearances at instants 0.2 ms apart.
 

@@ -379,9 +379,9 @@ def _find_unproven_intervals(
     """Find the intervals between trajectory points that are not proven to keep all limits.
 
     A limit is a bound on one quantity of the motion, such as a piston's speed. An interval is
-    proven if two conditions hold. First, all quantities at both ends are below `clear_below` of
-    their limit (a value with a reserve), or bounds from both ends and the middle stay below all
-    limits. Second, a bound on the joint positions within the interval is within the joint limits.
+    proven if two conditions hold. First, all quantities keep their limits: either they are below
+    `clear_below` (the limit with a reserve) at both ends, or bounds from ends and middle stay below
+    all limits. Second, a bound on the joint positions in the interval is within the joint limits.
 
     Args:
         m: Arrays of the machine.

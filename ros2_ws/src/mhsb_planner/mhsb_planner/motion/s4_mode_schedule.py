@@ -341,7 +341,7 @@ def _write_modes(modes: ModeArray, on: np.ndarray, shared: np.ndarray) -> None:
 def _find_first_free_interval(time: FloatArray, age: float, dwell: float) -> int:
     """Find the first interval in which an actuator may leave its start mode.
 
-    It may leave the mode once the mode has been in force for the time `dwell`.
+    It may leave the mode after the mode has been in force for the time `dwell`.
 
     Args:
         time: Instants in ascending order, shape (k,) [s].

@@ -371,10 +371,10 @@ class ArmState:
     def get_plan_time_ns(self, steady_time: float, ros_ns: int) -> int:
         """Return the present time of plans, in which plans are stamped [ns].
 
-        It is the extrapolated time of the arm's clock minus `plan_delay_ns`. If the arm has been
-        silent for more than `OLDEST_STATE`, the ROS clock is used instead of the extrapolated time
-        if it is earlier. The reason: an arm may itself publish the ROS clock, which then stands
-        still with the arm.
+        It is the extrapolated time of the arm's clock minus `plan_delay_ns`. After a silence of
+        more than `OLDEST_STATE`, the ROS clock takes the place of the extrapolated time if the ROS
+        clock is earlier. The reason: the arm may publish the ROS clock, which then stands still
+        with the arm.
 
         Args:
             steady_time: Present time by the steady clock [s].

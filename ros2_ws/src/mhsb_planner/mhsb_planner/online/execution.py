@@ -120,7 +120,7 @@ class Execution:
 
         If the arm reports a fault, the execution is aborted at once. Otherwise the first call
         chooses the result by the place of the reference. It stores time and result in
-        `dropped_since`. The result is returned once `REASON_NS` have passed since the first call.
+        `dropped_since`. The result is returned when `REASON_NS` have passed since the first call.
 
         Args:
             arm_state: Arm state.

@@ -818,10 +818,10 @@ class GoalLifecycle:
             self._stop_for_obstacle_ahead()
 
     def _stop_for_obstacle_ahead(self, goal_after_stop: PendingGoal | None = None) -> None:
-        """Begin a stop if an obstacle lies across the rest of the motion in force.
+        """Begin a stop if an obstacle lies across the motion in force ahead.
 
         Args:
-            goal_after_stop: Goal to plan for once the arm has stopped; None for no goal. It is
+            goal_after_stop: Goal to plan for after the arm has stopped; None for no goal. It is
                 ignored if a stop is under way already.
         """
         if self._stop.begin_for_obstacle(self.settings.machine, goal_after_stop):
@@ -829,7 +829,7 @@ class GoalLifecycle:
             self._stop.report_waiting()
 
     def _continue_stop(self) -> None:
-        """Take the next step of a stop under way, and finish it once there is a result.
+        """Take the next step of a stop under way, and finish it when there is a result.
 
         A step may be a braking command, which is sent, or a call of the arm's own ~/stop. Nothing
         happens without a stop.

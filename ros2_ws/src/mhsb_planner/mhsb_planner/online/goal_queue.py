@@ -216,7 +216,7 @@ class GoalQueue:
     def postpone(self, pending_goal: PendingGoal, error: MhsbError) -> None:
         """Let the waiting goal wait on because no plan can start, or refuse it.
 
-        It is refused at once if the arm has another machine file. Otherwise it is refused once it
+        It is refused at once if the arm has another machine file. Otherwise it is refused when it
         has waited for `LONGEST_WAIT`. If the arm has never sent a state, it also waits until
         `START_UP` has passed since the planner's start.
 

@@ -94,7 +94,7 @@ class _Stop:
         started_at: Time at which it began, by the steady clock [s].
         on_finished: Functions to call once with success and sentence when the stop is finished.
         goals: Goals that end with the stop.
-        goal_after_stop: Goal to plan for once the arm is stopped, or None.
+        goal_after_stop: Goal to plan for after the arm is stopped, or None.
         tries: Number of braking commands sent so far.
         is_braking_confirmed: Whether the arm has confirmed one of them.
         last_call_at: Time of the last call of the arm's own ~/stop, by the steady clock [s].
@@ -189,14 +189,14 @@ class StopSequence:
             stop.goal_after_stop = None
 
     def begin_for_obstacle(self, machine: Machine, goal_after_stop: PendingGoal | None) -> bool:
-        """Begin a stop if an obstacle lies across the rest of the motion in force.
+        """Begin a stop if an obstacle lies across the motion in force ahead.
 
         If a stop is under way already, it goes on, but now brakes for the obstacle. An earlier
         confirmed braking command then no longer counts.
 
         Args:
             machine: Machine with the zones in force.
-            goal_after_stop: Goal to plan for once the arm has stopped; None for no goal. It is
+            goal_after_stop: Goal to plan for after the arm has stopped; None for no goal. It is
                 ignored if a stop is under way already.
 
         Returns:
@@ -397,7 +397,7 @@ class StopSequence:
     # --- End -------------------------------------------------------------------------------------
 
     def find_result(self) -> tuple[bool, str] | None:
-        """Return how the stop ends, once the arm rests or cannot be brought to rest.
+        """Return how the stop ends, if the arm rests or cannot be brought to rest.
 
         The stop succeeds if the arm is measured at rest and will stay there, and no command is
         unconfirmed (sent, without an answer). It fails in three cases:
@@ -499,7 +499,7 @@ class StopSequence:
     # --- Log -------------------------------------------------------------------------------------
 
     def report_waiting(self) -> None:
-        """Log that the arm brakes for an obstacle once it has answered the last plan.
+        """Log that the arm will brake for an obstacle after its answer to the last plan.
 
         Nothing happens without a stop, or if the stop has a reason already, for example because a
         braking command was made.

@@ -164,7 +164,7 @@ class ZoneStop:
 
 
 def find_obstacle_ahead(machine: Machine, in_force: Command, now_ns: int) -> str | None:
-    """Return the name of the first obstacle that the rest of a motion touches.
+    """Return the name of the first obstacle that the remaining part of a motion touches.
 
     Args:
         machine: Machine with the zones in force.

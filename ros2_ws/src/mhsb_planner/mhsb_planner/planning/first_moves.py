@@ -61,7 +61,7 @@ FIRST_MOVE = "after a first move"
 
 DIRECT_SHARE = 0.5
 """Share of the remaining time in which the planner searches directly from a start in an obstacle.
-It finds most paths then; the rest of the time is for paths over a first move.
+It finds most paths then; the remaining time is for paths over a first move.
 """
 
 

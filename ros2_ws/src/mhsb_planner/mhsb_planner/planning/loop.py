@@ -59,7 +59,7 @@ a motion. If fitting takes long, the motion is long, and the own search will fin
 """
 
 MIN_REPLACEMENT_GAIN = 0.02
-"""Relative gain in cost from which another motion replaces the rest of the plan in force."""
+"""Relative gain in cost from which another motion replaces the remaining plan in force."""
 
 MIN_PATH_COST_RATIO = 0.8
 """Ratio of a path's cost to the incumbent's below which motions cannot keep up with paths [-]."""

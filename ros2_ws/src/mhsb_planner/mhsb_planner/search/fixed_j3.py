@@ -62,7 +62,7 @@ def _find_posture(
     no solution within limits, one kept joint is changed, by one step of J3_STEP, then by two, and
     so on. For each number of steps the kept joints are tried in joint order, each upwards before
     downwards. The elbow side `elbow` is always tried before the other side. The search ends without
-    a result once every kept joint would be beyond its limits.
+    a result when every kept joint would be beyond its limits.
 
     Args:
         m: Arrays of the machine.
@@ -243,7 +243,7 @@ def build_fixed_j3_graph(
     )
 
     def find_postures(machine: Machine, x: float, z: float, _: Deadline) -> FloatArray:
-        """Return the posture of the conventional method at (x, z), once for every mode pattern.
+        """Return the posture of the conventional method at (x, z), repeated for each mode pattern.
 
         The initial position of the kept joint, the elbow side and the number of mode patterns come
         from the enclosing function.

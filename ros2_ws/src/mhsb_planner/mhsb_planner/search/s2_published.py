@@ -91,7 +91,7 @@ class PublishedSearch:
     def expand(self, limit: int) -> int:
         """Expand up to `limit` labels of the A* search; call again to continue.
 
-        A label is the cheapest path found to a node: its cost and its last step. It is final once
+        A label is the cheapest path found to a node: its cost and its last step. It is final after
         it has been taken from the open list. The first call expands the start.
 
         Args:

@@ -135,9 +135,9 @@ class Supervision:
         - WATCHING: symptoms are evaluated. They may warn or begin a stop.
         - STOPPING: the valves close (CLOSED) as soon as the arm rests, `longest_stop_ns` has
           passed, or the following error exceeds `closing_error_factor` times its limit.
-        - CLOSED: once the arm rests, the reference is set to the arm's posture (HELD).
+        - CLOSED: as soon as the arm rests, the reference is set to the arm's posture (HELD).
         - HELD: nothing happens until `release` is called.
-        - VENTING: the pressure of trapped oil is lowered. The arm is released once no oil is
+        - VENTING: the pressure of trapped oil is lowered. The arm is released when no oil is
           trapped and the arm rests.
         """
         settings = self.settings
@@ -189,7 +189,7 @@ class Supervision:
     def release(self) -> None:
         """Begin to release a held arm; no effect in other phases than HELD.
 
-        The phase becomes VENTING. `watch` ends the stop once no oil is trapped and the arm rests.
+        The phase becomes VENTING. `watch` ends the stop when no oil is trapped and the arm rests.
         The arm then moves with the next plan.
         """
         if self.phase is Phase.HELD:

@@ -332,7 +332,7 @@ def compare_all(
 
 @dataclass(frozen=True)
 class Ratios:
-    """Energies and durations of one planner over another's, for all moves that both planned.
+    """Energies and durations of one planner divided by another's, for moves that both planned.
 
     Attributes:
         energy: Ratio of planned energies, reading `paper`, shape (moves,).
