@@ -142,11 +142,11 @@ def _find_breaks(
 ) -> FloatArray:
     """Compute the times between which the jerk of a ramped motion is constant.
 
-    A ramp changes the piston speeds by a trapezoid of acceleration. It builds up during T₂, begins
-    to decrease T₁ after its beginning, and is over after T₁ + T₂. The jerk changes at 0, T₂, T₁ and
-    T₁ + T₂ after its beginning. Ramps that change no speed by more than SPEED_ROUNDING are left
-    out. Of times that are less than RAMP_TIME_STEP apart the first is kept. The end is always kept;
-    times less than RAMP_TIME_STEP before it are dropped.
+    A ramp changes the piston speeds by a trapezoid of acceleration. Counted from the ramp's
+    beginning, the acceleration builds up until T₂, begins to decrease at T₁, and is 0 from T₁ + T₂
+    on. The jerk changes at 0, T₂, T₁ and T₁ + T₂. Ramps that change no speed by more than
+    SPEED_ROUNDING are ignored. Of times that are less than RAMP_TIME_STEP apart, the first is kept.
+    The end is always kept; times less than RAMP_TIME_STEP before it are dropped.
 
     Args:
         at: Time at which each ramp begins, shape (c,) [s].
@@ -212,9 +212,9 @@ def _sample_pistons(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute lengths, speeds and accelerations of the pistons of a ramped motion.
 
-    A ramp changes the piston speeds by a trapezoid of acceleration. It builds up during T₂, begins
-    to decrease T₁ after its beginning, and is over after T₁ + T₂. Ramps may have begun before time
-    0; the given lengths are those at time 0.
+    A ramp changes the piston speeds by a trapezoid of acceleration. Counted from the ramp's
+    beginning, the acceleration builds up until T₂, begins to decrease at T₁, and is 0 from T₁ + T₂
+    on. Ramps may have begun before time 0; the given lengths are those at time 0.
 
     Test oracle: the path convolved numerically.
 

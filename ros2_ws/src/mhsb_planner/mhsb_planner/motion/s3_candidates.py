@@ -85,9 +85,9 @@ def compute_stepped_path(
 ) -> SteppedPath:
     """Compute a motion along a discrete path that rests at every node.
 
-    Each step is a straight line in joint space. At scale 1 no piston is faster than in this step
-    of the discrete path, and its acceleration and jerk keep the machine's limits. This holds only
-    approximately if the moment arms vary much within a step. A step lasts at least
+    Each step is a straight line in joint space. At scale 1 no piston is faster than in the same
+    step of the discrete path, and all keep the machine's limits of acceleration and jerk. Both hold
+    only approximately if the moment arms vary much within a step. A step lasts at least
     MIN_RAMPED_STEP_DURATION.
 
     Args:

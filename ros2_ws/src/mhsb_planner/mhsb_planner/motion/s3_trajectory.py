@@ -433,7 +433,7 @@ def _widen_limits_to(machine: Machine, posture: FloatArray) -> Machine:
     Joints may then be as far outside as at the start. The caller must check that they only return.
 
     Args:
-        machine: Machine with its own limits.
+        machine: Machine with the limits of its file.
         posture: Joint positions of the start, shape (n,) [rad or m].
 
     Returns:

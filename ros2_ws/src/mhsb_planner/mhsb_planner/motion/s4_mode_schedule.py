@@ -111,10 +111,10 @@ def mode_schedule(machine: Machine, trajectory: Trajectory, start: StartModes) -
     """Compute the mode schedule of a trajectory by the default rules for switching.
 
     An actuator is boosted if the main pump's pressure is too low for its load. If there are too few
-    booster modules, SB becomes DB, and then DB becomes N if the actuator can do without boost. The
-    result may still need too many modules; check it with `s3_limits.find_first_violation`. If the
-    motion is too short, an actuator may be switched twice in too short a time; check this with
-    `keeps_dwell`.
+    booster modules, mode SB (shared rail) becomes DB (own servo pump). If that does not suffice,
+    actuators that can do without boost get mode N (main pump alone). The result may still need too
+    many modules; check it with `s3_limits.find_first_violation`. In a short motion, an actuator may
+    be switched twice in too short a time; check this with `keeps_dwell`.
 
     Args:
         machine: Machine with its hydraulics and modules.
@@ -150,8 +150,8 @@ def interval_modes(
     exceeds that of one servo pump, or if `preferred` asks for it; else DB (own servo pump). Modes
     in force at the start go on until the actuator may be switched again.
 
-    If too few booster modules are fitted, SB becomes DB, and then DB becomes N if the actuator can
-    do without boost. If that does not suffice, too many modules remain in use.
+    If too few booster modules are fitted, SB becomes DB. After that, DB becomes N for actuators
+    that can do without boost. If even that does not suffice, too many modules remain in use.
 
     Args:
         machine: Machine with its hydraulics and modules.

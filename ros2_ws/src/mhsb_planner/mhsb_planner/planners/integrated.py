@@ -71,7 +71,7 @@ class IntegratedPlanner:
         """Yield the planner's own paths and, in between, paths of other searches for comparison.
 
         The other searches are those of the baselines (table and fixed-joint planner) and variants
-        of the own search. `planners.schedule` decides the order; with a deadline it differs.
+        of the integrated search. `planners.schedule` decides the order; with a deadline it differs.
 
         Args:
             graph: Step graph (steps between postures) of the posture table; provides machine and
@@ -80,11 +80,11 @@ class IntegratedPlanner:
             progress: Progress of the plan.
 
         Yields:
-            Path proposals. `for_comparison` is set unless they come from the own search, with or
-            without leakage, to the goal or its region.
+            Path proposals. `for_comparison` is set unless they come from the integrated search
+            (with or without leakage) to the goal or its region.
 
         Raises:
-            MhsbError: The own search has failed. Failures of the other searches are only logged.
+            MhsbError: The integrated search has failed. Failures of other searches are only logged.
         """
         search = _create_search(graph.machine, task, progress, task.area)
         proposers = self._create_proposers(search, graph, task, progress)
@@ -100,8 +100,8 @@ class IntegratedPlanner:
     ) -> ProposerSet:
         """Create the proposers for a request; none of them does anything before its first turn.
 
-        There are always proposers of the own search, of the same search without leakage, and of
-        each baseline. Others are added if the request calls for them:
+        There are always proposers of the integrated search, of the same search without leakage, and
+        of each baseline. Others are added if the request calls for them:
 
         - If energy has a weight and no motion is to follow (`period` 0): a search with a price on
           time.
@@ -111,7 +111,7 @@ class IntegratedPlanner:
           last. They ensure that the plan costs no more than it would without the region.
 
         Args:
-            search: The own search.
+            search: The integrated search.
             graph: Step graph (steps between postures) of the posture table.
             task: The request.
             progress: Progress of the plan.
@@ -225,7 +225,7 @@ def _create_search(
 def _paths_without_leakage(
     machine: Machine, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
-    """Yield the paths of an own search that ignores leakage when it compares paths.
+    """Yield the paths of an integrated search that ignores leakage when it compares paths.
 
     This suits a request whose slew takes longer than the path. Every path then lasts as long as the
     slew, so leakage is equal on all paths.

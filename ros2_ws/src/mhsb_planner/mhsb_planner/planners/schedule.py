@@ -142,13 +142,13 @@ def schedule_without_deadline(
     It suits a plan without a deadline. It is also used with a deadline if the velocity polytope's
     area has a weight, or if the goal moves.
 
-    The own search has turns until it has ended. After each of its turns come two steps. First, if
-    the slew takes longer than the path of this turn, the search without leakage runs to its end: on
-    every path, leakage then flows as long as the slew takes. Second, the next baseline (planner to
-    compare with) proposes all its paths, if one of three conditions holds:
+    The integrated search has turns until it has ended. Two steps follow each of its turns. First,
+    the search without leakage runs to its end if the slew takes longer than the path of this turn:
+    on every path, leakage then flows as long as the slew takes. Second, the next baseline (planner
+    to compare with) proposes all its paths if one of three conditions holds:
 
     - There is no motion yet.
-    - The own search pauses before long work.
+    - The integrated search pauses before long work.
     - There is a deadline, and half of the time until then is over.
 
     At the end come the remaining baselines, then the proposers in `proposers.later`.
@@ -156,9 +156,9 @@ def schedule_without_deadline(
     Args:
         proposers: The proposers.
         progress: Progress of the plan.
-        all_at_once: True if all baselines propose after the first turn of the own search, whatever
-            the conditions. This suits an own search that takes long because its lower bounds are
-            weak.
+        all_at_once: True: all baselines propose after the first turn of the integrated search,
+            without these conditions. This suits a search that takes long because its lower bounds
+            are weak.
 
     Yields:
         The proposer whose turn it is.
@@ -178,13 +178,13 @@ def schedule_without_deadline(
 def schedule_for_deadline(proposers: ProposerSet, progress: PlanProgress) -> Iterator[Proposer]:
     """Yield proposers in the order that suits a deadline.
 
-    1. The own search has one turn, then the first baseline (planner to compare with). That baseline
-       takes a millisecond or two, and its motion bounds the cost of the plan.
-    2. The own search has turns until it has ended. If half of the time is over without a motion,
-       the baselines have turns until there is a motion.
+    1. The integrated search has one turn, then the first baseline (planner to compare with). That
+       baseline takes a millisecond or two, and its motion bounds the cost of the plan.
+    2. The integrated search has turns until it has ended. If half of the time is over without a
+       motion, the baselines have turns until there is a motion.
     3. The remaining turns of the baselines, and the later proposers, come at the end.
 
-    The search without leakage runs to its end as soon as a turn of the own search has given a path
+    The search without leakage runs to its end as soon as the integrated search has given a path
     that takes less time than the slew. On every path, leakage then flows as long as the slew takes.
 
     Args:
@@ -245,6 +245,6 @@ def schedule_in_turn(
 
 
 def _until_end(proposer: Proposer) -> Iterator[Proposer]:
-    """Yield a proposer until it has ended."""
+    """Yield the same proposer again and again until it has ended."""
     while not proposer.has_ended:
         yield proposer

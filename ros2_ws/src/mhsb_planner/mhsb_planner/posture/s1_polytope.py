@@ -417,7 +417,7 @@ def _convex_hull(points: FloatArray) -> FloatArray:
 
 
 def _turns_left(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
-    """Return whether the way from a over b to c turns left, by more than rounding."""
+    """Return whether the way from a through b to c turns left, by more than rounding."""
     cross = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     return cross > 1e-12 * math.dist(a, b) * math.dist(a, c)
 

@@ -376,7 +376,11 @@ class ExactSearch:
         return status
 
     def _expand(self, limit: int) -> int:
-        """Expand up to `limit` states; the result may also be ARRAYS_FULL."""
+        """Expand up to `limit` states with the graph's arrays as they are.
+
+        Returns:
+            Result of the kernel `expand`; ARRAYS_FULL if the arrays must be enlarged first.
+        """
         steps = self._query.graph.steps
         return int(
             expand(

@@ -515,7 +515,10 @@ def _kept(runs: Runs, names_with_detour: Mapping[str, bool]) -> BoundCheck:
 
 
 def piston_speed(runs: Runs) -> list[BoundCheck]:
-    """Judge V_max from 6 to 30 mm/s, weights as in 1-2: direct up to 25 mm/s, then a detour.
+    """Judge the sweep over V_max (piston speed for planning) from 6 to 30 mm/s.
+
+    The runs have the weights of Case 1-2. The path must be direct up to 25 mm/s, and a detour
+    above.
 
     Raises:
         _NoPathOfRunError: A run of the sweep has no path.
@@ -525,7 +528,10 @@ def piston_speed(runs: Runs) -> list[BoundCheck]:
 
 
 def switch_weight(runs: Runs) -> list[BoundCheck]:
-    """Judge w₃ from 0 to 20 with the other weights of 1-2: direct below 16, then a detour.
+    """Judge the sweep over the weight w₃ of mode switches from 0 to 20.
+
+    The other weights are those of Case 1-2. The path must be direct for w₃ below 16, and a detour
+    from 16 on.
 
     Raises:
         _NoPathOfRunError: A run of the sweep has no path.
@@ -535,7 +541,9 @@ def switch_weight(runs: Runs) -> list[BoundCheck]:
 
 
 def low_pressure(runs: Runs) -> list[BoundCheck]:
-    """Judge P_S = 2.5 MPa: at least one actuator is boosted for at least 99 % of the time.
+    """Judge the run at the supply pressure P_S = 2.5 MPa.
+
+    For 99 % of the time or more, at least one actuator must be boosted.
 
     Raises:
         _NoPathOfRunError: A run that is compared has no path.
