@@ -138,7 +138,8 @@ def brake_from(machine: Machine, state: MotionState, at_ns: int) -> Trajectory:
 
         q̇ = q̇₀ (1 − 3u² + 2u³) + q̈₀ T (u − 2u² + u³),  u = t/T
 
-    q̇₀ and q̈₀ are velocity and acceleration of the state. Each joint moves by q̇₀ T/2 + q̈₀ T²/12.
+    q̇₀ and q̈₀ are velocity and acceleration of the state, and t is the time since then. Each joint
+    moves by q̇₀ T/2 + q̈₀ T²/12.
     T is first 1.5 times the fastest piston's speed divided by `PEAK_DECELERATION`. It is halved
     until all points are within the joint limits and the workspace, but it is at least
     `MIN_BRAKING_NS`. The motion with this least T is returned even if it leaves the limits.
@@ -167,7 +168,7 @@ def _joint_braking(state: MotionState, at_ns: int, duration_ns: int) -> Trajecto
 
         q̇ = q̇₀ (1 − 3u² + 2u³) + q̈₀ T (u − 2u² + u³),  u = t/T
 
-    Limits are not checked.
+    t is the time since braking began. Limits are not checked.
 
     Args:
         state: Position, velocity q̇₀ and acceleration q̈₀ at the beginning.

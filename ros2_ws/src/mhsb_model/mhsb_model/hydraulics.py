@@ -456,12 +456,11 @@ def compute_slip_flow(slip: float, pumps: int, rise: float) -> float:
 
         Q_s = n c Δp
 
-    A pump of theoretical flow Q_t delivers Q = Q_t − c Δp and takes the shaft power Δp Q_t/η_m.
-    With the hydro-mechanical efficiency η_m, its overall efficiency is
+    Q_s is the slip of all pumps: laminar flow through their gaps. A pump of theoretical flow Q_t
+    delivers Q = Q_t − c Δp and takes the shaft power Δp Q_t/η_m. η_m is its hydro-mechanical
+    efficiency, η_v its volumetric efficiency and η its overall efficiency:
 
         η = η_m η_v,   η_v = Q/(Q + c Δp)
-
-    Slip is laminar flow through the gaps of the pump.
 
     Args:
         slip: Slip c of one pump per pressure rise [m³/(s Pa)].
@@ -550,8 +549,8 @@ def compute_sinking_speed(m: MachineArrays, j: int, force: float, supply: float)
     G (p_B − p_T). The seal of the piston is tight.
 
     Args:
-        m: Arrays of the machine, with the leakage q_leak of a closed valve, and the share s of it
-            over the lands.
+        m: Arrays of the machine, with the main pump's pressure P_S, the leakage q_leak of a closed
+            valve at P_S, and the share s of it that flows over the lands.
         j: Index of the actuator.
         force: Piston force F, positive if it resists extension [N].
         supply: Supply pressure p of the valve [Pa].

@@ -115,8 +115,8 @@ def chain_gravity_torques(
         τⱼ = 0                   joint that slews
 
     The sums run over all masses beyond joint j: links and payload, each with its mass mᵢ and the x
-    coordinate xᵢ of its centre of mass. xⱼ is the x coordinate of joint j, and θⱼ the angle of link
-    j. A torque is positive if the joint must lift.
+    coordinate xᵢ of its centre of mass. xⱼ is the x coordinate of joint j, θⱼ the angle of link j,
+    and g the acceleration of gravity. The torque τⱼ is positive if the joint must lift.
 
     Test oracles: the gradient of the potential energy of point masses, and MuJoCo.
 
@@ -255,9 +255,10 @@ def _add_slew_torques(
         τ₁ = I q̈₁ + İ q̇₁
         τⱼ = τⱼ,before − ½ ∂I/∂qⱼ q̇₁²,   j > 1
 
-    I is the inertia of the whole arm about the slew's axis, and I₀ the inertia of the platform
-    alone. ρ is the distance of each mass m from the axis. φ is the angle of each link from the
-    horizontal, and J its inertia about its centre of mass.
+    q₁ is the slew's angle and qⱼ the position of joint j. I is the inertia of the whole arm about
+    the slew's axis, and I₀ the inertia of the platform alone. ρ is the distance of each mass m from
+    the axis. φ is the angle of each link from the horizontal, and J its inertia about its centre of
+    mass.
 
     Args:
         c: Links and payload.
@@ -311,7 +312,8 @@ def compute_motion_torques(
 
         τ = M(q) q̈ + C(q, q̇) q̇ + g(q)
 
-    g are the gravity torques, positive if a joint must lift.
+    M is the mass matrix, and C q̇ are the torques by velocities (Coriolis and centrifugal). g are
+    the gravity torques, positive if a joint must lift.
 
     Args:
         c: Links and payload.

@@ -110,9 +110,11 @@ def build_modules(module_home: IntArray) -> Records[ModuleState]:
 
 
 def compute_viscosity_ratio(temperature: float) -> float:
-    """Return the oil's viscosity at a temperature over that at FILE_TEMPERATURE.
+    """Return the ratio of the oil's viscosity at a temperature to that at FILE_TEMPERATURE.
 
         µ/µ_file = e^(−k_µ ΔT)
+
+    ΔT is the difference of the temperatures, and k_µ is VISCOSITY_SLOPE.
 
     Args:
         temperature: Temperature of the oil [°C].
@@ -127,14 +129,15 @@ def compute_viscosity_ratio(temperature: float) -> float:
 
 
 def compute_full_pump_flow(machine: Machine) -> float:
-    """Return the theoretical flow of a servo pump at full speed.
-
-    At the highest boost pressure, the pump then delivers its largest flow and the reserve.
+    """Return the theoretical flow Q_t of a servo pump at full speed.
 
         Q_t = Q_SP + Q_reserve + c (p_max − P_S)
 
+    p_max is the highest boost pressure and P_S the main pump's pressure. With this flow, the pump
+    delivers its largest flow Q_SP plus the reserve Q_reserve at p_max.
+
     Args:
-        machine: Machine with largest flow Q_SP, reserve and slip c of its servo pumps.
+        machine: Machine with Q_SP, Q_reserve and slip c of its servo pumps.
 
     Returns:
         Displacement times full speed [m³/s].

@@ -72,8 +72,9 @@ def compute_null_leakage(c: CircuitConstants, drop: float) -> float:
 
         Q = orifice(k_leak, Δp) + G Δp
 
-    The second term is the flow over the lands. Each work port passes G Δp/2, if the pressures of
-    both chambers add up to those of line and tank.
+    The first term is the flow through an orifice (`compute_orifice_flow`) with the coefficient
+    k_leak. The second term is the flow over the lands. Each work port passes G Δp/2, if the
+    pressures of both chambers add up to those of line and tank.
 
     Args:
         c: Constants of the circuit. The land conductance G is that at the valve's overlap.
@@ -457,8 +458,9 @@ def chamber_volumes(cylinder: CylinderConstants, length: float) -> tuple[float, 
 
         V_A = V₀ + A (L − L_min),   V_B = V₀ + a (L_max − L)
 
-    V₀ is the dead volume. A and a are the areas of cap side and rod side. L_min and L_max are the
-    lengths at the ends of the stroke. For a rotary motor both volumes are V₀.
+    V_A and V_B are the volumes on the cap side and the rod side, A and a the piston areas there. V₀
+    is the dead volume. L_min and L_max are the lengths at the ends of the stroke. For a rotary
+    motor both volumes are V₀.
 
     Args:
         cylinder: Constants of the cylinder.

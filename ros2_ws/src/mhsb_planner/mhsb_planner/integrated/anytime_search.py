@@ -372,8 +372,8 @@ def search_lattice(
     DEADLINE_HEURISTIC_WEIGHT for an arm of more than three joints if there is a deadline.
 
     Without an incumbent, A* with the heuristic weight FIRST_HEURISTIC_WEIGHT expands at most
-    FIRST_STATES states. If it finds nothing, a second search stops at the first path; its number of
-    states is not limited.
+    FIRST_STATES states. If it finds nothing, a second search reaches each lattice point only once.
+    It finds some path quickly, not the cheapest; its number of states is not limited.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.

@@ -360,8 +360,9 @@ def _extend_by_piece(t: PathCostModel, w: PathCostBuffers, here: int, parent: In
 
         after[p] = min over o of (value[o] + w₃ switches[o, p]) + w₁ E[p] + w₂ T[p] + w₄ M[p]
 
-    value[o] is the least cost of arriving at the piece's start in combination o. w₁ to w₄ are the
-    cost weights. E, T and M are the piece's energy, duration and manipulability loss.
+    value[o] is the least cost of arriving at the piece's start in combination o, and switches[o, p]
+    the number of mode switches from o to p. w₁ to w₄ are the cost weights. E, T and M are the
+    piece's energy, duration and manipulability loss.
     The function reads w.value[here] and writes w.value[1 - here]; inadmissible combinations get
     inf.
 

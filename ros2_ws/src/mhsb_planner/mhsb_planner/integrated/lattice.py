@@ -612,7 +612,7 @@ def _step_to_neighbour(
         known: Data of the lattice points that the search has reached, changed in place.
         origin: The expanded state.
         point: Number of the neighbouring point.
-        rule: Cost limit, heuristic weight, and whether the search stops at the first path.
+        rule: Cost limit, heuristic weight, and whether each point is reached only once.
     """
     t, lattice, goals = problem
     row = known.row[point] - 1
@@ -661,7 +661,7 @@ def expand(
         w: Working memory of the thread, overwritten.
         f: Open list and state records, changed in place; the last state is the goal.
         known: Data of the lattice points that the search has reached, changed in place.
-        rule: Cost limit, heuristic weight, and whether the search stops at the first path.
+        rule: Cost limit, heuristic weight, and whether each point is reached only once.
         limit: Largest number of states to take from the open list in this call. A state is taken
             but not expanded if the arm reaches it more cheaply through another state of its point
             and a mode switch there.

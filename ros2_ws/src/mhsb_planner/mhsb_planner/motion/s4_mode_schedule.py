@@ -160,7 +160,7 @@ def interval_modes(
         start: Modes in force at the first instant, and time since each actuator's last switch.
         hold: Modes in which the arm rests after the last instant, shape (n,).
         preferred: Modes that the graph search (S2) chose around each instant, shape (k, n). Only SB
-            has an effect. None asks for SB nowhere.
+            has an effect. None means no preference.
         rules: Rules for switching; None means the defaults.
 
     Returns:

@@ -58,8 +58,8 @@ class ScheduledMotion:
             trajectory: Joint trajectory.
             start: Modes in force at the beginning, and time since each actuator's last switch.
             preferred: Modes that the graph search (S2) chose around each point, shape (points, n).
-                Only SB has an effect: an actuator that needs boost then gets SB. None asks for SB
-                nowhere.
+                Only SB has an effect: an actuator that needs boost then gets SB. None means no
+                preference.
             rules: Rules for switching; None means the defaults.
 
         Returns:
@@ -92,8 +92,8 @@ class ScheduledMotion:
             trajectory: Joint trajectory.
             start: Modes in force at the beginning, and time since each actuator's last switch.
             preferred: Modes that the graph search (S2) chose around each point, shape (points, n).
-                Only SB has an effect: an actuator that needs boost then gets SB. None asks for SB
-                nowhere.
+                Only SB has an effect: an actuator that needs boost then gets SB. None means no
+                preference.
             rules: Rules for switching.
 
         Returns:

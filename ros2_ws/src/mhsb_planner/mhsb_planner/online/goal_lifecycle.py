@@ -200,8 +200,8 @@ class GoalLifecycle:
     ) -> PlanRequest:
         """Build the request for a plan that will not be executed.
 
-        The request is the one that a goal would get that comes now and does not move. Goals and
-        plans in progress are not affected.
+        A goal that comes now and does not move would get the same request. Goals and plans in
+        progress are not affected.
 
         Args:
             goal: Where the tip would go.

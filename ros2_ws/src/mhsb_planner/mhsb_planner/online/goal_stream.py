@@ -102,8 +102,8 @@ class GoalStream:
             now: Present time by the steady clock [s].
 
         Returns:
-            True if the velocity is not 0 and the last message is not too old. Its age may be
-            STREAM_END_PERIODS times the median time between messages.
+            True if the velocity is not 0 and the last message is at most STREAM_END_PERIODS times
+            the median time between messages old.
         """
         if not any(self.velocity):
             return False

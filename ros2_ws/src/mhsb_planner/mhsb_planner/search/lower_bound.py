@@ -41,8 +41,9 @@ def bound_cost_between(
         T_lb = max( other_time, max_j |ΔL_j| / V_max,j, V / shared_flow )
         cost = w₁ P_S (V + leakage · T_lb) + w₂ T_lb
 
-    ΔL_j is the change of cylinder length j, A_j the piston area that fills in its direction, and
-    V_max,j its speed limit in mode N. P_S is the supply pressure of the main pump, and
+    V is the oil that the pistons take, and T_lb a lower bound on the duration. ΔL_j is the change
+    of cylinder length j, A_j the piston area that fills in this direction, and V_max,j the speed
+    limit in mode N. P_S is the supply pressure of the main pump, and
     `shared_flow` its flow for the pistons. `leakage` is the leakage flow of all valves at P_S.
     `other_oil` and `other_time` belong to other motions, such as a slew. Mode switches are not in
     the bound.

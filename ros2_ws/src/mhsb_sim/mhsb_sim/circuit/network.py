@@ -236,9 +236,10 @@ def set_rest_pressures(circuit: Circuit, machine: Machine, q: FloatArray, modes:
 
         p_A A − p_B a = F,    p_A + p_B = p_line + p_T
 
-    A and a are the piston areas on the cap side and the rod side, and F is the piston force of the
-    load. p_line and p_T are the pressures of line and tank. A symmetric valve about its centre
-    gives the second equation. If a chamber would fall below tank pressure, both are raised.
+    p_A and p_B are the pressures on the cap side and the rod side, A and a the piston areas there.
+    F is the piston force of the load. p_line and p_T are the pressures of line and tank. A
+    symmetric valve about its centre gives the second equation. If a chamber would fall below tank
+    pressure, the pressures of both chambers are raised.
 
     Lines are at the main pump's pressure. Boosted lines are at the pressure that holds the load
     with its margin, if that is higher. The rail has the highest pressure of the lines on it. The
@@ -346,13 +347,12 @@ def update_friction(
 ) -> None:
     """Compute the friction of a cylinder after a time at constant speed.
 
-    With bristles it is the LuGre model,
+    If the bristle stiffness σ₀ is above 0, the friction F follows the LuGre model,
 
         F = σ₀ z + σ₁ ż + b v
 
-    z is the bristle deflection [m], σ₀ the stiffness [N/m], and σ₁ the damping [N s/m]. b is the
-    viscous friction [N s/m]. If the stiffness is 0, it is Coulomb and viscous friction without
-    memory (`friction_force`).
+    z is the bristle deflection [m], and σ₁ the damping [N s/m]. b is the viscous friction [N s/m].
+    If σ₀ is 0, F is Coulomb and viscous friction without memory (`friction_force`).
 
     Args:
         actuator: State of one servo valve and cylinder. Writes `friction` [N] and, with bristles,

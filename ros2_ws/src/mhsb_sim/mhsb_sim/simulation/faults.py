@@ -27,8 +27,8 @@ def compute_sag_pressure(nominal: float, sag: SupplySag, time: float) -> float:
 
     Args:
         nominal: Pressure without the sag [Pa].
-        sag: Time of its start [s], durations of the fall and of the low pressure [s], and low
-            pressure [Pa].
+        sag: Its `start` [s], `fall` (duration of the fall) [s], `duration` of the low pressure [s],
+            and low `pressure` [Pa].
         time: Time since the start of the simulation [s].
 
     Returns:

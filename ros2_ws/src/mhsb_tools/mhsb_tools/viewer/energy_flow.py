@@ -23,7 +23,7 @@ ITEM_NAMES = ("main pump", "servo pumps", "into the valves", "work of the piston
 def compute_powers(
     supply_pressure: FloatArray, supply_flow: FloatArray, force: FloatArray, speed: FloatArray
 ) -> FloatArray:
-    """Compute the hydraulic power into all valves and the mechanical power of all pistons.
+    """Compute the hydraulic power at the inlets of all valves, and the power of all pistons.
 
         P_valves = Σ p_s q_s,    P_pistons = Σ F v,    sums over the actuators
 
@@ -35,7 +35,7 @@ def compute_powers(
         speed: Piston speed v, positive extending, shape (k, n) [m/s].
 
     Returns:
-        Power into the valves (column 0) and of the pistons (column 1), shape (k, 2) [W].
+        Power at the valve inlets (column 0) and of the pistons (column 1), shape (k, 2) [W].
     """
     return np.stack(
         [(supply_pressure * supply_flow).sum(axis=1), (force * speed).sum(axis=1)], axis=1
