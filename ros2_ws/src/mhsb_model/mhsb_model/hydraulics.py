@@ -258,7 +258,7 @@ class SharedHydraulics(NamedTuple):
     leakage_flow: float
     """Leakage of one closed valve, with its overlap, at the main pump's pressure q_leak [m³/s]."""
     land_leakage: float
-    """Share s of that leakage which flows over the lands of the spool [-]."""
+    """Share s of that leakage which flows past the lands of the spool [-]."""
 
 
 @kernel(borrows=True)
@@ -387,7 +387,7 @@ def boosted_supply(
         p = max(P_S, min(p_max, max(p_0, p_L + m(v)) + margin))
 
     P_S is the main pump's pressure, and p_max the maximum boost pressure. p_L is the load pressure
-    in the direction of v, and m(v) the drop over the fully open valve. p_0 is the pressure that
+    in the direction of v, and m(v) the drop across the fully open valve. p_0 is the pressure that
     holds the load at rest. It counts in motion as well, since the load must be carried at every
     reversal.
 
@@ -483,12 +483,12 @@ def scale_leakage(land_leakage: float, ratio: FloatOrArray) -> FloatOrArray:
 
         f = (1 − s) √r + s r
 
-    The share s flows over the lands of the spool. This flow is laminar. The rest, such as the flow
+    The share s flows past the lands of the spool. This flow is laminar. The rest, such as the flow
     through the pilot stage, is turbulent.
 
     Args:
-        land_leakage: Share s of the leakage over the lands at the rated drop [-].
-        ratio: Drop from supply to tank over the rated one, r ≥ 0 [-]; any shape.
+        land_leakage: Share s of the leakage past the lands at the rated drop [-].
+        ratio: Drop from supply to tank divided by the rated one, r ≥ 0 [-]; any shape.
 
     Returns:
         Factor f [-], in the shape of `ratio`.
@@ -511,7 +511,7 @@ def compute_leakage_at(
 
     Args:
         rated_flow: Leakage q_leak at the rated supply pressure [m³/s].
-        land_leakage: Share of the leakage over the lands at that pressure [-].
+        land_leakage: Share of the leakage past the lands at that pressure [-].
         rated_pressure: Rated supply pressure P_S [Pa].
         tank: Tank pressure p_T [Pa].
         supply: Present supply pressure p of the valve [Pa].
@@ -528,7 +528,7 @@ def compute_valve_leakage(oil: SharedHydraulics, supply: float) -> float:
     """Compute the leakage of one valve at a supply pressure.
 
     Args:
-        oil: Rated leakage, its share over the lands, and pressures of supply and tank.
+        oil: Rated leakage, its share past the lands, and pressures of supply and tank.
         supply: Present supply pressure of the valve [Pa].
 
     Returns:
@@ -544,19 +544,19 @@ def compute_sinking_speed(m: MachineArrays, j: int, force: float, supply: float)
 
         v = 2 G ((A − a) (p + p_T)/2 − F) / (A² + a²),   G = s q_leak/(P_S − p_T)
 
-    It follows from A p_A − a p_B = F and the flows over the four lands of the spool, each G Δp with
+    It follows from A p_A − a p_B = F and the flows past the four lands of the spool, each G Δp with
     the mean overlap of the valve: A v = G (p − p_A) − G (p_A − p_T) and −a v = G (p − p_B) −
     G (p_B − p_T). The seal of the piston is tight.
 
     Args:
         m: Arrays of the machine, with the main pump's pressure P_S, the leakage q_leak of a closed
-            valve at P_S, and the share s of it that flows over the lands.
+            valve at P_S, and the share s of it that flows past the lands.
         j: Index of the actuator.
         force: Piston force F, positive if it resists extension [N].
         supply: Supply pressure p of the valve [Pa].
 
     Returns:
-        Speed v, positive in extension [m/s]; 0 if no oil leaks over the lands.
+        Speed v, positive in extension [m/s]; 0 if no oil leaks past the lands.
 
     Source:
         H. E. Merritt, Hydraulic Control Systems (leakage of a closed spool valve).
@@ -601,7 +601,7 @@ def compute_piston_flow_budget(
 def required_pressure(m: MachineArrays, j: int, force: float, speed: float) -> float:
     """Compute the supply pressure at which actuator j moves or holds its load.
 
-    It is the load pressure, plus the drop over the fully open valve, plus the boost margin.
+    It is the load pressure, plus the drop across the fully open valve, plus the boost margin.
 
     Args:
         m: Arrays of the machine.
@@ -641,7 +641,7 @@ def needs_boost(m: MachineArrays, j: int, force: float, speed: float) -> bool:
 def required_pressures(m: MachineArrays, force: FloatArray, speed: FloatArray) -> FloatArray:
     """Compute the supply pressures at which all actuators move or hold their loads.
 
-    Each is the load pressure, plus the drop over the fully open valve, plus the boost margin.
+    Each is the load pressure, plus the drop across the fully open valve, plus the boost margin.
 
     Args:
         m: Arrays of the machine.

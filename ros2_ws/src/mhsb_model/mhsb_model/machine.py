@@ -951,7 +951,7 @@ def _compute_closed_valve_leakage(config: MachineConfig) -> tuple[float, float]:
 
         q = q_leak (1 − s + s κ),   κ = ℓ/(ℓ + o)
 
-    The share s of the leakage q_leak flows over the lands if they have no overlap. o is the mean
+    The share s of the leakage q_leak flows past the lands if they have no overlap. o is the mean
     overlap of both directions, and ℓ the `circuit.land_length`.
 
     Args:
@@ -959,7 +959,7 @@ def _compute_closed_valve_leakage(config: MachineConfig) -> tuple[float, float]:
 
     Returns:
         Leakage q at the main pump's pressure [m³/s], and the share s κ q_leak/q of it that flows
-        over the lands [-].
+        past the lands [-].
     """
     valve, real, length = config.hydraulics.valve, config.imperfections, config.circuit.land_length
     retracting = real.valve_overlap_retracting

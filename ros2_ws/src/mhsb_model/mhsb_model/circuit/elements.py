@@ -73,7 +73,7 @@ def compute_null_leakage(c: CircuitConstants, drop: float) -> float:
         Q = orifice(k_leak, Δp) + G Δp
 
     The first term is the flow through an orifice (`compute_orifice_flow`) with the coefficient
-    k_leak. The second term is the flow over the lands. Each work port passes G Δp/2, if the
+    k_leak. The second term is the flow past the lands. Each work port passes G Δp/2, if the
     pressures of both chambers add up to those of line and tank.
 
     Args:
@@ -122,7 +122,7 @@ def compute_relief_valve_flow(gain: float, drop: float, setting: float) -> tuple
 
     Args:
         gain: Flow per pressure above the setting [m³/(s Pa)].
-        drop: Pressure drop Δp over the valve [Pa].
+        drop: Pressure drop Δp across the valve [Pa].
         setting: Pressure drop at which the valve opens [Pa].
 
     Returns:
@@ -204,7 +204,7 @@ def compute_pump_filling(pressure: float, vapour: float, filling: float) -> tupl
             [Pa].
 
     Returns:
-        Filled share, 0 … 1, and its slope over the inlet pressure [1/Pa].
+        Filled share, 0 … 1, and its slope dshare/dp [1/Pa].
 
     Source:
         J. Ivantysyn, M. Ivantysynova, Hydrostatic Pumps and Motors (cavitation at the inlet).
@@ -362,8 +362,9 @@ def compute_air_factor(bulk_modulus: float, air: float, pressure: float) -> floa
 
         β/β_e = (1 + r β/(n p)) / (1 + r),   r = α/(1 − α) (p₀/p)^(1/n)
 
-    r is the volume of the air over that of the oil. The air follows p V^n = constant with n =
-    AIR_EXPONENT. It does not dissolve. The compression of the oil itself is small in r.
+    β_e is the effective bulk modulus, and r the ratio of the air's volume to the oil's. The air
+    follows p V^n = constant with n = AIR_EXPONENT. It does not dissolve. The compression of the oil
+    itself is neglected in r.
 
     Args:
         bulk_modulus: Bulk modulus β of the oil without air [Pa].

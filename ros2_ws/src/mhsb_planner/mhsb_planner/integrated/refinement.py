@@ -66,9 +66,9 @@ def remove_waypoints(
     cost: float,
     deadline: Deadline = NO_DEADLINE,
 ) -> tuple[FloatArray, float]:
-    """Remove waypoints of a cylinder path whose removal does not make it more expensive.
+    """Remove the waypoints without which a cylinder path costs no more.
 
-    The inner waypoints are tried in order, each once, and the path is priced without each.
+    The inner waypoints are tried one after the other: the path is priced without the waypoint.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.

@@ -346,7 +346,7 @@ def find_first_violation(
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the kernels that check at close instants the intervals that bounds do not clear.
+    """Compile the kernels that check intervals at closely spaced instants.
 
     Args:
         machine: Machine whose number of joints gives the argument types.

@@ -25,7 +25,7 @@ class FixedPlanner:
     def paths(
         self, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
-        """Yield the cheapest path over the fixed-joint graph, or the path of the published search.
+        """Yield the cheapest path in the fixed-joint graph, or the path of the published search.
 
         In this graph all joints but two keep their angles, so the graph is built here for the
         start. The kept joints have the angles of the start, clipped to their limits. If

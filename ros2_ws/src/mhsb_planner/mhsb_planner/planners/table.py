@@ -28,7 +28,7 @@ class TablePlanner:
     def paths(
         self, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
-        """Yield the cheapest path over the posture table, or the path of the published search.
+        """Yield the cheapest path in the posture table, or the path of the published search.
 
         `options.search` chooses the search. The published one (the paper's) keeps one label per
         node, and may miss the cheapest path.
@@ -56,7 +56,7 @@ class TablePlanner:
 def yield_graph_paths(
     graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> Iterator[DiscretePath]:
-    """Yield paths over a step graph, to the goal and to the cheapest position of its region.
+    """Yield paths in a step graph, to the goal and to the cheapest position of its region.
 
     The search runs once for each tried position of the region, and for the goal itself first. The
     first path found is yielded at once. The cheapest one is yielded at the end if it is another. If
@@ -102,7 +102,7 @@ def yield_graph_paths(
 def _search_path_to(
     tip: tuple[float, float], graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> DiscretePath:
-    """Search a path to one tip position over a step graph, by the method in the options.
+    """Search a path to one tip position in a step graph, by the method in the options.
 
     Args:
         tip: Tip position (x, z) [m].

@@ -27,7 +27,7 @@ Motions that keep clear of obstacles stay farther away than this."""
 def describe_start_contact(machine: Machine, posture: FloatArray) -> str:
     """Describe the obstacle that the arm touches or intersects in its start posture.
 
-    A start in an obstacle is allowed: zones can be set over an arm, and the arm may leave them.
+    A start in an obstacle is allowed: a zone can be set where the arm is, and the arm may leave it.
 
     Args:
         machine: Machine with its obstacles.

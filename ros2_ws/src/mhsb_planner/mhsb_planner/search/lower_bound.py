@@ -43,10 +43,9 @@ def bound_cost_between(
 
     V is the oil that the pistons take, and T_lb a lower bound on the duration. ΔL_j is the change
     of cylinder length j, A_j the piston area that fills in this direction, and V_max,j the speed
-    limit in mode N. P_S is the supply pressure of the main pump, and
-    `shared_flow` its flow for the pistons. `leakage` is the leakage flow of all valves at P_S.
-    `other_oil` and `other_time` belong to other motions, such as a slew. Mode switches are not in
-    the bound.
+    limit in mode N. P_S is the supply pressure of the main pump, and `shared_flow` its flow for the
+    pistons. `leakage` is the leakage flow of all valves at P_S. `other_oil` and `other_time` belong
+    to other motions, such as a slew. Mode switches are not in the bound.
 
     Args:
         c: Hydraulic coefficients of the machine: areas, speed limits, flows, P_S, `other_oil` [m³]

@@ -102,9 +102,9 @@ def compute_step_area_loss(
 ) -> None:
     """Compute the cost of the lost velocity-polytope area of one step in all mode patterns.
 
-    The area A_p in mode pattern p is evaluated at the middle of the step in joint space. It counts
-    over the straight distance between the tip positions at both ends. With the weight w₄ and the
-    reference area A_ref:
+    The area A_p in mode pattern p is evaluated at the middle of the step in joint space. It is used
+    for the whole straight distance between the tip positions at both ends. With the weight w₄ and
+    the reference area A_ref:
 
         cost[p] = w₄ |tip(end) − tip(start)| max(0, 1 − A_p/A_ref)
 

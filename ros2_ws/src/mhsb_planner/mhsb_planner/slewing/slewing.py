@@ -110,7 +110,7 @@ def yield_carrying_postures(
 def _list_node_postures(graph: StepGraph) -> tuple[FloatArray, FloatArray]:
     """Return the posture of each workspace node with all actuators in mode N, and its tip position.
 
-    Nodes without such a posture are left out.
+    Nodes without such a posture have no row in the result.
 
     Args:
         graph: Step graph with the posture table.

@@ -11,7 +11,7 @@ the tank (constant). Between them:
     line, p_A, p_B, tank                     servo valve: four metering edges, one spool, and
                                              isolating valves between them and the chambers
     line → tank                              the servo valve's leakage
-    line → p_A, p_B → tank                   its leakage over the lands of the spool
+    line → p_A, p_B → tank                   its leakage past the lands of the spool
     manifold, each line, rail, p_A, p_B → tank    relief valves
     tank → p_A, tank → p_B                   anti-cavitation valves
     further valves                           kinds of `valves.registry`, such as the rail's bleed
@@ -469,7 +469,7 @@ def connect_servo_pumps(circuit: Circuit, count: int) -> int:
 
 @kernel(inline="always")
 def connect_lands(circuit: Circuit, j: int, count: int) -> int:
-    """Add the leakage over the lands of a servo valve's spool to the elements of a substep.
+    """Add the leakage past the lands of a servo valve's spool to the elements of a substep.
 
     Two of the four lands have the overlap o − x, and two have o + x. o is the overlap of the
     centred spool, and x the spool position (−1 … 1). If the isolating valves are shut, the oil

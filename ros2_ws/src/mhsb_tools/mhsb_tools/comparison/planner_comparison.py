@@ -348,7 +348,7 @@ class Ratios:
 
     @property
     def simulated_over_planned(self) -> FloatArray:
-        """Simulated energy ratio over the planned one (reading `series`), shape (moves,).
+        """Simulated energy ratio divided by the planned one (reading `series`), shape (moves,).
 
         It is 1 if the simulation shows the saving that was planned.
         """

@@ -73,7 +73,7 @@ class EnergyCounter:
         self._delivered = np.full(2, np.nan)
 
     def add_pump_report(self, main_pump: float, servo_pumps: float) -> None:
-        """Take over the energies that the simulator reports for its pumps.
+        """Store the energies that the simulator reports for its pumps.
 
         All energies count from the first report. If an energy is smaller than in the last report,
         the simulator was restarted, and all energies count from this report instead. Reports that
