@@ -183,14 +183,16 @@ class Overpressure:
         self._lasting = MinimumFilter()
 
     def evaluate(self, sample: ArmSample) -> Finding:
-        """Find the chamber or line with the highest pressure relative to its relief setting.
+        """Find the chamber or line with the highest lasting ratio of pressure to relief setting.
+
+        The lasting ratio is the lowest one in the last `min_duration_samples` samples; 0 if there
+        are fewer samples yet.
 
         Args:
             sample: State of the arm.
 
         Returns:
-            Its lowest pressure in the last `min_duration_samples` samples, divided by its relief
-            setting [-], and a clause that names it. The ratio is 0 if there are fewer samples yet.
+            The highest lasting ratio [-], and a clause that names the chamber or line.
         """
         of = sample.actuators
         pressure = np.concatenate([of.cap_pressure, of.rod_pressure, of.supply_pressure])
@@ -224,15 +226,18 @@ class SupplyLoss:
         self._lasting = MinimumFilter()
 
     def evaluate(self, sample: ArmSample) -> Finding:
-        """Find the line that lacks most of the main pump's pressure P_S.
+        """Find the line with the largest lasting lack of pressure.
+
+        The lasting lack of a line is the smallest one in the last `min_duration_samples` samples; 0
+        if there are fewer samples yet.
 
         Args:
             sample: State of the arm.
 
         Returns:
-            Smallest lack of that line in the last `min_duration_samples` samples, as a share of
-            P_S, and a clause. The share is 0 if there are fewer samples yet. If every line lacks
-            more than `common_loss_share`, the clause says "all lines" instead of a name.
+            Lasting lack of that line as a share of the main pump's pressure P_S, and a clause that
+            names the line. If every line lacks more than `common_loss_share`, the clause says "all
+            lines".
         """
         lacking = self._lasting.update(1.0 - sample.actuators.supply_pressure / self._supply)
         j = int(np.argmax(lacking))

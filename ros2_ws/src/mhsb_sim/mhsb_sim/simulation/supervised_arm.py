@@ -185,7 +185,7 @@ class SupervisedArm:
     def stop(self) -> bool:
         """Decelerate along the path of the plan in force, then hold.
 
-        Plans that are stamped up to now are refused, also those that come later. A simulation that
+        Plans that are stamped up to now are refused, even if they arrive later. A simulation that
         has diverged is left as it is.
 
         Returns:

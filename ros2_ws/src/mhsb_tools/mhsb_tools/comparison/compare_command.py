@@ -219,9 +219,9 @@ def as_text(cases: Sequence[Comparison], summary: dict[str, Any]) -> list[str]:
 
     Returns:
         Lines without line breaks. If there are cases, first column titles and a line for each case
-        and planner. It has energies [J], duration [s], mode switches and largest change of a joint
-        in one step [rad], or the reason why there is no plan. Then, for cases and random moves
-        separately, each planner's ratios to the baseline planner: geometric mean, least and
+        and planner. Such a line has energies [J], duration [s], mode switches and largest change of
+        a joint in one step [rad], or the reason why there is no plan. Then, for cases and random
+        moves separately, each planner's ratios to the baseline planner: geometric mean, least and
         largest.
     """
     head = (
