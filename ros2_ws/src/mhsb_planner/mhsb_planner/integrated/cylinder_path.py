@@ -150,7 +150,8 @@ def cost_model(
 def without_leakage_cost(t: PathCostModel) -> PathCostModel:
     """Return a copy of the cost model in which leakage and the slip of servo pumps cost nothing.
 
-    It suits a motion whose duration is fixed by something else, so that both flow anyway.
+    It suits a motion that cannot be shortened, since the slew takes as long: leakage and slip then
+    last for that time with every path.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.

@@ -421,7 +421,7 @@ def _bound_cost_to_tips(
         tips: Tip positions (x, z), shape (k, 2) [m].
         psi_range: Least and greatest end-link angle [rad]; None means any.
         best_sampled_bound: Least bound to a single goal posture that is known already; inf means
-            none. It only ends the search earlier, and does not limit the result.
+            none. A small value ends the search earlier. The result is a lower bound with any value.
         most_cells: Limit on the effort for each tip position: largest number of cells that the
             branch and bound adds. It has no effect for an arm of three turning joints.
 

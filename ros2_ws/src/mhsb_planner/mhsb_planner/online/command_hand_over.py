@@ -252,8 +252,8 @@ class HandOver:
     def confirm(self, sent: UnconfirmedPlan) -> None:
         """Store that the arm follows a command.
 
-        The command becomes `own_command` of the arm state. It may be one whose confirmation came
-        after `give_up`. Some arms report which plan they execute. For these, the time since
+        The command becomes `own_command` of the arm state, even if `give_up` was called before its
+        confirmation came. Some arms report which plan they execute. For these, the time since
         planning becomes a sample of the estimated transport time.
 
         Args:

@@ -93,10 +93,10 @@ class GoalQueue:
     def admit(self, pending_goal: PendingGoal, executed: PendingGoal | None) -> bool:
         """Let a new goal wait for planning, or refuse it at once.
 
-        It is refused if the arm reports a fault or another machine file, if its place is out of
-        reach, or if its options do not fit. It is refused as stopped if it was received before the
-        last stop of the arm. An older waiting goal ends as superseded, unless the arm executes a
-        plan for it.
+        The goal is refused if the arm reports a fault or another machine file, if the goal's place
+        is out of reach, or if its options do not fit. A goal received before the last stop of the
+        arm is refused as stopped. An older waiting goal ends as superseded, unless the arm executes
+        a plan for it.
 
         Args:
             pending_goal: The new goal.
@@ -178,7 +178,7 @@ class GoalQueue:
     def must_wait(self, pending_goal: PendingGoal, stamps_are_ahead: bool) -> bool:
         """Return whether the waiting goal must wait before planning for it begins.
 
-        It waits until all of these hold, but for at most `LONGEST_WAIT`:
+        The goal waits until all of these hold, but for at most `LONGEST_WAIT`:
 
         - The arm is connected so that it would receive a plan.
         - If the arm sends a reference, it has also reported which plan it executes.
@@ -216,9 +216,9 @@ class GoalQueue:
     def postpone(self, pending_goal: PendingGoal, error: MhsbError) -> None:
         """Let the waiting goal wait on because no plan can start, or refuse it.
 
-        It is refused at once if the arm has another machine file. Otherwise it is refused when it
-        has waited for `LONGEST_WAIT`. If the arm has never sent a state, it also waits until
-        `START_UP` has passed since the planner's start.
+        The goal is refused at once if the arm has another machine file, otherwise after a wait of
+        `LONGEST_WAIT`. If the arm has never sent a state, the goal also waits until `START_UP` has
+        passed since the planner's start.
 
         Args:
             pending_goal: The waiting goal.

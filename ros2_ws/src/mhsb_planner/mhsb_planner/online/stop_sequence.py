@@ -307,8 +307,8 @@ class StopSequence:
             stop: The stop under way.
 
         Returns:
-            True if all of these hold. The arm executes a command of this planner. It has no fault
-            and its reference has one publisher. No braking command is confirmed. Fewer than
+            True if all of these hold. The arm executes a command of this planner. The arm has no
+            fault, and its reference has one publisher. No braking command is confirmed. Fewer than
             `MAX_BRAKING_COMMANDS` were made. The stop began at most `BRAKING_TIMEOUT` ago.
         """
         arm, waited = self._arm_state, self._clock.steady_time() - stop.started_at
@@ -443,8 +443,8 @@ class StopSequence:
             - It answered with success: True if the arm executes no command of this planner. Also
               True if several publishers send its reference, since its reports then mean nothing.
             - It answered without success: False.
-            - It has not answered: True if three conditions hold. It could not be called, or
-              `STOP_TIMEOUT` has passed. No conflict of several publishers is known. No plan is
+            - It has not answered: True if three conditions hold. The service could not be called,
+              or `STOP_TIMEOUT` has passed. No conflict of several publishers is known. No plan is
               reported as in force.
         """
         arm = self._arm_state
@@ -466,8 +466,8 @@ class StopSequence:
     ) -> PendingGoal | None:
         """Finish the stop: end its goals, then call all functions that wait for it.
 
-        The goal in `execution` ends as reached if the tip is at the goal, else as stopped. It does
-        not end if it is the goal to plan for after the stop.
+        The goal in `execution` ends as reached if the tip is at the goal, else as stopped. But the
+        goal to plan for after the stop does not end.
 
         Args:
             result: Success and sentence, for the functions that wait. Success means that the arm

@@ -121,8 +121,8 @@ class ProposerSet:
     def turns_without_leakage(self) -> Iterator[Proposer]:
         """Yield the proposer `without_leakage` until it has ended, if its search is worthwhile.
 
-        It is if the last turn of `own` gave a path that takes less time than the slew. Otherwise
-        nothing is yielded.
+        The search is worthwhile if the last turn of `own` gave a path that takes less time than the
+        slew. Otherwise nothing is yielded.
         """
         last = self.own.last
         if last is not None and last.path.duration.sum() < self.slew_time:

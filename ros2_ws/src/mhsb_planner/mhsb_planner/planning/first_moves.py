@@ -74,7 +74,7 @@ def paths_from_anywhere(
 ) -> Iterator[PathProposal]:
     """Yield paths from the request's departure to its goal, also from an inadmissible departure.
 
-    The departure is the posture at rest where the path begins. It decides how:
+    The departure is the posture at rest where the path begins. Three cases:
 
     - Within the joint limits and clear of obstacles: the source's paths through the via points.
     - More than START_NOISE beyond a limit: all paths begin with a first move, which leads to a

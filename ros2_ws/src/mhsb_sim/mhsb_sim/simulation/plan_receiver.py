@@ -169,7 +169,7 @@ class PlanReceiver:
     def add_trajectory(self, trajectory: Trajectory, wall: float) -> list[HandOverReport]:
         """Receive the trajectory of a plan, and store it until `update` hands the plan over.
 
-        It is ignored if its plan already has a trajectory, or a report.
+        The trajectory is ignored if its plan already has one, or a report.
 
         Args:
             trajectory: The trajectory with its stamp.
@@ -189,7 +189,7 @@ class PlanReceiver:
     def add_schedule(self, schedule: ModeSchedule, wall: float) -> list[HandOverReport]:
         """Receive the mode schedule of a plan, and store it until `update` hands the plan over.
 
-        It is ignored if its plan already has a schedule, or a report.
+        The schedule is ignored if its plan already has one, or a report.
 
         Args:
             schedule: The mode schedule with its stamp.
@@ -321,7 +321,7 @@ class PlanReceiver:
     def _hand_over(self, pair: PendingPlan) -> HandOverReport:
         """Apply a complete plan if it continues the reference, else refuse it.
 
-        It continues the reference if position and velocity of every joint differ by at most
+        A plan continues the reference if its position and velocity of every joint differ by at most
         `MAX_HAND_OVER_JUMP` from those of the plan in force now. Speed scaling (slower execution)
         does not change these velocities.
 
