@@ -90,9 +90,9 @@ def _elbows_and_free_coordinates(
 
     Without telescopes the elbow branch is 1 if the second-last joint's angle is positive, else −1.
     The free coordinates are the first n − 3 joint angles and the end-link angle ψ. With telescopes
-    the elbow branch is the number that `find_closure_side` gives: −1 or 1, for the solution of
-    `close_chain` that the posture has. The free coordinates are then the positions of all joints
-    but the last two turning ones, which close the chain.
+    the elbow branch is the sign of the last turning joint's angle (`find_closure_side`). The free
+    coordinates are then the positions of all joints but the last two turning ones, which close the
+    chain.
 
     Args:
         machine: The arm without a slewing joint.

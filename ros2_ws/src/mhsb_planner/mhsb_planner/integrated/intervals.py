@@ -148,8 +148,8 @@ def tip_relative_to_link_end(
         radius: Range of the tip's distance R from the origin [m].
         direction: Range of the tip's direction φ [rad].
         link: Length L of the link [m].
-        low: Lower end of the link's direction θ [rad].
-        high: Upper end of the link's direction θ [rad].
+        low: Lower end of the range of the link's direction θ [rad].
+        high: Upper end of that range [rad].
 
     Returns:
         Range of the distance D [m], and range of the direction φ + α [rad], measured from the same

@@ -521,7 +521,8 @@ def _price_step_to(
 
     The step leads from w.points[0] to w.points[1]. If it leads to a goal posture, the switches to
     the modes that hold the arm there are included. In each combination the step is dropped if the
-    cost of the path to the target plus the lower bound on the rest reaches the cost limit.
+    cost of the path to the target, plus the lower bound on the cost from there to a goal, reaches
+    the cost limit.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.

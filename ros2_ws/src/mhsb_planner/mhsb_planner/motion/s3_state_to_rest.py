@@ -139,7 +139,7 @@ def compute_steered_motion(
         machine: Machine that moves.
         path: Discrete path whose last posture is the end.
         start: State of the joints at the start.
-        stretch: Factor on the path's duration [-]; the motion lasts at least that long.
+        stretch: Least duration of the motion, as a multiple of the path's duration [-].
 
     Returns:
         Motion of the pistons that begins at time 0, in PISTON_PHASES phases of constant jerk for

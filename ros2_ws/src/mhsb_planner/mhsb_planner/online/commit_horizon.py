@@ -119,9 +119,9 @@ class CommitHorizonEstimator:
     ) -> CommitHorizon:
         """Choose the commit horizon (time until a new plan takes over) and its part for transport.
 
-        Without a fixed horizon it is the estimate times `horizon_factor`, limited to the bounds.
-        The part for transport and confirmation is estimated, too, and multiplied by
-        `horizon_factor`. It is at most half of the horizon.
+        Without a fixed horizon, the commit horizon is the estimate times `horizon_factor`, limited
+        to the bounds. The part for transport and confirmation is another estimate times
+        `horizon_factor`, but at most half of the horizon.
 
         Args:
             lower_bound: Lower bound [s].

@@ -65,7 +65,7 @@ class PlanRequest:
         """Make the requested plan; runs in the worker's thread.
 
         The replanner is first changed to the machine of the request, and keeps it. The plan does
-        not lead again through via points that the tip passes before it takes over.
+        not lead again through via points that the tip passes before the plan takes over.
 
         Args:
             replanner: Makes the plan.

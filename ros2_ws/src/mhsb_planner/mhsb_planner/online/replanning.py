@@ -189,15 +189,14 @@ class Replanner:
         """Plan a move to a neighbouring workspace node, and plan it again on its way.
 
         The purpose is to compile all code, since the first call of each function takes long. Each
-        planner plans twice, at 1 s and at 1.5 s. It starts from the command of the last plan that
-        succeeded. Errors of planning are suppressed.
+        planner plans twice, at 1 s and at 1.5 s. Each plan starts from the command of the last plan
+        that succeeded. Errors of planning are suppressed.
 
         Args:
             kinds: Names of the planners to run, one after the other.
 
         Returns:
-            Command of the last plan that succeeded. If none did, it is a command that holds the
-            position.
+            Command of the last plan that succeeded. If none did: a command that holds the position.
         """
         graph = self._planner.graph
         patterns = len(graph.table.patterns)

@@ -225,7 +225,7 @@ class PlanReceiver:
             wall: Present time of the steady clock [s].
 
         Returns:
-            Report on that plan; an empty list if nothing is due.
+            Report on the plan that was handed over, refused or dropped; an empty list without one.
         """
         pair = self._pending
         if pair is None:
