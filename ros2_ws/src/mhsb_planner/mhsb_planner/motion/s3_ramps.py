@@ -93,8 +93,9 @@ def shortest_ramp(machine: Machine, speed: float = math.inf) -> Ramp:
         T₁ = V/a,  T₂ = a/j
 
     T₁ is the time until the acceleration begins to decrease, T₂ the time in which it builds up. a
-    and j are RAMP_LIMIT_SHARE of the allowed acceleration and jerk. If the jerk is too small for
-    the acceleration to build up to a, T₁ = T₂ = √(V/j). Times are rounded up to RAMP_TIME_STEP.
+    and j are RAMP_LIMIT_SHARE of the allowed acceleration and jerk. If T₂ would exceed T₁, the
+    acceleration does not build up to a, and T₁ = T₂ = √(V/j). Times are rounded up to multiples of
+    RAMP_TIME_STEP.
 
     Args:
         machine: Machine whose piston acceleration and jerk are the limits.

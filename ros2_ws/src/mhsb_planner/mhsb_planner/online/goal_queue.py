@@ -234,7 +234,7 @@ class GoalQueue:
     def choose_target(self, pending_goal: PendingGoal, commit_horizon: float) -> tuple[Goal, float]:
         """Choose the target of a plan for a goal, and return it with the goal's period.
 
-        A moving goal is extrapolated by the commit horizon plus one period; its way is limited. If
+        A moving goal is extrapolated by the commit horizon plus one period, over a limited way. If
         the goal has stopped, or its `needs_exact_place` is set, the target is its exact place. The
         period of a stopped goal is returned, too, so that its plan is made as for a moving goal. A
         plan for a fixed goal might choose another posture and swing the tip far beyond.

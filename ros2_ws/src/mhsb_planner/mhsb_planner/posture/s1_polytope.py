@@ -112,8 +112,8 @@ def cross_products(columns: FloatArray, cross: FloatArray) -> None:
     """Compute the cross products of the tip velocities of all pairs of joints.
 
     The result is exactly antisymmetric. Each column is first changed by a few COLUMN_PERTURBATION,
-    differently for each joint. Joints of exactly equal rank then have a definite order, which is
-    the same at every call.
+    differently for each joint. The order in which joints get the flow (`polytope_area_from_limits`)
+    is then definite even for parallel tip velocities, and the same at every call.
 
     Args:
         columns: Tip velocity per piston speed C_j of each joint, shape (2, n) [-].

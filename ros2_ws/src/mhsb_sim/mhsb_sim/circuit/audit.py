@@ -54,8 +54,8 @@ def audit_elements(
         c: Constants of the circuit. Reads the duration `substep` [s] and the efficiency of the
             servo pumps.
         e: Energy counters [J], updated in place: those of the elements, and `return_oil`.
-        counters: The same counters as a flat array, float64[energies]. Registered kinds of valves
-            (`valves.registry`) use it, since they have only the index of their counter.
+        counters: The same counters as a flat array, float64[energies]. It is needed for registered
+            kinds of valves (`valves.registry`), whose counters have an index but no name.
         volume: Oil counters [m³]. Only `returned` is updated, in place.
     """
     tank, dt = len(pressure) - 1, c.substep
@@ -115,7 +115,7 @@ def audit_main_pump(
 
 @kernel(borrows=True)
 def audit_drag(modules: Records[ModuleState], c: CircuitConstants, e: CircuitEnergies) -> None:
-    """Add the work that the drag of the servo pumps takes in a substep.
+    """Add the work W that the drag of all m servo pumps takes in a substep.
 
         W = Σ_k P_d (Q_k/Q_full) Δt
 
@@ -123,10 +123,9 @@ def audit_drag(modules: Records[ModuleState], c: CircuitConstants, e: CircuitEne
 
     Args:
         modules: Records of the booster modules, ModuleState[m], with their flows Q_k [m³/s].
-        c: Constants of the circuit. Uses `substep` Δt [s],
-            `servo_pump_flow` Q_full [m³/s] and `servo_pump_drag` P_d [W].
-        e: Energy counters [J]. Adds to `servo_pumps` and
-            `servo_pump_losses` in place.
+        c: Constants of the circuit. Uses `substep` Δt [s], `servo_pump_flow` Q_full [m³/s] and
+            `servo_pump_drag` P_d [W].
+        e: Energy counters [J]. Adds to `servo_pumps` and `servo_pump_losses` in place.
     """
     for k in range(len(modules)):
         speed = modules[k].flow / c.servo_pump_flow

@@ -263,8 +263,8 @@ class DisagreeingLine:
         Lines are compared if their actuators have been in mode N (main pump alone), with their
         servo pumps stopped, for `settled_time`. All of them should have the main pump's pressure
         P_S. For each such line, take its differences to the other compared lines and to P_S. The
-        difference of smallest magnitude is filtered by a low-pass. If fewer than two lines are
-        compared, 0 is filtered.
+        difference of smallest magnitude is filtered by a low-pass. For a line that is not compared,
+        or is the only one compared, 0 is filtered instead.
 
         Args:
             sample: State of the arm. Only `sensed` (sensor readings) is read.

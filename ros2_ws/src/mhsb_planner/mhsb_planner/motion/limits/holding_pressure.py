@@ -39,8 +39,8 @@ def measure_holding_pressure(m: MachineArrays, state: LimitInputs) -> float:
     """Return the largest ratio of holding pressure to available pressure over all cylinders [-].
 
     The holding pressure carries the load at speed 0, with the boost margin. The available pressure
-    is the highest supply pressure of the cylinder's mode. Cylinders slower than a quarter of the
-    dead band do not count, nor do those that their load moves at more than the dead band. The
+    is the highest supply pressure of the cylinder's mode. Cylinders slower than a quarter of
+    MAX_HELD_SPEED do not count, nor do faster ones than MAX_HELD_SPEED that their load moves. The
     result is 0 if none counts.
 
     Args:
