@@ -5,7 +5,7 @@
 In N the price is P_S, whatever the load. Boosted, the price in the reading `paper` is p_L/η, at
 least P_S. In the reading `series`, with main pump and servo pump in series, it is
 P_S + (p_supply − P_S)/η. There p_supply is that of `hydraulics.boosted_supply`; in SB it is the
-rail's. A cylinder within the dead band counts as held.
+rail's. A cylinder counts as held at speeds up to MAX_HELD_SPEED.
 
 Four effects count in the reading `series` only, since the flows of the reading `paper` depend on
 neither pressure nor time. Valves leak by p_supply (`hydraulics.compute_valve_leakage`). Oil slips

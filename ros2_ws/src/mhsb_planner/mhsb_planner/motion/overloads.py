@@ -61,8 +61,9 @@ def find_overloads(
 ) -> tuple[Overload, ...]:
     """Find the actuators that rest under a load too heavy for the highest boost pressure.
 
-    Only the closed valve holds such a load. A cylinder rests if its speed is within the dead band.
-    Each resting instant counts up to the next instant; the last instant adds no time.
+    Only the closed valve holds such a load. A cylinder rests if its speed is at most
+    MAX_HELD_SPEED. Each resting instant counts up to the next instant; the last instant adds no
+    time.
 
     Args:
         machine: Machine with its hydraulics.
@@ -114,7 +115,7 @@ def _find_sinking_speed(machine: Machine, j: int, forces: FloatArray) -> float:
 def _has_overload(m: MachineArrays, speed: FloatArray, force: FloatArray) -> bool:
     """Return whether any cylinder rests under a load beyond the highest boost pressure.
 
-    A cylinder rests if its speed is within the dead band.
+    A cylinder rests if its speed is at most MAX_HELD_SPEED.
 
     Args:
         m: Arrays of the machine.

@@ -364,8 +364,8 @@ def _determine_needs(
     """Determine an actuator's need for boost and its flow at each instant.
 
     An actuator needs boost if the main pump's pressure is too low for its speed and load. As a
-    reserve, both are multiplied by NEED_FACTOR. In the dead band the pressure must suffice to hold
-    the load.
+    reserve, both are multiplied by NEED_FACTOR. At speeds up to MAX_HELD_SPEED the pressure must
+    suffice to hold the load.
 
     Args:
         m: Arrays of the machine.
@@ -375,7 +375,7 @@ def _determine_needs(
 
     Returns:
         Three arrays of shape (k,). The first is True if the actuator needs boost. The second is
-        True if it moves against its load, faster than half the dead band. The third is the flow
+        True if it moves against its load, faster than half of MAX_HELD_SPEED. The third is the flow
         into the cylinder [m³/s].
     """
     need = np.empty(len(speed), dtype=np.bool_)
@@ -405,7 +405,7 @@ def _lacks_pressure_to_accelerate(
 
     The pressure must carry gravity and inertia, plus the part of the boost margin that is kept free
     of inertia forces. Only instants count at which the piston moves against this load, faster than
-    0.9 of the dead band. Speeds and loads are multiplied by NEED_FACTOR as a reserve.
+    0.9 MAX_HELD_SPEED. Speeds and loads are multiplied by NEED_FACTOR as a reserve.
 
     Args:
         m: Arrays of the machine.

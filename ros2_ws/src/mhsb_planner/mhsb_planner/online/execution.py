@@ -167,9 +167,9 @@ class Execution:
             now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
-            `REACHED` if the tip is within the settings' `reached_tolerance`. Otherwise None until
-            `compute_settling_time` has passed since the plan's end, then `ABORTED`. None before the
-            end.
+            None before the end. After it, `REACHED` if the tip is within the settings'
+            `reached_tolerance`. Otherwise None until `compute_settling_time` has passed since the
+            plan's end, then `ABORTED`.
         """
         goal = self.pending_goal.goal
         since_ns = now_ns - self.command.trajectory.end_ns

@@ -189,7 +189,7 @@ class StopSequence:
             stop.goal_after_stop = None
 
     def begin_for_obstacle(self, machine: Machine, goal_after_stop: PendingGoal | None) -> bool:
-        """Begin a stop if an obstacle lies across the motion in force ahead.
+        """Begin a stop if an obstacle lies ahead on the motion in force.
 
         If a stop is under way already, it goes on, but now brakes for the obstacle. An earlier
         confirmed braking command then no longer counts.

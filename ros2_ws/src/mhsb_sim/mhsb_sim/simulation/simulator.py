@@ -462,7 +462,7 @@ class Simulator:
         """Follow a plan from now on, and open the valves if they are closed.
 
         The caller must make sure that the plan continues the present reference. If the valves were
-        closed, the servo starts anew, with what `save_estimates` has kept last.
+        closed, the servo starts anew, with the estimates that `save_estimates` stored last.
 
         Args:
             trajectory: Trajectory of the plan.

@@ -65,8 +65,8 @@ class MotionLoads:
 
     Attributes:
         time: Instants, shape (k,) [s].
-        speed: Piston speed, positive extending, shape (k, n) [m/s]; 0 within the dead band, if the
-            cylinder is held.
+        speed: Piston speed, positive extending, shape (k, n) [m/s]. Speeds up to MAX_HELD_SPEED
+            count as 0.
         static: Piston force against gravity alone, positive if the load resists extension, shape
             (k, n) [N].
         force: Piston force with inertia and the cylinder's friction, shape (k, n) [N].

@@ -6,11 +6,11 @@ An interval with a value near the limit is checked closely.
 
 p_j(F_j, 0) is the supply pressure at which a cylinder carries its load F_j at speed 0, with the
 boost margin, and p_max,j the highest one of its mode. A cylinder counts if it moves against its
-load, or if its speed is in the dead band but above a quarter of it. At lower speeds its valve is
-closed.
+load, or if its speed is in the dead band (up to MAX_HELD_SPEED) but above a quarter of it. At lower
+speeds its valve is closed.
 
-`usage` leaves out cylinders in the dead band and jumps at its edge, so a parabola through three of
-its values is no bound there. This quantity does not jump.
+`usage` ignores cylinders in the dead band and jumps at its edge, so a parabola through three of its
+values is no bound there. The ratio `holding` does not jump.
 """
 
 from __future__ import annotations
