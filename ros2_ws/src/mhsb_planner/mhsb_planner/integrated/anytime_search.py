@@ -555,9 +555,9 @@ def _sweep_with_stride(
 ) -> CylinderPath:
     """Run sweeps of a compass search with one stride over a cylinder path.
 
-    A sweep tries to move each waypoint by the stride and keeps what is cheaper. To price the path,
-    it cuts it into pieces in which no cylinder moves by more than `piece`. After each sweep the
-    path is also priced by the problem's own cost model; this is its real cost. The sweeps end early
+    A sweep tries to move each waypoint by the stride and keeps what is cheaper. Sweeps price the
+    path in pieces in which no cylinder moves by more than `piece`. After each sweep the path is
+    also priced by the problem's own cost model; this is its real cost. The sweeps end early
     if the real cost exceeds that of the best path so far. They also end if a sweep lowers the price
     of the path by less than the share MIN_RELATIVE_GAIN.
 

@@ -110,9 +110,8 @@ def cost_model(
     """Build the cost model for cylinder paths that start with given modes.
 
     The model contains all mode combinations of the machine. A cylinder slower than MAX_HELD_SPEED
-    counts as at rest: it must be boosted if the main pump's pressure cannot hold its load. Faster
-    cylinders have other limits. If the manipulability loss has a weight, BOOST_RESERVE is added to
-    the boost margin.
+    counts as at rest: it must be boosted if the main pump's pressure cannot hold its load. If the
+    manipulability loss has a weight, BOOST_RESERVE is added to the boost margin.
 
     Args:
         machine: The arm without a slewing joint.
@@ -363,9 +362,8 @@ def _extend_by_piece(t: PathCostModel, w: PathCostBuffers, here: int, parent: In
 
     value[o] is the least cost of arriving at the piece's start in combination o, and switches[o, p]
     the number of mode switches from o to p. w₁ to w₄ are the cost weights. E, T and M are the
-    piece's energy, duration and manipulability loss.
-    The function reads w.value[here] and writes w.value[1 - here]; inadmissible combinations get
-    inf.
+    piece's energy, duration and manipulability loss. `value` is w.value[here], which is read.
+    `after` is w.value[1 - here], which is written; inadmissible combinations get inf.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.

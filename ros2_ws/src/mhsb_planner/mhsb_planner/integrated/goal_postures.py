@@ -130,9 +130,9 @@ def _free_coordinate_units(machine: Machine, between: tuple[float, float] | None
     Free coordinates are the first n − 3 joint angles and the end-link angle ψ. With telescopes they
     are the positions of all joints but the last two turning ones, which close the chain.
 
-    The change is 1 rad for an angle, and the joint's range divided by π [m] for a telescope. It is
-    0 for a coordinate that must keep its value. This is ψ if `between` is given, even if `between`
-    contains other values. With telescopes it is then every coordinate, because each would change ψ.
+    The change is 1 rad for an angle, and the joint's range divided by π [m] for a telescope. If
+    `between` is given, ψ must keep its value, even if `between` contains further values: the change
+    of ψ is then 0. With telescopes all changes are then 0, because each would change ψ.
 
     Args:
         machine: The arm without a slewing joint.

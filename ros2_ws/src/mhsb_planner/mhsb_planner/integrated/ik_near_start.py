@@ -48,7 +48,7 @@ def add_postures_near_start(
     The new postures have the tip at the goal itself, not elsewhere in the goal region. Nothing is
     added in three cases: the arm has three joints, because its samples are dense; the end-link
     angle is prescribed; or no sample has the tip at the goal itself. Postures too near to obstacles
-    are left out.
+    are not added.
 
     Args:
         machine: The arm without a slewing joint.

@@ -171,7 +171,7 @@ def _assemble_lattice(axes: list[tuple[FloatArray, FloatArray, int]]) -> Lattice
 def _evenly_spaced(here: float, low: float, high: float, spacing: float) -> tuple[FloatArray, int]:
     """Return numbers at equal spacing around a value, with both ends of a range added.
 
-    An end is left out if it is nearer to the last number than END_POINT_TOLERANCE · spacing.
+    An end is not added if it is nearer to the last number than END_POINT_TOLERANCE · spacing.
 
     Args:
         here: Value from which the spacing counts; it is one of the numbers.

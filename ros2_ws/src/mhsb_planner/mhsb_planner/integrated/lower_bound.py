@@ -223,7 +223,7 @@ def _branch_and_bound(
     branches. The result is the least bound of all cells that are not halved any more. A cell is
     halved until one of three conditions holds:
 
-    - Its bound is within the share BOUND_TOLERANCE of `best_sampled_bound`.
+    - Its bound is at least (1 − BOUND_TOLERANCE) `best_sampled_bound`.
     - It is narrower than MIN_CELL_WIDTH.
     - Its bound is at least as large as the result so far.
 
@@ -276,9 +276,9 @@ def _branch_and_bound_of_chain(
     """Bound the cost to any goal posture of a chain of any kind from below.
 
     A cell holds an interval for each free coordinate. Best-first branch and bound halves the cell
-    of the least bound along its widest side. It stops at a cell whose bound is within the share
-    BOUND_TOLERANCE of `best_sampled_bound`, or whose widest side is below MIN_CELL_WIDTH. It also
-    stops when no more cells are allowed.
+    of the least bound along its widest side. It stops at a cell whose bound is at least
+    (1 − BOUND_TOLERANCE) `best_sampled_bound`, or whose widest side is below MIN_CELL_WIDTH. It
+    also stops when no more cells are allowed.
 
     Args:
         cost: Machine, cylinder lengths at the start, and weights.
@@ -343,7 +343,7 @@ def bound_cost_to_goals(
     """Compute a lower bound on the cost of every plan from a start to the goal.
 
     The bound is the minimum over all admissible tip positions and all postures there, not only the
-    sampled ones. It comes from branch and bound and contains no mode switches.
+    sampled ones. It comes from branch and bound, and mode switches do not count.
 
     Args:
         machine: The arm without a slewing joint.

@@ -403,9 +403,9 @@ class ArmState:
             steady_time: Present time by the steady clock [s].
 
         Returns:
-            Position, velocity and acceleration of all joints. It is the reference if that was
-            received at most `OLDEST_STATE` ago, else a measurement received in that time. None
-            without either.
+            Position, velocity and acceleration of all joints: the reference if it was received at
+            most `OLDEST_STATE` ago, otherwise the measured state if that was. None if both are
+            older or missing.
         """
         for heard in (self.reference, self.measured):
             if heard is not None and self.is_fresh(heard, steady_time):

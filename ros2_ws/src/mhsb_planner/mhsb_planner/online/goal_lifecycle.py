@@ -806,7 +806,7 @@ class GoalLifecycle:
     def change_settings(self, settings: Settings) -> None:
         """Use other settings for all goals; a plan that is being made is made again.
 
-        If zones have changed and an obstacle lies across the motion in force, the arm is stopped.
+        If zones have changed and an obstacle lies ahead on the motion in force, the arm is stopped.
 
         Args:
             settings: The new settings.
@@ -818,7 +818,7 @@ class GoalLifecycle:
             self._stop_for_obstacle_ahead()
 
     def _stop_for_obstacle_ahead(self, goal_after_stop: PendingGoal | None = None) -> None:
-        """Begin a stop if an obstacle lies across the motion in force ahead.
+        """Begin a stop if an obstacle lies ahead on the motion in force.
 
         Args:
             goal_after_stop: Goal to plan for after the arm has stopped; None for no goal. It is
@@ -908,7 +908,7 @@ class GoalLifecycle:
             self._queue.put_back(pending_goal)
 
     def _judge_execution(self) -> None:
-        """End the execution of the goal in force if the arm's reports say that it is over.
+        """End the execution of the present goal if the arm's reports say that it is over.
 
         The end is reported. Nothing happens in these cases:
 

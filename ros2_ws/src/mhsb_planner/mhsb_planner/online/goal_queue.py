@@ -263,9 +263,9 @@ class GoalQueue:
 
         Returns:
             False if the epoch (count of events that make plans void) has changed since the request.
-            Otherwise True if the arm still executes the plan of the time of the request. Also True
-            if it then executed the request's `start_command` and now holds its end position,
-            reached at most `EARLY_NS` early.
+            Otherwise True in two cases. The arm executes the same plan as at the time of the
+            request. Or it executed the request's `start_command` at that time, and now holds, at
+            most `EARLY_NS` before the end of this command or after it.
         """
         start, in_force_ns = request.start_command, self._arm_state.plan_in_force_ns
         has_ended = now_ns >= start.trajectory.end_ns - EARLY_NS

@@ -49,7 +49,7 @@ def find_start_command(arm_state: ArmState, steady_time: float, now_ns: int) -> 
     Some arms report which plan they execute; others do not. A state is fresh if it was received at
     most `OLDEST_STATE` ago. The first source that exists decides:
 
-    1. This planner's last confirmed command, if the arm reports that it executes it.
+    1. This planner's last confirmed command, if it is the one that the arm reports to execute.
     2. A fresh reference of the arm. At rest, the result holds the arm there; in motion, it is an
        error.
     3. This planner's last confirmed command, if the arm does not report which plan it executes.

@@ -217,7 +217,7 @@ def make_braking_for_obstacle(
             `in_force` during this time.
         since_ns: Time at which the obstacle was set, by the same clock [ns]. The result's
             `passed_clearance` is the least clearance from then to its stamp. A negative value means
-            that the arm has been in an obstacle. If it is clear of obstacles now, it has passed it.
+            that the arm has been in an obstacle. If the arm is clear now, it has passed that one.
 
     Returns:
         The command with its clearances.
