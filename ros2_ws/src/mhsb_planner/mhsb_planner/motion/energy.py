@@ -283,7 +283,8 @@ def energy_of_states(
         position: Joint positions, shape (k, n) [rad or m].
         velocity: Joint velocities, shape (k, n) [rad/s or m/s].
         modes: Mode codes, shape (k, n).
-        acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²]. None leaves inertia out.
+        acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²]. None makes the inertia
+            forces 0.
 
     Returns:
         Energy of all states together [J]. The field `paper` follows the published model. All other

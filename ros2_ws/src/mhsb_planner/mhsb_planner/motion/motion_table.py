@@ -38,7 +38,7 @@ def format_mode_intervals(schedule: ModeSchedule, duration: float, actuator: int
     Returns:
         Each mode (a name of `Mode`) with the time at which it ends, such as `N until 0.52 s, DB
         until the end`. `N throughout` if the mode does not change. Switches at or after
-        `duration` are left out.
+        `duration` are not listed.
     """
     codes, times = schedule.modes[:, actuator], schedule.offset_ns / SECOND_NS
     begins = np.flatnonzero(np.diff(codes.astype(int), prepend=-1))

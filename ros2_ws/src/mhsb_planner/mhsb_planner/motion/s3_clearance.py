@@ -117,8 +117,8 @@ def _bound_point_speed(
     """Compute an upper bound on the speed of all points of the arm in one interval.
 
     Each joint moves as a quintic over h seconds. Its speed is at most 5/h times the largest
-    difference of adjacent control points. For a turning joint it is multiplied by the length of the
-    stretched arm beyond it. The products of all joints are added.
+    difference of adjacent control points. For a turning joint this value is multiplied by the
+    length of the stretched arm beyond the joint. The values of all joints are added.
 
     Args:
         m: Arrays of the machine.

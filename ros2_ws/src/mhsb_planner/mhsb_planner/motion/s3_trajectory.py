@@ -276,7 +276,7 @@ def fit_braking(
         machine: Machine that moves.
         brake: Braking trajectory; the result has stamp 0.
         modes: Modes in force at its beginning, and time since each actuator's last switch.
-        rules: Settings, of which the rules for switching count; None means the defaults.
+        rules: Settings; only the rules for switching have an effect. None means the defaults.
 
     Returns:
         Motion with stamp 0, method BRAKING, stretch 1 and deviations 0. Its `profiles` is None.

@@ -234,8 +234,8 @@ class SlewingPaths:
         takes planar paths that are clear at every slew angle. The method "carried" takes planar
         paths through a via point at which the arm may slew. Each planar path is combined with a
         slew motion on which the arm keeps clear. A planar path without such a slew motion is
-        skipped. Some paths have a via point, or steps in which the slew turns alone. They are
-        yielded a second time, with rests added there.
+        skipped. A path with a via point, or with steps in which the slew turns alone, is yielded a
+        second time, with rests added there.
 
         If zones raise the cost of a direct path by no more than FREE_COST_FACTOR, the other methods
         are dropped. An error ends only its own method. When the time is up, the function ends if a

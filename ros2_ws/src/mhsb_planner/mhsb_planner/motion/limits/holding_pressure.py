@@ -39,9 +39,9 @@ def measure_holding_pressure(m: MachineArrays, state: LimitInputs) -> float:
     """Return the largest ratio of holding pressure to available pressure over all cylinders [-].
 
     The holding pressure carries the load at speed 0, with the boost margin. The available pressure
-    is the highest supply pressure of the cylinder's mode. Cylinders slower than a quarter of
-    MAX_HELD_SPEED do not count, nor do faster ones than MAX_HELD_SPEED that their load moves. The
-    result is 0 if none counts.
+    is the highest supply pressure of the cylinder's mode. Two kinds of cylinders do not count:
+    those slower than a quarter of MAX_HELD_SPEED, and those faster than MAX_HELD_SPEED that move
+    with their load. The result is 0 if none counts.
 
     Args:
         m: Arrays of the machine.
