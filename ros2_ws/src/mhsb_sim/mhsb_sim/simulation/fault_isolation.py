@@ -186,7 +186,7 @@ class FrozenLength:
     def evaluate(self, sample: ArmSample) -> Finding:
         """Find the length sensor that is most likely frozen.
 
-        It is the one whose piston should have moved furthest since the reading last changed.
+        This is the sensor whose piston should have moved furthest since the reading last changed.
 
         Args:
             sample: State of the arm.

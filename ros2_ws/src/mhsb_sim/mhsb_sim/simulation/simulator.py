@@ -112,8 +112,9 @@ class Simulator:
             payload: Payload of the plant [kg]; None for the one in the plant's file.
             start_ns: Simulated time at the start [ns].
             plant: Machine that is simulated; None for `machine`.
-            estimates_file: File of what the servo has learnt before; it begins with that. It need
-                not exist yet. `save_estimates` writes it. None for a servo that begins anew.
+            estimates_file: File of what the servo has learnt before, with which the servo begins.
+                The file need not exist yet; `save_estimates` writes it. None for a servo that
+                begins anew.
 
         Raises:
             EstimatesFileError: The estimates file is damaged or belongs to another machine.
@@ -153,7 +154,7 @@ class Simulator:
     def reset(self, time_ns: int = 0, posture: FloatArray | None = None) -> None:
         """Put the arm at rest, with all counters at zero and without faults.
 
-        The payload stays. The servo begins with the estimates that `save_estimates` has kept last.
+        The payload stays. The servo begins with the estimates that `save_estimates` stored last.
         The arm holds in modes that carry its load. Sensor noise starts again from the seed.
 
         Args:

@@ -259,9 +259,9 @@ class SupervisedArm:
         """Run supervision for one watch period, and adapt payload and plan receiver.
 
         First the simulated payload decreases by one period's share, if a lighter one was set. If
-        supervision stops the arm in this call, the receiver refuses plans from now on. If it
-        releases the arm, the receiver takes plans again. A release is begun if the user has cleared
-        the fault, the arm rests, and the payload has its set value.
+        supervision stops the arm in this call, the receiver refuses plans from now on. If
+        supervision releases the arm, the receiver takes plans again. A release is begun if the user
+        has cleared the fault, the arm rests, and the payload has its set value.
         """
         self._reduce_payload()
         before = self.supervision.phase
