@@ -119,6 +119,11 @@ class SimulatedArm:
         return self._sampled[2]
 
     @property
+    def joint_state(self) -> MotionState:
+        """Measured position, velocity and acceleration, which equal the reference."""
+        return self.reference
+
+    @property
     def is_moving(self) -> bool:
         """True if the reference moves."""
         return bool(self.reference.velocity.any())
@@ -213,6 +218,7 @@ class LockStepWorld:
         *,
         start: FloatArray | None = None,
         step: float = TIME_STEP,
+        arm: SimulatedArm | None = None,
     ) -> None:
         """Create the world with the arm at rest, and let half a second pass.
 
@@ -222,12 +228,14 @@ class LockStepWorld:
             settings: Settings of the lifecycle.
             start: Start posture, shape (n,) [rad or m]; None: the one in the machine file.
             step: Time step [s].
+            arm: The arm, at rest; None: one that follows commands exactly.
         """
         self.now = START_TIME
         self.machine = machine
         posture = np.array(machine.config.simulation.start_posture if start is None else start)
         normal = np.zeros(machine.joint_count, dtype=np.uint8)
-        self.arm = SimulatedArm(machine, Command.hold(FIRST_STAMP_NS, posture, normal))
+        hold = Command.hold(FIRST_STAMP_NS, posture, normal)
+        self.arm = arm or SimulatedArm(machine, hold)
         self.replanner = replanner
         self.step = step
         self.planning_time: float | None = 0.02
@@ -496,7 +504,7 @@ class LockStepWorld:
 
         The reports are fault, last stop, delay, command in force, modes, joint state and reference.
         Fault and last stop arrive `report_delay` late, the command in force `in_force_delay` late,
-        all else at once. The joint state equals the reference. The delay is sent every
+        all else at once. The delay is sent every
         DELAY_PERIOD, and in every step while it is 0. The command in force is sent if it differs
         from what the lifecycle knows. If `second_lag` is not 0, a second publisher sends a
         reference at rest with all joints at 0. It is stamped `second_lag` before the arm's clock.
@@ -515,7 +523,7 @@ class LockStepWorld:
                 "in_force", self.in_force_delay, lambda: self.life.handle_plan_in_force(in_force_ns)
             )
         self.life.handle_modes(self.arm.command.schedule.modes_at(self.arm.time_ns))
-        self.life.handle_joint_state(self.arm.reference, self.arm.clock_ns)
+        self.life.handle_joint_state(self.arm.joint_state, self.arm.clock_ns)
         self.life.handle_reference(self.arm.reference, self.arm.clock_ns)
         if self.second_lag:
             behind_ns = self.arm.clock_ns - round(self.second_lag * SECOND_NS)

@@ -108,7 +108,13 @@ def measure(machine: Machine, plant: Machine, controller: str, speed: float) -> 
     }
 
 
-def run(file: Positional, draws: int = 12, seed: int = 0, machine: str = "excavator_1to14") -> None:
+def run(
+    file: Positional,
+    draws: int = 12,
+    seed: int = 0,
+    machine: str = "excavator_1to14",
+    length_sensors: str = "encoder_13_bit",
+) -> None:
     """Simulate every controller and speed on every plant that is missing in a file.
 
     Args:
@@ -116,12 +122,14 @@ def run(file: Positional, draws: int = 12, seed: int = 0, machine: str = "excava
         draws: Number of plants.
         seed: Seed of the plants.
         machine: Name of a machine of the suite.
+        length_sensors: Class of the plants' length sensors.
     """
     known = load_machine(find_config_file(f"{machine}.yaml"))
     variations = load_variations(known, VARIATIONS)
     found = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
     for draw in tqdm(range(draws), unit="draw"):
         plant, drawn = draw_machine(known, variations, np.random.default_rng((seed, draw)), float)
+        plant = plant.with_values({"imperfections.sensors.length": length_sensors})
         for speed, name in itertools.product(SPEEDS, CONTROLLERS):
             key = f"{machine} {seed} {draw} {1e3 * speed:.0f} {name}"
             if key not in found:

@@ -637,7 +637,7 @@ class Sensors(Section):
     With `pressure: none` no controller runs that reads pressures.
     """
 
-    length: Literal["file", "encoder_16_bit", "encoder_13_bit"] = "file"
+    length: Literal["file", "encoder_16_bit", "encoder_13_bit", "imu"] = "file"
     pressure: Literal["file", "laboratory", "industrial", "none"] = "file"
     pump_speed: Literal["exact", "resolver"] = "exact"
     rate: float | None = Field(

@@ -309,8 +309,8 @@ class GoalLifecycle:
         if start.trajectory.end_ns <= now_ns:
             seconds = hand_over.choose_horizon_from_rest(horizon, common_settings)
         rate = self.arm_state.clock_estimator.convert_duration(1.0)
-        ahead = horizon.total + compute_dead_time(common_settings.machine) / rate
-        target, period = self._queue.choose_target(pending_goal, ahead)
+        dead_time = compute_dead_time(common_settings.machine) / rate
+        target, period = self._queue.choose_target(pending_goal, horizon.total, dead_time)
         return PlanRequest(
             self._queue.epoch,
             pending_goal,

@@ -231,17 +231,22 @@ class GoalQueue:
             self.waiting = None
             self._reports.end(pending_goal, find_verdict_code(error), str(error))
 
-    def choose_target(self, pending_goal: PendingGoal, commit_horizon: float) -> tuple[Goal, float]:
+    def choose_target(
+        self, pending_goal: PendingGoal, commit_horizon: float, dead_time: float
+    ) -> tuple[Goal, float]:
         """Choose the target of a plan for a goal, and return it with the goal's period.
 
-        A moving goal is extrapolated by the commit horizon plus one period, over a limited way. If
-        the goal has stopped, or its `needs_exact_place` is set, the target is its exact place. The
-        period of a stopped goal is returned, too, so that its plan is made as for a moving goal. A
-        plan for a fixed goal might choose another posture and swing the tip far beyond.
+        A moving goal is extrapolated by commit horizon, dead time and one period, but only a limited
+        way beyond where it is after the dead time. If the goal has stopped, or its
+        `needs_exact_place` is set, the target is its exact place. The period of a stopped goal is
+        returned, too, so that its plan is made as for a moving goal. A plan for a fixed goal might
+        choose another posture and swing the tip far beyond.
 
         Args:
             pending_goal: The goal.
-            commit_horizon: Commit horizon (time until the new plan takes over) in real time [s].
+            commit_horizon: Commit horizon (time until the new plan takes over) in real time, without
+                the dead time [s].
+            dead_time: Dead time of the machine in real time [s].
 
         Returns:
             Target, and period of the goal: median time between its last messages [s]. If these give
@@ -252,7 +257,8 @@ class GoalQueue:
             return goal, 0.0
         if pending_goal.needs_exact_place or not stream.is_moving(self._clock.steady_time()):
             return goal, stream.period
-        return stream.extrapolate(goal, commit_horizon + stream.period), stream.period
+        ahead = commit_horizon + dead_time + stream.period
+        return stream.extrapolate(goal, ahead, dead_time), stream.period
 
     def is_valid(self, request: PlanRequest, now_ns: int) -> bool:
         """Return whether the plan of a request can still be sent.

@@ -2,7 +2,8 @@
 
 The goal's velocity is computed from the places and receipt times of its last messages; the stamps
 of goals are not used. The goal may stop at any moment. So a plan ends at most
-`MAX_LOOKAHEAD_DISTANCE` beyond the goal's last place.
+`MAX_LOOKAHEAD_DISTANCE` beyond the goal's last place, and as far again as the goal moves in the
+machine's dead time.
 """
 
 from __future__ import annotations
@@ -29,7 +30,9 @@ A faster goal is a different goal; a slower one stands.
 """
 
 MAX_LOOKAHEAD_DISTANCE = 1.7e-3
-"""Largest distance by which a plan may end beyond the last place of a goal [m]."""
+"""Largest distance by which a plan of a machine without dead time may end beyond the last place of
+a goal [m].
+"""
 
 STREAM_END_PERIODS = 1.5
 """Number of periods without a goal after which the stream has ended."""
@@ -109,13 +112,14 @@ class GoalStream:
             return False
         return now - self._received[-1].received_at <= STREAM_END_PERIODS * self.period
 
-    def extrapolate(self, goal: Goal, seconds: float) -> Goal:
+    def extrapolate(self, goal: Goal, seconds: float, dead_time: float = 0.0) -> Goal:
         """Move a goal on along the stream's velocity, to the place where a plan for it should end.
 
         Args:
             goal: The goal that was received last.
             seconds: Time to extrapolate by [s]. It is shortened if the goal would move by more than
-                `MAX_LOOKAHEAD_DISTANCE`.
+                `MAX_LOOKAHEAD_DISTANCE` beyond where it is after the dead time.
+            dead_time: Dead time of the machine [s].
 
         Returns:
             The moved goal; `goal` itself if the stream's velocity is 0.
@@ -124,6 +128,6 @@ class GoalStream:
         speed = math.hypot(*velocity)
         if speed == 0.0:
             return goal
-        seconds = min(seconds, MAX_LOOKAHEAD_DISTANCE / speed)
+        seconds = min(seconds, dead_time + MAX_LOOKAHEAD_DISTANCE / speed)
         pairs = zip(goal.position, velocity, strict=True)
         return goal.moved_to(tuple(along + seconds * rate for along, rate in pairs))

@@ -241,8 +241,8 @@ def test_the_dead_time_of_a_machine_without_pressure_sensors_is_added(new_world)
 def test_a_moving_goal_is_extrapolated_in_real_time(new_world, monkeypatch):
     durations = []
 
-    def record(queue, pending_goal, duration):
-        durations.append(duration)
+    def record(queue, pending_goal, horizon, dead_time):
+        durations.append((horizon, dead_time))
         return pending_goal.goal, 0.0
 
     monkeypatch.setattr(GoalQueue, "choose_target", record)
@@ -252,7 +252,7 @@ def test_a_moving_goal_is_extrapolated_in_real_time(new_world, monkeypatch):
     world.arm.clock_rate = 10.0
     world.pass_time(4.0)
     world.send_goal(*DOWN)
-    assert durations[-1] == pytest.approx(0.3 + compute_dead_time(slow) / 10.0, rel=1e-3)
+    assert durations[-1] == pytest.approx((0.3, compute_dead_time(slow) / 10.0), rel=1e-3)
 
 
 def test_an_arm_that_runs_faster_is_given_its_own_time(world):

@@ -60,13 +60,17 @@ def test_a_goal_that_comes_no_more_moves_no_more():
     assert not stream.is_moving(1.4)
 
 
+@pytest.mark.parametrize("dead_time", [0.0, 0.25])
 @pytest.mark.parametrize("speed", [0.002, 0.1, 0.4])
-def test_a_plan_ends_at_most_a_little_beyond_where_the_goal_was_last(speed):
+def test_a_plan_ends_at_most_a_little_beyond_where_the_goal_is_after_the_dead_time(
+    speed, dead_time
+):
     stream = moving((speed, 0.0), [1.0, 1.1, 1.2])
     last = Goal(7, 0.5 + 1.2 * speed, 0.1)
-    ahead = stream.extrapolate(last, 0.1)
+    ahead = stream.extrapolate(last, dead_time + 0.1, dead_time)
     assert ahead.stamp_ns == 7
-    assert ahead.x - last.x == pytest.approx(min(0.1 * speed, MAX_LOOKAHEAD_DISTANCE))
+    beyond = min(0.1 * speed, MAX_LOOKAHEAD_DISTANCE)
+    assert ahead.x - last.x == pytest.approx(dead_time * speed + beyond)
 
 
 def follow(world, speed, rate, seconds):

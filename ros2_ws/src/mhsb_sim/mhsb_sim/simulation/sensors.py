@@ -98,18 +98,23 @@ class SensorClass:
         resolution: Resolution of a reading; of the joint angle [rad] for length sensors.
         offset: Standard deviation of the offset among sensors.
         drift: Standard deviation of the drift among sensors, per second.
+        of_angle: True for a length sensor whose noise, offset and drift are of the joint angle
+            [rad]. They count as lengths at the joint's longest moment arm.
     """
 
     noise: float | None = None
     resolution: float = 0.0
     offset: float = 0.0
     drift: float = 0.0
+    of_angle: bool = False
 
 
 LENGTH_CLASSES = {
     "file": SensorClass(),
     "encoder_16_bit": SensorClass(resolution=2.0 * math.pi / 2**16),
     "encoder_13_bit": SensorClass(resolution=2.0 * math.pi / 2**13),
+    # inertial sensors on the links: 0.1 degrees after their filter, 0.5 degrees a minute
+    "imu": SensorClass(noise=math.radians(0.1), drift=math.radians(0.5) / 60.0, of_angle=True),
 }
 """Classes of length sensors by the names of the machine file."""
 PRESSURE_CLASSES = {
@@ -153,8 +158,10 @@ def build_channels(
     config = machine.config.servo
     fitted = machine.config.imperfections.sensors
     full = compute_full_pump_flow(machine)
+    lengths = LENGTH_CLASSES[fitted.length]
+    length_unit = machine.longest_moment_arms if lengths.of_angle else 1.0
     kinds = (
-        (n, LENGTH_CLASSES[fitted.length], config.length_noise, 1.0),
+        (n, lengths, config.length_noise, length_unit),
         (3 * n + 1, PRESSURE_CLASSES[fitted.pressure], config.pressure_noise, 1.0),
         (m, PUMP_SPEED[fitted.pump_speed], 0.0, full),
     )
