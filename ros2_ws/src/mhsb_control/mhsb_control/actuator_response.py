@@ -180,15 +180,28 @@ class InverseCurve:
             weight: Weight of the pair, above 0 … 1: 1 if it is independent of earlier pairs, less
                 if its window overlaps theirs.
         """
-        s = self._settings
         share = self._shares(speed)
-        spread = self.covariance @ share
-        gain = spread / (share @ spread + s.command_deviation**2 / weight)
-        self.commands += gain * (command - share @ self.commands)
-        self.covariance -= np.outer(gain, spread)
-        self._keep_increasing()
+        gain = self._correct(share, command, weight)
+        self.covariance -= np.outer(gain, self.covariance @ share)
         known = np.diag(self.covariance) < 0.25 * np.diag(self._prior)
         self.known_speed = max(self.known_speed, float(self.speeds[known].max(initial=0.0)))
+
+    def _correct(self, share: FloatArray, command: float, weight: float) -> FloatArray:
+        """Correct the commands of all knots by one pair, and return the gain of the Kalman filter.
+
+        Args:
+            share: Weights φ_k of the knots at the speed of the pair, float64[k].
+            command: Command of the pair, 0 … 1.
+            weight: Weight of the pair, above 0 … 1.
+
+        Returns:
+            Change of each knot's command per error of the pair's command, float64[k] [-].
+        """
+        spread = self.covariance @ share
+        gain = spread / (share @ spread + self._settings.command_deviation**2 / weight)
+        self.commands += gain * (command - share @ self.commands)
+        self._keep_increasing()
+        return gain
 
     def _shares(self, speed: float) -> FloatArray:
         """Return the weights φ_k of the knots at a speed, float64[k].
@@ -205,14 +218,15 @@ class InverseCurve:
     def raise_dead_band(self, command: float, weight: float) -> None:
         """Raise the dead band if a command above it has not moved the piston.
 
-        Commands from `max_dead_band` on are ignored: something else holds the piston.
+        Commands from `max_dead_band` on are ignored: something else holds the piston. The
+        covariance stays, because the command is only a lower bound of the dead band.
 
         Args:
             command: Command, 0 … 1.
             weight: Weight of this observation, above 0 … 1, as in `learn`.
         """
         if self.commands[0] < command < self._settings.max_dead_band:
-            self.learn(0.0, command + self._settings.dead_band_step, weight)
+            self._correct(self._shares(0.0), command + self._settings.dead_band_step, weight)
 
     def forget(self, time: float) -> None:
         """Relax the covariance towards the initial one during a time [s]."""

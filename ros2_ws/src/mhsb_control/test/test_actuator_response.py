@@ -53,6 +53,18 @@ def test_one_pair_moves_the_whole_curve_and_standstill_raises_its_dead_band():
     assert np.all(np.diff(curve.commands) > 0.0)
 
 
+def test_a_wide_dead_band_is_crossed_in_few_steps():
+    """A command that moves nothing says that the dead band is larger, not how large it is."""
+    curve, steps = build_curve(), 0
+    before = curve.covariance.copy()
+    while (command := curve.command_at(0.0) + 1e-3) < 0.45:
+        for _ in range(20):  # the windows of one second overlap
+            curve.raise_dead_band(command, 1.0 / 20)
+        steps += 1
+    assert steps <= 12
+    assert np.array_equal(curve.covariance, before)
+
+
 def test_uncertainty_returns_in_time_and_not_beyond_its_first_value():
     curve = build_curve()
     prior = curve.covariance.copy()

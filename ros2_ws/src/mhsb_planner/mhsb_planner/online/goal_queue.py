@@ -236,16 +236,16 @@ class GoalQueue:
     ) -> tuple[Goal, float]:
         """Choose the target of a plan for a goal, and return it with the goal's period.
 
-        A moving goal is extrapolated by commit horizon, dead time and one period, but only a limited
-        way beyond where it is after the dead time. If the goal has stopped, or its
+        A moving goal is extrapolated by commit horizon, dead time and one period, but only a
+        limited way beyond where it is after the dead time. If the goal has stopped, or its
         `needs_exact_place` is set, the target is its exact place. The period of a stopped goal is
         returned, too, so that its plan is made as for a moving goal. A plan for a fixed goal might
         choose another posture and swing the tip far beyond.
 
         Args:
             pending_goal: The goal.
-            commit_horizon: Commit horizon (time until the new plan takes over) in real time, without
-                the dead time [s].
+            commit_horizon: Commit horizon (time until the new plan takes over) in real time,
+                without the dead time [s].
             dead_time: Dead time of the machine in real time [s].
 
         Returns:
