@@ -6,12 +6,13 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+from mcap.opcode import Opcode
+
 from mhsb_msgs_py.topics import SUITE_TOPICS, Topic
 from mhsb_tools.recording.bag_folder import BagFolder, find_data_files
 from mhsb_tools.recording.bag_format import SERIALIZATION_FORMAT, BagError
 from mhsb_tools.recording.data_file import DataFile
-from mhsb_tools.recording.mcap_chunk import Chunk, RawMessage
-from mhsb_tools.recording.mcap_records import MESSAGE_HEAD, Opcode
+from mhsb_tools.recording.mcap_chunk import Chunk, RawMessage, message_at
 from mhsb_tools.recording.mcap_structure import RecordFrame
 from mhsb_tools.recording.mcap_survey import Definitions, Survey
 from mhsb_tools.recording.mcap_walk import McapWalk
@@ -83,7 +84,7 @@ def _messages(bag: BagFolder, names: dict[str, Topic]) -> Iterator[RecordedMessa
                 if isinstance(piece, Chunk):
                     messages = piece.messages()
                 elif isinstance(piece, RecordFrame) and piece.opcode == Opcode.MESSAGE:
-                    messages = iter([_read_unchunked_message(file, piece)])
+                    messages = iter([message_at(file.read(piece.at, piece.end - piece.at), 0)])
                 yield from _select_topics(messages, survey.definitions, names)
         survey.close()
         _check(bag, survey)
@@ -107,21 +108,6 @@ def _check(bag: BagFolder, survey: Survey) -> None:
             f"the recording {bag.path} is damaged: in {survey.path.name} {survey.reason}; "
             f"{bag.advice}"
         )
-
-
-def _read_unchunked_message(file: DataFile, record: RecordFrame) -> RawMessage:
-    """Read one message that is outside all chunks of an MCAP file.
-
-    Args:
-        file: The MCAP file.
-        record: Position of the message record in the file; it must have been checked before.
-
-    Returns:
-        The message with its serialized content.
-    """
-    content = file.read(record.begin, record.length)
-    channel_id, _, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(content)
-    return RawMessage(channel_id, log_ns, publish_ns, content[MESSAGE_HEAD.size :])
 
 
 def _select_topics(
@@ -148,8 +134,8 @@ def _select_topics(
             channel = definitions.channels[channel_id]
             schema = definitions.schema_of(channel)
             type_name = schema.name[:80] if schema else "no type"
-            if channel.encoding != SERIALIZATION_FORMAT:
-                type_name += f" in {channel.encoding[:20]}"
+            if channel.message_encoding != SERIALIZATION_FORMAT:
+                type_name += f" in {channel.message_encoding[:20]}"
             topic = names.get(channel.topic)
             known[channel_id] = (topic, type_name) if topic else None
         if found := known[channel_id]:

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from mcap.data_stream import RecordBuilder
-from mcap.records import Header, Metadata
+from mcap.opcode import Opcode
+from mcap.records import Channel, Header, Metadata, Schema
 
 from mhsb_tools.recording import bag_format
 from mhsb_tools.recording.bag_folder import BagFolder, find_data_files
@@ -26,7 +26,7 @@ from mhsb_tools.recording.bag_format import METADATA_FILE, BagContents, BagError
 from mhsb_tools.recording.data_file import DataFile
 from mhsb_tools.recording.mcap_chunk import Chunk
 from mhsb_tools.recording.mcap_copy import McapCopy
-from mhsb_tools.recording.mcap_records import RECORD_HEADER, Channel, Opcode, Schema, check_metadata
+from mhsb_tools.recording.mcap_records import serialize_record
 from mhsb_tools.recording.mcap_structure import RecordFrame
 from mhsb_tools.recording.mcap_survey import Definitions, Survey, survey_file
 from mhsb_tools.recording.mcap_walk import McapWalk
@@ -253,26 +253,24 @@ def _copy_readable_parts(survey: Survey, file: DataFile, stream: IO[bytes]) -> B
         BagError: The budget for reading or unpacking is used up.
     """
     listed = survey.listed_chunks
-    copy = McapCopy(stream, _complete_definitions(survey), _header(survey), listed)
+    header = survey.header or Header(bag_format.MCAP_PROFILE, "mhsb")
+    copy = McapCopy(stream, _complete_definitions(survey), header, listed)
     seen = Survey(survey.path)
     for piece in McapWalk(file).iterate_pieces():
         if isinstance(piece, Chunk) and seen.register_chunk(piece):
             copy.add_chunk(piece)
         elif isinstance(piece, RecordFrame) and piece.opcode == Opcode.MESSAGE:
-            copy.add_message(file.read(piece.at, RECORD_HEADER.size + piece.length))
-        elif isinstance(piece, RecordFrame) and piece.opcode in (
-            Opcode.ATTACHMENT,
-            Opcode.METADATA,
+            copy.add_message(file.read(piece.at, piece.end - piece.at))
+        elif isinstance(piece, RecordFrame) and (
+            piece.opcode == Opcode.ATTACHMENT
+            or (piece.opcode == Opcode.METADATA and piece.content.name != BAG_METADATA)
         ):
-            content = file.read(piece.begin, piece.length)
-            if piece.opcode == Opcode.ATTACHMENT or check_metadata(content) != BAG_METADATA:
-                copy.add_attachment_or_metadata(piece.opcode, content)
+            copy.add_attachment_or_metadata(file.read(piece.at, piece.end - piece.at))
     copy.flush()
     contents = summarize_contents(survey, copy.counts, copy.definitions)
     text = bag_format.metadata_text({survey.path.name: contents})
-    copy.add_attachment_or_metadata(
-        Opcode.METADATA, _content(Metadata(BAG_METADATA, {"serialized_metadata": text}))
-    )
+    own = Metadata(BAG_METADATA, {"serialized_metadata": text})
+    copy.add_attachment_or_metadata(serialize_record(own))
     copy.finish()
     return contents
 
@@ -296,13 +294,11 @@ def _complete_definitions(survey: Survey) -> Definitions:
         if channel_id not in definitions.channels:
             topic = f"/unknown/channel_{channel_id}"
             schema_id = _unknown_schema(definitions)
-            channel = Channel(channel_id, schema_id, topic, bag_format.SERIALIZATION_FORMAT, ())
-            definitions.channels[channel_id] = channel
+            encoding = bag_format.SERIALIZATION_FORMAT
+            definitions.channels[channel_id] = Channel(channel_id, topic, encoding, {}, schema_id)
     for channel in list(definitions.channels.values()):
         if channel.schema_id not in (0, *definitions.schemas):
-            definitions.schemas[channel.schema_id] = Schema(
-                channel.schema_id, UNKNOWN_TYPE, bag_format.SCHEMA_ENCODING, b""
-            )
+            definitions.schemas[channel.schema_id] = _make_unknown_schema(channel.schema_id)
     return definitions
 
 
@@ -322,42 +318,18 @@ def _unknown_schema(definitions: Definitions) -> int:
         if schema.name == UNKNOWN_TYPE:
             return schema_id
     free = next(n for n in range(2**16 - 1, 0, -1) if n not in used | definitions.schemas.keys())
-    definitions.schemas[free] = Schema(free, UNKNOWN_TYPE, bag_format.SCHEMA_ENCODING, b"")
+    definitions.schemas[free] = _make_unknown_schema(free)
     return free
+
+
+def _make_unknown_schema(schema_id: int) -> Schema:
+    """Return a schema of the type UNKNOWN_TYPE without a definition."""
+    return Schema(schema_id, b"", bag_format.SCHEMA_ENCODING, UNKNOWN_TYPE)
 
 
 def _nameless(survey: Survey) -> int:
     """Return the number of kept messages whose channel record is lost, so the topic is unknown."""
     return sum(n for each, n in survey.counts.items() if each not in survey.definitions.channels)
-
-
-def _header(survey: Survey) -> bytes:
-    """Return the content of the MCAP header record for a repaired file.
-
-    Args:
-        survey: Findings in the damaged file.
-
-    Returns:
-        Content of the damaged file's own header record. If that one is damaged, content of a new
-        header with the profile of ROS.
-    """
-    if survey.header is not None:
-        return survey.header.content
-    return _content(Header(bag_format.MCAP_PROFILE, "mhsb"))
-
-
-def _content(record: Header | Metadata) -> bytes:
-    """Serialize the content of an MCAP record.
-
-    Args:
-        record: The record.
-
-    Returns:
-        The content as bytes, without opcode and length.
-    """
-    builder = RecordBuilder()
-    record.write(builder)
-    return bytes(builder.end())[RECORD_HEADER.size :]
 
 
 def summarize_contents(
@@ -397,9 +369,9 @@ def _topic(channel: Channel, definitions: Definitions) -> BagTopic:
     return BagTopic(
         channel.topic,
         type_name,
-        channel.value("offered_qos_profiles"),
-        channel.encoding,
-        channel.value("topic_type_hash") or bag_format.known_type_hash(type_name),
+        channel.metadata.get("offered_qos_profiles", ""),
+        channel.message_encoding,
+        channel.metadata.get("topic_type_hash") or bag_format.known_type_hash(type_name),
     )
 
 

@@ -13,6 +13,8 @@ from typing import NamedTuple
 import lz4.frame
 import numpy as np
 import zstandard
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
 
 from mhsb_tools.recording.mcap_records import (
     CHUNK_TIMES,
@@ -20,9 +22,6 @@ from mhsb_tools.recording.mcap_records import (
     MAX_CHUNK_SIZE,
     MESSAGE_HEAD,
     RECORD_HEADER,
-    Channel,
-    Opcode,
-    Schema,
     StructureError,
     parse_definition,
 )

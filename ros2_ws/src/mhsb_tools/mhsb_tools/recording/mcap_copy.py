@@ -10,12 +10,13 @@ from __future__ import annotations
 import tempfile
 import zlib
 from collections import Counter
-from collections.abc import Set
+from collections.abc import Iterable, Set
 from dataclasses import dataclass, replace
 from typing import IO
 
-from mcap import records as mcap_records
-from mcap.data_stream import RecordBuilder
+from mcap import records
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
 
 from mhsb_tools.recording.bag_format import BagError
 from mhsb_tools.recording.mcap_chunk import Chunk, ChunkHeader, find_records, message_index
@@ -23,9 +24,8 @@ from mhsb_tools.recording.mcap_records import (
     CHUNK_TIMES,
     FILE_MAGIC,
     RECORD_HEADER,
-    Channel,
-    Opcode,
-    Schema,
+    parse_record,
+    serialize_record,
 )
 from mhsb_tools.recording.mcap_survey import Definitions
 from mhsb_tools.recording.mcap_walk import INDEX_HEAD_SIZE
@@ -55,7 +55,7 @@ class McapCopy:
         self,
         stream: IO[bytes],
         definitions: Definitions,
-        header: bytes,
+        header: records.Header,
         listed: Set[tuple[int, int, int]] = frozenset(),
     ) -> None:
         """Write the beginning of the new file: magic bytes, header, schemas and channels.
@@ -63,7 +63,7 @@ class McapCopy:
         Args:
             stream: Binary stream that receives the new file.
             definitions: All known schemas and channels. Later calls may add more of them, in place.
-            header: Content of the header record.
+            header: Header of the new file.
             listed: Keys of the chunks that are known to use these definitions. A key is the first
                 log time [ns], the last log time [ns] and the unpacked size [bytes] of a chunk.
         """
@@ -82,8 +82,8 @@ class McapCopy:
         self._own_end: int | None = None
         self._other_end = 0
         self._write(FILE_MAGIC)
-        self._record(Opcode.HEADER, header)
-        self._write(_definition_bytes(definitions))
+        self._write(serialize_record(header))
+        self._write_definitions(definitions)
 
     def add_chunk(self, chunk: Chunk) -> None:
         """Write a chunk with its message indexes; a chunk without messages is not written.
@@ -129,17 +129,15 @@ class McapCopy:
         if len(self._loose) >= CHUNK_SIZE:
             self.flush()
 
-    def add_attachment_or_metadata(self, opcode: int, content: bytes) -> None:
+    def add_attachment_or_metadata(self, record: bytes) -> None:
         """Write an attachment or metadata record, and keep its index for the summary.
 
         Args:
-            opcode: ATTACHMENT or METADATA.
-            content: Content of the record, verified.
+            record: The record with opcode and length, verified.
         """
         self.flush()
-        at = self._at
-        self._record(opcode, content)
-        self._others.append(_make_index_record(opcode, content, at))
+        self._others.append(_make_index_record(record, self._at))
+        self._write(record)
 
     def flush(self) -> None:
         """Write the messages that `add_message` has collected as one chunk.
@@ -156,12 +154,12 @@ class McapCopy:
         The stream stays open. Nothing may be added afterwards.
         """
         self.flush()
-        self._record(Opcode.DATA_END, bytes(4))
+        self._write(serialize_record(records.DataEnd(0)))
         begin, self._checksum = self._at, 0
         groups = [(Opcode.SCHEMA, begin)]
-        self._write(_definition_bytes(Definitions(self.definitions.schemas)))
+        self._write_definitions(self.definitions.schemas.values())
         groups.append((Opcode.CHANNEL, self._at))
-        self._write(_definition_bytes(Definitions({}, self.definitions.channels)))
+        self._write_definitions(self.definitions.channels.values())
         groups.append((Opcode.STATISTICS, self._at))
         self._write(self._statistics())
         groups.append((Opcode.CHUNK_INDEX, self._at))
@@ -210,8 +208,8 @@ class McapCopy:
             self._write(content)
             self.counts[channel_id] += count
         self._indexes.write(
-            _serialize_record(
-                mcap_records.ChunkIndex(
+            serialize_record(
+                records.ChunkIndex(
                     chunk_length=length,
                     chunk_start_offset=begin,
                     compression=chunk.header.compression,
@@ -311,21 +309,15 @@ class McapCopy:
         if number == 0:
             raise BagError(f"a recording with more than {MAX_ID} definitions cannot be repaired")
         table[number] = replace(definition, id=number)
-        one = {number: table[number]}
-        alone = Definitions(one) if isinstance(definition, Schema) else Definitions({}, one)
-        self._write(_definition_bytes(alone))
+        self._write_definitions([table[number]])
         return number
 
     # --- Records ---------------------------------------------------------------------------------
 
-    def _record(self, opcode: int, content: bytes) -> None:
-        """Write a record.
-
-        Args:
-            opcode: Its opcode.
-            content: Its content.
-        """
-        self._write(RECORD_HEADER.pack(opcode, len(content)) + content)
+    def _write_definitions(self, definitions: Iterable[Schema | Channel]) -> None:
+        """Write schema and channel records."""
+        for each in definitions:
+            self._write(serialize_record(each))
 
     def _write(self, data: bytes | memoryview) -> None:
         """Write bytes to the new file and advance the file position.
@@ -349,8 +341,8 @@ class McapCopy:
         """
         first, last = self._times[0] if self._times else (0, 0)
         kinds = Counter(each[0] for each in self._others)
-        return _serialize_record(
-            mcap_records.Statistics(
+        return serialize_record(
+            records.Statistics(
                 attachment_count=kinds[Opcode.ATTACHMENT_INDEX],
                 channel_count=len(self.definitions.channels),
                 channel_message_counts=dict(self.counts),
@@ -375,88 +367,37 @@ class McapCopy:
         offsets = self._at
         for (opcode, at), end in zip(groups, ends, strict=True):
             if end > at:
-                self._write(_serialize_record(mcap_records.SummaryOffset(opcode, at, end - at)))
+                self._write(serialize_record(records.SummaryOffset(opcode, at, end - at)))
         self._write(RECORD_HEADER.pack(Opcode.FOOTER, 20))
         self._write(begin.to_bytes(8, "little") + offsets.to_bytes(8, "little"))
         assert self._checksum is not None
         self._write(self._checksum.to_bytes(4, "little") + FILE_MAGIC)
 
 
-def _definition_bytes(definitions: Definitions) -> bytes:
-    """Serialize all schemas, and then all channels, as MCAP records.
-
-    Args:
-        definitions: The schemas and channels.
-
-    Returns:
-        The records one after the other, with opcode and length.
-    """
-    built = [
-        _serialize_record(mcap_records.Schema(each.id, each.data, each.encoding, each.name))
-        for each in definitions.schemas.values()
-    ]
-    built += [
-        _serialize_record(
-            mcap_records.Channel(
-                id=each.id,
-                topic=each.topic,
-                message_encoding=each.encoding,
-                metadata=dict(each.metadata),
-                schema_id=each.schema_id,
-            )
-        )
-        for each in definitions.channels.values()
-    ]
-    return b"".join(built)
-
-
-def _make_index_record(opcode: int, content: bytes, at: int) -> bytes:
+def _make_index_record(record: bytes, at: int) -> bytes:
     """Return the record by which a summary lists an attachment or metadata record.
 
     Args:
-        opcode: METADATA or ATTACHMENT.
-        content: Verified content of the record.
+        record: The record with opcode and length, verified.
         at: Offset of the record in the file.
 
     Returns:
         The index record with opcode and length.
     """
-    length = RECORD_HEADER.size + len(content)
-    if opcode == Opcode.METADATA:
-        size = int.from_bytes(content[:4], "little")
-        name = content[4 : 4 + size].decode("utf-8")
-        return _serialize_record(mcap_records.MetadataIndex(length=length, name=name, offset=at))
-    end = 16
-    texts = []
-    for _ in range(2):
-        size = int.from_bytes(content[end : end + 4], "little")
-        texts.append(content[end + 4 : end + 4 + size].decode("utf-8"))
-        end += 4 + size
-    return _serialize_record(
-        mcap_records.AttachmentIndex(
+    parsed = parse_record(record[0], memoryview(record)[RECORD_HEADER.size :])
+    if isinstance(parsed, records.Metadata):
+        return serialize_record(records.MetadataIndex(at, len(record), parsed.name))
+    return serialize_record(
+        records.AttachmentIndex(
             offset=at,
-            length=length,
-            log_time=int.from_bytes(content[:8], "little"),
-            create_time=int.from_bytes(content[8:16], "little"),
-            data_size=int.from_bytes(content[end : end + 8], "little"),
-            name=texts[0],
-            media_type=texts[1],
+            length=len(record),
+            log_time=parsed.log_time,
+            create_time=parsed.create_time,
+            data_size=len(parsed.data),
+            name=parsed.name,
+            media_type=parsed.media_type,
         )
     )
-
-
-def _serialize_record(record: mcap_records.McapRecord) -> bytes:
-    """Serialize an MCAP record.
-
-    Args:
-        record: The record.
-
-    Returns:
-        Its bytes with opcode and length.
-    """
-    builder = RecordBuilder()
-    record.write(builder)
-    return bytes(builder.end())
 
 
 @dataclass(frozen=True)

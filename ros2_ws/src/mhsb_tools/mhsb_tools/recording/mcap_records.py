@@ -3,15 +3,21 @@
 A record consists of one byte of opcode, eight bytes of length, and its content
 (https://mcap.dev/spec). A file may come from an untrusted source. Nothing is therefore allocated by
 a stated length before that length is known to be within the file and below the bounds of this
-module.
+module. The fields are read by the library `mcap`, from a stream that has no bytes but the record's.
 """
 
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
-from enum import IntEnum
+from collections.abc import Callable
+from io import BytesIO
+from typing import Any
 
+from mcap import records
+from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
 from mcap.writer import MCAP0_MAGIC
 
 FILE_MAGIC = MCAP0_MAGIC
@@ -47,210 +53,79 @@ class StructureError(Exception):
     """Bytes that are not the record that they claim to be; the message has no period."""
 
 
-class Opcode(IntEnum):
-    """Kinds of MCAP records by their first byte."""
-
-    HEADER = 0x01
-    FOOTER = 0x02
-    SCHEMA = 0x03
-    CHANNEL = 0x04
-    MESSAGE = 0x05
-    CHUNK = 0x06
-    MESSAGE_INDEX = 0x07
-    CHUNK_INDEX = 0x08
-    ATTACHMENT = 0x09
-    ATTACHMENT_INDEX = 0x0A
-    STATISTICS = 0x0B
-    METADATA = 0x0C
-    METADATA_INDEX = 0x0D
-    SUMMARY_OFFSET = 0x0E
-    DATA_END = 0x0F
-
-
 FIRST_PRIVATE_OPCODE = 0x80
 """First of the opcodes that are reserved for applications."""
 
-FIXED_LENGTHS = {Opcode.FOOTER: 20, Opcode.DATA_END: 4, Opcode.SUMMARY_OFFSET: 17}
-"""Content length of the records that always have the same length [bytes]."""
+PARSERS: dict[int, Callable[[ReadDataStream], Any]] = {
+    Opcode.HEADER: records.Header.read,
+    Opcode.FOOTER: records.Footer.read,
+    Opcode.SCHEMA: records.Schema.read,
+    Opcode.CHANNEL: records.Channel.read,
+    Opcode.CHUNK_INDEX: records.ChunkIndex.read,
+    Opcode.ATTACHMENT: records.Attachment.read,
+    Opcode.ATTACHMENT_INDEX: records.AttachmentIndex.read,
+    Opcode.STATISTICS: records.Statistics.read,
+    Opcode.METADATA: records.Metadata.read,
+    Opcode.METADATA_INDEX: records.MetadataIndex.read,
+    Opcode.SUMMARY_OFFSET: records.SummaryOffset.read,
+    Opcode.DATA_END: records.DataEnd.read,
+}
+"""Functions that read the fields of a record's content, by opcode; all kinds but chunks, messages
+and message indexes.
+"""
 
 
-@dataclass(frozen=True)
-class Schema:
-    """Definition of a message type, as stored in an MCAP file.
+class _RecordStream(ReadDataStream):
+    """Stream of one record's content; to read beyond its end is an error."""
 
-    Attributes:
-        id: Id by which channels refer to it; never 0.
-        name: Name of the type.
-        encoding: Encoding of `data`, such as `ros2msg`.
-        data: Definition of the type.
-    """
-
-    id: int
-    name: str
-    encoding: str
-    data: bytes
-
-
-@dataclass(frozen=True)
-class Channel:
-    """A recorded topic, as stored in an MCAP file.
-
-    Attributes:
-        id: Id by which messages refer to it.
-        schema_id: Id of its schema; 0 for none.
-        topic: Name of the topic.
-        encoding: Encoding of its messages, such as `cdr`.
-        metadata: Keys and values in the order of the file.
-    """
-
-    id: int
-    schema_id: int
-    topic: str
-    encoding: str
-    metadata: tuple[tuple[str, str], ...]
-
-    def value(self, key: str) -> str:
-        """Return the metadata value of a key, or an empty text if the key is missing."""
-        return dict(self.metadata).get(key, "")
-
-
-@dataclass(frozen=True)
-class Statistics:
-    """Message counts that a file states in its summary.
-
-    Attributes:
-        message_count: Number of messages in the file.
-        counts: Channel id and number of messages of each channel.
-    """
-
-    message_count: int
-    counts: tuple[tuple[int, int], ...]
-
-
-class FieldReader:
-    """Reader for the fields of one record's content, in their order.
-
-    Each method moves the position past the field that it returns. It raises StructureError if the
-    field reaches beyond the content.
-
-    Attributes:
-        at: Offset of the next field in the content.
-    """
-
-    def __init__(self, content: bytes | memoryview) -> None:
-        """Begin to read the content of a record."""
-        self._content = content
-        self.at = 0
-
-    def take(self, length: int) -> bytes:
-        """Return the next bytes and move the read position past them.
-
-        Args:
-            length: Number of bytes.
-
-        Returns:
-            The bytes, as a copy.
+    def read(self, length: int) -> bytes:
+        """Return the next bytes.
 
         Raises:
-            StructureError: The content has fewer bytes left.
+            EndOfFile: The content has fewer bytes left.
         """
-        if length > len(self._content) - self.at:
-            raise StructureError("a field is longer than its record")
-        self.at += length
-        return bytes(self._content[self.at - length : self.at])
-
-    def number(self, size: int) -> int:
-        """Return the next unsigned number, stored in `size` bytes in little-endian order.
-
-        Raises:
-            StructureError: The content has fewer bytes left.
-        """
-        return int.from_bytes(self.take(size), "little")
-
-    def text(self) -> str:
-        """Return the next text and move the read position past it.
-
-        Returns:
-            The text. In the content, it follows its length, a number of 4 bytes.
-
-        Raises:
-            StructureError: The text is not UTF-8, or the content ends before the text does.
-        """
-        try:
-            return self.take(self.number(4)).decode("utf-8")
-        except UnicodeDecodeError:
-            raise StructureError("a text is not in UTF-8") from None
-
-    def table(self) -> tuple[tuple[str, str], ...]:
-        """Return the next table of texts and move the read position past it.
-
-        Returns:
-            Pairs of key and value in the order of the file; a key may occur several times.
-
-        Raises:
-            StructureError: The entries do not end exactly where the length of the table says, or a
-                text cannot be read.
-        """
-        end = self.number(4) + self.at
-        pairs = []
-        while self.at < end:
-            pairs.append((self.text(), self.text()))
-        if self.at != end:
-            raise StructureError("a list does not end where it should")
-        return tuple(pairs)
-
-    def end(self) -> None:
-        """Raise StructureError if bytes follow the last field."""
-        if self.at != len(self._content):
-            raise StructureError("a record is longer than its fields")
+        data = super().read(length)
+        if len(data) < length:
+            raise EndOfFile
+        return data
 
 
-def parse_schema(content: bytes | memoryview) -> Schema:
-    """Parse the content of a schema record.
+def parse_record(opcode: int, content: bytes | memoryview) -> Any:
+    """Parse the content of a record and check it.
 
     Args:
+        opcode: Opcode of the record, one of PARSERS.
         content: Content of the record, without opcode and length.
 
     Returns:
-        The schema.
+        The record, of a class of `mcap.records`.
 
     Raises:
-        StructureError: The content is not that of a schema, or its id is 0.
+        StructureError: The fields do not fill the content exactly, or a text is not in UTF-8. Or a
+            schema has the id 0, or the counts of statistics do not add up.
     """
-    fields = FieldReader(content)
-    schema = Schema(fields.number(2), fields.text(), fields.text(), fields.take(fields.number(4)))
-    fields.end()
-    if schema.id == 0:
+    stream = _RecordStream(BytesIO(content))
+    try:
+        record = PARSERS[opcode](stream)
+    except (EndOfFile, OverflowError):
+        raise StructureError("a field is longer than its record") from None
+    except UnicodeDecodeError:
+        raise StructureError("a text is not in UTF-8") from None
+    if stream.count != len(content):
+        raise StructureError("a record is longer than its fields")
+    if isinstance(record, Schema) and record.id == 0:
         raise StructureError("a schema has the id 0")
-    return schema
-
-
-def parse_channel(content: bytes | memoryview) -> Channel:
-    """Parse the content of a channel record.
-
-    Args:
-        content: Content of the record, without opcode and length.
-
-    Returns:
-        The channel.
-
-    Raises:
-        StructureError: The content is not that of a channel.
-    """
-    fields = FieldReader(content)
-    channel = Channel(
-        fields.number(2), fields.number(2), fields.text(), fields.text(), fields.table()
-    )
-    fields.end()
-    return channel
+    counts = record.channel_message_counts if isinstance(record, records.Statistics) else None
+    if counts is not None and sum(counts.values()) != record.message_count:
+        raise StructureError("the statistics contradict themselves")
+    return record
 
 
 def parse_definition(opcode: int, content: bytes | memoryview) -> Schema | Channel:
     """Parse the content of a schema or channel record.
 
     Args:
-        opcode: Opcode of the record: SCHEMA or CHANNEL. Every opcode other than SCHEMA is taken as
-            CHANNEL.
+        opcode: Opcode of the record: SCHEMA or CHANNEL.
         content: Content of the record, without opcode and length.
 
     Returns:
@@ -262,106 +137,19 @@ def parse_definition(opcode: int, content: bytes | memoryview) -> Schema | Chann
     """
     if len(content) > MAX_DEFINITION_SIZE:
         raise StructureError(f"a definition has {len(content)} bytes")
-    return parse_schema(content) if opcode == Opcode.SCHEMA else parse_channel(content)
+    definition: Schema | Channel = parse_record(opcode, content)
+    return definition
 
 
-def parse_statistics(content: bytes) -> Statistics:
-    """Parse the content of a statistics record.
-
-    Only the message counts are returned. Other counts and times in the record are skipped.
+def serialize_record(record: records.McapRecord) -> bytes:
+    """Serialize an MCAP record.
 
     Args:
-        content: Content of the record, without opcode and length.
+        record: The record.
 
     Returns:
-        Number of messages in all and for each channel.
-
-    Raises:
-        StructureError: The content is not that of a statistics record, or the counts of the
-            channels do not add up to the number in all.
+        Its bytes with opcode and length.
     """
-    fields = FieldReader(content)
-    message_count = fields.number(8)
-    fields.take(2 + 4 + 4 + 4 + 4 + 8 + 8)  # other counts and times
-    size = fields.number(4)
-    counts = tuple((fields.number(2), fields.number(8)) for _ in range(size // 10))
-    fields.end()
-    if size % 10 or sum(count for _, count in counts) != message_count:
-        raise StructureError("the statistics contradict themselves")
-    return Statistics(message_count, counts)
-
-
-def parse_chunk_key(content: bytes) -> tuple[int, int, int]:
-    """Return the key of a chunk from the content of its chunk index record.
-
-    Args:
-        content: Content of the chunk index record, without opcode and length.
-
-    Returns:
-        First log time [ns], last log time [ns] and unpacked size [bytes] of the chunk. Together
-        they identify the chunk.
-
-    Raises:
-        StructureError: The content is not that of a chunk index.
-    """
-    fields = FieldReader(content)
-    first, last = fields.number(8), fields.number(8)
-    fields.take(8 + 8)
-    fields.take(fields.number(4))
-    fields.take(8)
-    fields.text()
-    fields.take(8)
-    key = first, last, fields.number(8)
-    fields.end()
-    return key
-
-
-def check_texts(content: bytes, numbers: int) -> None:
-    """Check that the content of a record is a number of bytes and then exactly two texts.
-
-    Args:
-        content: Content of a header or attachment index record.
-        numbers: Number of bytes before the first text; their values are not checked.
-
-    Raises:
-        StructureError: The content has another structure.
-    """
-    fields = FieldReader(content)
-    fields.take(numbers)
-    fields.text()
-    fields.text()
-    fields.end()
-
-
-def check_metadata(content: bytes) -> str:
-    """Check the content of a metadata record and return the record's name.
-
-    Args:
-        content: Content of the record, without opcode and length.
-
-    Returns:
-        Name of the metadata record.
-
-    Raises:
-        StructureError: The content is not that of a metadata record.
-    """
-    fields = FieldReader(content)
-    name = fields.text()
-    fields.table()
-    fields.end()
-    return name
-
-
-def check_metadata_index(content: bytes) -> None:
-    """Check the content of a metadata index record.
-
-    Args:
-        content: Content of the record, without opcode and length.
-
-    Raises:
-        StructureError: The content is not that of a metadata index.
-    """
-    fields = FieldReader(content)
-    fields.take(8 + 8)
-    fields.text()
-    fields.end()
+    builder = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())

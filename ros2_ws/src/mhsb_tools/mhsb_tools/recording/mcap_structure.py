@@ -8,21 +8,21 @@ are not accepted outside chunks. Otherwise the search could continue inside a da
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
-from mhsb_tools.recording import mcap_records as records
+from mcap.opcode import Opcode
+
 from mhsb_tools.recording.data_file import DataFile
 from mhsb_tools.recording.mcap_chunk import parse_chunk_fields
 from mhsb_tools.recording.mcap_records import (
     FIRST_PRIVATE_OPCODE,
-    FIXED_LENGTHS,
     MAX_CHUNK_SIZE,
     MAX_DEFINITION_SIZE,
     MESSAGE_HEAD,
     RECORD_HEADER,
-    Opcode,
     StructureError,
+    parse_record,
 )
 
 CHUNK_HEAD_SIZE = 64
@@ -61,14 +61,14 @@ class RecordFrame(NamedTuple):
         at: Offset of the record in the file.
         opcode: Its opcode.
         length: Length of its content [bytes].
-        content: First bytes of a chunk or message; empty for attachments, message indexes and
-            records of applications; the whole content of all others.
+        content: Head of a chunk or message in bytes. None for attachments, message indexes and
+            records of applications. All others are parsed: records of classes of `mcap.records`.
     """
 
     at: int
     opcode: int
     length: int
-    content: bytes = b""
+    content: Any = None
 
     @property
     def begin(self) -> int:
@@ -116,8 +116,6 @@ class McapStructure:
             raise StructureError(f"there is no record of kind {opcode}")
         if length > self._file.size - at - RECORD_HEADER.size:
             raise StructureError(f"a record of {length} bytes reaches beyond the end of the file")
-        if length != FIXED_LENGTHS.get(opcode, length):
-            raise StructureError("a record has a wrong length")
         return RecordFrame(
             at, opcode, length, self._check_content(opcode, at + RECORD_HEADER.size, length)
         )
@@ -233,7 +231,7 @@ class McapStructure:
                 yield place
             at += SEARCH_WINDOW_SIZE
 
-    def _check_content(self, opcode: int, begin: int, length: int) -> bytes:
+    def _check_content(self, opcode: int, begin: int, length: int) -> Any:
         """Check the content of a record and return the part of it that is of use.
 
         Args:
@@ -242,15 +240,15 @@ class McapStructure:
             length: Length of the content [bytes]; it must end within the file.
 
         Returns:
-            The first bytes for a chunk or a message. Nothing for an attachment, a message index or
-            a record of an application. The whole content for any other record.
+            The first bytes of a chunk or a message. None for an attachment, a message index or a
+            record of an application. The parsed record in all other cases.
 
         Raises:
             StructureError: The content has a wrong structure, or is longer than the limit for its
                 kind.
         """
         if opcode >= FIRST_PRIVATE_OPCODE:
-            return b""
+            return None
         if opcode == Opcode.CHUNK:
             head = self._file.read(begin, min(CHUNK_HEAD_SIZE, length))
             _, at, size = parse_chunk_fields(head)
@@ -261,29 +259,13 @@ class McapStructure:
             size = int.from_bytes(self._file.read(begin, 6)[2:], "little")
             if size + 6 != length or size % 16 or length > MAX_CHUNK_SIZE:
                 raise StructureError("an index has a wrong length")
-            return b""
+            return None
         if opcode in (Opcode.MESSAGE, Opcode.ATTACHMENT):
             if not MESSAGE_HEAD.size <= length <= MAX_CHUNK_SIZE:
                 raise StructureError(
                     f"a message or attachment has {length} bytes; at most {MAX_CHUNK_SIZE} are read"
                 )
-            return self._file.read(begin, MESSAGE_HEAD.size) if opcode == Opcode.MESSAGE else b""
+            return self._file.read(begin, MESSAGE_HEAD.size) if opcode == Opcode.MESSAGE else None
         if length > MAX_DEFINITION_SIZE:
             raise StructureError(f"a record has {length} bytes; {MAX_DEFINITION_SIZE} are read")
-        content = self._file.read(begin, length)
-        if opcode in _CHECKS:
-            _CHECKS[opcode](content)
-        return content
-
-
-_CHECKS: dict[int, Callable[[bytes], object]] = {
-    Opcode.HEADER: lambda content: records.check_texts(content, 0),
-    Opcode.SCHEMA: records.parse_schema,
-    Opcode.CHANNEL: records.parse_channel,
-    Opcode.CHUNK_INDEX: records.parse_chunk_key,
-    Opcode.ATTACHMENT_INDEX: lambda content: records.check_texts(content, 40),
-    Opcode.STATISTICS: records.parse_statistics,
-    Opcode.METADATA: records.check_metadata,
-    Opcode.METADATA_INDEX: records.check_metadata_index,
-}
-"""Functions that raise StructureError unless the content of a record is right, by opcode."""
+        return parse_record(opcode, self._file.read(begin, length))

@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Channel, Header, Schema
 
 from mhsb_tools.recording import bag_format
 from mhsb_tools.recording.data_file import DataFile
@@ -22,9 +24,6 @@ from mhsb_tools.recording.mcap_records import (
     MAX_CHUNK_SIZE,
     MESSAGE_HEAD,
     RECORD_HEADER,
-    Channel,
-    Opcode,
-    Schema,
     StructureError,
     parse_definition,
 )
@@ -118,7 +117,7 @@ class Survey:
         has_contradictions: Whether an id has two definitions, so that a part is from another
             recording.
         unlisted: Number of kept messages in chunks that the summary does not list.
-        header: The file's header record; None if it is damaged.
+        header: The file's header; None if it is damaged.
     """
 
     path: Path
@@ -134,7 +133,7 @@ class Survey:
     summary: Summary | None = None
     has_contradictions: bool = False
     unlisted: int = 0
-    header: RecordFrame | None = None
+    header: Header | None = None
     _repeated: Counter[int] = field(default_factory=Counter)
     _summaries: list[Summary] = field(default_factory=list)
     _chunks: dict[int, tuple[tuple[int, int, int], int]] = field(default_factory=dict)
@@ -353,7 +352,7 @@ class Survey:
                 channel_id, _, log_ns, _ = MESSAGE_HEAD.unpack(piece.content)
                 self._count(((channel_id, 1),), log_ns, log_ns)
             case RecordFrame(opcode=Opcode.HEADER) if self.header is None:
-                self.header = piece
+                self.header = piece.content
 
     def _add_chunk(self, chunk: Chunk) -> None:
         """Count the messages of a chunk and add its schemas and channels.

@@ -12,8 +12,9 @@ from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema, Statistics
 
-from mhsb_tools.recording import mcap_records as records
 from mhsb_tools.recording.data_file import COST_OF_A_MESSAGE, DataFile
 from mhsb_tools.recording.mcap_chunk import (
     Chunk,
@@ -30,11 +31,8 @@ from mhsb_tools.recording.mcap_records import (
     MAX_CHUNK_SIZE,
     MESSAGE_HEAD,
     RECORD_HEADER,
-    Channel,
-    Opcode,
-    Schema,
-    Statistics,
     StructureError,
+    parse_record,
 )
 from mhsb_tools.recording.mcap_structure import (
     CHUNK_HEAD_SIZE,
@@ -70,39 +68,25 @@ class Damage:
     times: tuple[int, int] | None = None
 
 
-@dataclass(frozen=True)
-class Summary:
-    """Contents of a file as its end states them.
-
-    Attributes:
-        statistics: Message counts; None if missing or damaged.
-        chunk_keys: Keys of its chunk indexes: first and last log time [ns], unpacked size [bytes].
-        definitions: Schemas and channels that the summary repeats.
-        verified: Whether the summary has a checksum that is right.
-    """
-
-    statistics: Statistics | None
-    chunk_keys: tuple[tuple[int, int, int], ...]
-    definitions: tuple[Schema | Channel, ...]
-    verified: bool
-
-
 @dataclass
-class _SummaryParts:
-    """Parts of a summary that have been found so far.
+class Summary:
+    """Contents of a file as its end states them; the walk collects them piece by piece.
 
     Attributes:
         begin: Offset at which the summary's checksum begins; None if the record before it is
             damaged.
-        statistics: Message counts; None if not found.
-        chunk_keys: Keys of the chunk indexes, at most MAX_CHUNK_KEYS.
-        definitions: Schemas and channels, at most MAX_CHUNK_KEYS.
+        statistics: Message counts; None if missing or damaged.
+        chunk_keys: Keys of its chunk indexes: first and last log time [ns], unpacked size [bytes].
+            At most MAX_CHUNK_KEYS.
+        definitions: Schemas and channels that the summary repeats, at most MAX_CHUNK_KEYS.
+        verified: Whether the summary has a checksum that is right.
     """
 
     begin: int | None = None
     statistics: Statistics | None = None
     chunk_keys: list[tuple[int, int, int]] = field(default_factory=list)
     definitions: list[Schema | Channel] = field(default_factory=list)
+    verified: bool = False
 
     @property
     def begun(self) -> bool:
@@ -132,7 +116,7 @@ class McapWalk:
         """
         self._file = file
         self._structure = McapStructure(file)
-        self._parts = _SummaryParts()
+        self._parts = Summary()
         self._channels: set[int] = set()
         self._unverified_offset: int | None = None
         """Offset of the last record if no checksum has verified its length, else None."""
@@ -478,10 +462,11 @@ class McapWalk:
                 raise StructureError("a message outside of chunks is on no topic of the file")
         match found.opcode:
             case Opcode.SCHEMA | Opcode.CHANNEL:
-                definition = self._definition(found)
+                if found.opcode == Opcode.CHANNEL:
+                    self._channels.add(found.content.id)
                 if self._parts.begun and len(self._parts.definitions) < MAX_CHUNK_KEYS:
-                    self._parts.definitions.append(definition)
-                yield definition
+                    self._parts.definitions.append(found.content)
+                yield found.content
             case Opcode.HEADER | Opcode.METADATA | Opcode.MESSAGE:
                 yield found
             case Opcode.ATTACHMENT:
@@ -492,34 +477,17 @@ class McapWalk:
                 self._parts.begin = found.end
                 yield from self._check_data(found)
             case Opcode.STATISTICS:
-                self._parts.statistics = records.parse_statistics(found.content)
+                self._parts.statistics = found.content
             case Opcode.CHUNK_INDEX:
                 if len(self._parts.chunk_keys) < MAX_CHUNK_KEYS:
-                    self._parts.chunk_keys.append(records.parse_chunk_key(found.content))
+                    index = found.content
+                    times = index.message_start_time, index.message_end_time
+                    self._parts.chunk_keys.append((*times, index.uncompressed_size))
 
     def _check_next(self, at: int) -> None:
         """Raise StructureError unless a record, or the file's end, is at an offset."""
         if at != self._file.size:
             self._structure.read_frame(at)
-
-    def _definition(self, found: RecordFrame) -> Schema | Channel:
-        """Parse a schema or channel that stands outside chunks.
-
-        If it is a channel, its id is added to the known channels.
-
-        Args:
-            found: Record of a schema or channel.
-
-        Returns:
-            The schema or channel.
-
-        Raises:
-            StructureError: The record's content is damaged.
-        """
-        definition = records.parse_definition(found.opcode, found.content)
-        if isinstance(definition, Channel):
-            self._channels.add(definition.id)
-        return definition
 
     def _is_known(self, found: RecordFrame) -> bool:
         """Return whether the channel of a message outside chunks has occurred before."""
@@ -536,14 +504,9 @@ class McapWalk:
             StructureError: A length or the checksum is wrong.
         """
         content = self._file.read(found.begin, found.length)
-        fields = records.FieldReader(content)
-        fields.take(16)
-        fields.text()
-        fields.text()
-        fields.take(fields.number(8))
-        if fields.number(4) not in (0, zlib.crc32(content[:-4])):
+        parse_record(Opcode.ATTACHMENT, content)
+        if int.from_bytes(content[-4:], "little") not in (0, zlib.crc32(content[:-4])):
             raise StructureError("the checksum of an attachment is wrong")
-        fields.end()
 
     def _check_data(self, found: RecordFrame) -> Iterator[Piece]:
         """Yield damage if the checksum of the data section is wrong.
@@ -556,7 +519,7 @@ class McapWalk:
         Yields:
             At most one piece of damage. It covers only the record `found` and has 0 lost messages.
         """
-        stated = int.from_bytes(found.content, "little")
+        stated = found.content.data_section_crc
         if stated and stated != self._checksum(0, found.at):
             yield Damage(found.at, found.end, "the checksum of all data is wrong", 0)
 
@@ -589,8 +552,7 @@ class McapWalk:
             Offset at which the walk continues: the file's size, or the next records in the bytes
             that follow.
         """
-        stated = int.from_bytes(found.content[16:20], "little")
-        yield from self._summary(found.end - 4, stated)
+        yield from self._summary(found.end - 4, found.content.summary_crc)
         end = found.end + len(FILE_MAGIC)
         if self._file.read(found.end, len(FILE_MAGIC)) != FILE_MAGIC:
             end = min(end, self._file.size)
@@ -615,12 +577,11 @@ class McapWalk:
             verified if its checksum is right. The checksum is not examined if there is none, or if
             the record "data end" was not found: the checksum counts from there.
         """
-        parts, self._parts = self._parts, _SummaryParts()
+        parts, self._parts = self._parts, Summary()
         if not parts.begun:
             return
-        verified = False
         if stated and parts.begin is not None:
-            verified = self._checksum(parts.begin, end) == stated
-            if not verified:
+            parts.verified = self._checksum(parts.begin, end) == stated
+            if not parts.verified:
                 yield Damage(parts.begin, end, "the checksum of the summary is wrong", 0)
-        yield Summary(parts.statistics, tuple(parts.chunk_keys), tuple(parts.definitions), verified)
+        yield parts
