@@ -14,7 +14,7 @@ from mhsb_tools.recording.bag_reader import read_recording
 from mhsb_tools.recording.bag_writer import BagWriter
 
 GOAL = (0.55, 0.30)
-RECORDER = ("-m", "mhsb_tools.recording.record_command")
+RECORDER = ("-m", "mhsb_tools.executables", "mhsb", "record")
 SMALL_DISK = 900  # KiB, filled within some seconds, but not before the recorder is ready
 
 

@@ -182,6 +182,21 @@ def run(
         return _print_failure(name, f"{error.filename}: {error.strerror}", EXIT_FAILED)
 
 
+def make_main(
+    command: Callable[..., int | None] | type[CommandArguments], *, node: bool = False
+) -> Callable[[], int]:
+    """Make the function `main` of a command's module, which `mhsb_model.process` calls.
+
+    Args:
+        command: A function, or a dataclass with a method `run`.
+        node: Whether `--ros-args …` is removed before parsing.
+
+    Returns:
+        Function that runs the command with the arguments of the process and returns the exit code.
+    """
+    return partial(run, command, node=node)
+
+
 def _drop_output() -> None:
     """Redirect standard output to the null device, so that flushing at exit cannot fail."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -257,10 +256,4 @@ def _select_time_range(move: MoveRecord, begin: float, end: float | None) -> Mov
     )
 
 
-def main() -> int:
-    """Entry point of `mhsb animate`."""
-    return command_line.run(animate)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command_line.make_main(animate)

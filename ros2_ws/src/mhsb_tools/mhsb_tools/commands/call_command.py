@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json as json_format
-import sys
 from typing import Annotated
 
 import tyro
@@ -86,10 +85,4 @@ def _call_trigger(
     return answer.result()
 
 
-def main() -> int:
-    """Run `mhsb call` with the arguments of the process, and return its exit code."""
-    return command_line.run(call, node=True)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command_line.make_main(call, node=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -506,10 +505,4 @@ def _find_lowest_hold_pressures(machine: Machine, x: float, z: float) -> FloatAr
     return np.array(needed[np.argmin(needed.max(axis=1))])
 
 
-def main() -> int:
-    """Entry point of `mhsb check`."""
-    return command_line.run(check)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command_line.make_main(check)

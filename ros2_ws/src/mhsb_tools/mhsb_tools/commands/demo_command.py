@@ -435,10 +435,4 @@ def _send(sender: GoalSender, executor: SingleThreadedExecutor, goal: DemoGoal, 
         spin_until(executor, lambda: False, REST_TIME)
 
 
-def main() -> int:
-    """Entry point of `mhsb demo`."""
-    return command_line.run(demo)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command_line.make_main(demo)

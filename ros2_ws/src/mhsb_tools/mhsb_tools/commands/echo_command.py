@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import json as json_format
-import sys
 from collections.abc import Sequence
 from typing import Annotated, Any
 
@@ -169,10 +168,4 @@ def to_plain(value: Any) -> Any:
     return value
 
 
-def main() -> int:
-    """Run `mhsb echo` with the arguments of the process, and return its exit code."""
-    return command_line.run(echo, node=True)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command_line.make_main(echo, node=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import json as json_format
-import sys
 from array import array
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
@@ -213,10 +212,4 @@ def _format(value: Any) -> str:
     return value if isinstance(value, str) else json_format.dumps(value)
 
 
-def main() -> int:
-    """Run `mhsb param` with the arguments of the process, and return its exit code."""
-    return command_line.run(param, node=True)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command_line.make_main(param, node=True)

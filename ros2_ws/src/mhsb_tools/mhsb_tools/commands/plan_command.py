@@ -564,10 +564,4 @@ def point_lines(found: OperatingPoint | None) -> list[str]:
     ]
 
 
-def main() -> int:
-    """Entry point of `mhsb plan`."""
-    return command_line.run(plan)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command_line.make_main(plan)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -309,10 +308,4 @@ def as_text(found: ExpectationJudgement) -> list[str]:
     ]
 
 
-def main() -> int:
-    """Entry point of `mhsb reproduce`."""
-    return command_line.run(reproduce)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command_line.make_main(reproduce)

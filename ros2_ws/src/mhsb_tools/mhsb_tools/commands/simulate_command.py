@@ -548,10 +548,4 @@ def write(output: Path, samples: Samples, summary: dict[str, Any]) -> None:
     (output / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
 
 
-def main() -> int:
-    """Entry point of `mhsb simulate`."""
-    return command_line.run(simulate)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command_line.make_main(simulate)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -252,10 +251,4 @@ def as_text(cases: Sequence[Comparison], summary: dict[str, Any]) -> list[str]:
     return lines
 
 
-def main() -> int:
-    """Entry point of `mhsb compare`."""
-    return command_line.run(compare)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command_line.make_main(compare)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json as json_format
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,7 +15,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from mhsb_model import process
-from mhsb_model.command_line import NumberRange, UsageError, run
+from mhsb_model.command_line import NumberRange, UsageError, make_main
 from mhsb_model.errors import MhsbError
 from mhsb_msgs_py import topics
 from mhsb_msgs_py.faults import Faults
@@ -220,10 +219,4 @@ class RecordCommand:
         print(json_format.dumps(content))
 
 
-def main() -> int:
-    """Run the command `record` and return its exit code."""
-    return run(RecordCommand, node=True)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = make_main(RecordCommand, node=True)

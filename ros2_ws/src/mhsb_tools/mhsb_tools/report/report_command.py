@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -140,10 +139,4 @@ def _text(value: Any) -> str:
             return str(value)
 
 
-def main() -> int:
-    """Run the command `report` and return its exit code."""
-    return command_line.run(report)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command_line.make_main(report)

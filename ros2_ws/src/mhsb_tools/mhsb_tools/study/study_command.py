@@ -7,7 +7,6 @@ file as config/variations.yaml says.
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -376,10 +375,4 @@ def study_faults(machine: Machine, faults: Sequence[str], jobs: Jobs, output: Pa
     return faults_as_text([result.record for result in results])
 
 
-def main() -> int:
-    """Entry point of `mhsb study`."""
-    return command_line.run(study)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command_line.make_main(study)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import asdict, dataclass
 from typing import Annotated
 
@@ -179,10 +178,4 @@ def _build_training(arm: Machine, asked: TrainingArguments) -> Training:
     return Training(scripts, list(tqdm(drawn, "draws", asked.draws, leave=False, disable=None)))
 
 
-def main() -> int:
-    """Entry point of `mhsb tune`."""
-    return command_line.run(tune_servo)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command_line.make_main(tune_servo)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -56,10 +55,4 @@ def viewer(
     return spin_node(lambda: ViewerNode(server, arm))
 
 
-def main() -> int:
-    """Run the command `viewer` and return its exit code."""
-    return command_line.run(viewer, node=True)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command_line.make_main(viewer, node=True)
