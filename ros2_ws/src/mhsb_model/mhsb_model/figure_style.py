@@ -6,7 +6,6 @@ without pyplot, since there is neither a screen nor global state.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import pairwise
@@ -15,12 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mhsb_model.files.output_folders import replace_file
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.figure import Figure as Figure
+else:
+    Axes = Figure = Any  # in annotations alone
 
 FIGURE_WIDTH = 10.0
 """Default width of a figure [in]."""
@@ -92,12 +94,8 @@ def open_figure(path: Path, height: float, width: float = FIGURE_WIDTH) -> Itera
         figure = Figure(figsize=(width, height), layout="constrained")
         yield figure
         figure.align_ylabels()
-        part = path.with_name(f"{path.name}.part")
-        try:
+        with replace_file(path) as part:
             figure.savefig(part, format="png")
-            os.replace(part, path)
-        finally:
-            part.unlink(missing_ok=True)
 
 
 def draw_line(axes: Axes, x: FloatArray, y: FloatArray, **style: Any) -> None:

@@ -181,6 +181,32 @@ def serve_node(
         executor.shutdown()
 
 
+@contextmanager
+def run_command_node(
+    make_node: Callable[[], NodeType],
+) -> Iterator[tuple[SingleThreadedExecutor, NodeType]]:
+    """Initialize rclpy and make the node of a command, as a context manager.
+
+    The caller spins the executor.
+
+    Args:
+        make_node: Makes the node.
+
+    Yields:
+        The executor and the node.
+
+    Raises:
+        KeyboardInterrupt: A signal has shut ROS down.
+        RosArgumentsError: rclpy refuses the arguments.
+        RosError: ROS cannot make the node in this environment.
+    """
+    try:
+        with run_ros(), serve_node(make_node) as (executor, node):
+            yield executor, node
+    except ExternalShutdownException:
+        raise KeyboardInterrupt from None
+
+
 def _warn_of_unknown_parameters(node: Node) -> None:
     """Log a warning for each parameter that was given at the start but that the node does not have.
 

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
+from mhsb_model.files.output_folders import replace_file
+
 
 def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:
     """Write a CSV file with a header line, completely or not at all.
@@ -38,11 +40,11 @@ def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]])
 
 
 def write_json(path: Path, content: Mapping[str, Any] | Sequence[Any]) -> Path:
-    """Write a JSON file; return its path."""
-    return _write_atomically(path, lambda file: json.dump(content, file, indent=2))
+    """Write a JSON file that ends with a line break; return its path."""
+    return _write_atomically(path, lambda file: file.write(json.dumps(content, indent=2) + "\n"))
 
 
-def _write_atomically(path: Path, write: Callable[[TextIO], None]) -> Path:
+def _write_atomically(path: Path, write: Callable[[TextIO], object]) -> Path:
     """Write a file under a temporary name, then rename it.
 
     If writing fails, the temporary file is removed and an older file stays.
@@ -55,11 +57,6 @@ def _write_atomically(path: Path, write: Callable[[TextIO], None]) -> Path:
         The path.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.name}.part")
-    try:
-        with part.open("w", encoding="utf-8", newline="") as file:
-            write(file)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with replace_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
+        write(file)
     return path

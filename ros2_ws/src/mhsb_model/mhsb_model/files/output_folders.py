@@ -1,7 +1,9 @@
-"""Folders for results, created before the work that produces the results."""
+"""Folders for results, created before the work, and files that are replaced as a whole."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from mhsb_model.errors import MhsbError
@@ -27,6 +29,27 @@ def make_output_folder(path: Path, purpose: str) -> Path:
     except (FileExistsError, NotADirectoryError):
         raise MhsbError(f"{path} is not a folder; name one for {purpose}") from None
     return path
+
+
+@contextmanager
+def replace_file(path: Path) -> Iterator[Path]:
+    """Let the caller write a file under a temporary name, then rename it, as a context manager.
+
+    So the file is never incomplete. If the block raises, the temporary file is removed and an older
+    file stays.
+
+    Args:
+        path: The file; its folder must exist.
+
+    Yields:
+        The temporary name, in the same folder.
+    """
+    part = path.with_name(f"{path.name}.part")
+    try:
+        yield part
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def make_parent_folder(file: Path, purpose: str) -> Path:

@@ -10,13 +10,13 @@ from functools import partial
 from typing import Annotated, Any
 
 import tyro
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 
 from mhsb_model import command_line
 from mhsb_model.command_line import NumberRange
 from mhsb_model.types import Position
 from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome
-from mhsb_msgs_py.node_process import run_ros, serve_node, spin_until
+from mhsb_msgs_py.node_process import run_command_node, spin_until
 from mhsb_planner.ros.goal_sender import GoalSender
 
 EXIT_ACCEPTED, EXIT_REFUSED, EXIT_NO_ANSWER = 0, 1, 3
@@ -73,12 +73,9 @@ def goal(
         )
     command_line.set_interrupt_note("no goal was sent")
     say = _print_nothing if json else partial(print, flush=True)
-    try:
-        with run_ros(), serve_node(GoalSender) as (executor, sender):
-            changes = _collect_parameter_changes(tolerance, psi_range)
-            answer = _send_and_wait(sender, executor, place, changes, wait, timeout, say)
-    except ExternalShutdownException:
-        raise KeyboardInterrupt from None
+    with run_command_node(GoalSender) as (executor, sender):
+        changes = _collect_parameter_changes(tolerance, psi_range)
+        answer = _send_and_wait(sender, executor, place, changes, wait, timeout, say)
     if answer.trouble:
         say(answer.trouble)
     if json:

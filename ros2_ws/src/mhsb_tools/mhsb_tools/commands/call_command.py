@@ -6,7 +6,7 @@ import json as json_format
 from typing import Annotated
 
 import tyro
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
@@ -14,7 +14,7 @@ from mhsb_model import command_line
 from mhsb_model.command_line import NumberRange
 from mhsb_model.errors import MhsbError
 from mhsb_msgs_py import qos
-from mhsb_msgs_py.node_process import run_ros, serve_node, spin_until
+from mhsb_msgs_py.node_process import run_command_node, spin_until
 
 TRIGGER_TYPE = "std_srvs/srv/Trigger"
 """Type of the services that can be called."""
@@ -39,11 +39,8 @@ def call(
         timeout: How long to wait for the service, and again for its answer [s].
         json: Print the answer as a JSON object with success and message.
     """
-    try:
-        with run_ros(), serve_node(lambda: Node("mhsb_call")) as (executor, node):
-            answer = _call_trigger(node, executor, service, timeout)
-    except ExternalShutdownException:
-        raise KeyboardInterrupt from None
+    with run_command_node(lambda: Node("mhsb_call")) as (executor, node):
+        answer = _call_trigger(node, executor, service, timeout)
     if json:
         print(json_format.dumps({"success": answer.success, "message": answer.message}))
     elif answer.success:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from tqdm import tqdm
 
 from mhsb_control import default_controller, load_machine
@@ -30,7 +30,7 @@ from mhsb_model.files.yaml_files import read_yaml
 from mhsb_model.goal import Goal, format_position
 from mhsb_model.machine import find_machine_file
 from mhsb_model.types import Position
-from mhsb_msgs_py.node_process import run_ros, serve_node, spin_until
+from mhsb_msgs_py.node_process import run_command_node, spin_until
 from mhsb_planner.result_files import write_json
 from mhsb_planner.ros.goal_sender import GoalSender
 from mhsb_sim.simulation.plant_files import check_plant, load_plant
@@ -177,13 +177,10 @@ def _demo(
     files = {"plant": plant, "estimates_file": estimates_file}
     of_arm = tuple(f"{name}:={file.resolve()}" for name, file in files.items() if file)
     compile_nodes()
-    try:
-        with run_ros(), serve_node(GoalSender) as (executor, sender):
-            check_no_other_nodes(sender, executor)
-            with _shown(machine) if view else nullcontext():
-                _run(sender, executor, wanted, ((*settings, *of_arm), settings), unfinished)
-    except ExternalShutdownException:
-        raise KeyboardInterrupt from None
+    with run_command_node(GoalSender) as (executor, sender):
+        check_no_other_nodes(sender, executor)
+        with _shown(machine) if view else nullcontext():
+            _run(sender, executor, wanted, ((*settings, *of_arm), settings), unfinished)
     print("writing the report")
     summary = write_report(unfinished / "bag", unfinished / "report", arm)
     (unfinished / "report" / "summary.json").unlink()

@@ -10,14 +10,14 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 import yaml
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from mhsb_model import command_line
 from mhsb_model.command_line import NumberRange
 from mhsb_model.errors import MhsbError
-from mhsb_msgs_py.node_process import run_ros, serve_node, spin_until
+from mhsb_msgs_py.node_process import run_command_node, spin_until
 
 QUEUE_DEPTH = 100
 """Messages that wait to be printed; older ones are dropped."""
@@ -48,9 +48,9 @@ def echo(
         json: Print each message as a JSON object on one line.
     """
     try:
-        with run_ros(), serve_node(lambda: Node("mhsb_echo")) as (executor, node):
+        with run_command_node(lambda: Node("mhsb_echo")) as (executor, node):
             _print_messages(node, executor, topic, once, timeout, json)
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except KeyboardInterrupt:
         pass  # the usual end
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,18 +19,16 @@ from mhsb_model.figure_style import (
     PATH_COLOR,
     PURPLE,
     RC_PARAMETERS,
+    Axes,
     rgb,
 )
+from mhsb_model.files.output_folders import replace_file
 from mhsb_model.modes import Mode, strongest
 from mhsb_model.types import FloatArray, Position
 from mhsb_sim.mechanics.linkage_shapes import BARREL_PAINT, compute_planar_bars
 from mhsb_tools.moves.move import MoveRecord
 from mhsb_tools.moves.move_page import draw_mode_bars, mode_spans
 from mhsb_tools.moves.workspace_drawing import draw_obstacles, draw_workspace_axes
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from PIL.Image import Image
 
 FIGURE_SIZE = (8.0, 4.64)  # width, height [in]
 PER_MPA = 1e-6
@@ -105,25 +102,20 @@ def write_film(
     film = _Film(move, goals, width)
     times = move.time[0] + np.minimum(np.arange(count) * hundredths / 100 * speed, move.duration)
     frames = list(_quantize_frames([film.frame(time) for time in times]))
-    part = file.with_name(f"{file.name}.part")
-    try:
-        with part.open("wb") as stream:
-            frames[0].save(
-                stream,
-                format="GIF",
-                save_all=True,
-                append_images=frames[1:],
-                duration=10 * hundredths,
-                loop=0,
-                optimize=True,
-            )
-        os.replace(part, file)
-    finally:
-        part.unlink(missing_ok=True)
+    with replace_file(file) as part, part.open("wb") as stream:
+        frames[0].save(
+            stream,
+            format="GIF",
+            save_all=True,
+            append_images=frames[1:],
+            duration=10 * hundredths,
+            loop=0,
+            optimize=True,
+        )
     return count
 
 
-def _quantize_frames(frames: list[FloatArray]) -> Iterator[Image]:
+def _quantize_frames(frames: list[FloatArray]) -> Iterator[Any]:
     """Yield the frames as images that all share one palette of `PALETTE_SIZE` colours.
 
     The palette is made from a few frames that are spread evenly over the film, and from a picture
@@ -263,10 +255,12 @@ class _Film:
             color, label = LINE_COLORS[j % len(LINE_COLORS)], f"actuator {j + 1}"
             axes.plot(move.time, PER_MPA * move.supply[:, j], color=color, label=label)
         top = max(1.5 * move.machine.arrays.supply_pressure, 1.2 * float(move.supply.max()))
-        axes.set_ylim(0.0, PER_MPA * top)
-        axes.set_xlim(move.time[0], move.time[-1])
-        axes.set_xlabel("time [s]")
-        axes.set_title("supply pressures [MPa]")
+        axes.set(
+            ylim=(0.0, PER_MPA * top),
+            xlim=(move.time[0], move.time[-1]),
+            xlabel="time [s]",
+            title="supply pressures [MPa]",
+        )
         axes.legend(loc="lower right", ncols=3, fontsize=7.5)
 
     # Moving parts.

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import tyro
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
@@ -18,7 +18,7 @@ from rclpy.task import Future
 from mhsb_model import command_line
 from mhsb_model.command_line import NumberRange
 from mhsb_model.errors import MhsbError
-from mhsb_msgs_py.node_process import run_ros, serve_node, spin_until
+from mhsb_msgs_py.node_process import run_command_node, spin_until
 
 
 class ParameterError(MhsbError):
@@ -51,15 +51,12 @@ def param(
     words = {"list": "NODE", "get": "NODE NAME", "set": "NODE NAME VALUE"}[action]
     if len(given) != len(words.split()) - 1:
         raise command_line.UsageError(f"{action} takes {words}")
-    try:
-        with run_ros(), serve_node(lambda: Node("mhsb_param")) as (executor, own):
-            parameters = _RemoteParameters(own, executor, node, timeout)
-            if action == "set":
-                parameters.change(given[0], given[1])
-            values = parameters.read(given[:1] or parameters.list_names())
-            meanings = parameters.describe(list(values)) if action == "list" else {}
-    except ExternalShutdownException:
-        raise KeyboardInterrupt from None
+    with run_command_node(lambda: Node("mhsb_param")) as (executor, own):
+        parameters = _RemoteParameters(own, executor, node, timeout)
+        if action == "set":
+            parameters.change(given[0], given[1])
+        values = parameters.read(given[:1] or parameters.list_names())
+        meanings = parameters.describe(list(values)) if action == "list" else {}
     if json:
         print(json_format.dumps(values))
     elif action == "list":

@@ -129,7 +129,7 @@ def reproduce(
     write_rows(output / "table.csv", TABLE_COLUMNS, _table_rows(runs, fits))
     write_json(output / "summary.json", _summary(runs, fits, found, points))
     if json_:
-        print((output / "summary.json").read_text(encoding="utf-8"))
+        print((output / "summary.json").read_text(encoding="utf-8"), end="")
         return
     print("\n".join([*as_text(found), *operating_points.as_text(points)]))
     print(f"written to {output}")

@@ -33,6 +33,7 @@ from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import DEFAULT_PLANNER, PlannerKind, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
+from mhsb_planner.result_files import write_json
 from mhsb_sim.circuit.audit import energy_by_source, energy_gap, volume_gap
 from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.simulation.plant_files import load_plant
@@ -545,7 +546,7 @@ def write(output: Path, samples: Samples, summary: dict[str, Any]) -> None:
         header=",".join(samples.column_names()),
         comments="",
     )
-    (output / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    write_json(output / "summary.json", summary)
 
 
 main = command_line.make_main(simulate)

@@ -104,7 +104,7 @@ def compare(
     draw_proportions(cases, others, output / "proportions.png")
     (output / "supplies.md").write_text("\n".join(as_markdown(supplies)), encoding="utf-8")
     if json_:
-        print((output / "summary.json").read_text(encoding="utf-8"))
+        print((output / "summary.json").read_text(encoding="utf-8"), end="")
         return
     print("\n".join(as_text(cases, summary)))
     if cases:  # arms that slew have none

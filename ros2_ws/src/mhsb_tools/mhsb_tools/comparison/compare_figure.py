@@ -46,7 +46,9 @@ def draw_proportions(cases: Sequence[Comparison], others: Sequence[Comparison], 
             if len(found.series) == 0:
                 continue
             axes.scatter(found.series, found.simulated, s=12, color=color, label=label)
-        axes.set_xlabel(f"planned energy over the {BASELINE_PLANNER} planner's (pumps in series)")
-        axes.set_ylabel("the same, simulated")
-        axes.set_aspect("equal")
+        axes.set(
+            xlabel=f"planned energy over the {BASELINE_PLANNER} planner's (pumps in series)",
+            ylabel="the same, simulated",
+            aspect="equal",
+        )
         axes.legend()

@@ -3,24 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mhsb_model.figure_style import (
-    BLACK,
-    BROWN,
-    GREEN,
-    GREY,
-    PALE,
-    PURPLE,
-    TEAL,
-    YELLOW,
-)
+from mhsb_model.figure_style import BLACK, BROWN, GREEN, GREY, PALE, PURPLE, TEAL, YELLOW, Axes
 from mhsb_model.types import FloatArray
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 GIVEN_BY_LOADS = "given by sinking loads"
 """Name of the work on the loads if it is negative: the loads then give the energy."""
@@ -69,8 +56,7 @@ def draw_energy_flow(energy: Mapping[str, float], axes: Axes) -> None:
         axes: Axes to draw on. Their scales are replaced.
     """
     axes.set_axis_off()
-    axes.set_xlim(0.0, 1.0)
-    axes.set_ylim(1.0, 0.0)
+    axes.set(xlim=(0.0, 1.0), ylim=(1.0, 0.0))
     if energy.get("work on the loads", 0.0) < 0.0:
         energy = {**energy, GIVEN_BY_LOADS: energy["work on the loads"], "work on the loads": 0.0}
     total = sum(-value for value in energy.values() if value < 0.0)

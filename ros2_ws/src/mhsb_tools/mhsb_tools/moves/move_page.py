@@ -18,6 +18,7 @@ from mhsb_model.figure_style import (
     MODE_COLOR,
     PATH_COLOR,
     PURPLE,
+    Axes,
     draw_line,
     open_figure,
     rgb,
@@ -37,8 +38,6 @@ from mhsb_tools.moves.workspace_drawing import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from mhsb_planner.plan import Plan
 
 LEFT_WIDTH, COLUMN_WIDTH, PAGE_HEIGHT = 5.0, 3.1, 10.4
@@ -202,8 +201,7 @@ def _draw_modes(move: MoveRecord, axes: Axes) -> None:
         axes: Axes to draw on.
     """
     draw_mode_bars(move, axes)
-    axes.set_xlim(move.time[0], move.time[-1])
-    axes.set_xlabel("time [s]")
+    axes.set(xlim=(move.time[0], move.time[-1]), xlabel="time [s]")
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, title="mode")
 
 
@@ -305,11 +303,9 @@ def _draw_regions(move: MoveRecord, panels: np.ndarray) -> None:
             )
         seen = (1.0 + RANGE_MARGIN) * float(np.abs(move.speed[:, j]).max())
         fastest = PER_MM * max(2.0 * float(move.machine.arrays.max_piston_speed[j]), seen)
-        axes.set_xlim(-fastest, fastest)
-        axes.set_ylim(PER_KN * forces[0], PER_KN * forces[-1])
+        axes.set(xlim=(-fastest, fastest), ylim=(PER_KN * forces[0], PER_KN * forces[-1]))
         axes.axvline(0.0, color=GREY, linewidth=0.6)
-        axes.set_xlabel("piston speed [mm/s]")
-        axes.set_title(f"actuator {j + 1}: operating region")
+        axes.set(xlabel="piston speed [mm/s]", title=f"actuator {j + 1}: operating region")
     panels[0].set_ylabel("cylinder force [kN]")
     for mode in Mode:
         panels[0].fill_betweenx([], [], [], color=_pale(mode), label=f"possible in {mode.name}")
@@ -365,9 +361,11 @@ def _draw_pressures(move: MoveRecord, panels: np.ndarray) -> None:
             draw_line(axes, move.time, PER_MPA * pressure[:, j], color=color, label=name)
         normal = PER_MPA * move.machine.arrays.supply_pressure
         axes.axhline(normal, color=GREY, linestyle="--", linewidth=0.9, label="main pump, $P_S$")
-        axes.set_xlim(move.time[0], move.time[-1])
-        axes.set_xlabel("time [s]")
-        axes.set_title(f"actuator {j + 1}: pressures")
+        axes.set(
+            xlim=(move.time[0], move.time[-1]),
+            xlabel="time [s]",
+            title=f"actuator {j + 1}: pressures",
+        )
     panels[0].set_ylabel("pressure [MPa]")
     top = max(1.3 * PER_MPA * move.machine.arrays.supply_pressure, panels[0].get_ylim()[1])
     panels[0].set_ylim(min(0.0, panels[0].get_ylim()[0]), 1.25 * top)

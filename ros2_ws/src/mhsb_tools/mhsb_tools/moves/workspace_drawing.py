@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from mhsb_model.figure_style import (
     TEAL,
     VERMILION,
     YELLOW,
+    Axes,
 )
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.shadows import compute_shadows
@@ -30,9 +31,6 @@ from mhsb_model.obstacles.zones import (
 )
 from mhsb_model.types import FloatArray
 from mhsb_tools.moves.operating_regions import OperatingRegions
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 SET_COLORS = {(0,): YELLOW, (1,): GREEN, (0, 1): PURPLE}
 """Colours of the sets of joints that need boost together in the paper's Figure 5."""
@@ -76,8 +74,7 @@ def draw_workspace_axes(machine: Machine, axes: Axes) -> None:
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MultipleLocator(TICK_SPACING * max(1, round(machine.relative_size))))
     turns = " in the plane that joint 1 turns, from joint 2" if machine.slews else ""
-    axes.set_xlabel(f"x{turns} [m]")
-    axes.set_ylabel("z [m]")
+    axes.set(xlabel=f"x{turns} [m]", ylabel="z [m]")
 
 
 def draw_regions(regions: OperatingRegions, axes: Axes) -> None:

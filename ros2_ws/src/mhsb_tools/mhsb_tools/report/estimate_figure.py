@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,15 +14,13 @@ from mhsb_model.figure_style import (
     GREEN,
     PURPLE,
     TEAL,
+    Axes,
+    Figure,
     legend_above,
     open_figure,
 )
 from mhsb_tools.report.recorded_run import EvaluatedRecording
 from mhsb_tools.report.run_axes import time_axis, to_seconds
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 CONFIDENCE_SIGMAS = 1.96
 """Half width of the 95 % interval of a normal distribution [standard deviations]."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from mhsb_model.figure_style import (
     PURPLE,
     TEAL,
     YELLOW,
+    Axes,
     draw_line,
     legend_above,
     open_figure,
@@ -30,9 +30,6 @@ from mhsb_tools.report.run_axes import (
     time_axis,
     to_seconds,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 PER_MPA = 1e-6
 PRESSURE_HEADROOM = 1.15

@@ -111,9 +111,11 @@ def draw_tip_error(run: EvaluatedRecording, path: Path) -> None:
         lower.axhline(
             PER_MM * REACHED_TOLERANCE, color=GREEN, linestyle="-.", label="counts as reached"
         )
-        lower.set_ylim(LEAST_DISTANCE, 2.0 * PER_MM * run.machine.config.workspace.max_radius)
-        lower.set_yscale("log")
-        lower.set_ylabel("distance to goal [mm]")
+        lower.set(
+            ylim=(LEAST_DISTANCE, 2.0 * PER_MM * run.machine.config.workspace.max_radius),
+            yscale="log",
+            ylabel="distance to goal [mm]",
+        )
         for each in (upper, lower):
             mark_take_overs(run, each)
         time_axis(run, lower)

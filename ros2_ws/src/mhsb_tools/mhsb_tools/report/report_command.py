@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,6 +14,7 @@ from mhsb_model.command_line import JsonFlag, OptionalFile
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
+from mhsb_planner.result_files import write_json
 from mhsb_tools.moves.operating_regions import operating_regions
 from mhsb_tools.recording.bag_reader import read_recording
 from mhsb_tools.report import figures
@@ -97,9 +97,7 @@ def write_report(
     figures.draw_all(run, regions, output)
     if moves:
         figures.draw_moves(run, output)
-    part = output / f"{SUMMARY_FILE}.part"
-    part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    os.replace(part, output / SUMMARY_FILE)
+    write_json(output / SUMMARY_FILE, content)
     return content
 
 

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from mhsb_model.figure_style import GREY, MODE_COLOR
+from mhsb_model.figure_style import GREY, MODE_COLOR, Axes
 from mhsb_model.modes import BOOSTED_MODES, Mode
 from mhsb_model.types import IntArray
 from mhsb_tools.report.recorded_goals import find_take_over_times
 from mhsb_tools.report.recorded_run import EvaluatedRecording
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 
 def to_seconds(run: EvaluatedRecording, time_ns: IntArray | int) -> Any:
@@ -23,8 +20,9 @@ def to_seconds(run: EvaluatedRecording, time_ns: IntArray | int) -> Any:
 
 def time_axis(run: EvaluatedRecording, axes: Axes) -> None:
     """Set limits and label of the time axis, which spans the recording's joint states."""
-    axes.set_xlim(0.0, to_seconds(run, int(run.recording.joint_states.time_ns[-1])))
-    axes.set_xlabel("time [s]")
+    axes.set(
+        xlim=(0.0, to_seconds(run, int(run.recording.joint_states.time_ns[-1]))), xlabel="time [s]"
+    )
 
 
 def mark_take_overs(run: EvaluatedRecording, axes: Axes) -> None:

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mhsb_model.figure_style import BLACK, PATH_COLOR, open_figure
+from mhsb_model.figure_style import BLACK, PATH_COLOR, Axes, open_figure
 from mhsb_model.modes import BOOSTED_MODES, Mode, strongest
 from mhsb_tools.moves.operating_regions import OperatingRegions
 from mhsb_tools.moves.workspace_drawing import draw_arm, draw_regions, draw_workspace_axes
 from mhsb_tools.report.recorded_run import EvaluatedRecording
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 PATH_STEP = 0.002
 """Path length between two drawn points of the tip's path [m]."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_model.figure_style import BLUE, GREY, ORANGE, VERMILION, legend_above, open_figure
+from mhsb_model.figure_style import BLUE, GREY, ORANGE, VERMILION, Axes, legend_above, open_figure
 from mhsb_planner.result_files import write_rows
 from mhsb_planner.search.manipulability_loss import (
     area_along_motion,
@@ -18,9 +18,6 @@ from mhsb_planner.search.manipulability_loss import (
 from mhsb_tools.reproduction.fits import FittedRuns
 from mhsb_tools.reproduction.measures import energy
 from mhsb_tools.reproduction.runs import AREA_WEIGHTS, Runs, area_run
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 AREA_RUN_WEIGHTS = {area_run(w4): w4 for w4 in (0.0, *AREA_WEIGHTS)}
 """Weight w₄ [1/m] by name of the integrated planner's run."""
@@ -116,8 +113,7 @@ def draw_area_tradeoff(runs: Runs, fits: FittedRuns, folder: Path, figure_name: 
             ("discrete paths", "motions"), both, (False, True), strict=True
         ):
             _draw(found, axes, of_motion)
-            axes.set_title(title)
-            axes.set_xlabel("energy [J]")
+            axes.set(title=title, xlabel="energy [J]")
         both[0].set_ylabel("polytope's mean area [m²/s²]")
         legend_above(figure, *both)
     header = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from mhsb_model.figure_style import (
     PATH_COLOR,
     SKY,
     VERMILION,
+    Axes,
     legend_above,
     open_figure,
 )
@@ -26,9 +27,6 @@ from mhsb_model.types import FloatArray
 from mhsb_planner.result_files import write_rows
 from mhsb_tools.reproduction.fits import FittedRun, FittedRuns
 from mhsb_tools.reproduction.runs import Runs
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 FIGURE_WIDTH, ROW_HEIGHT = 10.0, 3.6  # in
 PER_MM = 1e3
@@ -113,8 +111,7 @@ def _draw_angles(runs: Runs, name: str, fit: FittedRun, axes: Axes) -> None:
                 markersize=3,
                 label="discrete path (S2), over the trajectory's duration",
             )
-    axes.set_title(f"Case {name}")
-    axes.set_ylabel("joint angle [°]")
+    axes.set(title=f"Case {name}", ylabel="joint angle [°]")
     axes.tick_params(labelbottom=False)
 
 
@@ -196,9 +193,11 @@ def _draw_load_line(machine: Machine, fit: FittedRun, joint: int, axes: Axes) ->
     fastest = PER_MM * float(machine.arrays.max_piston_speed[joint])
     for limit in (fastest, -fastest):
         axes.axhline(limit, color=GREY, linestyle="--", linewidth=0.9, label="V_max of the search")
-    axes.set_ylim(-2.2 * fastest, 2.2 * fastest)
-    axes.set_xlabel(f"cylinder force of joint {joint + 1} [kN]")
-    axes.set_ylabel("piston speed [mm/s]")
+    axes.set(
+        ylim=(-2.2 * fastest, 2.2 * fastest),
+        xlabel=f"cylinder force of joint {joint + 1} [kN]",
+        ylabel="piston speed [mm/s]",
+    )
 
 
 def _valve_limits(

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from mhsb_model.figure_style import BLACK, BLUE, ORANGE, legend_above, open_figure
+from mhsb_model.figure_style import BLACK, BLUE, ORANGE, Axes, legend_above, open_figure
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.cases.paper_cases import paper_case
 from mhsb_planner.planner import Planner
@@ -26,9 +26,6 @@ from mhsb_tools.reproduction.runs import (
     Runs,
     pressure_run,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 COMPARED_PLANNERS = ("table", "integrated")
 PLANNER_COLORS = {"table": ORANGE, "integrated": BLUE}
@@ -137,12 +134,12 @@ def draw_points(
         for found in points.values():
             _draw_curve(found, pressure if found.varied == "ps" else speed)
         _draw_published(fits, pressure)
-        pressure.set_xlabel("supply pressure [MPa]")
-        pressure.set_ylabel("energy of the motion [J]")
-        pressure.set_title("Case 1-1")
-        speed.set_xlabel("V_max [mm/s]")
-        speed.set_ylabel("15 T + 2 switches of the motion [-]")
-        speed.set_title("Case 1-2")
+        pressure.set(
+            xlabel="supply pressure [MPa]", ylabel="energy of the motion [J]", title="Case 1-1"
+        )
+        speed.set(
+            xlabel="V_max [mm/s]", ylabel="15 T + 2 switches of the motion [-]", title="Case 1-2"
+        )
         legend_above(figure, pressure, speed)
     header = (
         *("run", "supply_pressure_pa", "v_max_m_s", "energy_j", "energy_series_j", "duration_s"),

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from mhsb_model.figure_style import BLACK, BLUE, GREY, PATH_COLOR, legend_above, open_figure
+from mhsb_model.figure_style import BLACK, BLUE, GREY, PATH_COLOR, Axes, legend_above, open_figure
 from mhsb_model.modes import BOOSTED_MODES, pattern_name, strongest
 from mhsb_planner.result_files import write_rows
 from mhsb_planner.search.discrete_path import DiscretePath
@@ -16,9 +16,6 @@ from mhsb_tools.moves.operating_regions import OperatingRegions, operating_regio
 from mhsb_tools.moves.workspace_drawing import draw_arm, draw_regions, draw_workspace_axes
 from mhsb_tools.reproduction.fits import FittedRun, FittedRuns
 from mhsb_tools.reproduction.runs import Runs
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 DRAWN_POSTURES = 5
 """Number of postures drawn along a path."""

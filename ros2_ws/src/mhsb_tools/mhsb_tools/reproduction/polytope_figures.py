@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -15,6 +15,8 @@ from mhsb_model.figure_style import (
     ORANGE,
     SKY,
     VERMILION,
+    Axes,
+    Figure,
     legend_above,
     open_figure,
 )
@@ -27,10 +29,6 @@ from mhsb_tools.moves.workspace_drawing import draw_arm, draw_workspace_axes
 from mhsb_tools.reproduction.measures import polytope_profile
 from mhsb_tools.reproduction.path_figures import PANEL_WIDTH, draw_discrete_path
 from mhsb_tools.reproduction.runs import Run, Runs
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 SHOWN_PATTERN = (Mode.SB, Mode.DB, Mode.N)
 """Mode combination of Figure 3."""
@@ -73,10 +71,12 @@ def draw_velocity_polytope(runs: Runs, folder: Path, figure_name: str) -> list[P
         _draw_body(joint, figure)
         axes = figure.add_subplot(1, 2, 2)
         axes.fill(*tip.T, facecolor=ORANGE, edgecolor=VERMILION, alpha=0.5)
-        axes.set_aspect("equal")
-        axes.set_xlabel("tip velocity along x [m/s]")
-        axes.set_ylabel("tip velocity along z [m/s]")
-        axes.set_title(f"{pattern_name(SHOWN_PATTERN)} at ({x:g}, {z:g}) m")
+        axes.set(
+            aspect="equal",
+            xlabel="tip velocity along x [m/s]",
+            ylabel="tip velocity along z [m/s]",
+            title=f"{pattern_name(SHOWN_PATTERN)} at ({x:g}, {z:g}) m",
+        )
     joint_columns = [f"{name}_rad_s" for name in machine.joint_names]
     return [
         picture,
@@ -201,8 +201,7 @@ def _draw_areas(
                 share = np.arange(1, paths[name].steps + 1) / paths[name].steps
                 width = 2.2 if name == shown else 0.9
                 axes.plot(share, areas[name], color=color, linewidth=width, label=f"Case {name}")
-        axes.set_xlabel("share of steps [-]")
-        axes.set_ylabel("polytope's area [m²/s²]")
+        axes.set(xlabel="share of steps [-]", ylabel="polytope's area [m²/s²]")
 
 
 def _area_rows(name: str, path: DiscretePath, area: FloatArray) -> Iterator[tuple[Any, ...]]:

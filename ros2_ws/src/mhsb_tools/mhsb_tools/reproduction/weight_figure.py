@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mhsb_model.figure_style import open_figure
+from mhsb_model.figure_style import Axes, open_figure
 from mhsb_model.types import FloatArray
 from mhsb_planner.result_files import write_rows
 from mhsb_tools.reproduction import measures
 from mhsb_tools.reproduction.runs import ENERGY_WEIGHTS, TIME_WEIGHTS, Runs, weight_run
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.image import AxesImage
 
 SHOWN_MEASURES = (
@@ -79,7 +78,6 @@ def _draw_map(value: FloatArray, axes: Axes) -> AxesImage:
         axes.text(i, k, f"{value[i, k]:.3g}", ha="center", va="center", color=color, fontsize=8)
     axes.set_xticks(range(len(ENERGY_WEIGHTS)), [f"{w1:g}" for w1 in ENERGY_WEIGHTS])
     axes.set_yticks(range(len(TIME_WEIGHTS)), [f"{w2:g}" for w2 in TIME_WEIGHTS])
-    axes.set_xlabel("w1 of energy [1/J]")
-    axes.set_ylabel("w2 of time [1/s]")
+    axes.set(xlabel="w1 of energy [1/J]", ylabel="w2 of time [1/s]")
     axes.grid(visible=False)
     return image

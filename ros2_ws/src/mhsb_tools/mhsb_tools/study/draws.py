@@ -7,6 +7,7 @@ processes.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 
@@ -16,7 +17,6 @@ from mhsb_control import REGISTERED_CONTROLLERS, select_controllers
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
 from mhsb_model.goal import format_position
-from mhsb_model.holding import holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.cases.moves import random_position
@@ -36,7 +36,7 @@ from mhsb_tools.study.draw_measures import (
 )
 from mhsb_tools.study.headless import TimedGoal
 from mhsb_tools.study.replay import Replay, replay
-from mhsb_tools.study.servo_study import supply_overshoot
+from mhsb_tools.study.servo_study import hold_start, plan_goals, supply_overshoot
 from mhsb_tools.study.variations import Variations, draw_machine
 
 GOAL_COUNT = 6
@@ -191,8 +191,7 @@ class DrawStudy:
         self._goals = goals
         self._controllers = controllers or select_controllers(machine)
         self._replanner = Replanner(machine, load_or_build_table(machine))
-        start = np.array(machine.config.simulation.start_posture)
-        self._rest = Command.hold(0, start, holding_modes(machine, machine.piston_forces(start)))
+        self._rest = hold_start(machine)
 
     def run_draw(self, draw: int) -> list[DrawRecord]:
         """Draw a plant and goals, and simulate every controller on them.
@@ -259,20 +258,12 @@ class DrawStudy:
             The plans, the duration of the run with `TAIL_TIME` at its end, and the reasons of
             refused goals.
         """
-        command, commands, refused, now = self._rest, [], [], 0.0
-        for goal in goals:
-            now_ns = round(now * SECOND_NS)
-            now += goal.time
-            try:
-                replan = self._replanner.replan(
-                    command, now_ns, goal.position, compute_offline_horizon(self._machine), options
-                )
-            except MhsbError as error:
-                refused.append(f"goal {format_position(goal.position, '.3f')} is refused: {error}")
-                continue
-            if replan is not None:
-                command = replan.command
-                commands.append(command)
+        *starts, now = itertools.accumulate((goal.time for goal in goals), initial=0.0)
+        timed = zip(starts, (goal.position for goal in goals), strict=True)
+        commands, refusals = plan_goals(self._machine, self._replanner, timed, options)
+        refused = [
+            f"goal {format_position(goal, '.3f')} is refused: {error}" for goal, error in refusals
+        ]
         end = max([now, *(command.trajectory.end_ns / SECOND_NS for command in commands)])
         return PlannedSequence(tuple(commands), end + TAIL_TIME, "; ".join(refused))
 

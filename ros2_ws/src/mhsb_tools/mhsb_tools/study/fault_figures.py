@@ -60,12 +60,11 @@ def draw_fault(result: FaultResult, path: Path) -> None:
             axes.axvline(result.closed, color=BLACK, linewidth=0.9, linestyle="--")
         after = record.found_after_s
         found = "not found" if after is None else f"found after {after:.3f} s"
-        error.set_title(
-            f"{record.fault}: {found} (dotted), valves closed (dashed); "
-            f"tip {record.tip_error_max_mm:.1f} mm off until then"
+        error.set(
+            title=f"{record.fault}: {found} (dotted), valves closed (dashed); "
+            f"tip {record.tip_error_max_mm:.1f} mm off until then",
+            ylabel="tip error [mm]",
         )
-        error.set_ylabel("tip error [mm]")
         speed.set_ylabel("joint speed [rad/s]")
-        pressure.set_ylabel("chamber, higher [MPa]")
-        pressure.set_xlabel("time from the fault [s]")
+        pressure.set(ylabel="chamber, higher [MPa]", xlabel="time from the fault [s]")
         legend_above(figure, error, speed)

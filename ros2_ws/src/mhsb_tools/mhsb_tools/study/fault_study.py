@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from mhsb_model.command import Command
-from mhsb_model.holding import holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
@@ -26,6 +25,7 @@ from mhsb_sim.simulation.faults import parse_faults
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
 from mhsb_tools.errors import ScenarioError
+from mhsb_tools.study.servo_study import hold_start
 
 GOAL_POSITION = 0.95, 0.30
 """Goal (x, z) [m] with the arm stretched out, so that joint 1 lifts in boost."""
@@ -128,11 +128,9 @@ def lift(machine: Machine) -> Command:
         MhsbError: There is no plan.
     """
     replanner = Replanner(machine, load_or_build_table(machine))
-    start = np.array(machine.config.simulation.start_posture)
-    rest = Command.hold(0, start, holding_modes(machine, machine.piston_forces(start)))
     options = PlanOptions(planner=DEFAULT_PLANNER)
     horizon = compute_offline_horizon(machine)
-    replan = replanner.replan(rest, SECOND_NS // 2, GOAL_POSITION, horizon, options)
+    replan = replanner.replan(hold_start(machine), SECOND_NS // 2, GOAL_POSITION, horizon, options)
     if replan is None:
         raise ScenarioError(f"the arm is at {GOAL_POSITION} m from the start; faults need a motion")
     return replan.command

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from mhsb_control import REGISTERED_CONTROLLERS, select_controllers
+from mhsb_control import REGISTERED_CONTROLLERS
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine
 from mhsb_model.schema import Duration, Section, Weight
@@ -98,8 +98,8 @@ def load_protocol(machine: Machine, path: Path | None = None) -> Protocol:
     return Protocol(file, validate_variations(machine, file.variations, str(path)))
 
 
-class BenchmarkStudy:
-    """Simulations that a protocol asks for; each sequence of goals is planned only once."""
+class BenchmarkStudy(DrawStudy):
+    """Draws with the protocol's own sequences of goals; each of them is planned only once."""
 
     def __init__(self, machine: Machine, protocol: Protocol) -> None:
         """Prepare planner and draws for a machine; builds the posture table if it is not cached.
@@ -108,9 +108,8 @@ class BenchmarkStudy:
             machine: The machine that planner and servo know.
             protocol: Definition of the benchmark, loaded for this machine.
         """
-        self._machine = machine
-        self._protocol = protocol
-        self._study = DrawStudy(machine, protocol.variations, protocol.file.seed)
+        super().__init__(machine, protocol.variations, protocol.file.seed)
+        self._sequences = protocol.file.sequences
         self._planned: dict[int, PlannedSequence] = {}
 
     def run_exact(self, number: int) -> list[DrawRecord]:
@@ -122,41 +121,28 @@ class BenchmarkStudy:
         Returns:
             One record for each controller. Its field `draw` is `number`.
         """
-        sequence = self._sequence(number)
+        sequence = self._plan_sequence(number)
         return [
-            self._study.run_controller(name, number, {}, self._machine, sequence)
-            for name in select_controllers(self._machine)
+            self.run_controller(name, number, {}, self._machine, sequence)
+            for name in self._controllers
         ]
 
-    def run_draw(self, draw: int) -> list[DrawRecord]:
-        """Simulate every controller on one random plant that differs from the machine file.
-
-        Every registered controller is meant that can work with the pressure sensors of the machine.
-        The protocol's seed and the draw's number determine the plant. Draw k uses sequence k modulo
-        the number of sequences.
+    def draw_plant(self, draw: int) -> tuple[PlannedSequence, Machine, dict[str, float | str]]:
+        """Draw a plant at random, for a sequence of goals of the protocol.
 
         Args:
-            draw: Number of the draw, from 0.
+            draw: Number of the draw. It determines the sequence: they take turns.
 
         Returns:
-            One record for each controller.
-
-        Raises:
-            MhsbError: The machine does not have one of the values that vary, or a value leaves its
-                range.
+            Plans for the machine that planner and servo know; the plant to simulate; and what was
+            drawn (factor, value, time or choice), by name of the variation.
         """
-        file = self._protocol.file
-        sequence = self._sequence(draw % len(file.sequences))
-        random = np.random.default_rng((file.seed, draw))
-        plant, drawn = draw_machine(
-            self._machine, self._protocol.variations, random, sequence.motion_time
-        )
-        return [
-            self._study.run_controller(name, draw, drawn, plant, sequence)
-            for name in select_controllers(self._machine)
-        ]
+        sequence = self._plan_sequence(draw % len(self._sequences))
+        random = np.random.default_rng((self._seed, draw))
+        drawn = draw_machine(self._machine, self._variations, random, sequence.motion_time)
+        return sequence, *drawn
 
-    def _sequence(self, number: int) -> PlannedSequence:
+    def _plan_sequence(self, number: int) -> PlannedSequence:
         """Return the plans of one sequence of goals.
 
         Args:
@@ -167,8 +153,8 @@ class BenchmarkStudy:
             be planned, it counts as refused, and no error is raised.
         """
         if number not in self._planned:
-            moves = self._protocol.file.sequences[number]
-            self._planned[number] = self._study.plan_goals(moves.timed_goals, moves.options)
+            moves = self._sequences[number]
+            self._planned[number] = self.plan_goals(moves.timed_goals, moves.options)
         return self._planned[number]
 
 

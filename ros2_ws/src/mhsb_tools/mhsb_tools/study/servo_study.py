@@ -6,7 +6,7 @@ controller, so that only the servo differs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -19,7 +19,7 @@ from mhsb_model.goal import format_position
 from mhsb_model.holding import holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_model.types import FloatArray
+from mhsb_model.types import FloatArray, Position
 from mhsb_planner.executor import Jobs, create_executor, results_of
 from mhsb_planner.motion.energy import Energy, motion_energy
 from mhsb_planner.online.commit_horizon import compute_offline_horizon
@@ -156,21 +156,58 @@ def plan_scenario(machine: Machine, scenario: Scenario) -> PlannedScenario:
     """
     loaded = scenario.apply_to(machine)
     replanner = Replanner(loaded, load_or_build_table(loaded))
-    start = np.array(loaded.config.simulation.start_posture)
-    command = Command.hold(0, start, holding_modes(loaded, loaded.piston_forces(start)))
     options = PlanOptions(weights=scenario.weights, planner=SCENARIO_PLANNER)
-    commands, refused, horizon = [], [], compute_offline_horizon(loaded)
-    for number, goal in enumerate(scenario.goals):
-        now_ns = round(number * scenario.interval * SECOND_NS)
+    timed = [(each * scenario.interval, goal) for each, goal in enumerate(scenario.goals)]
+    commands, refusals = plan_goals(loaded, replanner, timed, options)
+    refused = [
+        f"{scenario.name}: goal {format_position(goal, 'g')}: {error}" for goal, error in refusals
+    ]
+    return PlannedScenario(scenario, loaded, tuple(commands), tuple(refused))
+
+
+def hold_start(machine: Machine) -> Command:
+    """Return the command that holds the start posture from time 0 on.
+
+    Raises:
+        HoldingError: Holding the posture needs more booster modules than the machine has.
+    """
+    start = np.array(machine.config.simulation.start_posture)
+    return Command.hold(0, start, holding_modes(machine, machine.piston_forces(start)))
+
+
+def plan_goals(
+    machine: Machine,
+    replanner: Replanner,
+    goals: Iterable[tuple[float, Position]],
+    options: PlanOptions,
+) -> tuple[list[Command], list[tuple[Position, MhsbError]]]:
+    """Plan goals one after the other; each plan continues the motion of the one before.
+
+    The first plan begins at rest in the start posture. Planning is assumed to take no time. If a
+    goal cannot be planned, the motion before it goes on.
+
+    Args:
+        machine: The arm.
+        replanner: Its planner.
+        goals: Time at which each goal comes [s], and the goal.
+        options: Options of the plans.
+
+    Returns:
+        The plans, and each refused goal with the reason.
+    """
+    commands: list[Command] = []
+    refused: list[tuple[Position, MhsbError]] = []
+    command, horizon = hold_start(machine), compute_offline_horizon(machine)
+    for time, goal in goals:
         try:
-            replan = replanner.replan(command, now_ns, goal, horizon, options)
+            replan = replanner.replan(command, round(time * SECOND_NS), goal, horizon, options)
         except MhsbError as error:
-            refused.append(f"{scenario.name}: goal {format_position(goal, 'g')}: {error}")
+            refused.append((goal, error))
             continue
         if replan is not None:
             command = replan.command
             commands.append(command)
-    return PlannedScenario(scenario, loaded, tuple(commands), tuple(refused))
+    return commands, refused
 
 
 def run_controller(

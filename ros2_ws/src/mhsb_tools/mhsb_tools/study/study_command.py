@@ -6,7 +6,6 @@ file as config/variations.yaml says.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -141,7 +140,7 @@ def study(
         lines = study_scenarios(arm, load_scenarios(kind.scenarios, arm), workers, output)
     if json_:
         file = "comparison.json" if asked == "scenarios" else "summary.json"
-        print((output / file).read_text(encoding="utf-8"))
+        print((output / file).read_text(encoding="utf-8"), end="")
     else:
         print("\n".join(lines))
 
@@ -241,8 +240,8 @@ def study_scenarios(
     order = {scenario.name: number for number, scenario in enumerate(wanted)}
     results = sorted(bar, key=lambda result: order[result.scenario.name])
     comparison = compare(results)
-    for name, content in (("summary", as_dicts(results)), ("comparison", comparison)):
-        (output / f"{name}.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    write_json(output / "summary.json", as_dicts(results))
+    write_json(output / "comparison.json", comparison)
     draw_study(results, output)
     return as_text(results, comparison)
 
@@ -369,8 +368,7 @@ def study_faults(machine: Machine, faults: Sequence[str], jobs: Jobs, output: Pa
         disable=None,
     )
     results = list(bar)
-    text = json.dumps([asdict(result.record) for result in results], indent=2)
-    (output / "summary.json").write_text(f"{text}\n", encoding="utf-8")
+    write_json(output / "summary.json", [asdict(result.record) for result in results])
     draw_faults(results, output)
     return faults_as_text([result.record for result in results])
 

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mhsb_model.figure_style import BLACK, BLUE, SKY, VERMILION, legend_above, open_figure
+from mhsb_model.figure_style import BLACK, BLUE, SKY, VERMILION, Axes, legend_above, open_figure
 from mhsb_tools.study.servo_study import ScenarioResult
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 CONTROLLER_COLORS = {"coordinated": BLUE, "independent": VERMILION}
 LEAST_ERROR = 1e-2
@@ -100,8 +96,7 @@ def draw_overview(results: Sequence[ScenarioResult], path: Path) -> None:
             label="planned (series)",
         )
         errors.axvline(LARGEST_WANTED_ERROR, color=BLACK, linewidth=0.8, linestyle=":")
-        errors.set_xscale("log")
-        errors.set_xlabel("tip error RMS [mm]")
+        errors.set(xscale="log", xlabel="tip error RMS [mm]")
         pressures.set_xlabel("supply overshoot [MPa]")
         energies.set_xlabel("energy of all pumps [J]")
         errors.set_yticks(rows, names)
@@ -133,8 +128,7 @@ def draw_traces(result: ScenarioResult, path: Path) -> None:
         axes[0].set_title(result.scenario.name)
         axes[-1].set_yscale("log")
         axes[-1].set_ylim(bottom=LEAST_ERROR)
-        axes[-1].set_ylabel("tip error [mm]")
-        axes[-1].set_xlabel("time [s]")
+        axes[-1].set(ylabel="tip error [mm]", xlabel="time [s]")
         legend_above(figure, *axes)
 
 

@@ -11,7 +11,6 @@ number of processes.
 from __future__ import annotations
 
 import math
-import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -25,6 +24,7 @@ from mhsb_control.cascade import CascadeGains
 from mhsb_control.natural_frequency import find_joint_frequency_ranges
 from mhsb_control.stability import SLOWEST_DECAY, compute_slowest_decay
 from mhsb_model.errors import MhsbError
+from mhsb_model.files.output_folders import replace_file
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.executor import Jobs, SharedStateExecutor, results_of
@@ -418,9 +418,8 @@ def write_gains(file: Path, controller: str, gains: Gains) -> None:
         section, found = re.subn(rf"(?m)^\s+{name}:.*$", written, section)
         if not found:
             section += f"{written}\n"
-    part = file.with_name(f"{file.name}.part")
-    part.write_text(head + section + rest, encoding="utf-8")
-    os.replace(part, file)
+    with replace_file(file) as part:
+        part.write_text(head + section + rest, encoding="utf-8")
 
 
 def _split_section(text: str, controller: str) -> tuple[str, str, str]:
