@@ -14,6 +14,7 @@ from tqdm import tqdm
 from mhsb_control import load_machine
 from mhsb_model import command_line
 from mhsb_model.command_line import Count, JsonFlag, NumberRange, OptionalFile
+from mhsb_model.figure_style import BLACK, GREEN, GREY, PURPLE, open_figure
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
@@ -25,7 +26,6 @@ from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
 from mhsb_planner.search.s2_search import Weights
 from mhsb_sim.simulation.kernel_parts import compile_simulator
-from mhsb_tools.comparison.compare_figure import draw_proportions
 from mhsb_tools.comparison.planner_comparison import (
     BASELINE_PLANNER,
     GROUND_TRUTH,
@@ -251,4 +251,49 @@ def as_text(cases: Sequence[Comparison], summary: dict[str, Any]) -> list[str]:
     return lines
 
 
+def draw_proportions(cases: Sequence[Comparison], others: Sequence[Comparison], path: Path) -> None:
+    """Draw simulated against planned energy ratio, one point for each move, as PNG.
+
+    Each ratio is the energy of the integrated planner's motion divided by the energy of the
+    baseline planner's motion. Planned energies are in the reading `series` (servo pump in series
+    with the main pump). The diagonal marks equal ratios, and a shaded band marks ratios that differ
+    by at most AGREEMENT_SHARE. Moves that one of the two did not plan have no point.
+
+    Args:
+        cases: Results for the paper's cases, possibly none.
+        others: Results for the random moves.
+        path: PNG file to write.
+    """
+    with open_figure(path, 5.0, 5.5) as figure:
+        axes = figure.subplots()
+        ends = (0.0, 1.1)
+        axes.fill_between(
+            ends,
+            [(1.0 - AGREEMENT_SHARE) * end for end in ends],
+            [(1.0 + AGREEMENT_SHARE) * end for end in ends],
+            color=GREY,
+            alpha=0.2,
+            linewidth=0.0,
+            label=f"within {100 * AGREEMENT_SHARE:.0f} %",
+        )
+        axes.plot(ends, ends, color=BLACK, linewidth=0.8)
+        for moves, color, label in (
+            (others, GREEN, "random moves"),
+            (cases, PURPLE, "Cases 1 to 4"),
+        ):
+            found = ratios(moves, "integrated")
+            if len(found.series) == 0:
+                continue
+            axes.scatter(found.series, found.simulated, s=12, color=color, label=label)
+        axes.set(
+            xlabel=f"planned energy over the {BASELINE_PLANNER} planner's (pumps in series)",
+            ylabel="the same, simulated",
+            aspect="equal",
+        )
+        axes.legend()
+
+
 main = command_line.make_main(compare)
+
+AGREEMENT_SHARE = 0.1
+"""Half width of the shaded band: simulated ratios within this share of the planned ones."""

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import signal
 import subprocess
 import sys
 import threading
 from collections import deque
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
-from types import TracebackType
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.process import signals_blocked
@@ -27,7 +25,7 @@ class ChildEndedError(MhsbError):
     """A child process that ended early, did not print an expected text, or cannot be reached."""
 
 
-class ChildProcess:
+class ChildProcess(AbstractContextManager["ChildProcess"]):
     """Child process that runs one of the suite's executables; use it as a context manager.
 
     Leaving the `with` block ends the process. Its standard output and standard error are read by a
@@ -68,15 +66,7 @@ class ChildProcess:
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
-    def __enter__(self) -> ChildProcess:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *failure: object) -> None:
         """End the process, whether or not the block raised an exception."""
         self.end()
 
@@ -161,7 +151,7 @@ class ChildProcess:
             Exit code of the process; −N if signal N ended it.
         """
         self.send(signal_number)
-        with contextlib.suppress(subprocess.TimeoutExpired):
+        with suppress(subprocess.TimeoutExpired):
             self._process.wait(END_TIMEOUT)
         if self.exit_code is None:
             self._process.kill()

@@ -7,12 +7,11 @@ changed.
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -163,19 +162,17 @@ def _replace(bag: BagFolder, surveys: list[Survey]) -> list[str]:
     contents: dict[str, BagContents] = {}
     repaired: dict[Path, Path] = {}
     originals = []
-    with _temporary_files() as parts:
+    with tempfile.TemporaryDirectory(".part", ".", bag.path) as parts:
         for survey in surveys:
             name = survey.path.name
             if survey.first_damage is None:
                 contents[name] = summarize_contents(survey, survey.counts, survey.definitions)
             elif survey.kept:
-                repaired[survey.path], contents[name] = _rewrite(survey, parts)
+                repaired[survey.path] = Path(parts, name)
+                contents[name] = _rewrite(survey, repaired[survey.path])
         for survey in surveys:
             if survey.first_damage is not None:
-                part = repaired.get(survey.path)
-                originals.append(_rename_to_torn(survey.path, part))
-                if part is not None:
-                    parts.remove(part)
+                originals.append(_rename_to_torn(survey.path, repaired.get(survey.path)))
         metadata = bag.path / METADATA_FILE
         if metadata.exists() or metadata.is_symlink():
             originals.append(_rename_to_torn(metadata, None))
@@ -184,36 +181,18 @@ def _replace(bag: BagFolder, surveys: list[Survey]) -> list[str]:
     return originals
 
 
-@contextlib.contextmanager
-def _temporary_files() -> Iterator[list[Path]]:
-    """Provide a list of files that are deleted at the end of the `with` block.
+def _rewrite(survey: Survey, part: Path) -> BagContents:
+    """Write the readable part of a damaged file into a new file, and check it.
 
-    Context manager. The caller appends paths. A path that is removed from the list keeps its file.
-
-    Yields:
-        The list, which is empty at first.
-    """
-    parts: list[Path] = []
-    try:
-        yield parts
-    finally:
-        for part in parts:
-            with contextlib.suppress(OSError):
-                part.unlink()
-
-
-def _rewrite(survey: Survey, temporary_files: list[Path]) -> tuple[Path, BagContents]:
-    """Write the readable part of a damaged file into a new temporary file, and check it.
-
-    The temporary file is in the same folder as the damaged one and gets its permissions. It is
-    synchronized to disk and read once more.
+    The new file gets the permissions of the damaged one. It is synchronized to disk and read once
+    more.
 
     Args:
         survey: Findings in the damaged file.
-        temporary_files: List of temporary files; the new file's path is appended.
+        part: The new file.
 
     Returns:
-        Path of the new file, and its topics, times and message counts for the metadata.
+        Topics, times and message counts of the new file for the metadata.
 
     Raises:
         BagError: The new file is damaged, or does not have as many messages as can be read from the
@@ -221,9 +200,7 @@ def _rewrite(survey: Survey, temporary_files: list[Path]) -> tuple[Path, BagCont
         OSError: The new file cannot be written.
     """
     path = survey.path
-    descriptor, name = tempfile.mkstemp(".part", f".{path.name}.", path.parent)
-    temporary_files.append(part := Path(name))
-    with open(descriptor, "wb") as stream, DataFile(path) as file:
+    with part.open("wb") as stream, DataFile(path) as file:
         contents = _copy_readable_parts(survey, file, stream)
         stream.flush()
         os.fchmod(stream.fileno(), path.stat().st_mode & 0o777)
@@ -231,7 +208,7 @@ def _rewrite(survey: Survey, temporary_files: list[Path]) -> tuple[Path, BagCont
     again = survey_file(part)
     if again.first_damage is not None or again.kept != survey.kept:
         raise BagError(f"{path} cannot be repaired; the damaged recording is kept")
-    return part, contents
+    return contents
 
 
 def _copy_readable_parts(survey: Survey, file: DataFile, stream: IO[bytes]) -> BagContents:

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import contextlib
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from mcap.writer import CompressionType, Writer
 
@@ -22,7 +20,7 @@ CHUNK_SIZE = 32 * 1024
 """
 
 
-class BagWriter:
+class BagWriter(contextlib.AbstractContextManager["BagWriter"]):
     """Writer of a new recording; use it as a context manager.
 
     Leaving the `with` block completes the recording. After a BagError the file is closed without
@@ -62,21 +60,12 @@ class BagWriter:
         except OSError as error:
             raise self._cannot_write(error) from error
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *other: object) -> None:
         """Complete the recording; after a BagError, only close the file.
 
         Args:
             kind: Class of the exception that ended the block; None without one.
-            error: The exception; unused.
-            trace: Its traceback; unused.
+            *other: The exception and its traceback; unused.
         """
         if kind is not None and issubclass(kind, BagError):
             with contextlib.suppress(OSError):  # a file that cannot be written cannot be completed

@@ -11,9 +11,8 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from contextlib import AbstractContextManager
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from mhsb_tools.recording.bag_format import BagError
 
@@ -40,7 +39,7 @@ SMALL_READ = 4096
 """Largest read that is served from the bytes read ahead [bytes]."""
 
 
-class DataFile:
+class DataFile(AbstractContextManager["DataFile"]):
     """Regular file, open for reading within budgets of bytes; use it as a context manager.
 
     One budget is for bytes read, FREE_WORK + READ_FACTOR · size. The other is for bytes unpacked,
@@ -74,15 +73,7 @@ class DataFile:
         self._read_left = FREE_WORK + READ_FACTOR * self.size
         self._unpack_left = FREE_WORK + UNPACK_FACTOR * self.size
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *failure: object) -> None:
         """Close the file."""
         os.close(self._descriptor)
 

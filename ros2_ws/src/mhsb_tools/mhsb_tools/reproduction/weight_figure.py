@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mhsb_model.figure_style import Axes, open_figure
+from mhsb_model.figure_style import Axes, Figure, open_figure
 from mhsb_model.types import FloatArray
 from mhsb_planner.result_files import write_rows
 from mhsb_tools.reproduction import measures
 from mhsb_tools.reproduction.runs import ENERGY_WEIGHTS, TIME_WEIGHTS, Runs, weight_run
-
-if TYPE_CHECKING:
-    from matplotlib.image import AxesImage
 
 SHOWN_MEASURES = (
     ("energy [J]", measures.energy),
@@ -49,7 +45,7 @@ def draw_weights(runs: Runs, folder: Path, figure_name: str) -> list[Path]:
         for (title, _), value, axes in zip(
             SHOWN_MEASURES, values, figure.subplots(1, 3), strict=True
         ):
-            figure.colorbar(_draw_map(value, axes), ax=axes)
+            _draw_map(value, figure, axes)
             axes.set_title(title)
     rows = [
         (w1, w2, *values[:, i, k])
@@ -60,16 +56,16 @@ def draw_weights(runs: Runs, folder: Path, figure_name: str) -> list[Path]:
     return [picture, write_rows(folder / f"{figure_name}.csv", header, rows)]
 
 
-def _draw_map(value: FloatArray, axes: Axes) -> AxesImage:
-    """Draw one map over the weights w₁ (to the right) and w₂ (upwards), with values as text.
+def _draw_map(value: FloatArray, figure: Figure, axes: Axes) -> None:
+    """Draw one map over the weights w₁ (to the right) and w₂ (upwards), and a colour bar.
+
+    Each cell has its value as text.
 
     Args:
         value: Values over w₁ and w₂, shape (len(ENERGY_WEIGHTS), len(TIME_WEIGHTS)); NaN if a run
             has no path.
+        figure: Figure of the axes.
         axes: Axes to draw on.
-
-    Returns:
-        The image, for a colour bar.
     """
     image = axes.imshow(value.T, origin="lower", aspect="auto", cmap="viridis")
     middle = float(np.nanmean(value)) if np.any(np.isfinite(value)) else 0.0
@@ -80,4 +76,4 @@ def _draw_map(value: FloatArray, axes: Axes) -> AxesImage:
     axes.set_yticks(range(len(TIME_WEIGHTS)), [f"{w2:g}" for w2 in TIME_WEIGHTS])
     axes.set(xlabel="w1 of energy [1/J]", ylabel="w2 of time [1/s]")
     axes.grid(visible=False)
-    return image
+    figure.colorbar(image, ax=axes)

@@ -17,22 +17,16 @@ SHOWN_TIME = 2.0
 """Time after the fault that is drawn [s]."""
 
 
-def draw_faults(results: Sequence[FaultResult], folder: Path) -> list[Path]:
+def draw_faults(results: Sequence[FaultResult], folder: Path) -> None:
     """Draw one figure for each fault and write it as PNG.
 
     Args:
         results: Result of each fault.
         folder: An existing folder. Each file has the name of its fault.
-
-    Returns:
-        The files written.
     """
-    files = []
     for result in results:
         name = result.record.fault.replace(":", "_").replace(".", "_").replace(", ", "_and_")
-        files.append(folder / f"{name}.png")
-        draw_fault(result, files[-1])
-    return files
+        draw_fault(result, folder / f"{name}.png")
 
 
 def draw_fault(result: FaultResult, path: Path) -> None:

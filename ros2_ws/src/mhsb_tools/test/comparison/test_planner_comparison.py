@@ -13,8 +13,7 @@ from mhsb_planner.cases.moves import Move
 from mhsb_planner.planner import ENERGY_OPTIMAL
 from mhsb_planner.planners.registry import PLANNER_KINDS
 from mhsb_planner.posture.s1_global_search import postures_at
-from mhsb_tools.comparison.compare_command import as_text, summarize
-from mhsb_tools.comparison.compare_figure import draw_proportions
+from mhsb_tools.comparison.compare_command import as_text, draw_proportions, summarize
 from mhsb_tools.comparison.planner_comparison import (
     ComparedMove,
     Comparison,
