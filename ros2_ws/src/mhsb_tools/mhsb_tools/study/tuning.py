@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -319,7 +318,7 @@ def tune(
     best = Trial(present_gains(machine, controller), math.inf)
     width = 0.5
     done = 0
-    with _parallel_evaluator(training, controller, jobs) as evaluate:
+    with SharedStateExecutor(jobs, tuple, (*training.scripts, *training.draws)) as pool:
         while done < budget:
             around = best.gains if done >= budget // 2 else None
             batch = [
@@ -329,7 +328,7 @@ def tune(
             if done == 0:
                 batch[0] = best.gains
             stable = [g for g in batch if is_stable(machine, training.payloads, controller, g)]
-            costs = iter(evaluate(stable))
+            costs = iter(_compute_costs(pool, training, controller, stable))
             for gains in batch:
                 cost = next(costs) if gains in stable else FAILURE_COST
                 if cost < best.cost:
@@ -341,46 +340,31 @@ def tune(
     return best
 
 
-@contextmanager
-def _parallel_evaluator(
-    training: Training, controller: str, jobs: Jobs
-) -> Iterator[Callable[[Sequence[Gains]], list[float]]]:
-    """Provide a function that computes costs of gains in parallel processes.
+def _compute_costs(
+    pool: SharedStateExecutor[tuple[PlannedScenario | TuningDraw, ...]],
+    training: Training,
+    controller: str,
+    batch: Sequence[Gains],
+) -> list[float]:
+    """Compute the combined cost of each set of gains over the whole training, in parallel.
 
-    Context manager; the processes run during the `with` block.
+    A run that diverges, or whose gains are invalid, costs `FAILURE_COST`.
 
     Args:
-        training: Scenarios and draws; they are sent to each process once.
+        pool: Executor whose workers have the scenarios and draws of the training, in this order.
+        training: The training.
         controller: Name of the controller.
-        jobs: Number of processes, or a cluster; None takes one process for each processor.
+        batch: Sets of gains.
 
-    Yields:
-        Function from a list of sets of gains to a list with the cost of each, in the same order.
+    Returns:
+        Costs in the same order.
     """
     count = len(training.scripts) + len(training.draws)
-
-    def costs_of(batch: Sequence[Gains]) -> list[float]:
-        """Compute the combined cost of each set of gains over the whole training.
-
-        Uses `pool`, `training`, `controller` and `count` (number of runs of the training) of the
-        enclosing function. A run that diverges, or whose gains are invalid, costs `FAILURE_COST`.
-
-        Args:
-            batch: Sets of gains.
-
-        Returns:
-            Costs in the same order.
-        """
-        tasks = [
-            pool.submit(_cost, controller, gains, number)
-            for gains in batch
-            for number in range(count)
-        ]
-        found = np.reshape(list(results_of(tasks, in_order=True)), (len(batch), count))
-        return [training.cost(costs) for costs in found]
-
-    with SharedStateExecutor(jobs, tuple, (*training.scripts, *training.draws)) as pool:
-        yield costs_of
+    tasks = [
+        pool.submit(_cost, controller, gains, number) for gains in batch for number in range(count)
+    ]
+    found = np.reshape(list(results_of(tasks, in_order=True)), (len(batch), count))
+    return [training.cost(costs) for costs in found]
 
 
 def check_gain_sections(file: Path) -> None:
