@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import json as json_format
-from array import array
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
@@ -19,6 +18,7 @@ from mhsb_model import command_line
 from mhsb_model.command_line import NumberRange
 from mhsb_model.errors import MhsbError
 from mhsb_msgs_py.node_process import run_command_node, spin_until
+from mhsb_tools.commands.echo_command import to_plain
 
 
 class ParameterError(MhsbError):
@@ -125,7 +125,7 @@ class _RemoteParameters:
         """
         answer = self._wait(self._client.get_parameters(names))
         values = {
-            name: _to_plain(parameter_value_to_python(each))
+            name: to_plain(parameter_value_to_python(each))
             for name, each in zip(names, answer.values, strict=False)
         }
         for name in names:
@@ -197,11 +197,6 @@ def _parse(text: str, kind: Parameter.Type) -> Any:
     if kind is Parameter.Type.DOUBLE_ARRAY:
         return [float(each) for each in value]
     return value
-
-
-def _to_plain(value: Any) -> Any:
-    """Return the value of a parameter with arrays as lists."""
-    return list(value) if isinstance(value, array | tuple) else value
 
 
 def _format(value: Any) -> str:

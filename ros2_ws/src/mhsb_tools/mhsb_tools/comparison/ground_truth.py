@@ -10,6 +10,7 @@ changes and priced by the planner. The cheapest of all paths is the ground truth
 from __future__ import annotations
 
 import math
+from operator import attrgetter
 
 import numpy as np
 
@@ -82,7 +83,10 @@ def ground_truth(
         NoPathError: The planner's own search found no path.
     """
     query = PathQuery(start, start_modes, goal, weights, energy_reading)
-    best = min((search(machine, query, effort=e) for e in (None, EXHAUSTIVE_LIMITS)), key=_cost)
+    best = min(
+        (search(machine, query, effort=e) for e in (None, EXHAUSTIVE_LIMITS)),
+        key=attrgetter("cost"),
+    )
     if energy_reading != "paper" or np.any(start_modes) or len(machine.obstacles.path_rows) > 0:
         return best
     lower_bound = bound_energy_to_goal(machine, start, goal)
@@ -96,9 +100,5 @@ def ground_truth(
             path = improve_path(
                 machine, query, via=via, spacings=spacings, effort=EXHAUSTIVE_LIMITS
             )
-            best = best if path is None else min(best, path, key=_cost)
+            best = best if path is None else min(best, path, key=attrgetter("cost"))
     return best
-
-
-def _cost(path: DiscretePath) -> float:
-    return path.cost

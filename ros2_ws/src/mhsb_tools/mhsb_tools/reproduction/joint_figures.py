@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray
 from mhsb_planner.result_files import write_rows
+from mhsb_tools.moves.move_page import mode_spans
 from mhsb_tools.reproduction.fits import FittedRun, FittedRuns
 from mhsb_tools.reproduction.runs import Runs
 
@@ -124,9 +124,10 @@ def _draw_modes(fit: FittedRun, axes: Axes) -> None:
             label of x is set, and the grid is switched off.
     """
     for actuator in range(fit.modes.shape[1]):
-        for begin, end, mode in _spans(fit, actuator):
+        for begin, end, mode in mode_spans(fit.modes[:, actuator]):
+            since, until = fit.time[begin], fit.time[end]
             axes.broken_barh(
-                [(begin, end - begin)],
+                [(since, until - since)],
                 (actuator - 0.4, 0.8),
                 color=MODE_COLOR[mode],
                 label=f"mode {mode.name}",
@@ -135,22 +136,6 @@ def _draw_modes(fit: FittedRun, axes: Axes) -> None:
     axes.invert_yaxis()
     axes.grid(visible=False)
     axes.set_xlabel("time [s]")
-
-
-def _spans(fit: FittedRun, actuator: int) -> Iterator[tuple[float, float, Mode]]:
-    """Yield the intervals in which an actuator's mode stays the same, in time order.
-
-    Args:
-        fit: The sampled trajectory.
-        actuator: Index of the actuator.
-
-    Yields:
-        Begin [s], end [s] and mode. Each interval begins where the last one ended.
-    """
-    mode = fit.modes[:, actuator]
-    edges = [0, *(np.flatnonzero(np.diff(mode.astype(int))) + 1).tolist(), len(mode) - 1]
-    for begin, end in pairwise(edges):
-        yield float(fit.time[begin]), float(fit.time[end]), Mode(int(mode[begin]))
 
 
 def _draw_load_line(machine: Machine, fit: FittedRun, joint: int, axes: Axes) -> None:
