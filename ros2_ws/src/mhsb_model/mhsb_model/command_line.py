@@ -24,7 +24,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, Protocol, cast, get_type_hints
 
@@ -510,11 +510,7 @@ def _make_arguments_rule(
     target = kind.type
     if not (inspect.isfunction(target) or is_dataclass(target)):
         return None
-    hints = get_type_hints(target, include_extras=True)
-    words = {
-        each.arg_name: _one_line(each.description or "")
-        for each in docstring_parser.parse_from_object(target).params
-    }
+    hints, words = _read_parameters(target)
 
     def bind(**values: Any) -> Any:
         """Check the ranges of parsed arguments, and bind them.
@@ -543,6 +539,24 @@ def _make_arguments_rule(
             for name, each in inspect.signature(target).parameters.items()
         ),
     )
+
+
+@cache  # tyro asks several times for each group of options, and the source is parsed each time
+def _read_parameters(target: Callable[..., Any]) -> tuple[dict[str, Any], dict[str, str]]:
+    """Read the parameters of a function or the fields of a dataclass.
+
+    Args:
+        target: Function or dataclass.
+
+    Returns:
+        Type with its metadata, and description in one line, of each parameter by its name.
+        Parameters that the docstring does not describe have no description.
+    """
+    words = {
+        each.arg_name: _one_line(each.description or "")
+        for each in docstring_parser.parse_from_object(target).params
+    }
+    return get_type_hints(target, include_extras=True), words
 
 
 def _with_range_in_help(kind: Any) -> Any:
