@@ -136,7 +136,7 @@ def test_at_fifty_goals_a_second_plans_are_finished_and_the_newest_goal_follows(
     world = new_world("integrated", lead_min=0.03)
     world.execution_report(world.send_goal(0.55, 0.1))
     planned = len(world.planned)
-    _, stamps = follow(world, 0.05, 50.0, 2.0)
+    _, stamps = follow(world, 0.05, 50.0, 1.0)
     world.execution_report(stamps[-1])
     codes = [world.verdict(stamp).code for stamp in stamps]
     assert set(codes) <= {Verdict.OK, Verdict.SUPERSEDED}

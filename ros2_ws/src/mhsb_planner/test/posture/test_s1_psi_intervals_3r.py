@@ -28,13 +28,13 @@ def is_feasible(machine, x, z, psi, elbow):
 
 
 def distance_to_intervals(found, elbow, psi):
-    """How far ψ lies outside (positive) or inside (negative) the branch's intervals."""
-    least = np.inf
+    """How far each ψ lies outside (positive) or inside (negative) the branch's intervals."""
+    least = np.full(np.shape(psi), np.inf)
     for branch, lower, upper in found:
         if branch == elbow:
             middle, half = (lower + upper) / 2, (upper - lower) / 2
             offset = (psi - middle + np.pi) % TURN - np.pi
-            least = min(least, abs(offset) - half)
+            least = np.minimum(least, np.abs(offset) - half)
     return least
 
 
@@ -63,8 +63,7 @@ def test_a_scan_finds_the_same_angles_feasible(machine, wide):
     for x, z in random_points(25):
         found = intervals(arm, x, z)
         for elbow in (-1, 1):
-            for psi in SCAN:
-                outside = distance_to_intervals(found, elbow, psi)
+            for psi, outside in zip(SCAN, distance_to_intervals(found, elbow, SCAN), strict=True):
                 if abs(outside) > 1e-9:
                     assert is_feasible(arm, x, z, psi, elbow) == (outside < 0)
 
