@@ -113,9 +113,10 @@ class SimulatedArm:
 
         They are cached until the command or the time changes.
         """
-        if self._sampled is None or self._sampled[:2] != (self.command, self.time_ns):
-            state = self.command.trajectory.sample(self.time_ns)
-            self._sampled = self.command, self.time_ns, state
+        time_ns = min(self.time_ns, self.command.trajectory.end_ns + 1)  # later it is the same
+        if self._sampled is None or self._sampled[:2] != (self.command, time_ns):
+            state = self.command.trajectory.sample(time_ns)
+            self._sampled = self.command, time_ns, state
         return self._sampled[2]
 
     @property
