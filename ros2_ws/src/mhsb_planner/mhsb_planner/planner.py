@@ -102,7 +102,7 @@ class Planner:
             machine: The whole arm.
             table: Posture table of the arm's plane.
         """
-        self._table = table
+        self._table, self._max_modules = table, machine.arrays.module_count
         self.machine = machine
         """Machine for which plans are made."""
         self.graph = StepGraph(machine.planar_arm, table)
@@ -117,10 +117,18 @@ class Planner:
 
         Args:
             machine: The changed machine.
+
+        Raises:
+            RequestError: It has more modules than the posture table was built for, and so more mode
+                combinations.
         """
         if machine.config == self.machine.config:
             return
-        self.machine, plane = machine, machine.planar_arm
+        plane, count = machine.planar_arm, machine.arrays.module_count
+        if len(plane.patterns) > len(self._table.patterns):
+            rule = f"must be at most {self._max_modules}, as for the posture table; build another"
+            raise RequestError("number of booster modules", count, rule)
+        self.machine = machine
         if len(plane.patterns) == len(self.graph.machine.patterns):
             self.graph = self.graph.create_for(plane)
         else:

@@ -7,7 +7,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.modes import modules_in_use
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.cases.moves import random_moves
-from mhsb_planner.errors import NoPathError
+from mhsb_planner.errors import NoPathError, RequestError
 from mhsb_planner.motion.limits.joint_range import joint_excess
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.planning import motion_rules
@@ -112,3 +112,11 @@ def test_ramps_are_faster_where_nothing_else_needs_their_half_of_the_limits(
     without = costs()
     assert np.all(with_faster <= without)
     assert with_faster.sum() < 0.9995 * without.sum()
+
+
+def test_a_machine_of_more_modules_than_the_posture_table_is_refused(machine, table):
+    few = machine.changed(module_count=1)
+    planner = Planner(few, table.with_patterns(few.patterns))
+    with pytest.raises(RequestError, match=r"must be at most 1, .*; build another \(is 4\)"):
+        planner.change_machine(machine)
+    assert planner.machine is few
