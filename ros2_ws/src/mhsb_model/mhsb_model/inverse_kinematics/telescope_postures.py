@@ -28,6 +28,7 @@ from mhsb_model.inverse_kinematics.tip_postures import (
     find_postures,
     intersect_line_with_circle,
 )
+from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray, IntArray, frozen
 
@@ -112,7 +113,7 @@ def _find_postures_closed_by_telescope(
         wx, wz = x - beyond * ex, z - beyond * ez
         for side in (-1, 1):
             q = found[count]
-            q[:] = start
+            copy_row(q, start)
             if closing_telescope > j:
                 is_reached, q[closing_telescope] = intersect_line_with_circle(
                     wx, wz, -ex, -ez, before * before, side

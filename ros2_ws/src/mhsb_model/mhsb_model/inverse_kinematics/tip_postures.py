@@ -30,6 +30,7 @@ from mhsb_model.inverse_kinematics.closed_form_3r import (
     solve_last_three_joints,
     wrap_near,
 )
+from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import add_extension, get_turn_angle
 from mhsb_model.types import FloatArray
@@ -158,7 +159,7 @@ def find_postures(m: MachineArrays, x: float, z: float, psi: FloatArray) -> Floa
                 if solve_last_three_joints(
                     m, ahead, up, angle - heading, elbow, q
                 ) and is_within_limits(m, q):
-                    found[count] = q
+                    copy_row(found[count], q)
                     count += 1
     return found[:count]
 
@@ -530,5 +531,5 @@ def find_nearest_posture(
                         change = max(change, abs(trial[k] - given[k]))
                     if change < least:
                         least = change
-                        q[:] = trial
+                        copy_row(q, trial)
     return least < math.inf

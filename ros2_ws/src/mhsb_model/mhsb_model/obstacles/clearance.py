@@ -29,6 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import bound_displacement, get_turn_angle, joint_positions
 from mhsb_model.linkages.linkage import cylinder_length, find_joint_angle
@@ -566,8 +567,9 @@ def move_is_clear(
     n = len(start)
     here = np.empty(n)
     ends, clear = np.empty((MAX_HALVINGS, n)), np.empty(MAX_HALVINGS)
-    here[:] = start
-    ends[0], clear[0] = end, clearance(m, rows, end, leeway)[0]
+    copy_row(here, start)
+    copy_row(ends[0], end)
+    clear[0] = clearance(m, rows, end, leeway)[0]
     waiting = 1  # number of parts on the stack, the next one last
     while waiting > 0:
         right = clear[waiting - 1]
@@ -575,7 +577,7 @@ def move_is_clear(
             return False
         apart = bound_travel(m, here, ends[waiting - 1], along_cylinders)
         if apart <= MIN_PART_TRAVEL or left + right >= apart:
-            here[:] = ends[waiting - 1]
+            copy_row(here, ends[waiting - 1])
             left = right
             waiting -= 1
             continue

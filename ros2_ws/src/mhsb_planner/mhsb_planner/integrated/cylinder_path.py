@@ -21,6 +21,7 @@ import numpy as np
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import needs_boost
+from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import tip_position, tip_positions
 from mhsb_model.linkages.linkage import find_joint_angle
@@ -459,8 +460,8 @@ def begin_path(
         length: Cylinder lengths at the start, shape (n,) [m].
         posture: Joint positions at the start, shape (n,) [rad or m].
     """
-    w.points.posture[0] = posture
-    w.points.length[0] = length
+    copy_row(w.points.posture[0], posture)
+    copy_row(w.points.length[0], length)
     piston_forces(t.machine, posture, w.points.force[0])
     w.value[0, :] = math.inf
     w.value[0, -1] = 0.0
@@ -473,7 +474,7 @@ def continue_path(
     via: FloatArray,
     limit: float,
     parent: IntArray,
-    rests_at_end: bool = True,
+    rests_at_end: bool,
 ) -> float:
     """Price further waypoints of a cylinder path, starting from w.points[0] and w.value[0].
 
@@ -522,10 +523,10 @@ def continue_path(
         if least >= limit:
             return math.inf
     if here == 1:
-        w.points.posture[0] = w.points.posture[1]
-        w.points.length[0] = w.points.length[1]
-        w.points.force[0] = w.points.force[1]
-        w.value[0] = w.value[1]
+        copy_row(w.points.posture[0], w.points.posture[1])
+        copy_row(w.points.length[0], w.points.length[1])
+        copy_row(w.points.force[0], w.points.force[1])
+        copy_row(w.value[0], w.value[1])
     return least
 
 
@@ -546,7 +547,8 @@ def price_path(
         The cost; inf if the path is inadmissible or its cost reaches the limit.
     """
     begin_path(t, w, via[0], start)
-    return continue_path(t, w, via, limit, np.empty((1, len(t.patterns)), dtype=np.int64))
+    parent = np.empty((1, len(t.patterns)), dtype=np.int64)
+    return continue_path(t, w, via, limit, parent, True)
 
 
 @kernel
@@ -601,8 +603,8 @@ def compute_costs_to_go(
                 if there < np.inf:
                     for o in range(patterns):
                         before[o] = min(before[o], there + t.weight[2] * t.switches[o, p])
-            after[:] = before
-        ahead[s] = after
+            copy_row(after, before)
+        copy_row(ahead[s], after)
     return ahead
 
 
@@ -626,7 +628,7 @@ def _find_best_patterns(
         pieces += piece_count(via[s], via[s + 1], t.max_piece_stroke)
     parent = np.empty((pieces, len(t.patterns)), dtype=np.int64)
     begin_path(t, w, via[0], start)
-    continue_path(t, w, via, math.inf, parent)
+    continue_path(t, w, via, math.inf, parent, True)
     pattern = np.empty(pieces, dtype=np.int64)
     pattern[-1] = np.argmin(w.value[0, :-1])
     for k in range(pieces - 1, 0, -1):
@@ -655,17 +657,19 @@ def _compute_pieces(
     begin_path(t, w, via[0], start)
     posture = np.empty((len(pattern) + 1, via.shape[1]))
     cost = np.empty((len(pattern), 3))
-    posture[0] = start
+    copy_row(posture[0], start)
+    length = np.empty(via.shape[1])
     here, row = 0, 0
     for s in range(len(via) - 1):
         count = piece_count(via[s], via[s + 1], t.max_piece_stroke)
         for k in range(1, count + 1):
-            length = via[s] + (via[s + 1] - via[s]) * k / count
+            for j in range(len(length)):
+                length[j] = via[s, j] + (via[s + 1, j] - via[s, j]) * k / count
             place_posture(t.machine, w.points, 1 - here, length, here)
             price_piece(t, w, here)
-            cost[row] = w.scratch.cost[pattern[row]]
+            copy_row(cost[row], w.scratch.cost[pattern[row]])
             here, row = 1 - here, row + 1
-            posture[row] = w.points.posture[here]
+            copy_row(posture[row], w.points.posture[here])
     return posture, pattern, cost
 
 

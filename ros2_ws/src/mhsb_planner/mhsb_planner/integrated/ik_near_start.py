@@ -20,6 +20,7 @@ from mhsb_model.inverse_kinematics.tip_postures import (
     find_closing_joints,
     find_closure_side,
 )
+from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
@@ -153,7 +154,7 @@ def _search_near_postures(
                     continue
                 least = math.inf
                 for sample in range(2 * (JOINT_SAMPLE_COUNT + 1)):
-                    q[:] = start
+                    copy_row(q, start)
                     share = (sample // 2) / (JOINT_SAMPLE_COUNT - 1)
                     if share <= 1.0:
                         q[k] = (1.0 - share) * m.joint_min[k] + share * m.joint_max[k]
@@ -166,7 +167,7 @@ def _search_near_postures(
                     cost = bound_cost_between(c, lengths, length, weight)
                     if cost < least:
                         least = cost
-                        found[count] = q
+                        copy_row(found[count], q)
                 if least < math.inf:
                     count += 1
     return found[:count]

@@ -25,6 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length, find_joint_angle
 from mhsb_model.machine import Machine
@@ -351,7 +352,7 @@ def _load_forces(
     """
     if math.isnan(known.force[row, 0]):
         piston_forces(t.machine, points.posture[i], known.force[row])
-    points.force[i] = known.force[row]
+    copy_row(points.force[i], known.force[row])
 
 
 @kernel(borrows=True)

@@ -13,6 +13,7 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics.tip_postures import solve_posture
+from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.types import FloatArray
@@ -204,7 +205,7 @@ def sweep_waypoint(
     for k in range(len(free) if last else n):
         before = free[k] if last else 0.0
         for sign in (-1.0, 1.0):
-            kept[:] = via[i]
+            copy_row(kept, via[i])
             if last:
                 free[k] = before + sign * strides.turn[k]
                 moved = strides.turn[k] > 0.0 and compute_goal_lengths(
@@ -213,23 +214,23 @@ def sweep_waypoint(
             else:
                 moved = _move_waypoint(t.machine, via[i], k, sign * strides.stroke)
             if moved:
-                points.posture[0] = posture
-                points.length[0] = via[i - 1]
-                points.force[0] = force
-                w.value[0] = value
+                copy_row(points.posture[0], posture)
+                copy_row(points.length[0], via[i - 1])
+                copy_row(points.force[0], force)
+                copy_row(w.value[0], value)
                 trial = continue_path(t, w, via[i - 1 : i + 2], cost - left, parent, last)
                 if trial < math.inf and not last:
                     trial = np.min(w.value[0, :-1] + ahead[i + 1])
                 if trial < cost:
                     cost = trial
                     break
-            via[i] = kept
+            copy_row(via[i], kept)
             if last:
                 free[k] = before
-    points.posture[0] = posture
-    points.length[0] = via[i - 1]
-    points.force[0] = force
-    w.value[0] = value
+    copy_row(points.posture[0], posture)
+    copy_row(points.length[0], via[i - 1])
+    copy_row(points.force[0], force)
+    copy_row(w.value[0], value)
     return cost
 
 

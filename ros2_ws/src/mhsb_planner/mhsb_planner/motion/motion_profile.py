@@ -91,10 +91,30 @@ def motion_profile(
     """
     qdd = np.empty((0, position.shape[1])) if acceleration is None else acceleration
     q = as_frozen(position)
-    speed, force, tip, inertia = compute_profile_arrays(
+    speed, force, tip, inertia = _compute_profile(
         machine.arrays, q, as_frozen(velocity), as_frozen(qdd)
     )
     return MotionProfile(speed, force, tip, inertia, q)
+
+
+@kernel
+def _compute_profile(
+    m: MachineArrays, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Call `compute_profile_arrays` with copies of read-only arrays.
+
+    Kernels call it with writable arrays, and copies take less time than compiling it for both.
+
+    Args:
+        m: Arrays of the machine, with its payload.
+        position: Joint positions, shape (k, n) [rad or m].
+        velocity: Joint velocities, shape (k, n) [rad/s or m/s].
+        acceleration: Joint accelerations, shape (k or 0, n) [rad/s² or m/s²].
+
+    Returns:
+        Result of `compute_profile_arrays`.
+    """
+    return compute_profile_arrays(m, position.copy(), velocity.copy(), acceleration.copy())
 
 
 @kernel

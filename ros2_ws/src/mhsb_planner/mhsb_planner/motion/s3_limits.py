@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
@@ -144,7 +145,8 @@ def _measure_states(
         Quantities in the order of `STATE_LIMITS`, shape (limits, k).
     """
     values, scratch = np.empty((_LIMIT_COUNT, len(speed))), np.empty(speed.shape[1])
-    _fill_states(m, LimitInputs(position, speed, force, inertia, tip, modes, scratch), values)
+    q = position.copy()  # writable like the other arrays: `_fill_states` is then compiled once
+    _fill_states(m, LimitInputs(q, speed, force, inertia, tip, modes, scratch), values)
     return values
 
 
@@ -487,7 +489,7 @@ def _find_first_broken_limit(
         shares = np.linspace(0.0, 1.0, looks)
         q, qd, qdd = sample_states_at_shares(time, *motion, np.full(looks, row), shares)
         held = np.empty((looks, modes.shape[1]), dtype=np.uint8)
-        held[:] = modes[row]
+        copy_row(held, modes[row])
         speed, force, tip, inertia = compute_profile_arrays(m, q, qd, qdd)
         values = _measure_states(m, q, speed, force, inertia, tip, held)
         for k in range(looks):

@@ -34,6 +34,7 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MhsbError
 from mhsb_model.feasibility.curve_check import compute_slowing_factor
 from mhsb_model.holding import HoldingError, holding_modes
+from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import tip_position
 from mhsb_model.machine import Machine
@@ -676,7 +677,7 @@ def _assign_step_modes(
     for k in range(first, len(time)):
         while step < len(steps) - 1 and node_time[step + 1] <= time[k] - time[first]:
             step += 1
-        modes[k] = steps[step]
+        copy_row(modes[k], steps[step])
     return modes
 
 

@@ -23,6 +23,7 @@ import numpy as np
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics.closed_form_3r import is_within_limits
 from mhsb_model.inverse_kinematics.tip_postures import close_chain, find_closure_side
+from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import (
     add_extension,
@@ -99,7 +100,7 @@ def _sample_postures(m: MachineArrays, x: float, z: float, found: FloatArray) ->
                         and close_chain(m, x, z, i, j, side, q)
                         and is_within_limits(m, q)
                     ):
-                        found[count] = q
+                        copy_row(found[count], q)
                         count += 1
     return count
 
@@ -198,7 +199,7 @@ def _move_with_fixed_tip(
     n, x, z = len(q), tip[0], tip[1]
     driver, i, j = triple
     side = find_closure_side(m, q, i, j)
-    moved[:] = q
+    copy_row(moved, q)
     moved[driver] = min(m.joint_max[driver], max(m.joint_min[driver], q[driver] + stride))
     if moved[driver] == q[driver] or not close_chain(m, x, z, i, j, side, moved):
         return False
@@ -213,7 +214,7 @@ def _move_with_fixed_tip(
         if beyond == q[k]:
             return False
         side = find_closure_side(m, q, first, second)
-        moved[:] = q
+        copy_row(moved, q)
         moved[k] = beyond
         return close_chain(m, x, z, first, second, side, moved) and is_within_limits(m, moved)
     return False
@@ -283,10 +284,10 @@ def _ascend_area(
                             there = _area(m, moved, pattern, w)
                             if there > gained * (1.0 + SAME_AREA):
                                 gained = there
-                                best[:] = moved
+                                copy_row(best, moved)
         if gained > area:
             area = gained
-            q[:] = best
+            copy_row(q, best)
         else:
             stride *= 0.5
     return area
@@ -338,7 +339,7 @@ def _find_best_known(
         area = _area(m, posture, pattern, w)
         if area > best:
             best = area
-            q[:] = posture
+            copy_row(q, posture)
     return best
 
 
@@ -405,17 +406,17 @@ def largest_polytopes_of_chain(
             first = np.argmax(value)
             if value[first] < 0.0:
                 break
-            q[:] = sample[first]
+            copy_row(q, sample[first])
             top = _ascend_area(m, (x, z), pattern, w, q, value[first], ROUGH_STRIDES)
             _exclude_samples(sample, value, sample[first], w.unit)
             _exclude_samples(sample, value, q, w.unit)
             if top > best * (1.0 + SAME_AREA):
                 best = top
-                posture[p] = q
+                copy_row(posture[p], q)
         area[p] = best
     for p in range(len(patterns)):
-        q[:] = posture[p]
+        copy_row(q, posture[p])
         best = _find_best_known(m, patterns[p], w, posture, area[p], q)
-        posture[p] = q
+        copy_row(posture[p], q)
         area[p] = _ascend_area(m, (x, z), patterns[p], w, posture[p], best, FINE_STRIDES)
     return True

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.modes import MODE_COUNT
@@ -260,7 +261,7 @@ def _sample_psi(m: MachineArrays, tip: tuple[float, float]) -> _PsiSamples:
             psi = _psi_at(interval[i, 1], interval[i, 2], t)
             elbow = int(interval[i, 0])
             valid[s] = _compute_area_inputs(m, tip, psi, elbow, q, cross[s], limit[s])
-            posture[s] = q
+            copy_row(posture[s], q)
     return _PsiSamples(interval[:intervals], first, posture, valid, cross, limit)
 
 
@@ -286,11 +287,11 @@ def _find_largest_sample(samples: _PsiSamples, value: FloatArray, q: FloatArray)
         for s in (first[i], first[i + 1] - 1):
             if value[s] > best * (1.0 + SAME_AREA):
                 best = value[s]
-                q[:] = samples.posture[s]
+                copy_row(q, samples.posture[s])
     for s in range(len(value)):
         if value[s] > best * (1.0 + SAME_AREA):
             best = value[s]
-            q[:] = samples.posture[s]
+            copy_row(q, samples.posture[s])
     return best
 
 
@@ -378,7 +379,7 @@ def largest_polytopes_3r(
                 )
                 if refined > best * (1.0 + SAME_AREA):
                     best = refined
-                    posture[p] = q
+                    copy_row(posture[p], q)
         area[p] = best
     return True
 

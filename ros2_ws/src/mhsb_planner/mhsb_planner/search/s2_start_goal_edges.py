@@ -14,8 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.types import FloatArray, IntArray
+from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.goal_region import Angle, angle_range
@@ -68,7 +69,8 @@ class SearchGoal:
         node: Node of the graph whose postures these are; None if the goal is not treated as a node.
         postures: Descriptions of the admissible postures.
         first: Postures of group g are first[g] to first[g + 1] - 1, shape (groups + 1,).
-        owner: Index of the posture in which a step ends, by pattern, shape (groups, patterns).
+        owner: Index of the posture in which a step ends, by pattern, shape (groups, patterns);
+            read-only like the graph's, so that kernels are compiled once for both.
     """
 
     tip: tuple[float, float]
@@ -161,7 +163,8 @@ def create_goal(
         )
         first, owner = np.array([0, len(postures)]), owner.reshape(1, -1)
     find_clear_postures(machine, x, z, postures)  # only to raise; steps to unclear ones are barred
-    return SearchGoal((x, z), node, describe_postures(machine.arrays, postures), first, owner)
+    described = describe_postures(machine.arrays, postures)
+    return SearchGoal((x, z), node, described, first, frozen(owner))
 
 
 def _create_goal_at_node(graph: StepGraph, x: float, z: float, node: int) -> SearchGoal:
@@ -188,7 +191,7 @@ def _create_goal_at_node(graph: StepGraph, x: float, z: float, node: int) -> Sea
     postures = Postures(*(values[first:last] for values in graph.postures))
     find_clear_postures(graph.machine, x, z, postures.posture)
     owner = layout.posture_of_state[node : node + 1] - first
-    return SearchGoal((x, z), node, postures, np.array([0, last - first]), owner)
+    return SearchGoal((x, z), node, postures, np.array([0, last - first]), frozen(owner))
 
 
 def find_postures_by_rule(
@@ -365,7 +368,8 @@ def _collect_steps_to_goal_node(
         for e in range(edges.first[i], edges.last[i]):
             if edges.state[e] // patterns == node:
                 origin[found], pattern[found] = i, edges.pattern[e]
-                end[found], cost[found] = owner[pattern[found]], edges.cost[e]
+                end[found] = owner[pattern[found]]
+                copy_row(cost[found], edges.cost[e])
                 found += 1
     nowhere = np.full(found, NO_STATE)
     return JoiningSteps(origin[:found], nowhere, end[:found], pattern[:found], cost[:found])
@@ -435,7 +439,7 @@ def _price_steps_to_nodes(
         for p in range(count):
             if scratch.status[p] == status:
                 state[found] = node * count + p
-                cost[found] = scratch.cost[p]
+                copy_row(cost[found], scratch.cost[p])
                 found += 1
     nowhere = np.full(found, NO_STATE)
     return JoiningSteps(nowhere, state[:found], nowhere.copy(), state[:found] % count, cost[:found])
@@ -497,7 +501,7 @@ def _price_steps_to_goal(
                     origin[found] = i
                     end[found] = goal_owner[g, p]
                     pattern[found] = p
-                    cost[found] = scratch.cost[p]
+                    copy_row(cost[found], scratch.cost[p])
                     found += 1
     nowhere = np.full(found, NO_STATE)
     return JoiningSteps(origin[:found], nowhere, end[:found], pattern[:found], cost[:found])

@@ -41,6 +41,7 @@ import numpy as np
 
 from mhsb_model import hydraulics
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
@@ -99,7 +100,7 @@ def _lengths_and_forces(m: MachineArrays, posture: FloatArray) -> tuple[FloatArr
     force = np.empty(posture.shape)
     q = np.empty(posture.shape[1])
     for i in range(len(posture)):
-        q[:] = posture[i]
+        copy_row(q, posture[i])
         piston_forces(m, q, force[i])
         for j in range(len(q)):
             length[i, j] = cylinder_length(m.linkage[j], q[j])

@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import move_is_clear
@@ -252,11 +253,11 @@ def _is_clear(
     here, there = posture[first].copy(), posture[first].copy()
     here[0] = begin
     for s in range(first, last):
-        there[:] = posture[s + 1]
+        copy_row(there, posture[s + 1])
         there[0] = here[0] + _compute_time_share(path.duration, first, last, s) * (end - begin)
         if not move_is_clear(m, rows, here, there, False):
             return False
-        here[:] = there
+        copy_row(here, there)
     return True
 
 
@@ -303,8 +304,8 @@ def compute_least_times(
             if least[i, k] == math.inf:
                 continue
             if k < parts and least[i, k] + alone < least[i, k + 1]:
-                begin[:] = posture[corner[i]]
-                end[:] = begin
+                copy_row(begin, posture[corner[i]])
+                copy_row(end, begin)
                 begin[0], end[0] = angle[k], angle[k + 1]
                 if move_is_clear(m, rows, begin, end, False):
                     least[i, k + 1] = least[i, k] + alone

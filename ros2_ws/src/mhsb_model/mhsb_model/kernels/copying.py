@@ -1,0 +1,25 @@
+"""Copies of rows inside kernels.
+
+If an array is assigned to a slice or a row, numba checks the shapes and compiles the message of
+that error, with all its formatting of text, into each kernel that contains the assignment or calls
+such a kernel. That costs more time to compile than most kernels.
+"""
+
+from __future__ import annotations
+
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.types import BoolArray, FloatArray, ModeArray
+
+
+@kernel(borrows=True)
+def copy_row(
+    target: FloatArray | ModeArray | BoolArray, source: FloatArray | ModeArray | BoolArray
+) -> None:
+    """Copy all values of an array into another one.
+
+    Args:
+        target: Receives the values in place, shape (n,).
+        source: Values to copy, shape (n,). It must not overlap the target.
+    """
+    for i in range(len(target)):
+        target[i] = source[i]
