@@ -2,6 +2,7 @@
 
 A kernel (numba) is compiled for types, not for numbers, so the suite's own machine serves for all
 machines. The parts that take longest come first; the last ones use kernels of those before.
+`mhsb plan` compiles only the parts that its planner needs, a planner node all of them.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from mhsb_model.kernels.pool import compile_ahead
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.integrated import integrated_search
+from mhsb_planner.integrated.lower_bound import bound_energy_to_goal
 from mhsb_planner.motion import s3_trajectory
 from mhsb_planner.motion.energy import energy_of_states
 from mhsb_planner.posture.s1_global_search import build_posture_table
@@ -48,11 +50,6 @@ def compile_path_pricing() -> None:
     integrated_search.warm_up_pricing(machine())
 
 
-def compile_posture_table() -> None:
-    """Compile the building of the posture table (S1, the best postures of all nodes)."""
-    build_posture_table(machine(), COARSE_TABLE_SPACING)
-
-
 def compile_lattice_search() -> None:
     """Compile the lattice search of the integrated planner."""
     integrated_search.warm_up_lattice(machine())
@@ -63,6 +60,14 @@ def compile_motion() -> None:
     s3_trajectory.warm_up(machine())
     rest = np.zeros((1, machine().joint_count))
     energy_of_states(machine(), np.ones(1), rest, rest, rest.astype(np.uint8))
+
+
+def compile_goal_checks() -> None:
+    """Compile the clearance of a goal, and the lower bound on the energy to it."""
+    goal_clearance.warm_up(machine())
+    middle = 0.5 * (machine().arrays.joint_min + machine().arrays.joint_max)
+    x, z = machine().tip_position(middle)
+    bound_energy_to_goal(machine(), middle, (float(x), float(z)))
 
 
 def compile_moving_starts() -> None:
@@ -81,7 +86,7 @@ def compile_path_conversion() -> None:
 
 
 def compile_step_costs() -> None:
-    """Compile the costs of all steps between the table's postures."""
+    """Compile the posture table (S1) and the costs of all steps between its postures."""
     step_graph()
 
 
@@ -102,27 +107,45 @@ def compile_polytope_areas() -> None:
 
 def compile_remaining_kernels() -> None:
     """Compile the kernels that only some requests need, such as those for obstacles."""
-    goal_clearance.warm_up(machine())
     among_zones.warm_up(machine())
     s2_step.warm_up(machine())
     integrated_search.warm_up(machine())
 
 
-PARTS_FOR_REST = tuple(
-    f"{__name__}:{part.__name__}"
-    for part in (
-        compile_motion, compile_path_pricing, compile_posture_table, compile_lattice_search,
-        compile_step_costs, compile_refinement, compile_graph_search, compile_path_conversion,
-        compile_fixed_joint_search, compile_polytope_areas,
+def _name_parts(*parts: Callable[[], None]) -> tuple[str, ...]:
+    """Return the import paths ("module:function") of functions of this module."""
+    return tuple(f"{__name__}:{part.__name__}" for part in parts)
+
+
+_PATH_PARTS = {
+    "fixed": _name_parts(compile_fixed_joint_search),
+    "integrated": _name_parts(
+        compile_path_pricing, compile_lattice_search, compile_refinement, compile_path_conversion,
+        compile_fixed_joint_search,
+    ),
+}  # fmt: skip
+"""Parts that a path planner needs besides those that all need, by its name."""
+
+
+def list_parts_for_rest(planner: str) -> tuple[str, ...]:
+    """List the parts that a plan from rest without zones in space needs.
+
+    Args:
+        planner: Name of the path planner.
+
+    Returns:
+        Import paths ("module:function") in the order in which they are to be started.
+    """
+    return (
+        *_name_parts(compile_step_costs, compile_motion),
+        *_PATH_PARTS.get(planner, ()),
+        *_name_parts(compile_graph_search, compile_polytope_areas, compile_goal_checks),
     )
-)  # fmt: skip
-"""Import paths ("module:function") of the parts that a plan from rest without zones in space
-needs, in the order in which they are to be started.
-"""
+
 
 KERNEL_PARTS = (
-    *PARTS_FOR_REST,
-    *(f"{__name__}:{part.__name__}" for part in (compile_moving_starts, compile_remaining_kernels)),
+    *list_parts_for_rest("integrated"),
+    *_name_parts(compile_moving_starts, compile_remaining_kernels),
 )
 """Import paths of all parts, in the order in which they are to be started."""
 

@@ -8,7 +8,7 @@ import pytest
 
 from mhsb_model.machine import load_machine
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.planner import Planner, warm_up
+from mhsb_planner.planner import PLANNER_KINDS, Planner, warm_up
 from mhsb_planner.posture.s1_global_search import build_posture_table
 
 SCRIPT = """
@@ -98,6 +98,35 @@ by_slews = {name: count for name, count in compiled().items() if count != before
 print(by_searches | by_plans | by_slews)
 """
 
+PLAN_FROM_REST = """
+import importlib, sys
+from mhsb_model.kernels.kernel import Kernel
+from mhsb_model.machine import load_machine
+from mhsb_model.trajectory import MotionState
+from mhsb_planner.kernel_parts import list_parts_for_rest
+from mhsb_planner.planner import Planner, PlanOptions
+from mhsb_planner.posture.s1_posture_table import PostureTable
+
+def compiled():
+    return {
+        f"{name}.{key}": len(value.signatures)
+        for name, module in sys.modules.items()
+        if name.startswith("mhsb_")
+        for key, value in vars(module).items()
+        if isinstance(value, Kernel)
+    }
+
+machine = load_machine()
+for part in list_parts_for_rest(sys.argv[2]):
+    module, function = part.split(":")
+    getattr(importlib.import_module(module), function)()
+before = compiled()
+planner = Planner(machine, PostureTable.load(sys.argv[1], machine))
+start = MotionState.at_rest(machine.config.simulation.start_posture)
+planner.plan((0.55, 0.60), start, options=PlanOptions(planner=sys.argv[2]))
+print({name: count for name, count in compiled().items() if count != before.get(name)})
+"""
+
 FIRST_CALL = """
 import concurrent.futures, queue, subprocess, sys, threading, time
 time.monotonic = time.perf_counter = time.process_time  # however busy the machine is
@@ -110,10 +139,10 @@ print(planner.plan((0.55, 0.60), start, deadline=Deadline.after(0.3)).planning_t
 """
 
 
-def run_with_table(script, table, folder):
+def run_with_table(script, table, folder, *arguments):
     table.save(folder / "table.npz")
     return subprocess.run(
-        [sys.executable, "-c", script, str(folder / "table.npz")],
+        [sys.executable, "-c", script, str(folder / "table.npz"), *arguments],
         capture_output=True,
         text=True,
         check=False,
@@ -122,6 +151,12 @@ def run_with_table(script, table, folder):
 
 def test_no_kernel_is_compiled_by_the_first_plans(table, tmp_path):
     done = run_with_table(SCRIPT, table, tmp_path)
+    assert done.stdout.strip() == "{}", done.stderr
+
+
+@pytest.mark.parametrize("planner", PLANNER_KINDS)
+def test_the_parts_of_a_planner_have_all_kernels_of_its_plan_from_rest(planner, table, tmp_path):
+    done = run_with_table(PLAN_FROM_REST, table, tmp_path, planner)
     assert done.stdout.strip() == "{}", done.stderr
 
 

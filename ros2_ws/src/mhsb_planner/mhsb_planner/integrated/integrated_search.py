@@ -281,19 +281,19 @@ def warm_up(machine: Machine) -> None:
     psi = machine.end_link_angle(task.goals.postures.posture[0])
     query = PathQuery(task.start, modes, (x, z), weights, goal_psi=psi)
     search(task.machine, query, effort=task.limits)
-    sample_goal_postures(machine, x, z, None, task.limits.psi_spacing)
     for part in (warm_up_pricing, warm_up_paths, warm_up_lattice, warm_up_refinement):
         part(machine)
 
 
 def warm_up_pricing(machine: Machine) -> None:
-    """Compile the kernels that price a cylinder path or find goal postures near the start.
+    """Compile the kernels that price a cylinder path or find goal postures.
 
     Args:
         machine: Arm without a slewing joint that the trial calls use. Its obstacles are ignored.
     """
     task = _example_problem(machine)
     task.price(_straight_line(task))
+    sample_goal_postures(machine, *task.goals.tip, None, task.limits.psi_spacing)
     ik_near_start.warm_up(machine, task.start, task.cost_model.circuit)
 
 

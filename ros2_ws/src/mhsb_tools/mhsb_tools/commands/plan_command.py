@@ -24,7 +24,7 @@ from mhsb_model.modes import pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import FloatArray, Position
 from mhsb_planner.cases.paper_cases import PaperCase
-from mhsb_planner.kernel_parts import PARTS_FOR_REST, compile_planner
+from mhsb_planner.kernel_parts import compile_planner, list_parts_for_rest
 from mhsb_planner.motion.cavitation import find_cavitating_steps
 from mhsb_planner.motion.motion_table import format_switches
 from mhsb_planner.plan_log import PlanLog
@@ -122,7 +122,7 @@ def plan(
             make_parent_folder(file, what)
     check_coordinates(base, asked)
     changed = zones.add_to(arm.change(base))
-    compile_planner(parts=PARTS_FOR_REST)
+    compile_planner(parts=list_parts_for_rest(options.planner))
     suite = Planner(changed, load_or_build_table(base, arm.table))
     if posture is None:
         base.check_in_workspace(asked.start)
