@@ -489,7 +489,8 @@ def _find_first_broken_limit(
         shares = np.linspace(0.0, 1.0, looks)
         q, qd, qdd = sample_states_at_shares(time, *motion, np.full(looks, row), shares)
         held = np.empty((looks, modes.shape[1]), dtype=np.uint8)
-        copy_row(held, modes[row])
+        for k in range(looks):
+            copy_row(held[k], modes[row])
         speed, force, tip, inertia = compute_profile_arrays(m, q, qd, qdd)
         values = _measure_states(m, q, speed, force, inertia, tip, held)
         for k in range(looks):
