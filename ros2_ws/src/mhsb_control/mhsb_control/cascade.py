@@ -49,6 +49,7 @@ from mhsb_control.load_estimate import (
     accumulate_load_window,
     build_load_estimate,
 )
+from mhsb_control.machine_scales import compute_supply_torques
 from mhsb_control.natural_frequency import find_joint_frequency_ranges
 from mhsb_control.reference import PREVIEW_POINT
 from mhsb_model.circuit.dead_time import compute_valve_lag
@@ -238,7 +239,7 @@ class ControlAxis(Record):
     speed_to_command: float
     """Piston speed of the reference at the time when a command sent now acts [m/s]."""
     force_to_command: float
-    """Force of the reference at that time, without friction [N]; NaN before the first step."""
+    """Force of the reference at that time, without friction [N]; NaN if commands act at once."""
     force_rate: float
     """Rate of change of `force_to_command` [N/s]; 0 if commands act at once."""
     speed_to_pump: float
@@ -249,6 +250,8 @@ class ControlAxis(Record):
     """Force that a closed valve would have to carry at that time [N]."""
     speed_to_cross: float
     """Piston speed of the reference when a spool that starts then has crossed its overlap [m/s]."""
+    moving_speed: float
+    """Piston speed of the reference above which the load is estimated [m/s]."""
     max_speed_at_rest: float
     """Largest |u| at rest [m/s]; inf while the reference moves."""
     force: float
@@ -413,6 +416,7 @@ def build_axis_records(
         config.servo.force_bias_time,
         settings.min_bias_time_ratio * axes["force_bandwidth"] / frequency**2,
     )
+    axes["moving_speed"] = settings.load.min_moving_speed * machine.arrays.max_piston_speed
     axes["radian_equivalent"] = machine.radian_equivalents
     axes["bias"] = axes["force_to_command"] = np.nan
     axes["deliverable_speed"] = np.inf
@@ -464,7 +468,7 @@ def build_servo_arguments(
         chain=chain_of(machine.arrays),
         load=build_load_estimate(
             machine.arrays.payload,
-            machine.joint_count,
+            compute_supply_torques(machine),
             is_estimated=estimates_load,
             settings=settings.load,
         ),
@@ -482,7 +486,7 @@ def compute_piston_demands(s: ServoArguments) -> None:
     the first step d is set so that the feedforward equals the measured force. While a joint moves
     steadily and its valve is not saturated, its measured force updates payload and friction.
 
-    Steady means two things. The reference's piston speed is above `min_moving_speed` in one
+    Steady means two things. The reference's piston speed is above `moving_speed` in one
     direction, both now and at point PREVIEW_POINT. The inertia torque is below `max_inertia_share`
     times the torque of the weight. If the estimates change, d changes by the opposite force, so
     that the feedforward does not jump. Nothing is estimated if the variance of the payload is 0.
@@ -515,7 +519,7 @@ def compute_piston_demands(s: ServoArguments) -> None:
         if math.isnan(axis.bias):
             axis.bias = force - known
         if load.covariance[0, 0] > 0.0:
-            slowest = settings.min_moving_speed
+            slowest = axis.moving_speed
             steady = min(axis.speed_ahead, axis.speed) > slowest
             steady = steady or max(axis.speed_ahead, axis.speed) < -slowest
             calm = abs(torque[j] - weight[j]) < settings.max_inertia_share * abs(weight[j])
@@ -538,7 +542,8 @@ def compute_piston_demands(s: ServoArguments) -> None:
 def compute_reference_forces(s: ServoArguments, payload: float) -> None:
     """Compute lengths, piston speeds and forces of the reference, now and ahead.
 
-    The force is the torque of inverse dynamics over the moment arm, without friction. The force
+    The force is the torque of inverse dynamics over the moment arm, without friction. If commands
+    act at once, nothing is computed for later ones, and the rate of the force stays 0. The force
     that a closed valve would have to hold is that of gravity, or the whole force if the whole force
     is smaller in magnitude. `max_speed_at_rest` is the speed of `rest_speed` at the joint if the
     reference has no speed now and at the preview point. Otherwise it is inf.
@@ -556,7 +561,8 @@ def compute_reference_forces(s: ServoArguments, payload: float) -> None:
     axes, chain = s.axes, replace_payload(s.chain, payload)
     torque, weight = s.scratch[MOTION_WORK], s.scratch[MOTION_WORK + 1]
     rest_speed, to_cross = s.gains[0].settings.rest_speed, s.command_reference[1]
-    for k in range(4):
+    at_once = s.command_times[2] == 0.0
+    for k in range(2 if at_once else 0, 4):
         state = s.reference[0]
         if k == 0:
             state = s.command_reference[0]
@@ -573,8 +579,7 @@ def compute_reference_forces(s: ServoArguments, payload: float) -> None:
             held = (weight[j] if abs(weight[j]) < abs(torque[j]) else torque[j]) / arm
             if k == 0:
                 rise = force - axis.force_to_command
-                is_known = s.command_times[0] > 0.0 and not math.isnan(rise)
-                axis.force_rate = rise / s.gains[0].step if is_known else 0.0
+                axis.force_rate = 0.0 if math.isnan(rise) else rise / s.gains[0].step
                 axis.speed_to_command, axis.force_to_command = speed, force
                 _, arm, _ = evaluate_linkage(s.linkage[j], to_cross[0, j])
                 axis.speed_to_cross = arm * to_cross[1, j]
@@ -586,6 +591,9 @@ def compute_reference_forces(s: ServoArguments, payload: float) -> None:
                 axis.arm_ahead, axis.arm_slope_ahead = arm, slope
             else:
                 axis.length, axis.arm, axis.speed, axis.force = length, arm, speed, force
+                if at_once:
+                    axis.speed_to_command = axis.speed_to_pump = axis.speed_to_cross = speed
+                    axis.force_to_pump, axis.holding_force_to_pump = force, held
                 rests = speed == 0.0 and axis.speed_ahead == 0.0
                 axis.max_speed_at_rest = (
                     rest_speed * abs(arm) * axis.radian_equivalent if rests else math.inf

@@ -59,8 +59,9 @@ class ServoSignals:
             `valve_command` and `join_command` of its actuators, and `flow_command` and
             `to_rail_command` of its modules. Pump flows are measured by the pump speeds. Join
             valves and diverters follow their commands as the machine file describes.
-        valve_overlap: Overlap of each valve that the controller compensates, as a share of the
-            spool's stroke, float64[n]; 0 if it does not estimate it. The controller writes it.
+        valve_overlap: Overlaps of each valve that the controller compensates, extending and
+            retracting, as shares of the spool's stroke, float64[n, 2]; 0 if it does not estimate
+            them. The controller writes them.
     """
 
     reference: FloatArray
@@ -106,7 +107,7 @@ class ServoSignals:
             modes_ahead=modes.copy(),
             serves=np.full(modules, -1, dtype=np.int64),
             circuit=circuit,
-            valve_overlap=np.zeros(actuators),
+            valve_overlap=np.zeros((actuators, 2)),
         )
 
 

@@ -50,6 +50,7 @@ from mhsb_control.valve_estimate import (
     ValveSettings,
     accumulate_valve_window,
     build_valve_estimates,
+    build_valve_records,
     compute_opening,
     shift_opening,
 )
@@ -63,7 +64,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES, RAIL_MODES
 from mhsb_model.records import Record, Records, create_record
 from mhsb_model.schema import Section
-from mhsb_model.types import IntArray
+from mhsb_model.types import FloatArray, IntArray
 
 _log = logging.getLogger(__name__)
 
@@ -182,9 +183,12 @@ class CoordinatedController:
         cascade.axes["joined"] = signals.circuit.actuators["join"]
         cascade.axes["supply_target"] = signals.sensors["line_pressure"]
         pumps = build_pump_state(machine, signals, gains, settings.pumps)
-        declared = machine.config.imperfections.valve_overlap
         valves = build_valve_estimates(
-            signals.valve_overlap, declared, settings.valves, machine.config.simulation.step
+            build_valve_records(machine, settings.valves),
+            signals.valve_overlap,
+            machine.config.imperfections.overlaps,
+            settings.valves,
+            machine.config.simulation.step,
         )
         self._estimators = (
             machine.actuator_names,
@@ -394,7 +398,7 @@ def compute_valve_command(
     constants: Records[CircuitConstants],
     actuator: ActuatorState,
     valve: EstimatedValve,
-    overlap: float,
+    overlap: FloatArray,
     settings: ValveSettings,
     reaction_time: float,
 ) -> None:
@@ -423,7 +427,8 @@ def compute_valve_command(
         valve: Estimates and window of the valve. Writes `speed_gain` (G at the measured pressures)
             [m/s] and `opening` (x) in place. `opening` is 0 if the load keeps the valve partly or
             fully shut, so that the estimator does not use it.
-        overlap: Overlap that is compensated, as a share of the spool's stroke.
+        overlap: Overlaps extending and retracting that are compensated, as shares of the spool's
+            stroke, float64[2].
         settings: Tuned numbers of the inverse.
         reaction_time: T, time from a measurement to its effect at the valve [s].
     """
@@ -433,7 +438,8 @@ def compute_valve_command(
     direction = 1.0 if axis.demand >= 0.0 else -1.0
     carried = load_pressure(cap, rod, c.tank_pressure, force, direction)
     pressures = (sensor.line_pressure, sensor.cap_pressure, sensor.rod_pressure)
-    smallest, _ = compute_orifice_flow(k, settings.min_pressure_drop, c.laminar_pressure)
+    least_drop = settings.min_pressure_drop * c.laminar_pressure
+    smallest, _ = compute_orifice_flow(k, least_drop, c.laminar_pressure)
     valve.speed_gain, decay = compute_speed_gain(axis, cylinder, c, pressures, smallest)
     gain = valve.speed_gain
     axis.flow_damping = min(abs(axis.demand) / gain, 1.0) * decay
@@ -446,7 +452,7 @@ def compute_valve_command(
     )
     gain, _ = compute_speed_gain(axis, cylinder, c, pressures, smallest)
     opening = compute_opening(
-        gain * valve.gain, overlap, axis.demand, axis.speed_to_cross, settings
+        gain * valve.gain, overlap, axis.demand, axis.speed_to_cross, valve.crossing_speed
     )
     valve.driving_pressure = sensor.line_pressure - carried
     gate = min(max(valve.driving_pressure / c.laminar_pressure, 0.0), 1.0)

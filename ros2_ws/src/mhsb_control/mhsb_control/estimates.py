@@ -128,19 +128,18 @@ def _build_valve_estimates(name: str, j: int, valves: ValveEstimates) -> tuple[E
         valves: Estimates of the valves.
 
     Returns:
-        Estimates of valve gain and overlap.
+        Estimates of valve gain and overlap, the mean of both directions.
     """
-    gain, overlap, _ = valves.estimate[j]
-    own = valves.covariance[j]
-    lap = overlap / gain
-    # overlap o = b/a and gain g = a (1 − o) = a − b, variances to first order
-    lap_variance = (own[1, 1] - 2.0 * lap * own[0, 1] + lap**2 * own[0, 0]) / gain**2
-    gain_variance = own[0, 0] - 2.0 * own[0, 1] + own[1, 1]
+    gain, laps = valves.estimate[j, 0], valves.estimate[j, 1:3]
+    own = valves.covariance[j, :3, :3]
+    # the mean of both overlaps o = b/(g + b), its variance to first order
+    slopes = np.array([-np.mean(laps / (gain + laps) ** 2), *(0.5 * gain / (gain + laps) ** 2)])
+    lap, lap_variance = float(np.mean(laps / (gain + laps))), slopes @ own @ slopes
     of_gain, of_overlap = (
         float(valves.settings[key][0]) for key in ("gain_deviation", "overlap_deviation")
     )
     return (
-        _build_estimate("valve_gain", name, gain - overlap, np.sqrt(gain_variance), of_gain),
+        _build_estimate("valve_gain", name, gain, np.sqrt(own[0, 0]), of_gain),
         _build_estimate("overlap", name, lap, np.sqrt(lap_variance), of_overlap),
     )
 

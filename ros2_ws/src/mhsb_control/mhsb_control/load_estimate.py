@@ -36,8 +36,8 @@ class LoadSettings(Record):
 
     30 % smaller and larger, N = 5: RMS error −5.6 and −9.2 % (mhsb_arm3), −4.5 and +3.5 %
     (excavator; overshoot −2.17 and −0.34 MPa)."""
-    min_moving_speed: float = 1e-3
-    """Piston speed of the reference above which an actuator counts as moving [m/s], 0 … 0.01.
+    min_moving_speed: float = 1.0 / 12.0
+    """Piston speed of the reference above which an actuator counts as moving [V_max], 0 … 1.
 
     It applies now and at the preview point. Origin: the friction of a slower piston is not yet that
     of steady motion.
@@ -79,10 +79,12 @@ class LoadSettings(Record):
 
     30 % smaller and larger, N = 5: RMS error −10.7 and −3.6 % (mhsb_arm3), +1.4 and +2.6 %
     (excavator; overshoot −0.92 and −1.87 MPa)."""
-    torque_deviation: float = 5.5
-    """Standard deviation of a window's torque [N m], above 0 … 1e4.
+    torque_deviation: float = 0.0625
+    """Standard deviation of a window's torque [supply torques of the joint], above 0 … 1.
 
-    It covers oscillations, sensors and moment arms. Origin: chosen; `mhsb_tools.study.draw_limits`
+    The supply torque is the largest one by the main pump's pressure, see `compute_supply_torques`;
+    the share is 5.5 N m at the first joint of the suite's own arm. It covers oscillations, sensors
+    and moment arms. Origin: chosen; `mhsb_tools.study.draw_limits`
     asks that the 95 % interval of the payload contains the true one in 92 … 98 % of draws.
 
     30 % smaller and larger, N = 5: RMS error +0.1 and −2.7 % (mhsb_arm3), −6.6 and −5.6 %
@@ -113,11 +115,16 @@ class LoadEstimate(NamedTuple):
     friction: FloatArray  # [n] N m, r f(v), sum over the present window
     steps: FloatArray  # [n] number of steps in the present window
     file_payload: FloatArray  # [1] kg, payload of the machine file
+    torque_deviation: FloatArray  # [n] N m, standard deviation of a window's torque
     gain_work: FloatArray  # [1 + n] working memory
 
 
 def build_load_estimate(
-    payload: float, count: int, *, is_estimated: bool, settings: LoadSettings = LoadSettings()
+    payload: float,
+    supply_torque: FloatArray,
+    *,
+    is_estimated: bool,
+    settings: LoadSettings = LoadSettings(),
 ) -> LoadEstimate:
     """Return the initial estimates of the load: the payload of the file, and friction factors 1.
 
@@ -125,7 +132,8 @@ def build_load_estimate(
 
     Args:
         payload: Payload of the machine file [kg].
-        count: Number n of actuators.
+        supply_torque: Largest torque of each cylinder by the main pump's pressure, float64[n],
+            [N m].
         is_estimated: Whether the load is to be estimated. If not, the covariance is 0, so that the
             initial values stay.
         settings: Tuned numbers.
@@ -133,6 +141,7 @@ def build_load_estimate(
     Returns:
         The estimates, in new arrays.
     """
+    count = len(supply_torque)
     deviation = np.full(1 + count, settings.friction_deviation)
     deviation[0] = settings.payload_deviation * payload
     estimate = np.ones(1 + count)
@@ -145,6 +154,7 @@ def build_load_estimate(
         friction=np.zeros(count),
         steps=np.zeros(count),
         file_payload=np.array([payload]),
+        torque_deviation=settings.torque_deviation * supply_torque,
         gain_work=np.zeros(1 + count),
     )
 
@@ -219,7 +229,7 @@ def update_load_filter(
     covariance[1 + j, 1 + j] += settings.friction_drift * settings.friction_drift
     for i in range(n):
         carried[i] = covariance[i, 0] * y + covariance[i, 1 + j] * friction
-    noise = settings.torque_deviation * settings.torque_deviation
+    noise = load.torque_deviation[j] * load.torque_deviation[j]
     spread = noise + y * carried[0] + friction * carried[1 + j]
     for i in range(n):
         estimate[i] += carried[i] / spread * torque

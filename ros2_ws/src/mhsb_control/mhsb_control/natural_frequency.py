@@ -59,11 +59,26 @@ def compute_joint_frequencies(machine: Machine, q: FloatArray) -> FloatArray:
     return np.sqrt(stiffness / np.diag(machine.mass_matrix(q)))
 
 
+def draw_postures(machine: Machine) -> FloatArray:
+    """Draw POSTURE_SAMPLES postures uniformly from the joint ranges, always with the same seed.
+
+    Args:
+        machine: The machine as its file describes it.
+
+    Returns:
+        Joint positions, float64[POSTURE_SAMPLES, n], [rad or m].
+    """
+    arrays = machine.arrays
+    return np.random.default_rng(SAMPLING_SEED).uniform(
+        arrays.joint_min, arrays.joint_max, (POSTURE_SAMPLES, machine.joint_count)
+    )
+
+
 def find_joint_frequency_ranges(machine: Machine) -> tuple[FloatArray, FloatArray]:
     """Find the lowest and the highest natural frequency of each joint over random postures.
 
     In each posture a joint oscillates on the oil of its cylinder, with all other joints locked.
-    POSTURE_SAMPLES postures are drawn uniformly from the joint ranges, always with the same seed.
+    `draw_postures` draws the postures.
 
     Args:
         machine: The machine as its file describes it.
@@ -72,9 +87,5 @@ def find_joint_frequency_ranges(machine: Machine) -> tuple[FloatArray, FloatArra
         Lowest and highest natural frequencies, float64[n] each, [rad/s]. Those of different joints
         may belong to different postures.
     """
-    arrays = machine.arrays
-    postures = np.random.default_rng(SAMPLING_SEED).uniform(
-        arrays.joint_min, arrays.joint_max, (POSTURE_SAMPLES, machine.joint_count)
-    )
-    found = np.array([compute_joint_frequencies(machine, q) for q in postures])
+    found = np.array([compute_joint_frequencies(machine, q) for q in draw_postures(machine)])
     return found.min(axis=0), found.max(axis=0)

@@ -31,25 +31,27 @@ class ScalingSettings(Record):
 
     30 % smaller and larger, N = 5: RMS error −2.3 and −5.9 % (mhsb_arm3), −3.6 and +8.1 %
     (excavator; overshoot −3.32 and −0.30 MPa, falls +0 and +1)."""
-    max_slowing: float = 8.0
-    """Largest −ṡ [1/s], 0.1 … 1000.
+    max_slowing: float = 1.7
+    """Largest −ṡ, in the machine's braking rate, 0.1 … 1000.
 
-    Origin: a piston at 12 mm/s is decelerated by less than 0.1 m/s².
+    `compute_braking_rate` gives that rate: the heaviest joint at V_max is then braked by at most
+    1.7 times the main pump's pressure. Origin: chosen; 8 1/s for the suite's own arm. The boosted
+    slew of an excavator of 20 t, whose rate is 0.3 1/s, misses its path by 0.4 m with 8 1/s and by
+    0.05 m with 0.5 1/s.
 
     30 % smaller and larger, N = 5: RMS error −3.0 and −4.0 % (mhsb_arm3; overshoot +0.19 and
     −0.04 MPa), −2.2 and +2.9 % (excavator; overshoot −3.52 and +0.68 MPa)."""
-    max_recovery: float = 2.0
-    """Largest ṡ [1/s], 0.1 … 1000.
+    max_recovery: float = 0.25
+    """Largest ṡ, in the largest −ṡ, above 0 … 1.
 
-    Origin: chosen; a quarter of `max_slowing`, so that a reserve that has just returned lasts.
+    Origin: chosen, so that a reserve that has just returned lasts.
 
     30 % smaller and larger, N = 5: RMS error −6.1 and −3.1 % (mhsb_arm3), +0.4 and +9.1 %
     (excavator; overshoot −2.03 and −1.31 MPa, falls +1 and +0)."""
-    max_turn: float = 200.0
-    """Largest |s̈| [1/s²], 1 … 1e5.
+    slowing_time: float = 0.04
+    """Time in which the largest |s̈| reaches the largest −ṡ [s], 0.001 … 1.
 
-    Origin: `max_slowing` is reached in 40 ms, in which the pumps follow the lower need while
-    braking.
+    Origin: chosen; in 40 ms the pumps follow the lower need while braking.
 
     30 % smaller and larger, N = 5: RMS error −5.7 and −4.9 % (mhsb_arm3; overshoot −0.21 and
     +0.10 MPa), +8.0 and +12.1 % (excavator; overshoot −0.65 and −0.38 MPa, falls +0 and +1)."""
@@ -85,14 +87,19 @@ def build_full_speed_scaling() -> Records[SpeedScaling]:
 
 @kernel
 def update_rate(
-    scaling: SpeedScaling, requested_rate: float, step: float, settings: ScalingSettings
+    scaling: SpeedScaling,
+    requested_rate: float,
+    step: float,
+    max_slowing: float,
+    settings: ScalingSettings,
 ) -> None:
     """Move the rate of a plan towards the requested one by a step, with continuous change.
 
         s̈ = ω² (s_req − s) − 2 ω ṡ
 
-    s is the rate, s_req the requested one, and ω is `rate_bandwidth`. |s̈| stays within `max_turn`,
-    ṡ within −`max_slowing` … `max_recovery`, and s within 0 … 1. Where s is limited, ṡ becomes 0.
+    s is the rate, s_req the requested one, and ω is `rate_bandwidth`. With the limit m of
+    `max_slowing`, |s̈| stays within m/`slowing_time`, ṡ within −m … `max_recovery` m, and s within
+    0 … 1. Where s is limited, ṡ becomes 0.
     A requested rate of 1 is reached at once from above 1 − NEARLY_FULL, and one of 0 from below
     NEARLY_NONE. The delay of the reference behind the plan grows by (1 − s) times the step. If the
     plan has ended, the rate becomes 1 at once, and the delay decreases by the step, down to 0.
@@ -102,6 +109,7 @@ def update_rate(
             in place.
         requested_rate: Requested rate, 0 (standstill) … 1 (full speed).
         step: Control period [s].
+        max_slowing: Largest −ṡ [1/s].
         settings: Tuned numbers.
     """
     before, goal = scaling.rate, requested_rate
@@ -116,9 +124,9 @@ def update_rate(
     else:
         omega = settings.rate_bandwidth
         jerk = omega * (omega * (goal - before) - 2.0 * scaling.change)
-        jerk = min(max(jerk, -settings.max_turn), settings.max_turn)
-        change = scaling.change + step * jerk
-        scaling.change = min(max(change, -settings.max_slowing), settings.max_recovery)
+        most = max_slowing / settings.slowing_time
+        change = scaling.change + step * min(max(jerk, -most), most)
+        scaling.change = min(max(change, -max_slowing), settings.max_recovery * max_slowing)
         rate = before + step * scaling.change
         scaling.rate = min(max(rate, 0.0), 1.0)
         if scaling.rate != rate:

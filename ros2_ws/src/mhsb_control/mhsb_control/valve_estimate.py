@@ -2,19 +2,21 @@
 
 In a window the piston moves steadily in one direction, with the valve open by x. Then
 
-    ΔL = a ∫ G |x| dt − b ∫ G dt − c ΔF/k_h   (all signed by the motion)
+    ΔL = g ∫ G |x| dt − b ∫ G (1 − |x|) dt − c ΔF/k_h   (all signed by the motion)
 
 x is the opening at which the spool is, by the delay of commands and its own lag. G is the piston
 speed per opening [m/s] of the machine file's valve at the measured pressures. F is the cylinder
 force and k_h the oil's stiffness by the file. A valve with g times the file's gain and the overlap
-o has a = g/(1 − o) and b = a o. Oil of another bulk modulus has c = β/β_true. A Kalman filter
-updates a, b, c window by window; they follow slow random walks. The valve is inverted by
+o passes the share g (|x| − o)/(1 − o) of full flow, so that b = g o/(1 − o). Each direction has an
+overlap of its own, b₊ in extension and b₋ in retraction. Oil of another bulk modulus has
+c = β/β_true. A Kalman filter updates g, b₊, b₋, c window by window; they follow slow random walks.
+The valve is inverted by
 
-    |x| = |u|/(a G) + o min(|u|/u_s, 1).
+    |x| = |u| (1 − o)/(g G) + o min(|u|/u_s, 1),    o = b/(g + b).
 
 A parameter without data keeps its standard deviation. A piston may be commanded to move while its
 reference rests, or not move although its reference does. If it moves less than commanded, that
-indicates overlap; the present estimate of a is then kept. An opening that passes no flow only shows
+indicates overlap; the present estimate of g is then kept. An opening that passes no flow only shows
 that the overlap is larger. While the reference moves, the estimate of the overlap rises to such an
 opening, and its standard deviation grows to the rise. Several windows in sequence must show it,
 because a slow valve or a late command delays the piston, too.
@@ -33,7 +35,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_control.delay_line import build_delay_lines, delay_value
+from mhsb_control.machine_scales import compute_angle_strokes
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.machine import Machine
 from mhsb_model.records import Record, Records, create_record, create_records
 from mhsb_model.types import FloatArray
 
@@ -45,16 +49,15 @@ class ValveSettings(Record):
     window_steps: int = 40
     """Number of steps in a window, 5 … 500.
 
-    Origin: at 12 mm/s a piston moves 160 `length_deviation` in 40 ms, and the motion counts as
-    steady for so long.
+    Origin: at V_max the pistons of the suite's own arm move 160 times the deviation of a reading in
+    40 ms, and the motion counts as steady for so long.
 
     30 % smaller and larger, N = 5: RMS error −16.9 and −11.2 % (mhsb_arm3; overshoot −0.14 and
     −0.09 MPa), +2.6 and −8.2 % (excavator; overshoot +0.10 and −1.38 MPa, falls +0 and −1)."""
-    min_moving_speed: float = 1e-3
-    """Piston speed of the reference above which a motion counts as steady [m/s], 0 … 0.01.
+    min_moving_speed: float = 1.0 / 12.0
+    """Piston speed of the reference above which a motion counts as steady [V_max], 0 … 1.
 
-    Origin: a twelfth of V_max of the suite's own arm. Slower motions inform on friction rather than
-    on the valve.
+    Origin: chosen. Slower motions inform on friction rather than on the valve.
 
     30 % smaller and larger, N = 5: RMS error −1.6 and −17.1 % (mhsb_arm3), −4.5 and +7.7 %
     (excavator; overshoot −2.52 and −0.40 MPa, falls +0 and +1)."""
@@ -65,29 +68,35 @@ class ValveSettings(Record):
 
     30 % smaller and larger, N = 5: RMS error −1.8 and +0.1 % (mhsb_arm3), +0.1 and 0 %
     (excavator; overshoot −1.31 and +0.00 MPa)."""
-    min_stroke_lag: float = 1e-5
-    """Smallest lag of a resting piston behind its commanded stroke that is used [m], 0 … 1e-3.
+    min_stroke_lag: float = 3.0
+    """Smallest lag of a resting piston behind its commanded stroke that is used, 0 … 100.
 
-    Origin: three times `length_deviation`.
+    In standard deviations of a stroke by length readings. Origin: three standard deviations.
 
     30 % smaller and larger, N = 5: RMS error −3.6 and −0.6 % (mhsb_arm3), −3.8 and −0.8 %
     (excavator; overshoot −2.25 and +0.32 MPa)."""
     gain_deviation: float = 0.15
-    """Initial standard deviation of a [-], above 0 … 1.
+    """Initial standard deviation of g [-], above 0 … 1.
 
-    Origin: config/variations.yaml, a valve gain of 0.8 … 1.2 evenly has 0.12; overlap adds to
-    it.
+    Origin: config/variations.yaml, a valve gain of 0.8 … 1.2 evenly has 0.12.
 
     30 % smaller and larger, N = 5: RMS error −15.9 and −1.4 % (mhsb_arm3), −5.0 and −2.3 %
     (excavator; overshoot −2.31 and −0.39 MPa)."""
     overlap_deviation: float = 0.02
-    """Initial standard deviation of b [-], above 0 … 0.5.
+    """Initial standard deviation of b₊ and b₋ [-], above 0 … 0.5.
 
     Origin: config/variations.yaml, an overlap of 0 … 3 % of the stroke has a root mean square of
     0.017.
 
     30 % smaller and larger, N = 5: RMS error −8.3 and −5.4 % (mhsb_arm3), −4.8 and −0.6 %
     (excavator; overshoot −0.13 and −2.51 MPa)."""
+    overlap_correlation: float = 0.9
+    """Correlation of b₊ and b₋ before anything is measured, 0 … 1.
+
+    What one direction shows of its overlap is then expected of the other. Origin: chosen; with 0
+    each direction has to stall before its overlap is known. 3 sequences of mhsb_arm3 with a hidden
+    overlap of 25 % then had an RMS error of 1.6 instead of 0.9 mm/m, 8 sequences with a hidden one
+    of 45 and 10 % had 2.1 mm/m with 0.9 and 5.1 with 0.99."""
     compressibility_deviation: float = 0.3
     """Initial standard deviation of c [-], above 0 … 2.
 
@@ -96,16 +105,16 @@ class ValveSettings(Record):
     30 % smaller and larger, N = 5: RMS error −6.3 and −3.3 % (mhsb_arm3), −0.3 and +2.0 %
     (excavator; overshoot −2.19 and −2.30 MPa)."""
     gain_drift: float = 2e-3
-    """Standard deviation of the random walk of a in one window [-], 0 … 0.1.
+    """Standard deviation of the random walk of g in one window [-], 0 … 0.1.
 
-    Origin: chosen; a changes by 0.01 in a second of motion.
+    Origin: chosen; g changes by 0.01 in a second of motion.
 
     30 % smaller and larger, N = 5: RMS error −3.3 and −8.6 % (mhsb_arm3), −2.2 and +2.6 %
     (excavator; overshoot −2.24 and −1.28 MPa)."""
     overlap_drift: float = 3e-4
-    """Standard deviation of the random walk of b in one window [-], 0 … 0.1.
+    """Standard deviation of the random walk of b₊ and b₋ in one window [-], 0 … 0.1.
 
-    Origin: chosen; b changes by 0.0015 in a second of motion.
+    Origin: chosen; they change by 0.0015 in a second of motion.
 
     30 % smaller and larger, N = 5: RMS error −4.9 and −3.5 % (mhsb_arm3), +5.4 and −7.4 %
     (excavator; overshoot +0.31 and −3.75 MPa)."""
@@ -116,11 +125,12 @@ class ValveSettings(Record):
 
     30 % smaller and larger, N = 5: RMS error −3.9 and −3.1 % (mhsb_arm3), −3.0 and +1.7 %
     (excavator; overshoot −2.60 and +0.11 MPa)."""
-    length_deviation: float = 3e-6
-    """Standard deviation of a window's stroke by length readings [m], 0 … 1e-3.
+    angle_deviation: float = 6.7e-5
+    """Standard deviation of a window's stroke by length readings, as an angle [rad], 0 … 0.01.
 
-    Origin: one step of a 16-bit encoder (96 µrad) over a moment arm of 45 mm is 4.3 µm, whose
-    quantization error has 1.2 µm at each end; the rest is sensor noise.
+    The largest moment arm of the joint makes it a stroke: 3 µm for 45 mm. Origin: one step of a
+    16-bit encoder is 96 µrad, whose quantization error has 28 µrad at each end; the rest is sensor
+    noise.
 
     30 % smaller and larger, N = 5: RMS error −2.4 and −3.3 % (mhsb_arm3), +2.7 and +6.7 %
     (excavator; overshoot −0.28 and −0.80 MPa)."""
@@ -132,7 +142,7 @@ class ValveSettings(Record):
     30 % smaller and larger, N = 5: RMS error −3.8 and −12.1 % (mhsb_arm3), −0.9 and +3.0 %
     (excavator; overshoot −1.73 and −1.11 MPa)."""
     min_gain: float = 0.5
-    """Smallest a (1 − o) that the inverse uses [-], above 0 … 1.
+    """Smallest g that the inverse uses [-], above 0 … 1.
 
     A piston that moved less than this share of its prediction is stopped by overlap.
     Origin: plausibility; half of the smallest valve gain in config/variations.yaml would be 0.4.
@@ -140,7 +150,7 @@ class ValveSettings(Record):
     30 % smaller and larger, N = 5: RMS error +8.1 and −2.9 % (mhsb_arm3), +0.3 and +0.4 %
     (excavator)."""
     max_gain: float = 1.6
-    """Largest a (1 − o) that the inverse uses [-], 1 … 10.
+    """Largest g that the inverse uses [-], 1 … 10.
 
     Origin: plausibility; config/variations.yaml has a valve gain of up to 1.2.
 
@@ -172,22 +182,22 @@ class ValveSettings(Record):
     Origin: 120 ms, six times a lag or delay of 20 ms. With 2 and 5 windows, 0 and 2 of 3 sequences
     of mhsb_arm3 end with a valve lag of 20 ms, 1 with 3; with an overlap of 25 %, 3 and 2, 3 with 3
     (excavator: overshoot 1.2, 3.8 and 3.1 MPa)."""
-    min_driving_pressure: float = 4e5
-    """Least line pressure beyond p_L for evidence by a piston that stands still [Pa], 0 … 1e7.
+    min_driving_pressure: float = 8.0
+    """Least line pressure beyond p_L for evidence by a piston that stands still, 0 … 1000.
 
-    p_L is the load pressure. With less, an open valve passes next to nothing, too. Origin: eight
-    times the laminar pressure of the suite's valves.
+    In laminar pressures of the valve; p_L is the load pressure. With less, an open valve passes
+    next to nothing, too. Origin: chosen.
 
     30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +22.9 and 0 % (excavator)."""
-    overlap_speed: float = 3e-4
-    """u_s: demand below which the overlap is crossed in part [m/s], above 0 … 0.01.
+    overlap_speed: float = 0.025
+    """u_s: demand below which the overlap is crossed in part [V_max], above 0 … 1.
 
     Origin: chosen, so that sensor noise at rest does not cross the overlap.
 
     30 % smaller and larger, N = 5: RMS error −3.5 and −4.6 % (mhsb_arm3; overshoot +0.03 and
     −0.07 MPa), −0.9 and +3.6 % (excavator; overshoot −2.70 and −1.76 MPa)."""
-    min_pressure_drop: float = 2e4
-    """Smallest pressure drop that is assumed over a valve edge [Pa], above 0 … 1e6.
+    min_pressure_drop: float = 0.4
+    """Smallest pressure drop that is assumed over a valve edge [laminar pressures], above 0 … 100.
 
     Origin: chosen, so that openings stay moderate when a line is as low as its load.
 
@@ -198,8 +208,16 @@ class ValveSettings(Record):
 class EstimatedValve(Record):
     """Estimates of one valve that its inverse uses, and its present window."""
 
+    moving_speed: float
+    """Speed of the reference above which a motion counts as steady [m/s]."""
+    crossing_speed: float
+    """Demand u_s below which the overlap is crossed in part [m/s]."""
+    length_deviation: float
+    """Standard deviation of a window's stroke by length readings [m]."""
+    min_driving_pressure: float
+    """Least `driving_pressure` for evidence by a piston that stands still [Pa]."""
     gain: float
-    """Estimate a. The file's share a (1 − o) in it is limited to `min_gain` … `max_gain`."""
+    """Estimate g, limited to `min_gain` … `max_gain`."""
     opening: float
     """Opening x of the last step; 0 if the servo did not set it freely."""
     delayed_opening: float
@@ -238,46 +256,75 @@ class ValveEstimates(NamedTuple):
     """Estimates of n valves."""
 
     records: Records[EstimatedValve]  # [n]
-    estimate: FloatArray  # [n, 3] a, b, c
-    covariance: FloatArray  # [n, 3, 3] covariance of a, b, c
-    overlap: FloatArray  # [n] overlap o that the inverse uses
+    estimate: FloatArray  # [n, 4] g, b₊, b₋, c
+    covariance: FloatArray  # [n, 4, 4] covariance of these
+    overlap: FloatArray  # [n, 2] overlaps o that the inverse uses, extending and retracting
     # [n, d + 1] openings x of the last steps, see `build_delay_lines`
     openings: FloatArray
     settings: Records[ValveSettings]  # [1]
 
 
+def build_valve_records(
+    machine: Machine, settings: ValveSettings = ValveSettings()
+) -> Records[EstimatedValve]:
+    """Build the records of a machine's valves with the speeds, strokes and pressures to compare.
+
+    Args:
+        machine: The machine as its file describes it.
+        settings: Tuned numbers, relative to V_max, moment arms and laminar pressure.
+
+    Returns:
+        EstimatedValve[n]; estimates and windows are 0.
+    """
+    records = create_records(EstimatedValve, machine.joint_count)
+    fastest = machine.arrays.max_piston_speed
+    records["moving_speed"] = settings.min_moving_speed * fastest
+    records["crossing_speed"] = settings.overlap_speed * fastest
+    records["length_deviation"] = settings.angle_deviation * compute_angle_strokes(machine)
+    laminar = machine.config.circuit.laminar_pressure
+    records["min_driving_pressure"] = settings.min_driving_pressure * laminar
+    return records
+
+
 def build_valve_estimates(
+    records: Records[EstimatedValve],
     overlap: FloatArray,
-    declared: float = 0.0,
+    declared: tuple[float, float] = (0.0, 0.0),
     settings: ValveSettings = ValveSettings(),
     step: float = 1e-3,
 ) -> ValveEstimates:
-    """Return the initial estimates of valves with the file's gain and the declared overlap o.
+    """Return the initial estimates of valves with the file's gain and the declared overlaps o.
 
-        a = 1/(1 − o),   b = o/(1 − o),   c = 1
+        g = 1,   b = o/(1 − o) for each direction,   c = 1
 
     Args:
-        overlap: Array of the result's field `overlap`, float64[n]. Written in place.
-        declared: Overlap o that the machine file declares, as a share of the spool's stroke.
+        records: Records of the valves, by `build_valve_records`. Writes `gain` in place.
+        overlap: Array of the result's field `overlap`, float64[n, 2]. Written in place.
+        declared: Overlaps o that the machine file declares for extension and retraction, as shares
+            of the spool's stroke.
         settings: Tuned numbers.
         step: Control period [s].
 
     Returns:
         The estimates of n valves, with their initial deviations.
     """
-    count, gain = len(overlap), 1.0 / (1.0 - declared)
-    records = create_records(EstimatedValve, count)
-    records["gain"] = gain
-    overlap[:] = min(declared, settings.max_overlap)
-    deviations = (
-        settings.gain_deviation * gain,
-        math.hypot(settings.overlap_deviation, settings.declared_overlap_share * gain * declared),
+    count, laps = len(records), np.array(declared)
+    records["gain"] = 1.0
+    overlap[:] = np.minimum(laps, settings.max_overlap)
+    missing = laps / (1.0 - laps)
+    deviations = [
+        settings.gain_deviation,
+        *np.hypot(settings.overlap_deviation, settings.declared_overlap_share * missing),
         settings.compressibility_deviation,
+    ]
+    covariance = np.diag(np.square(deviations))
+    covariance[1, 2] = covariance[2, 1] = (
+        settings.overlap_correlation * deviations[1] * deviations[2]
     )
     return ValveEstimates(
         records=records,
-        estimate=np.tile(np.array([gain, gain * declared, 1.0]), (count, 1)),
-        covariance=np.tile(np.diag(np.square(deviations)), (count, 1, 1)),
+        estimate=np.tile([1.0, *missing, 1.0], (count, 1)),
+        covariance=np.tile(covariance, (count, 1, 1)),
         overlap=overlap,
         openings=build_delay_lines(count, step),
         settings=create_record(settings),
@@ -286,27 +333,29 @@ def build_valve_estimates(
 
 @kernel(inline="always")
 def compute_opening(
-    gain: float, overlap: float, demand: float, ahead: float, settings: ValveSettings
+    gain: float, overlap: FloatArray, demand: float, ahead: float, crossing_speed: float
 ) -> float:
     """Return the valve opening that produces a demanded piston speed.
 
-        x = u/(G a) + o clip(y + clip(w, −2, 2) clip(2 − |y|, 0, 1), −1, 1)
+        x = u (1 − o)/(G g) + o clip(y + clip(w, −2, 2) clip(2 − |y|, 0, 1), −1, 1)
 
-    with y = u/u_s and w = v/u_s. x is continuous in u. From |u| = 2 u_s on, v has no effect.
+    with y = u/u_s and w = v/u_s. Each term has the overlap o of its own sign. x is continuous in u.
+    From |u| = 2 u_s on, v has no effect.
 
     Args:
-        gain: G a, piston speed per opening beyond the overlap [m/s].
-        overlap: o, overlap as a share of the spool's stroke.
+        gain: G g, piston speed of the fully open valve [m/s].
+        overlap: Overlaps o extending and retracting, as shares of the spool's stroke, float64[2].
         demand: u, piston speed [m/s].
         ahead: v, piston speed for which the overlap is crossed already [m/s].
-        settings: Tuned numbers, with `overlap_speed` u_s.
+        crossing_speed: u_s, demand from which the overlap is crossed entirely [m/s].
 
     Returns:
         Opening x, a share of the spool's stroke, not limited to −1 … 1. Positive extends.
     """
-    y, w = demand / settings.overlap_speed, ahead / settings.overlap_speed
-    crossed = min(max(w, -2.0), 2.0) * min(max(2.0 - abs(y), 0.0), 1.0)
-    return demand / gain + overlap * min(max(y + crossed, -1.0), 1.0)
+    y, w = demand / crossing_speed, ahead / crossing_speed
+    crossed = y + min(max(w, -2.0), 2.0) * min(max(2.0 - abs(y), 0.0), 1.0)
+    opened = demand / gain * (1.0 - overlap[0 if demand >= 0.0 else 1])
+    return opened + overlap[0 if crossed >= 0.0 else 1] * min(max(crossed, -1.0), 1.0)
 
 
 @kernel(borrows=True)
@@ -355,7 +404,7 @@ def accumulate_valve_window(
     """
     valve, settings = valves.records[j], valves.settings[0]
     opening, gain = valve.acting_opening, valve.speed_gain
-    moves = abs(speed) >= settings.min_moving_speed
+    moves = abs(speed) >= valve.moving_speed
     sign = math.copysign(1.0, speed if moves else opening)
     delayed = valve.delayed_opening
     steady = delayed != 0.0 and opening * sign > 0.0 and abs(opening) < 1.0
@@ -388,9 +437,10 @@ def evaluate_valve_window(
     """Update the estimate of a valve from a full window, unless the window is discarded.
 
     If the piston moved at least the share `min_stroke_share` of the reference's stroke, the window
-    updates a, b and c by the balance of the module's text. If the piston moved less, or if the
-    reference rests, the window is used only if the piston moved at least `min_stroke_lag` less than
-    the estimates predict. Its balance takes the term of a as known.
+    updates g, c and the b of its direction by the balance of the module's text. If the piston moved
+    less, or if the reference rests, the window is used only if the piston moved at least
+    `min_stroke_lag` less than the estimates predict. Its balance takes the flow without overlap as
+    known.
 
     The noise of a balance has three parts: `length_deviation`, the share `stroke_deviation` of the
     stroke, and the stroke that would pass over the distance of the spool from its command. A spool
@@ -398,51 +448,55 @@ def evaluate_valve_window(
 
     If the reference moves and the piston lags its prediction by more than `surprise` standard
     deviations, in `min_surprises` windows in sequence, the most likely cause is overlap. The
-    variance of b is then raised to the square of the opening that is missing. If the piston stood
-    still, b keeps this variance, because the overlap may be larger than the opening.
+    variance of b is then raised to the square of the opening that is missing, and that of the other
+    direction by as much, with `overlap_correlation`. If the piston stood still, b keeps this
+    variance, because the overlap may be larger than the opening.
 
     Args:
-        valves: Estimates, updated in place: `surprises` of the valve, and after an update a, b, c,
-            `gain` and `overlap` within their limits.
+        valves: Estimates, updated in place: `surprises` of the valve, and after an update g, b₊,
+            b₋, c, `gain` and `overlap` within their limits.
         j: Index of the valve.
         length: Measured cylinder length at the end of the window [m].
         force: Measured cylinder force at the end of the window [N].
         stiffness: k_h, stiffness of the oil [N/m].
     """
     valve, settings = valves.records[j], valves.settings[0]
-    moves = valve.moves == 1
+    moves, k = valve.moves == 1, 1 if valve.sign > 0.0 else 2
     way = valve.sign * (length - valve.length)
     squeezed = valve.sign * (force - valve.force) / stiffness
     estimate, covariance = valves.estimate[j], valves.covariance[j]
     gain_integral, opened = valve.gain_integral, valve.opening_integral
-    passed = estimate[0] * opened
-    lag = passed - estimate[1] * gain_integral - estimate[2] * squeezed - way
+    passed, s = estimate[0] * opened, opened - gain_integral
+    lag = passed + estimate[k] * s - estimate[3] * squeezed - way
     follows = moves and way >= settings.min_stroke_share * valve.reference_stroke
-    drives = valve.least_driving_pressure >= settings.min_driving_pressure
-    if not follows and (lag < max(-way, 0.0) + settings.min_stroke_lag or (moves and not drives)):
+    drives = valve.least_driving_pressure >= valve.min_driving_pressure
+    least = settings.min_stroke_lag * valve.length_deviation
+    if not follows and (lag < max(-way, 0.0) + least or (moves and not drives)):
         valve.surprises = 0
         return
-    p, y = (opened, way) if follows else (0.0, way - passed)
-    unsettled = estimate[0] * valve.lag_integral
-    noise = math.hypot(
-        math.hypot(settings.length_deviation, settings.stroke_deviation * y), unsettled
-    )
-    spread = covariance[1, 1] * gain_integral**2 + covariance[0, 0] * p * p + noise * noise
+    y, p = (way, opened) if follows else (way - passed, 0.0)
+    unsettled = (estimate[0] + estimate[k]) * valve.lag_integral
+    noise = math.hypot(math.hypot(valve.length_deviation, settings.stroke_deviation * y), unsettled)
+    spread = covariance[k, k] * s * s + covariance[0, 0] * p * p + noise * noise
     surprising = drives and moves and lag * lag > settings.surprise**2 * spread
     surprising = surprising and way < settings.min_gain * (way + lag)
     valve.surprises = valve.surprises + 1 if surprising else 0
     if 0 < valve.surprises < settings.min_surprises:
         return
-    missing = (lag / gain_integral) ** 2 if surprising else 0.0
-    covariance[1, 1] = max(covariance[1, 1], missing)
-    row = (p, -gain_integral, -squeezed)
+    missing = (lag / s) ** 2 if surprising else 0.0
+    raised = max(missing - covariance[k, k], 0.0)
+    shared = settings.overlap_correlation * raised
+    for i in range(1, 3):
+        covariance[i, i] += raised
+        covariance[i, 3 - i] += shared
+    row = (p, s if k == 1 else 0.0, s if k == 2 else 0.0, -squeezed)
     update_valve_filter(estimate, covariance, y, row, noise, settings)
     if not follows:
-        covariance[1, 1] = max(covariance[1, 1], missing)
-    a, b = estimate[0], estimate[1]
-    valves.overlap[j] = min(max(b / max(a, settings.min_gain), 0.0), settings.max_overlap)
-    open_share = 1.0 - valves.overlap[j]
-    valve.gain = min(max(a, settings.min_gain / open_share), settings.max_gain / open_share)
+        covariance[k, k] = max(covariance[k, k], missing)
+    valve.gain = min(max(estimate[0], settings.min_gain), settings.max_gain)
+    for i in range(2):
+        lap = max(estimate[1 + i], 0.0)
+        valves.overlap[j, i] = min(lap / (valve.gain + lap), settings.max_overlap)
 
 
 @kernel(borrows=True)
@@ -450,38 +504,41 @@ def update_valve_filter(
     estimate: FloatArray,
     covariance: FloatArray,
     y: float,
-    row: tuple[float, float, float],
+    row: tuple[float, float, float, float],
     noise: float,
     settings: ValveSettings,
 ) -> None:
-    """Update a, b, c from the balance of a window, by a Kalman filter.
+    """Update g, b₊, b₋, c from the balance of a window, by a Kalman filter.
 
-        y = p a + s b + f c + noise
+        y = p g + s₊ b₊ + s₋ b₋ + f c + noise
 
-    The variances of a, b and c first grow by their random walks.
+    The variances first grow by their random walks.
 
     Args:
-        estimate: a, b, c, float64[3]. Written in place.
-        covariance: Their covariance, float64[3, 3]. Written in place.
+        estimate: g, b₊, b₋, c, float64[4]. Written in place.
+        covariance: Their covariance, float64[4, 4]. Written in place.
         y: Stroke of the window [m].
-        row: Coefficients p of a, s of b and f of c [m].
+        row: Coefficients p, s₊, s₋, f [m].
         noise: Standard deviation of the noise [m].
         settings: Tuned numbers.
     """
-    p, s, f = row
-    drift = (settings.gain_drift, settings.overlap_drift, settings.compressibility_drift)
-    for i in range(3):
+    gain_drift, lap_drift = settings.gain_drift, settings.overlap_drift
+    drift = (gain_drift, lap_drift, lap_drift, settings.compressibility_drift)
+    p, up, down, f = row
+    for i in range(4):
         covariance[i, i] += drift[i] * drift[i]
+    c = covariance
     carried = (
-        covariance[0, 0] * p + covariance[0, 1] * s + covariance[0, 2] * f,
-        covariance[1, 0] * p + covariance[1, 1] * s + covariance[1, 2] * f,
-        covariance[2, 0] * p + covariance[2, 1] * s + covariance[2, 2] * f,
+        c[0, 0] * p + c[0, 1] * up + c[0, 2] * down + c[0, 3] * f,
+        c[1, 0] * p + c[1, 1] * up + c[1, 2] * down + c[1, 3] * f,
+        c[2, 0] * p + c[2, 1] * up + c[2, 2] * down + c[2, 3] * f,
+        c[3, 0] * p + c[3, 1] * up + c[3, 2] * down + c[3, 3] * f,
     )
     spread, away = noise * noise, y
-    for i in range(3):
+    for i in range(4):
         spread += row[i] * carried[i]
         away -= row[i] * estimate[i]
-    for i in range(3):
+    for i in range(4):
         estimate[i] += carried[i] / spread * away
-        for k in range(3):
+        for k in range(4):
             covariance[i, k] -= carried[i] * carried[k] / spread

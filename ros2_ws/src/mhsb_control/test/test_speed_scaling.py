@@ -14,7 +14,7 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.records import create_record
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 
-STEP = 1e-3
+STEP, MAX_SLOWING = 1e-3, 8.0
 SETTINGS = ScalingSettings()
 RECORD = create_record(SETTINGS)[0]
 STEP_NS = SECOND_NS // 1000
@@ -31,17 +31,17 @@ def wanted() -> np.ndarray:
 def test_the_rate_is_smooth_within_its_limits_and_comes_back_to_one(wanted: np.ndarray) -> None:
     pace, rows = build_full_speed_scaling(), []
     for each in wanted:
-        update_rate(pace[0], min(each, 1.0), STEP, RECORD)
+        update_rate(pace[0], min(each, 1.0), STEP, MAX_SLOWING, RECORD)
         rows.append(pace[0].copy())
     rate, change, delay = (np.array([row[i] for row in rows]) for i in range(3))
     assert rate.min() >= 0.0
     assert rate.max() <= 1.0
     assert rate[640] < 1e-3
-    assert change.min() >= -SETTINGS.max_slowing
-    assert change.max() <= SETTINGS.max_recovery
+    assert change.min() >= -MAX_SLOWING
+    assert change.max() <= SETTINGS.max_recovery * MAX_SLOWING
     np.testing.assert_allclose(np.diff(rate), STEP * change[1:], atol=1e-3)
     turns = np.abs(np.diff(change))[(rate[1:] > 0.0) & (rate[1:] < 1.0)]
-    assert turns.max() <= SETTINGS.max_turn * STEP * (1.0 + 1e-9)
+    assert turns.max() <= MAX_SLOWING / SETTINGS.slowing_time * STEP * (1.0 + 1e-9)
     assert rate[-1] == 1.0
     assert change[-1] == 0.0
     lost = cumulative_trapezoid(1.0 - np.concatenate([[1.0], rate]), dx=STEP)
@@ -51,7 +51,7 @@ def test_the_rate_is_smooth_within_its_limits_and_comes_back_to_one(wanted: np.n
 def test_full_pace_is_exactly_that() -> None:
     pace = build_full_speed_scaling()
     for _ in range(100):
-        update_rate(pace[0], 1.0, STEP, RECORD)
+        update_rate(pace[0], 1.0, STEP, MAX_SLOWING, RECORD)
     assert pace.tolist() == build_full_speed_scaling().tolist()
 
 
@@ -60,7 +60,7 @@ def test_at_rest_the_delay_is_made_up_twice_as_fast_as_time_goes() -> None:
     pace["delay"], pace["rests"] = 2.5 * STEP_NS, 1.0
     left = []
     for _ in range(4):
-        update_rate(pace[0], 0.3, STEP, RECORD)
+        update_rate(pace[0], 0.3, STEP, MAX_SLOWING, RECORD)
         left.append(pace["delay"][0])
     assert left == [1.5 * STEP_NS, 0.5 * STEP_NS, 0.0, 0.0]
     assert pace["rate"][0] == 1.0
@@ -92,7 +92,7 @@ def test_a_slowed_reference_stays_on_its_way_and_is_its_own_derivative(
         np.testing.assert_allclose(states[1, 1], rate * late.velocity, atol=1e-6)
         slowed = rate**2 * late.acceleration + change * late.velocity
         np.testing.assert_allclose(states[1, 2], slowed, atol=1e-4)
-        update_rate(reference.speed_scaling[0], min(each, 1.0), STEP, RECORD)
+        update_rate(reference.speed_scaling[0], min(each, 1.0), STEP, MAX_SLOWING, RECORD)
     q, qd, qdd = np.array(rows).transpose(1, 0, 2)
     np.testing.assert_allclose(q, trajectory.sample_many(np.array(own))[0], atol=1e-9)
     np.testing.assert_allclose(np.gradient(q, STEP, axis=0)[2:-2], qd[2:-2], atol=2e-4)

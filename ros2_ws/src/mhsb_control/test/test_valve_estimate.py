@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from mhsb_control.valve_estimate import (
+    EstimatedValve,
     ValveEstimates,
     ValveSettings,
     accumulate_valve_window,
@@ -11,11 +12,21 @@ from mhsb_control.valve_estimate import (
     update_valve_filter,
 )
 from mhsb_model.circuit.elements import metered_opening
-from mhsb_model.records import create_record
+from mhsb_model.records import create_record, create_records
 
 STEP, SPEED_GAIN, STIFFNESS = 1e-3, 0.1, 1e7
+CROSSING_SPEED, LENGTH_DEVIATION, DRIVING_PRESSURE = 3e-4, 3e-6, 4e5
 SETTINGS = ValveSettings()
 RECORD = create_record(SETTINGS)[0]
+
+
+def build_valve(declared: tuple[float, float] = (0.0, 0.0)) -> ValveEstimates:
+    """Return the initial estimates of a single valve."""
+    records = create_records(EstimatedValve, 1)
+    records["moving_speed"], records["crossing_speed"] = 1e-3, CROSSING_SPEED
+    records["length_deviation"] = LENGTH_DEVIATION
+    records["min_driving_pressure"] = DRIVING_PRESSURE
+    return build_valve_estimates(records, np.zeros((1, 2)), declared)
 
 
 def hold_opening(valve: np.void, opening: float) -> None:
@@ -23,19 +34,20 @@ def hold_opening(valve: np.void, opening: float) -> None:
     valve["delayed_opening"] = valve["acting_opening"] = opening
 
 
-def invert(valve: np.void, overlap: float, demand: float, ahead: float = 0.0) -> float:
+def invert(valve: np.void, overlap: np.ndarray | float, demand: float, ahead: float = 0.0) -> float:
     gain = valve["speed_gain"] * valve["gain"]
-    return float(compute_opening(gain, overlap, demand, ahead, RECORD))
+    laps = np.broadcast_to(overlap, 2).copy()
+    return float(compute_opening(gain, laps, demand, ahead, CROSSING_SPEED))
 
 
 def moved(
-    gain: float, overlap: float, openings: np.ndarray, softness: float = 1.0
+    gain: float, overlap: tuple[float, float], openings: np.ndarray, softness: float = 1.0
 ) -> ValveEstimates:
     """A valve after windows at these openings, while its cylinder's force rises by 2 N a step."""
-    valves, length, force = build_valve_estimates(np.zeros(1)), 0.5, 0.0
+    valves, length, force = build_valve(), 0.5, 0.0
     valve = valves.records[0]
     for opening in openings:
-        speed = gain * SPEED_GAIN * metered_opening(opening, overlap)
+        speed = gain * SPEED_GAIN * metered_opening(opening, overlap[0 if opening > 0.0 else 1])
         for _ in range(SETTINGS.window_steps + 1):
             valve["speed_gain"] = SPEED_GAIN
             hold_opening(valve, opening)
@@ -45,22 +57,27 @@ def moved(
     return valves
 
 
-@pytest.mark.parametrize(("gain", "overlap"), [(1.0, 0.0), (0.8, 0.03), (1.2, 0.01)])
-def test_gain_and_overlap_are_learnt_from_motions_both_ways(gain: float, overlap: float) -> None:
+@pytest.mark.parametrize(
+    ("gain", "overlap"), [(1.0, (0.0, 0.0)), (0.8, (0.03, 0.03)), (1.2, (0.01, 0.03))]
+)
+def test_gain_and_both_overlaps_are_learnt_from_motions_both_ways(
+    gain: float, overlap: tuple[float, float]
+) -> None:
     random = np.random.default_rng(1)
     openings = random.choice([-1.0, 1.0], 80) * random.uniform(0.06, 0.4, 80)
     valves = moved(gain, overlap, openings)
-    truth = np.array([gain / (1.0 - overlap), gain * overlap / (1.0 - overlap), 1.0])
+    laps = np.array(overlap)
+    truth = np.array([gain, *(gain * laps / (1.0 - laps)), 1.0])
     deviation = np.sqrt(np.diag(valves.covariance[0]))
     assert np.all(np.abs(valves.estimate[0] - truth) < 2.0 * deviation)
     assert deviation[0] < 0.05
-    assert deviation[1] < 0.005
+    assert np.all(deviation[1:3] < 0.005)
 
 
 @pytest.mark.parametrize("overlap", [0.1, 0.25, 0.45])
 def test_a_shut_valve_is_opened_until_its_piston_moves(overlap: float) -> None:
     """A piston 5 mm behind is demanded 50 mm/s; its reference moves at 3 mm/s."""
-    valves, length, reference = build_valve_estimates(np.zeros(1)), 0.5, 0.505
+    valves, length, reference = build_valve(), 0.5, 0.505
     valve = valves.records[0]
     valve["speed_gain"], valve["driving_pressure"] = SPEED_GAIN, 1e6
     for _ in range(1000):
@@ -72,23 +89,23 @@ def test_a_shut_valve_is_opened_until_its_piston_moves(overlap: float) -> None:
         reference += speed * STEP
         length += SPEED_GAIN * metered_opening(opening, overlap) * STEP
     assert abs(reference - length) < 1e-3
-    assert valves.overlap[0] == pytest.approx(overlap, abs=0.03)
+    assert valves.overlap[0, 0] == pytest.approx(overlap, abs=0.03)
 
 
 def test_a_valve_below_its_load_pressure_tells_nothing_while_the_reference_moves() -> None:
-    valves = build_valve_estimates(np.zeros(1))
+    valves = build_valve()
     valve = valves.records[0]
     valve["speed_gain"] = SPEED_GAIN
     hold_opening(valve, 0.2)
-    valve["driving_pressure"] = 0.9 * SETTINGS.min_driving_pressure
+    valve["driving_pressure"] = 0.9 * DRIVING_PRESSURE
     for _ in range(500):
         accumulate_valve_window(valves, 0, 0.01, 0.5, 1000.0, STIFFNESS, STEP)
-    np.testing.assert_array_equal(valves.estimate[0], [1.0, 0.0, 1.0])
+    np.testing.assert_array_equal(valves.estimate[0], [1.0, 0.0, 0.0, 1.0])
 
 
 def test_a_declared_overlap_is_crossed_from_the_first_step_on() -> None:
     overlap, speed = 0.3, 0.01
-    valves = build_valve_estimates(np.zeros(1), overlap)
+    valves = build_valve((overlap, overlap))
     valve = valves.records[0]
     valve["speed_gain"] = SPEED_GAIN
     opening = invert(valve, valves.overlap[0], speed)
@@ -97,8 +114,24 @@ def test_a_declared_overlap_is_crossed_from_the_first_step_on() -> None:
     assert deviation == pytest.approx(SETTINGS.declared_overlap_share * overlap, rel=0.05)
 
 
+def test_each_direction_crosses_its_own_declared_overlap() -> None:
+    overlap, speed = (0.45, 0.1), 0.01
+    valves = build_valve(overlap)
+    valves.records["speed_gain"] = SPEED_GAIN
+    for lap, sign in zip(overlap, (1.0, -1.0), strict=True):
+        opening = invert(valves.records[0], valves.overlap[0], sign * speed)
+        assert SPEED_GAIN * metered_opening(opening, lap) == pytest.approx(sign * speed)
+
+
+def test_what_one_direction_shows_of_its_overlap_is_expected_of_the_other() -> None:
+    valves = moved(1.0, (0.1, 0.1), np.random.default_rng(1).uniform(0.15, 0.4, 80))
+    extending, retracting = valves.overlap[0]
+    assert extending == pytest.approx(0.1, abs=0.01)
+    assert retracting == pytest.approx(SETTINGS.overlap_correlation * extending, abs=0.02)
+
+
 def test_at_one_opening_gain_and_overlap_are_not_told_apart() -> None:
-    valves = moved(0.8, 0.03, np.full(80, 0.1))
+    valves = moved(0.8, (0.03, 0.03), np.full(80, 0.1))
     assert np.sqrt(valves.covariance[0, 0, 0]) > 0.05
     valve = valves.records[0]
     speed = 0.8 * SPEED_GAIN * metered_opening(0.1, 0.03)
@@ -106,7 +139,7 @@ def test_at_one_opening_gain_and_overlap_are_not_told_apart() -> None:
 
 
 def test_at_rest_nothing_is_learnt() -> None:
-    fresh, valves = build_valve_estimates(np.zeros(1)), build_valve_estimates(np.zeros(1))
+    fresh, valves = build_valve(), build_valve()
     valves.records["speed_gain"] = SPEED_GAIN
     for _ in range(500):
         accumulate_valve_window(valves, 0, 0.0, 0.5, 1000.0, STIFFNESS, STEP)
@@ -115,7 +148,7 @@ def test_at_rest_nothing_is_learnt() -> None:
 
 def test_a_piston_that_does_not_move_as_told_tells_of_overlap() -> None:
     """Opened a little further each time, as the inverse does, until its piston would move."""
-    valves, overlap = build_valve_estimates(np.zeros(1)), 0.025
+    valves, overlap = build_valve(), 0.025
     valve = valves.records[0]
     for _ in range(40):
         valve["speed_gain"] = SPEED_GAIN
@@ -127,13 +160,13 @@ def test_a_piston_that_does_not_move_as_told_tells_of_overlap() -> None:
             accumulate_valve_window(valves, 0, 0.0, length, 1000.0, STIFFNESS, STEP)
             length += speed * STEP
     assert speed > 5e-4
-    assert valves.overlap[0] == pytest.approx(overlap, abs=8e-3)
+    assert valves.overlap[0, 0] == pytest.approx(overlap, abs=8e-3)
 
 
-@pytest.mark.parametrize("demand", [-0.012, -SETTINGS.overlap_speed, 2e-3, 0.012])
+@pytest.mark.parametrize("demand", [-0.012, -CROSSING_SPEED, 2e-3, 0.012])
 def test_the_inverse_opens_a_valve_with_overlap_as_far_as_is_demanded(demand: float) -> None:
-    valve, gain, overlap = build_valve_estimates(np.zeros(1)).records[0], 0.9, 0.025
-    valve["gain"] = gain / (1.0 - overlap)
+    valve, gain, overlap = build_valve().records[0], 0.9, 0.025
+    valve["gain"] = gain
     valve["speed_gain"] = SPEED_GAIN
     opening = invert(valve, overlap, demand)
     assert gain * SPEED_GAIN * metered_opening(opening, overlap) == pytest.approx(demand)
@@ -142,19 +175,19 @@ def test_the_inverse_opens_a_valve_with_overlap_as_far_as_is_demanded(demand: fl
 def test_the_update_is_kalmans() -> None:
     """Oracle: the matrix form of the filter."""
     random = np.random.default_rng(2)
-    estimate, covariance = np.array([1.0, 0.0, 1.0]), np.diag([0.02, 4e-4, 0.1])
+    estimate, covariance = np.array([1.0, 0.0, 0.0, 1.0]), np.diag([0.02, 4e-4, 4e-4, 0.1])
     wanted, spread = estimate.copy(), covariance.copy()
     s = SETTINGS
-    drift = s.gain_drift, s.overlap_drift, s.compressibility_drift
+    drift = s.gain_drift, s.overlap_drift, s.overlap_drift, s.compressibility_drift
     for _ in range(20):
-        row, y = random.normal(0.0, 5e-4, 3), random.normal(0.0, 5e-4)
-        noise = np.hypot(s.length_deviation, s.stroke_deviation * y)
+        row, y = random.normal(0.0, 5e-4, 4), random.normal(0.0, 5e-4)
+        noise = np.hypot(LENGTH_DEVIATION, s.stroke_deviation * y)
         update_valve_filter(estimate, covariance, y, tuple(row), noise, RECORD)
         spread = spread + np.diag(np.square(drift))
         gain = (
             spread
             @ row
-            / (row @ spread @ row + s.length_deviation**2 + (s.stroke_deviation * y) ** 2)
+            / (row @ spread @ row + LENGTH_DEVIATION**2 + (s.stroke_deviation * y) ** 2)
         )
         wanted = wanted + gain * (y - row @ wanted)
         spread = spread - np.outer(gain, row @ spread)
@@ -164,7 +197,7 @@ def test_the_update_is_kalmans() -> None:
 
 def test_a_spool_follows_its_command_by_the_delay_and_its_lag() -> None:
     delay, lag = 20, 0.01
-    valves = build_valve_estimates(np.zeros(1))
+    valves = build_valve()
     valve, found = valves.records[0], []
     for k in range(100):
         valve["opening"] = 0.5 if k >= 10 else 0.0
@@ -179,7 +212,7 @@ def test_a_spool_that_still_crosses_its_overlap_counts_for_little() -> None:
     """Its piston moves at half the expected speed, the spool at its command or 5 % behind it."""
     gains = []
     for command in (0.1, 0.15):
-        valves = build_valve_estimates(np.zeros(1))
+        valves = build_valve()
         valve = valves.records[0]
         valve["speed_gain"] = SPEED_GAIN
         for k in range(200):
@@ -194,17 +227,17 @@ def test_a_spool_that_still_crosses_its_overlap_counts_for_little() -> None:
 
 @pytest.mark.parametrize("ahead", [0.0, 1e-4, -0.01, 0.01])
 def test_the_opening_has_no_jump(ahead: float) -> None:
-    valve, overlap = build_valve_estimates(np.zeros(1)).records[0], 0.25
+    valve, overlap = build_valve().records[0], 0.25
     valve["speed_gain"] = SPEED_GAIN
-    demands = np.linspace(-2.5, 2.5, 5001) * SETTINGS.overlap_speed
+    demands = np.linspace(-2.5, 2.5, 5001) * CROSSING_SPEED
     openings = [invert(valve, overlap, demand, ahead) for demand in demands]
-    steepest = 3.0 * overlap / SETTINGS.overlap_speed + 1.0 / SPEED_GAIN
+    steepest = 3.0 * overlap / CROSSING_SPEED + 1.0 / SPEED_GAIN
     assert np.all(np.diff(openings) > 0.0)
     assert np.diff(openings).max() < 1.01 * steepest * (demands[1] - demands[0])
 
 
 def test_the_overlap_is_crossed_before_the_motion_begins() -> None:
-    valve, overlap = build_valve_estimates(np.zeros(1)).records[0], 0.25
+    valve, overlap = build_valve().records[0], 0.25
     valve["speed_gain"] = SPEED_GAIN
     assert invert(valve, overlap, 0.0, 0.01) == pytest.approx(overlap)
     assert invert(valve, overlap, 0.0, -0.01) == pytest.approx(-overlap)

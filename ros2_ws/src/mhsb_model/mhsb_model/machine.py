@@ -962,10 +962,8 @@ def _compute_closed_valve_leakage(config: MachineConfig) -> tuple[float, float]:
         past the lands [-].
     """
     valve, real, length = config.hydraulics.valve, config.imperfections, config.circuit.land_length
-    retracting = real.valve_overlap_retracting
-    other = real.valve_overlap if retracting is None else retracting
     share = valve.land_leakage
-    kept = share * (length / (length + 0.5 * (real.valve_overlap + other)))
+    kept = share * (length / (length + 0.5 * sum(real.overlaps)))
     passed = 1.0 - (share - kept)
     return valve.leakage_flow * passed, kept / passed
 

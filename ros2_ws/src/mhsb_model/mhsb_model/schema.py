@@ -689,6 +689,12 @@ class Imperfections(Section):
     supply_sag: SupplySag | None = None
     sensors: Sensors = Sensors()
 
+    @property
+    def overlaps(self) -> tuple[float, float]:
+        """Overlap of a spool that extends and of one that retracts, shares of its stroke."""
+        retracting = self.valve_overlap_retracting
+        return self.valve_overlap, self.valve_overlap if retracting is None else retracting
+
 
 HoldsFor = Literal["arm", "tip"]
 

@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from mhsb_control.controller import ActuatorReadings, ServoSignals
+from mhsb_control.machine_scales import compute_braking_rate
 from mhsb_control.reference import ReferencePreview
 from mhsb_control.speed_scaling import ScalingSettings, SpeedScaling, update_rate
 from mhsb_model.circuit.quantities import ActuatorState, CircuitConstants, CylinderConstants
@@ -234,6 +235,8 @@ class GovernorTotals(Record):
     """Control period [s]."""
     usual_error: float
     """Normal distance of the tip from its reference [m]."""
+    max_slowing: float
+    """Largest rate at which the rate of the speed scaling may fall [1/s]."""
     supply: float
     """Filtered pressure that the main pump leaves at the lines in mode N [Pa]."""
     supply_rate: float
@@ -263,7 +266,7 @@ class GovernorState(NamedTuple):
     reference: FloatArray  # [points, 3, n] q, q̇, q̈; point 0 is now
     speed_scaling: Records[SpeedScaling]  # [1] speed scaling of the reference
     full_speed_velocity: FloatArray  # [n] rad/s, velocity of the reference at full speed
-    valve_overlap: FloatArray  # [n] overlap of each valve that the controller compensates
+    valve_overlap: FloatArray  # [n, 2] overlaps that the controller compensates, by direction
     cylinders: Records[CylinderConstants]  # [n] cylinders of the circuit as the servo knows it
     constants: Records[CircuitConstants]  # [1] constants of that circuit
     commands: Records[ActuatorState]  # [n] actuators of that circuit, with their valve commands
@@ -298,6 +301,7 @@ def build_governor_state(
     overall = create_records(GovernorTotals, 1)
     overall["step"] = machine.config.simulation.step
     overall["usual_error"] = machine.relative_size * usual_error
+    overall["max_slowing"] = settings.scaling.max_slowing * compute_braking_rate(machine)
     overall["settings"] = create_record(settings)
     return GovernorState(
         sensors=signals.sensors,
@@ -347,15 +351,17 @@ def run_governor_step(g: GovernorState) -> bool:
         actuator = g.actuators[j]
         scheduled = BOOSTED_MODES[g.scheduled[j]]
         changed = update_boost_request(actuator, scheduled, o.step, settings) or changed
-        overlap = g.valve_overlap[j]
-        opening = max(abs(g.commands[j].valve_command) - overlap, 0.0) / (1.0 - overlap)
+        command = g.commands[j].valve_command
+        overlap = g.valve_overlap[j, 0 if command >= 0.0 else 1]
+        opening = max(abs(command) - overlap, 0.0) / (1.0 - overlap)
         actuator.opening += o.step / settings.opening_filter_time * (opening - actuator.opening)
         actuator.allowed_rate = compute_allowed_rate(actuator, BOOSTED_MODES[g.modes[j]], settings)
         rate = min(rate, actuator.allowed_rate)
         if actuator.driving_pressure < settings.min_driving_pressure:
             floor = 0.0
     before = scaling.rate
-    update_rate(scaling, min(max(rate, floor), 1.0), o.step, settings.scaling)
+    rate = min(max(rate, floor), 1.0)
+    update_rate(scaling, rate, o.step, o.max_slowing, settings.scaling)
     if scaling.rate < 1.0:
         o.slowed += o.step
         o.slowings += 1.0 if before == 1.0 else 0.0

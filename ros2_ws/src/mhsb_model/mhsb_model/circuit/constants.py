@@ -285,15 +285,14 @@ def _compute_servo_valve_constants(
         machine.config.imperfections,
     )
     drop = machine.arrays.supply_pressure - machine.arrays.tank_pressure
-    retracting = real.valve_overlap_retracting
     spool = spool_transition(oil.valve_frequency, oil.valve_damping, substep)
     return {
         "leakage_coefficient": (1.0 - valve.land_leakage) * valve.leakage_flow / math.sqrt(drop),
         "land_conductance": valve.land_leakage * valve.leakage_flow / drop / state.viscosity_ratio,
         "land_length": oil.land_length,
         "lock_valve_opening": oil.lock_valve_opening,
-        "valve_overlap": real.valve_overlap,
-        "valve_overlap_retracting": real.valve_overlap if retracting is None else retracting,
+        "valve_overlap": real.overlaps[0],
+        "valve_overlap_retracting": real.overlaps[1],
         "valve_exponent": real.valve_exponent,
         "valve_hysteresis": real.valve_hysteresis,
         "spool_rate": real.spool_rate or math.inf,

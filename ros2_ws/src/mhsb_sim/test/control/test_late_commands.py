@@ -40,8 +40,9 @@ def follow(simulator: Simulator, motion: Motion, ways: list[np.ndarray]) -> list
         {DELAY: 0.02},
         {FREQUENCY: SLOW},
         {OVERLAP: 0.25, DELAY: 0.02, FREQUENCY: SLOW},
+        {OVERLAP: 0.45, f"{OVERLAP}_retracting": 0.1},
     ],
-    ids=["delay", "lag", "overlap, delay and lag"],
+    ids=["delay", "lag", "overlap, delay and lag", "unequal overlaps"],
 )
 def test_goals_are_reached_with_a_declared_delay_lag_and_overlap(
     machine: Machine, motion: Motion, change: dict[str, float]

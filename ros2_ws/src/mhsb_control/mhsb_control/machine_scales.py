@@ -1,0 +1,62 @@
+"""Strokes, torques and rates of a machine, with which tuned numbers are made absolute."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mhsb_control.natural_frequency import draw_postures
+from mhsb_model.machine import Machine
+from mhsb_model.types import FloatArray
+
+
+def compute_angle_strokes(machine: Machine) -> FloatArray:
+    """Compute the largest stroke of each piston per radian of its joint, over random postures.
+
+    Args:
+        machine: The machine as its file describes it.
+
+    Returns:
+        Largest moment arms, float64[n], [m/rad]; for a sliding joint the travel that counts as one
+        radian.
+    """
+    arms = np.array([machine.moment_arms(q) for q in draw_postures(machine)])
+    return np.abs(arms).max(axis=0) * machine.radian_equivalents
+
+
+def compute_supply_torques(machine: Machine) -> FloatArray:
+    """Compute the largest torque of each cylinder by the main pump's pressure.
+
+    Args:
+        machine: The machine as its file describes it.
+
+    Returns:
+        P_S A max |r|, float64[n], [N m]; for a sliding joint the work over one radian.
+    """
+    arrays = machine.arrays
+    return arrays.supply_pressure * arrays.cap_area * compute_angle_strokes(machine)
+
+
+def compute_braking_rate(machine: Machine) -> float:
+    """Compute the rate at which the main pump's pressure would brake the slowest joint.
+
+    The return chamber brakes a piston at the speed V_max with the main pump's pressure P_S on the
+    rod's area a, all other joints at rest:
+
+        rate = min P_S a r²/(M_jj V_max)
+
+    r is the moment arm [m] and M_jj the joint's inertia [kg m²], in random postures. Gravity is
+    left out.
+
+    Args:
+        machine: The machine as its file describes it.
+
+    Returns:
+        Smallest ratio of deceleration to speed of all joints and postures [1/s].
+    """
+    arrays = machine.arrays
+    force = arrays.supply_pressure * arrays.rod_area
+    decelerations = [
+        force * machine.moment_arms(q) ** 2 / np.diag(machine.mass_matrix(q))
+        for q in draw_postures(machine)
+    ]
+    return float(np.min(np.array(decelerations) / arrays.max_piston_speed))
