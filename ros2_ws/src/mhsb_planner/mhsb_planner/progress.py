@@ -1,4 +1,4 @@
-"""Progress of the making of one plan, which searches read while the planning loop updates it."""
+"""State of the planning loop for one plan, which the searches for paths read."""
 
 from __future__ import annotations
 
@@ -10,18 +10,17 @@ from mhsb_planner.plan_log import PlanLog
 
 @dataclass
 class PlanProgress:
-    """Progress of the making of one plan, as far as searches may know it.
+    """State of the planning loop for one plan, which the searches for paths read.
 
-    The planning loop (`planning.loop`) updates it; everything else only reads it and adds to the
-    log.
+    Only the planning loop (`planning.loop`) changes it. Searches read it and add to the log.
 
     Attributes:
         deadline: Deadline of the whole plan.
-        reserve: Time to keep for turning a path into a motion: mean time of the curves that were
-            tried for the first motion [s].
-        has_motion: True if a motion has been found already.
-        is_held_back: True if motions cannot keep up with their paths: a path costs much less than
-            the incumbent, or there are paths and no motion yet.
+        reserve: Time to keep for turning a path into a motion [s]. It is the mean time of the
+            curves tried for the first motion.
+        has_motion: True if a motion has been found.
+        is_held_back: True if cheaper paths no longer give cheaper motions: a path costs much less
+            than the incumbent (best plan so far), or no path has a motion.
         log: Log of proposals.
     """
 
@@ -47,8 +46,6 @@ class PlanProgress:
 
     @property
     def search_deadline(self) -> Deadline:
-        """Deadline of the search: `deadline` less `reserve`.
-
-        A path that is found later could no longer be made a motion in time.
+        """Deadline of the search: `deadline` less `reserve`, the time to turn a path into a motion.
         """
         return self.deadline.earlier_by(self.reserve)

@@ -1,9 +1,8 @@
-"""Order of work among proposers: the only place that decides whose turn it is.
+"""Order of work among proposers (sources of paths): decides whose turn it is.
 
-A schedule is a generator of proposers. `take_turns` asks each for one proposal before it asks the
-schedule for the next proposer. A schedule sees what the turns have brought: whether there is a
-motion by now (`PlanProgress.has_motion`), and what each proposer did at its last turn. A proposer
-pauses if it proposes None.
+A schedule is a generator of proposers. `take_turns` asks each for one path before it asks the
+schedule for the next proposer. Between turns, a schedule reads whether there is a motion by now
+(`PlanProgress.has_motion`), and what each proposer did at its last turn.
 """
 
 from __future__ import annotations
@@ -23,10 +22,10 @@ class Proposer:
 
     Attributes:
         name: Name of the proposer in the log.
-        last: Proposal of the last turn. None: there was no turn, or the proposer has paused before
-            work that takes long, or it has ended.
-        has_ended: True if it has no further proposals, or must have none.
-        error: Error by which it has ended; None: there was none.
+        last: Proposal of the last turn. None: it has had no turn, it has ended, or it pauses before
+            work that takes long.
+        has_ended: True if it has no further proposals.
+        error: Error that ended it; None: no error.
     """
 
     def __init__(self, name: str, proposals: Iterator[PathProposal | None]) -> None:
@@ -72,14 +71,14 @@ class Proposer:
 def take_turns(
     schedule: Iterator[Proposer], progress: PlanProgress, main: Proposer | None = None
 ) -> Iterator[PathProposal]:
-    """Give the proposers of a schedule their turns, and yield what they propose.
+    """Ask the proposers of a schedule for one path each, and yield these paths.
 
-    Failures are logged. They end the proposals of the proposer that failed.
+    A proposer's error is logged and ends that proposer.
 
     Args:
         schedule: Proposers in the order of their turns.
-        progress: Progress of the plan, with the log.
-        main: Proposer whose failure ends everything; None if no failure does.
+        progress: State of the planning loop, with the log.
+        main: Proposer whose error is also raised; None: no error is raised.
 
     Yields:
         The proposals.
@@ -104,12 +103,12 @@ class ProposerSet:
     """Proposers of the integrated planner for one request.
 
     Attributes:
-        own: The search whose paths the planner is for.
-        without_leakage: The same search, without leakage in the comparison of paths.
-        baselines: Proposers of paths for comparison, the quickest first.
+        own: The integrated search.
+        without_leakage: The same search, but it ignores leakage when it compares paths.
+        baselines: Planners to compare with, the quickest first.
         later: Proposers that follow after all others.
-        slew_time: Least time of the slew [s]. `without_leakage` proposes its paths after the first
-            own path that takes less: leakage then flows equally long on every path.
+        slew_time: Least time that the slew needs [s]. `without_leakage` has its turns after the
+            first path of `own` that takes less.
     """
 
     own: Proposer
@@ -119,10 +118,11 @@ class ProposerSet:
     slew_time: float
 
     def turns_without_leakage(self) -> Iterator[Proposer]:
-        """Yield the proposer `without_leakage` until it has ended, if its search is worthwhile.
+        """Yield the proposer `without_leakage` until it has ended, if the slew outlasts the path.
 
-        The search is worthwhile if the last turn of `own` gave a path that takes less time than the
-        slew. Otherwise nothing is yielded.
+        The slew must take longer than the path of the last turn of `own`. The motion then lasts as
+        long as the slew, whatever the path, so leakage costs the same on each. Otherwise nothing is
+        yielded.
         """
         last = self.own.last
         if last is not None and last.path.duration.sum() < self.slew_time:
@@ -137,28 +137,23 @@ class ProposerSet:
 def schedule_without_deadline(
     proposers: ProposerSet, progress: PlanProgress, *, all_at_once: bool
 ) -> Iterator[Proposer]:
-    """Yield proposers in an order that does not hurry to a first motion.
+    """Yield proposers (sources of paths) in an order that finds good paths before a first motion.
 
-    It suits a plan without a deadline. It is also used with a deadline if the velocity polytope's
-    area has a weight, or if the goal moves.
+    The integrated search has one turn after the other until it has ended. After each turn follow:
 
-    The integrated search has turns until it has ended. Two steps follow each of its turns. First,
-    the search without leakage runs to its end if the slew takes longer than the path of this turn:
-    on every path, leakage then flows as long as the slew takes. Second, the next baseline (planner
-    to compare with) proposes all its paths if one of three conditions holds:
-
-    - There is no motion yet.
-    - The integrated search pauses before long work.
-    - There is a deadline, and half of the time until then is over.
+    1. The search without leakage, until it has ended, if the slew takes longer than the path that
+       the turn gave. Leakage then costs the same on each path.
+    2. The next baseline (planner to compare with), until it has ended. This needs one of three
+       conditions: the turn gave no path; there is no motion yet; half of the time until the
+       deadline is over.
 
     At the end come the remaining baselines, then the proposers in `proposers.later`.
 
     Args:
         proposers: The proposers.
-        progress: Progress of the plan.
-        all_at_once: True: all baselines propose after the first turn of the integrated search,
-            without these conditions. This suits a search that takes long because its lower bounds
-            are weak.
+        progress: State of the planning loop; read between the turns.
+        all_at_once: True: all baselines come after the first turn of the integrated search, without
+            these conditions. This suits a search that takes long.
 
     Yields:
         The proposer whose turn it is.
@@ -176,20 +171,19 @@ def schedule_without_deadline(
 
 
 def schedule_for_deadline(proposers: ProposerSet, progress: PlanProgress) -> Iterator[Proposer]:
-    """Yield proposers in the order that suits a deadline.
+    """Yield proposers (sources of paths) in an order that finds a first motion early.
 
-    1. The integrated search has one turn, then the first baseline (planner to compare with). That
-       baseline takes a millisecond or two, and its motion bounds the cost of the plan.
-    2. The integrated search has turns until it has ended. If half of the time is over without a
-       motion, the baselines have turns until there is a motion.
-    3. The remaining turns of the baselines, and the later proposers, come at the end.
+    1. The integrated search has one turn, then the first baseline (planner to compare with).
+    2. The integrated search has one turn after the other until it has ended. If half of the time is
+       over without a motion, the baselines have turns until there is a motion.
+    3. The baselines come until each has ended, then the later proposers.
 
-    The search without leakage runs to its end as soon as the integrated search has given a path
-    that takes less time than the slew. On every path, leakage then flows as long as the slew takes.
+    The search without leakage comes as soon as the integrated search has given a path that takes
+    less time than the slew. Leakage then costs the same on each path.
 
     Args:
         proposers: The proposers.
-        progress: Progress of the plan.
+        progress: State of the planning loop; read between the turns.
 
     Yields:
         The proposer whose turn it is.
@@ -211,24 +205,23 @@ def schedule_for_deadline(proposers: ProposerSet, progress: PlanProgress) -> Ite
 def schedule_in_turn(
     first: Proposer, quick: Sequence[Proposer], others: Sequence[Proposer], progress: PlanProgress
 ) -> Iterator[Proposer]:
-    """Yield proposers in turn until all have ended, the quick ones more often than others.
+    """Yield proposers (sources of paths) in turn until all have ended, the quick ones more often.
 
-    The proposers form a queue. Its head has a turn and is then put back into the queue:
+    The proposers form a queue. Its head has a turn and is then put back:
 
     - A proposer that is not quick goes to the end.
-    - While there is no motion, a quick proposer goes to the head: it has turn after turn until it
-      has ended.
-    - After the first motion, a quick proposer goes behind the next proposer in the queue.
+    - A quick one goes to the head while there is no motion, so it has turn after turn.
+    - A quick one goes behind the next proposer after the first motion.
 
-    After the first motion, a single quick proposer thus has every second turn. Several quick
-    proposers share all turns, until only one of them is left; the other proposers wait so long.
+    After the first motion, a single quick proposer thus has every second turn. Several quick ones
+    share all turns until only one of them is left.
 
     Args:
         first: Proposer at the head of the queue at first. It is not quick.
         quick: Quick proposers, behind `first`.
         others: All other proposers, behind the quick ones.
-        progress: Progress of the plan. Its `has_motion` is read before each turn, so a quick
-            proposer whose turn gives the first motion has one more turn at once.
+        progress: State of the planning loop, with `has_motion`. It is read before each turn, so the
+            quick proposer that gives the first motion has one more turn.
 
     Yields:
         The proposer whose turn it is.

@@ -1,7 +1,8 @@
 """The planning loop: fits motions to proposed paths and keeps the cheapest.
 
-A motion is a trajectory (stage S3 of the method) with its mode schedule (S4). It follows a discrete
-path (S2) or is a polynomial between the path's ends. The best plan so far is the incumbent.
+A motion is a trajectory with its mode schedule, made by the trajectory stage S3 and by S4. It
+follows a discrete path (result of the graph search), or is a polynomial between the path's ends.
+The cheapest plan so far is the incumbent.
 """
 
 from __future__ import annotations
@@ -54,15 +55,17 @@ tried.
 """
 
 COMPARED_SHARE = 1.0 / 3.0
-"""Share of the remaining time that fitting a path proposed for comparison may take before there is
-a motion. If fitting takes long, the motion is long, and the own search will find a shorter path.
+"""Share of the remaining time for fitting a motion to a baseline's path while there is no motion
+[-]. A fit that takes longer has a long motion; the planner's own search will find a shorter
+path.
 """
 
 MIN_REPLACEMENT_GAIN = 0.02
 """Relative gain in cost from which another motion replaces the remaining plan in force."""
 
 MIN_PATH_COST_RATIO = 0.8
-"""Ratio of a path's cost to the incumbent's below which motions cannot keep up with paths [-]."""
+"""Ratio of a path's cost to the incumbent's below which the path has no motion as cheap as it [-].
+"""
 
 ALLOWED_DELAY_SHARE = 0.1
 """Additional duration that a cheaper motion may have if another is to follow, as a share of the
@@ -71,13 +74,13 @@ period.
 
 
 class PostponedVariants(NamedTuple):
-    """Other motions along the first path, which wait until the next path has its motion.
+    """Variants (motions with other rules) along the first path, to be fitted after the next path.
 
     Attributes:
         proposal: Proposal of the first path.
         motion: Motion along it.
-        rules: Rules by which that was fitted.
-        cost: Cost of the incumbent when they were postponed, which is that of `motion` [-].
+        rules: Rules by which `motion` was fitted.
+        cost: Cost of the plan with `motion` [-].
     """
 
     proposal: PathProposal
@@ -90,8 +93,8 @@ class PlanningLoop:
     """Loop over the proposals for one request; the cheapest motion so far is the incumbent.
 
     Attributes:
-        progress: Progress of the plan, which the proposers read. The loop sets its `has_motion` and
-            `reserve`.
+        progress: State of the loop that the proposers read, such as `has_motion`. The loop updates
+            it.
     """
 
     def __init__(
@@ -118,9 +121,8 @@ class PlanningLoop:
     def start_with_rest(self, rest: Trajectory) -> None:
         """Make the remainder of the plan in force the first incumbent (best plan so far).
 
-        A remainder that breaks a limit is not used: there is no incumbent yet, and the log contains
-        the reason. In both cases the time since the request is stored in `first_motion` of the
-        plan's times.
+        If it breaks a limit, there is no incumbent, and the reason is logged. In both cases the
+        time since the request is stored in `first_motion` of the plan's times.
 
         Args:
             rest: Remainder of the plan in force, with stamp 0.
@@ -143,19 +145,18 @@ class PlanningLoop:
     def choose_best(self, proposals: Iterable[PathProposal]) -> Plan:
         """Fit motions to proposed paths, and return the cheapest as a plan.
 
-        An error of the proposers, or the deadline, ends the loop. It is raised only if there is no
-        motion. Variants of the first motion that were postponed are tried before the loop ends.
+        An error of a proposer, or the deadline, ends the loop. The error is raised only if there is
+        no motion.
 
         Args:
             proposals: Path proposals, requested one after the other.
 
         Returns:
-            The plan with its log, its cavitations and the times of its stages [s]. The statistics
-            of its path say whether the time ran out.
+            The plan, with log, cavitations and times of its stages [s]. `out_of_time` of its path's
+            statistics says whether the time ran out.
 
         Raises:
-            FitError: No path has a motion that keeps the limits; the error is the one for the first
-                path.
+            FitError: No path has a motion within the limits. The error is that of the first path.
             DeadlineError: The time was up before there was a motion.
             MhsbError: A proposer has failed, and there is no motion.
             ValueError: There was no proposal and no error, which is a fault of the planner.
@@ -190,11 +191,9 @@ class PlanningLoop:
     def _no_motion_error(self) -> Exception:
         """Create the error that explains why no path has a motion.
 
-        Running out of time comes first, since other paths might have had one.
-
         Returns:
-            DeadlineError if the time was up, else the FitError of the first path. ValueError if
-            there was no path at all, which is a fault of the planner.
+            DeadlineError if the time was up; other paths might have had a motion. Else the FitError
+            of the first path. ValueError if there was no path, which is a fault of the planner.
         """
         if self._cut_short is None and self.progress.search_deadline.has_passed:
             return DeadlineError("making motions of paths")
@@ -204,29 +203,25 @@ class PlanningLoop:
     def _consider(self, proposal: PathProposal) -> None:
         """Fit motions to a path, and keep each that beats the incumbent (best plan so far).
 
-        The path is skipped if MIN_MOTION_COST_RATIO times its cost, counted without mode switches,
-        exceeds the incumbent's cost. Otherwise one motion is fitted to it by the rules of
-        `fit_rules`. Variants of that motion follow if it costs at most NEAR_BEST_COST_FACTOR times
-        as much as the incumbent.
+        1. The path is skipped if MIN_MOTION_COST_RATIO times its cost, less that of its mode
+           switches, exceeds the incumbent's cost.
+        2. One motion is fitted by the rules of `fit_rules`. If there is no incumbent and these
+           rules ask for a polynomial, a motion that follows the path is fitted first, because this
+           is faster.
+        3. If that motion costs at most NEAR_BEST_COST_FACTOR times as much as the incumbent,
+           variants of it are fitted, such as one with faster ramps. With a deadline, the variants
+           of the first motion wait until the next path has its motion.
 
-        Two exceptions serve to find a first motion early:
-
-        - If there is no incumbent and the rules ask for a polynomial, the path is first followed by
-          ramps, if that is allowed. Ramps are faster to fit. The polynomial then becomes the
-          incumbent whatever it costs, unless it has to be stretched in time.
-        - With a deadline, the variants of the first motion wait for the next path, or for the end
-          of the proposals. They take several times as long as that motion and lower the cost less.
-
-        If the path is not skipped, `progress.is_held_back` is set: True if the cheapest path so far
-        costs less than MIN_PATH_COST_RATIO times the incumbent, or there is no incumbent.
+        After step 2, `progress.is_held_back` is set. It is True if there is no incumbent, or if it
+        costs much more than the cheapest path (MIN_PATH_COST_RATIO).
 
         Args:
             proposal: The proposal.
 
         Raises:
             DeadlineError: The deadline of the plan passed.
-            FitError: No motion along the path is possible, and there is no motion yet. It is raised
-                only if one curve must lead from a moving start to the goal.
+            FitError: The path has no motion, there is no incumbent, and the start steers (one curve
+                must lead from the moving start to the goal).
         """
         path, options, best = proposal.path, self._task.options, self._best
         estimate = path.cost - options.weights.switches * path.switches
@@ -251,10 +246,11 @@ class PlanningLoop:
             self._try_variants(proposal, motion, rules)
 
     def _try_postponed_variants(self) -> None:
-        """Try the postponed variants of the first motion, if there are any, and forget them.
+        """Fit the postponed variants of the first motion, if there are any, and forget them.
 
-        They are dropped untried if the first motion costs more than NEAR_BEST_COST_FACTOR times as
-        much as the present incumbent (best plan so far).
+        Variants are motions along the same path by other rules. They are not fitted if the first
+        motion costs more than NEAR_BEST_COST_FACTOR times as much as the incumbent (best plan so
+        far).
 
         Raises:
             DeadlineError: The deadline of the plan passed.
@@ -267,11 +263,12 @@ class PlanningLoop:
             self._try_variants(postponed.proposal, postponed.motion, postponed.rules)
 
     def _try_variants(self, proposal: PathProposal, motion: FittedMotion, rules: FitRules) -> None:
-        """Fit variants of a motion to its path, and keep each that is better than the incumbent.
+        """Fit variants of a motion to its path, and keep each that beats the incumbent (best plan
+        so far).
 
-        The incumbent is the best plan so far. A motion has a list of reasons why S3 (trajectory
-        stage) refused other curves. If a variant becomes the incumbent, the reasons of the first
-        motion are put before its own.
+        Variants are motions by other rules, such as faster ramps (`yield_variant_rules`). A variant
+        that becomes the incumbent also lists the reasons why curves were refused for the first
+        motion.
 
         Args:
             proposal: Proposal with the path.
@@ -291,23 +288,23 @@ class PlanningLoop:
                 self._set_refused(motion.refused + self._best.motion.refused)
 
     def _may_follow_instead(self, path: DiscretePath, rules: FitRules) -> bool:
-        """Return whether a path may be followed instead of a polynomial that the rules ask for.
+        """Return whether a path may be followed although the rules ask for a polynomial.
 
         Args:
             path: The path. Only `steps` is read.
             rules: Rules for its motion. Only `trajectory` is read.
 
         Returns:
-            True if four conditions hold. The rules ask for a polynomial. The options leave the
-            method of S3 (trajectory stage) open. The path has steps. The start does not steer, that
-            is, no single curve from a moving start to the goal is asked for.
+            True if the rules ask for a polynomial, the options name no method, the path has steps,
+            and the start does not steer. A start steers if one curve must lead from there to the
+            goal.
         """
         free = self._task.options.trajectory is None and path.steps > 0
         return free and rules.trajectory == "polynomial" and not self._is_steering
 
     @property
     def _is_steering(self) -> bool:
-        """True if the start moves and the request asks for one curve from there to the goal.
+        """True if one curve must lead from the moving start to the goal.
 
         `Planner` asks for it if the plan in force ends soon and near the goal.
         """
@@ -316,12 +313,12 @@ class PlanningLoop:
     def _fit_and_keep(self, proposal: PathProposal, rules: FitRules) -> FittedMotion | None:
         """Fit a motion to a path, and make it the incumbent (best plan so far) if it is better.
 
-        `_replaces` decides what is better. Times of the stages, log, and `has_motion` and `reserve`
-        of the progress are updated.
+        `_replaces` decides what is better. Rules with `polynomial_only` ask for a polynomial along
+        the incumbent's path. It becomes the incumbent whatever it costs, unless it had to be slowed
+        to keep the limits. If it is refused, the incumbent's `refused` gets the reasons.
 
-        Rules with `polynomial_only` ask for the published polynomial along the incumbent's path. It
-        becomes the incumbent whatever it costs, unless it has to be stretched in time. If S3
-        (trajectory stage) refuses it, the reasons are added to the incumbent.
+        Times of the stages and the log are updated. The first motion sets `progress.has_motion` and
+        `progress.reserve`, the time to be kept for turning a path into a motion.
 
         Args:
             proposal: Proposal with the path.
@@ -330,14 +327,14 @@ class PlanningLoop:
         Returns:
             A motion whose variants are worth a try, or None:
 
-            - The fitted motion, if it is the incumbent now or costs at most NEAR_BEST_COST_FACTOR
-              times as much.
+            - The fitted motion, if it is now the incumbent or costs at most NEAR_BEST_COST_FACTOR
+              times as much as the incumbent.
             - The incumbent's motion, if a polynomial by `polynomial_only` was refused.
 
         Raises:
             DeadlineError: The deadline of the plan passed.
-            FitError: S3 refuses the path, there is no motion yet, and one curve must lead from a
-                moving start to the goal. `Planner` then tries another way of coming to rest.
+            FitError: The path has no motion, there is no incumbent, and the start steers (one curve
+                must lead from the moving start to the goal).
         """
         began, best, options = self._since, self._best, self._task.options
         motion = self._fit(proposal, rules)
@@ -364,11 +361,11 @@ class PlanningLoop:
     def _replaces(self, plan: Plan, best: Plan) -> bool:
         """Return whether a plan is sufficiently better than the incumbent (best plan so far).
 
-        It must be cheaper. Two more conditions hold in special cases:
+        It must be cheaper. Two more conditions apply in special cases:
 
-        - If goals follow each other with a period, it may take at most ALLOWED_DELAY_SHARE times
-          the period longer than the incumbent.
-        - If the incumbent is the remainder of the plan in force, it must be cheaper by at least
+        - If goals follow each other with a period: it takes at most ALLOWED_DELAY_SHARE times the
+          period longer than the incumbent.
+        - If the incumbent is the remainder of the plan in force: it is cheaper by at least
           MIN_REPLACEMENT_GAIN times the incumbent's cost.
 
         Args:
@@ -392,22 +389,20 @@ class PlanningLoop:
     def _fit(self, proposal: PathProposal, rules: FitRules) -> FittedMotion | None:
         """Fit a motion to a path, and log the reason if there is none.
 
-        While there is no motion yet, a path of a baseline (planner to compare with) must not delay
-        the first one. If the plan has a deadline, the fit of that path may therefore take only
-        COMPARED_SHARE of the time that remains.
+        The time is limited if there is a deadline, there is no motion yet, and the path is for
+        comparison. The fit may then take COMPARED_SHARE of the time that remains.
 
         Args:
             proposal: Proposal with the path.
             rules: Rules for the fit.
 
         Returns:
-            The motion; None if S3 (trajectory stage) refuses the path, or that share of the time is
-            up.
+            The motion; None if no motion keeps the limits, or that limited time is up.
 
         Raises:
             DeadlineError: The deadline of the plan passed.
-            FitError: S3 refuses the path and there is no motion yet. It is raised only if one curve
-                must lead from a moving start to the goal; else None is returned.
+            FitError: The path has no motion, there is no incumbent (best plan so far), and the
+                start steers (one curve must lead from the moving start to the goal).
         """
         best, deadline = self._best, self.progress.deadline
         if best is None and proposal.for_comparison and self.progress.has_deadline:
@@ -431,7 +426,7 @@ class PlanningLoop:
         return None
 
     def _fit_by(self, path: DiscretePath, rules: FitRules, deadline: Deadline) -> FittedMotion:
-        """Fit a motion to a path; for a path without steps, only bring the start to rest.
+        """Fit a motion to a path; if the path has no steps, only bring the start to rest.
 
         Args:
             path: The path.
@@ -455,9 +450,9 @@ class PlanningLoop:
     def _assemble_plan(self, path: DiscretePath, motion: FittedMotion, deadline: Deadline) -> Plan:
         """Compute the energy and the manipulability loss of a motion, and assemble its plan.
 
-        The manipulability loss is computed only if its weight is above 0; else it is 0. It is the
-        share of the reference area that the velocity polytope lacks, integrated over the length of
-        the tip's path. Its unit is therefore m.
+        The manipulability loss is the share of the reference area that the velocity polytope lacks,
+        integrated over the length of the tip's path. If its weight is 0, it is not computed and is
+        0.
 
         Args:
             path: The path.
@@ -480,9 +475,9 @@ class PlanningLoop:
         return Plan(path, motion, energy, machine, area_shortfall=shortfall)
 
     def _set_refused(self, refused: tuple[str, ...]) -> None:
-        """Replace the incumbent's list of reasons why S3 (trajectory stage) refused curves.
+        """Replace the incumbent's list of reasons why curves were refused.
 
-        The incumbent is the best plan so far; there must be one.
+        There must be an incumbent (best plan so far).
 
         Args:
             refused: One sentence for each curve.

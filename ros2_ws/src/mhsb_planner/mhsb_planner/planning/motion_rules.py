@@ -1,7 +1,7 @@
 """Rules by which motions are fitted to a path.
 
-The trajectory stage (S3) has two methods. The published polynomial joins the ends of the path. The
-other follows the path with ramps between its speeds (`motion.s3_trajectory`).
+There are two methods. A polynomial joins the ends of the path. A followed path keeps the path's
+piston speeds, and each change of speed is a ramp (`motion.s3_trajectory`).
 """
 
 from __future__ import annotations
@@ -40,20 +40,20 @@ SHORT_MOTION_TIME_FACTOR = 1.5
 
 
 def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> FitRules:
-    """Return the rules by which S3 (trajectory stage) makes a motion of a path.
+    """Return the rules by which the trajectory stage (S3) makes a motion of a path.
 
-    The method of S3 is to fit a polynomial or to follow the path. The first of these that is given
-    decides: the method of the options, `of_path`, and the method of the planner that the options
-    name. A polynomial may exceed V_max (allowed piston speed) by the options' `max_speed_excess`.
-    If only `of_path` asks for a polynomial, it must keep V_max.
+    A motion fits a polynomial or follows the path. The first method that is given decides: that of
+    the options, `of_path`, or that of the planner that the options name. A polynomial may exceed
+    V_max (allowed piston speed) by the options' `max_speed_excess`, unless only `of_path` asks for
+    it.
 
     Args:
         options: Options of the plan.
-        of_path: Method for this path if the options have none; None: the planner's method.
+        of_path: Method for this path if the options name none; None: the planner's method.
 
     Returns:
-        The rules. Their via points are (coordinates, tolerance) [m]. Their shortest duration is
-        SHORT_MOTION_TIME_FACTOR times the period of the goals [s].
+        The rules. Each via point is the tip's coordinates and a tolerance [m]. The shortest
+        duration is SHORT_MOTION_TIME_FACTOR times the period of the goals [s].
     """
     own = options.trajectory or get_planner(options.planner).trajectory
     rules = FitRules.create_following()
@@ -67,7 +67,7 @@ def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> Fi
 
 
 def following_rules(rules: FitRules) -> FitRules:
-    """Return default rules for following a path, with shortest duration and via points of others.
+    """Return default rules for following a path; only shortest duration and via points are given.
 
     Args:
         rules: Rules that give shortest duration and via points.
@@ -85,18 +85,16 @@ def yield_variant_rules(
     *,
     may_follow: bool,
 ) -> Iterator[FitRules]:
-    """Yield rules for variants of a motion along its path, which may be cheaper.
+    """Yield rules for variants of a motion (other motions along its path), which may be cheaper.
 
-    The kind of motion decides:
+    - A motion with ramps, from rest: ramps shortened by each of FASTER_RAMP_FACTORS. If time has a
+      weight, also the last ramp alone.
+    - A polynomial that was slowed to keep V_max (allowed piston speed): following the path, if
+      `may_follow` is True.
+    - A followed path with more mode switches than planned: ramps lengthened by each of
+      SLOWER_RAMP_FACTORS, since inertia called for boost.
 
-    - Ramped, from rest: each of FASTER_RAMP_FACTORS on the ramps' duration. If time has a weight,
-      also a faster last ramp alone.
-    - Polynomial that was stretched in time because of V_max (allowed piston speed): following the
-      path, if that is allowed.
-    - Not a polynomial, with more mode switches than its path: each of SLOWER_RAMP_FACTORS, because
-      inertia calls for boost.
-
-    If goals follow each other with a period, ramps are not varied, since there is no time for it.
+    Ramps are not varied if goals follow each other with a period.
 
     Args:
         path: The path. Only `switches` is read.
@@ -131,7 +129,7 @@ def describe_rules(rules: FitRules) -> str:
         rules: The rules.
 
     Returns:
-        Method, and the factors on the ramps if they are varied, such as `followed, ramps x 0.72`.
+        Method, then each factor on the ramps that is not 1, such as `followed, ramps x 0.72`.
     """
     words: str = rules.trajectory
     if len(rules.ramp_factors) == 1 and rules.ramp_factors != (1.0,):
