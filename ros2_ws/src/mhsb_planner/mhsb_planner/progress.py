@@ -46,6 +46,8 @@ class PlanProgress:
 
     @property
     def search_deadline(self) -> Deadline:
-        """Deadline of the search: `deadline` less `reserve`, the time to turn a path into a motion.
+        """Deadline of the search: earlier than `deadline` by `reserve`.
+
+        A path that is found later could not be made a motion in time.
         """
         return self.deadline.earlier_by(self.reserve)

@@ -201,22 +201,22 @@ def _sample_telescopic_chain(
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Sample the postures of a chain with telescopes at one tip position.
 
-    If `between` is given, the end-link angle ψ is sampled over it. Otherwise the positions of the
-    joints that do not close the chain are sampled over their ranges. The last two turning joints
-    close the chain, in up to two ways (sides).
+    If `between` is given, postures at evenly spaced end-link angles ψ are returned, one for each ψ.
+    Otherwise all joints but the last two turning ones are sampled on a grid over their ranges. The
+    last two turning joints then follow from the tip, in up to two ways (sides).
 
     Args:
         machine: The arm without a slewing joint.
         x: Tip position forward [m].
         z: Tip position upward [m].
         between: Least and greatest admissible ψ [rad]; None if ψ is free.
-        spacing: Largest distance of two samples of ψ [rad]. If m joints are sampled, they are
-            spaced by spacing^(1/m), in units of `Machine.radian_equivalents` (1 rad, or range/π of
-            a telescope).
+        spacing: Largest distance of two samples of ψ [rad]. A grid over m joints has the spacing
+            spacing^(1/m) [rad] in each, so that its size hardly depends on m. For a telescope,
+            range/π stands for 1 rad.
 
     Returns:
         Postures within limits, shape (count, n) [rad or m]; sign of the last turning joint's angle,
-        −1 or 1, shape (count,); and positions of the joints that do not close the chain, shape
+        −1 or 1, shape (count,); and positions of all joints but the last two turning ones, shape
         (count, n - 2) [rad or m].
     """
     a, held = machine.arrays, held_joints(machine)
@@ -428,16 +428,16 @@ def _sample_psi_intervals(
 def _intersect_psi_range(
     low: float, high: float, between: tuple[float, float] | None
 ) -> list[tuple[float, float]]:
-    """Intersect an interval of ψ with a range of angles, modulo whole turns.
+    """Intersect an interval of the angle ψ with a range of angles, modulo whole turns.
 
     Args:
         low: Lower end of the interval [rad].
         high: Upper end of the interval [rad].
-        between: Range, shifted by −2 to 2 turns for the intersection [rad]; None: no restriction.
+        between: Range of admissible ψ [rad]; ψ plus up to 2 turns in either direction is
+            admissible, too. None: no restriction.
 
     Returns:
-        Lower and upper end of each part of the interval that lies in the range [rad]; empty if
-        there is none.
+        Lower and upper end of each admissible part of the interval [rad]; empty if there is none.
     """
     if between is None:
         return [(low, high)]

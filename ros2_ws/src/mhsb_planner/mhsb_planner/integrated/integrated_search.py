@@ -144,11 +144,11 @@ class IntegratedSearch:
     def improve_path(self, via: FloatArray, spacings: tuple[float, ...]) -> DiscretePath | None:
         """Improve a cylinder path from another source by local changes.
 
+        Of the goal postures, the one nearest to the last waypoint becomes the path's end.
+
         Args:
-            via: Waypoints (cylinder lengths) from the start to the goal, shape (points, n) [m]. The
-                path is treated as one to the goal posture nearest to the last waypoint.
-            spacings: Lattice spacings, in the order of use [m]. The strides by which waypoints move
-                are shares of these.
+            via: Waypoints (cylinder lengths) from the start to the goal, shape (points, n) [m].
+            spacings: Lattice spacings, in the order of use [m]. Waypoints move by shares of these.
 
         Returns:
             The improved path, or the given one if nothing improves it; None if the given path is

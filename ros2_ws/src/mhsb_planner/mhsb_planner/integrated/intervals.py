@@ -51,8 +51,8 @@ def _wrist_direction_range(low: float, high: float, radius: float, link: float) 
 
         α = atan2(−L sin u, R − L cos u)
 
-    For R > L, α has its extremes ±asin(L/R) at cos u = L/R. For R ≤ L, α grows with u, over whole
-    turns if u does.
+    For R > L, α has its extremes ±asin(L/R) at cos u = L/R. For R ≤ L, α grows with u and is not
+    wrapped at ±π.
 
     Args:
         low: Lower end of the interval of u [rad]; for R ≤ L it must not be negative.

@@ -452,7 +452,8 @@ def _free_coordinate_ranges(machine: Machine, psi: Interval) -> FloatArray:
         psi: Least and greatest ψ [rad].
 
     Returns:
-        Lower end, upper end and the change that counts as one radian, shape (n - 2, 3) [rad or m].
+        Lower end, upper end and unit of each coordinate, shape (n - 2, 3) [rad or m]. The unit is 1
+        rad, or range/π of a telescope.
     """
     a = machine.arrays
     if machine.has_telescope:

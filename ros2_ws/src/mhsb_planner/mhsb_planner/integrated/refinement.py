@@ -168,12 +168,12 @@ def sweep_waypoint(
 ) -> float:
     """Try to move one waypoint of a cylinder path, as part of a compass search.
 
-    An inner waypoint is moved by the stroke of `strides` along each cylinder, both ways. The last
-    waypoint is moved by a change of each free joint coordinate of the goal posture, both ways. A
+    An inner waypoint is moved along each cylinder by the same stroke, both ways. The last waypoint
+    moves with the goal posture: each free joint coordinate of this posture is changed, both ways. A
     move that makes the path cheaper is kept at once, and the trials go on from there.
 
     Call the function for i = 1, 2, … in sequence, because the working memory carries the costs up
-    to the previous waypoint. The costs from the next waypoint to the end come from `ahead`.
+    to the previous waypoint.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -182,10 +182,11 @@ def sweep_waypoint(
         path: The path. Its waypoint i is changed in place; for the last waypoint the free
             coordinates are changed, too.
         cost: Cost of the path.
-        strides: Strides of the sweep.
+        strides: Sizes of the moves: stroke of inner waypoints [m], and change of each free
+            coordinate [rad or m].
         i: Index of the waypoint, at least 1.
-        ahead: Costs from each waypoint to the end by mode combination, shape (points, patterns).
-            This is the result of `compute_costs_to_go` before the sweep.
+        ahead: Costs from each waypoint to the end by mode combination, shape (points, patterns), as
+            `compute_costs_to_go` returned them before the sweep.
 
     Returns:
         Cost of the changed path, at most `cost`.

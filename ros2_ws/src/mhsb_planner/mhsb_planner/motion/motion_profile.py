@@ -82,12 +82,12 @@ def motion_profile(
         machine: Machine with its payload.
         position: Joint positions, shape (k, n) [rad or m].
         velocity: Joint velocities, shape (k, n) [rad/s or m/s].
-        acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²]. None makes the inertia
-            forces 0.
+        acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²]. None makes the forces from
+            inertia 0, those from the velocities included.
 
     Returns:
-        Profile with k rows: piston speeds [m/s], piston forces under gravity and from inertia [N],
-        tip positions and joint positions.
+        Profile with k rows: piston speeds [m/s], piston forces under gravity [N], those from
+        inertia alone [N], tip positions [m] and joint positions.
     """
     qdd = np.empty((0, position.shape[1])) if acceleration is None else acceleration
     q = as_frozen(position)

@@ -95,7 +95,9 @@ def find_overloads(
 
 
 def _find_sinking_speed(machine: Machine, j: int, forces: FloatArray) -> float:
-    """Find the greatest speed at which loads sink at the highest boost pressure.
+    """Find the greatest speed at which loads above the highest boost pressure sink.
+
+    Such a load presses oil out of its cylinder through the leakage of the valve.
 
     Args:
         machine: Machine with its hydraulics.
@@ -103,7 +105,7 @@ def _find_sinking_speed(machine: Machine, j: int, forces: FloatArray) -> float:
         forces: Piston forces, positive if they resist extension, shape (k,) [N]; k ≥ 1.
 
     Returns:
-        Magnitude of the speed [m/s]; 0 if the valve is tight, or lock valves hold the loads.
+        Magnitude of the speed [m/s]; 0 if the valve does not leak, or lock valves hold the loads.
     """
     m = machine.arrays
     if machine.config.circuit.lock_valve_opening > 0.0:

@@ -80,10 +80,9 @@ class Coasting:
 def compute_coasting(machine: Machine, start: MotionState) -> Coasting:
     """Compute the coasting of a moving start: the motion by which it comes to rest by itself.
 
-    All pistons come to rest by one common ramp, after a delay δ if necessary. Several ramps and
-    values of δ are tried, and the first motion within the limits of acceleration and jerk is taken.
-    If there is none, the last motion tried is taken, although it exceeds the limits
-    (`RampedMotion.keeps_dynamic_limits` is False).
+    All pistons come to rest by one common ramp, after a delay if necessary. Several ramps and
+    delays are tried. The first motion within the limits of acceleration and jerk is taken. If there
+    is none, the last one is; its `keeps_dynamic_limits` is False.
 
     Args:
         machine: Machine that moves.

@@ -140,13 +140,13 @@ class FitRules:
     """Settings of a fit.
 
     Attributes:
-        trajectory: `polynomial` tries the published polynomials first, `followed` leaves them out.
-        polynomial_only: True if nothing else is tried when the polynomials break a limit.
+        trajectory: `polynomial` tries the polynomial of degree 6 first, `followed` leaves it out.
+        polynomial_only: True if nothing else is tried when the polynomial breaks a limit.
         stepped: True if the path may be followed step by step, with a rest at every node.
         switching: Rules for switching modes.
         ramp_factors: Factors on the duration of the shortest ramps, in the order of trial [-].
         last_ramp_factor: Further factor on the duration of the last ramp [-].
-        max_stretch: Largest factor on the stretch that a curve is first tried with [-].
+        max_stretch: Largest stretch in time, as a multiple of the one that is tried first [-].
         max_excess: Largest excess of a piston speed, |v|/V_max − 1 [-].
         max_overrun: Distance by which a piston may run on beyond what braking and the path need
             [m].
@@ -185,18 +185,18 @@ class CurveCandidate:
         path: Discrete path that the curve follows.
         method: Method that the result will state.
         name: Words that describe the curve in messages.
-        curve_at: Function that returns the curve for factors on the durations of the path's steps,
-            shape (k,).
+        curve_at: Function from the factors on the durations of the path's steps, shape (k,), to the
+            curve.
         start: State of the joints at the beginning of the curve.
         lead_in: Motion before the curve, such as braking; None if there is none.
-        stretch: Stretch that is tried first [-].
+        stretch: Factor on the path's durations that is tried first [-].
         furthest_travel: Largest travel of each joint in its first direction, shape (n,) [rad or m].
             None means that it is not checked.
-        coasts: True if the curve begins with a moving start that coasts or steers.
-        stretchable: Time scalings of the limits for which the curve is stretched; any other limit
-            refuses it.
+        coasts: True if the curve begins at the moving start, False if it begins at rest.
+        stretchable: Time scalings of limits. A broken limit with one of them stretches the curve;
+            any other refuses it.
         slows_pieces: True if only the steps around a violation become longer, False if all do.
-        max_stretch: Largest factor on the first stretch [-]; None means that of the rules.
+        max_stretch: Largest stretch as a multiple of `stretch` [-]; None means that of the rules.
         only_after_thrust_lack: True if the curve is tried only if the one before lacked pressure.
     """
 
@@ -226,18 +226,17 @@ def iterate_candidates(
 ) -> Iterator[CurveCandidate]:
     """Yield the curves to try along a discrete path, in the order of trial.
 
-    A start with a `Steering` has one curve only: straight to the path's end. Otherwise the order
-    is:
+    If the start steers (one curve must lead from the moving start to the goal), there is only that
+    curve. Otherwise the order is:
 
     1. The polynomial, if `rules.trajectory` is `polynomial`. With `rules.polynomial_only` it is the
        only curve.
-    2. Ramps (smooth changes of speed) that begin at once, if the start coasts.
-    3. Ramps from rest, after `brake`. Then the shortest of them, with a rest before each step in
-       which the boost of an actuator begins: so no ramp begins before its load can be carried.
+    2. For a start that coasts: the path with ramps (smooth changes of speed) that begins at once.
+    3. The path with ramps from rest, after `brake`. Then the same with a rest before each step in
+       which the boost of an actuator begins.
     4. The path step by step with a rest at every node, after `brake`, if `rules.stepped`.
 
-    If a mode has been in force for less than the least time between two switches, 3 and 4 follow
-    a second time. They then begin with an additional rest, in which this time passes.
+    If a mode is in force too briefly to be left, 3 and 4 follow a second time, after a rest.
 
     Args:
         machine: Machine that moves.
@@ -328,8 +327,7 @@ def _iterate_ramped(
         path: Discrete path.
         start: State of the joints at the beginning of the curve.
         lead_in: Motion before the curve, such as braking; None if there is none.
-        coast: Coasting (motion by which a moving start comes to rest by itself). None if the curve
-            begins at rest.
+        coast: Motion by which a moving start comes to rest. None if the curve begins at rest.
         rules: Settings of the fit, with the factors `ramp_factors`.
         words: Beginning of the curves' names. If the start coasts, another beginning is used.
 
@@ -363,11 +361,10 @@ def _iterate_ramped(
 def _create_polynomial(
     path: DiscretePath, start: MotionState, brake: Trajectory | None
 ) -> CurveCandidate:
-    """Create the published polynomial as a curve to try.
+    """Create the published polynomial (one of degree 6 per joint) as a curve to try.
 
-    From a moving start, the polynomial must not be stretched beyond its first stretch. The
-    candidate then also has a limit on the travel of each joint in its first direction: the largest
-    travel while braking or on the path. The caller refuses a curve that goes farther.
+    From a moving start, the polynomial is not stretched beyond its first stretch. No joint may then
+    go farther in its initial direction than while braking or on the path.
 
     Args:
         path: Discrete path.

@@ -34,9 +34,10 @@ SAME_SPEED = 1e-7
 """Difference of the speeds in two adjacent steps below which they count as equal [m/s]."""
 
 RAMP_DURATION_FACTORS = (1.0, 1.5, 2.5)
-"""Factors on the ramps of a path that begins while the start still coasts [-].
+"""Factors on the ramps of a path that begins while the pistons still come to rest [-].
 
-They are tried in this order."""
+They are tried in this order.
+"""
 
 MAX_SLOWING_ROUNDS = 6
 """Number of times that ramps are made slower before the last result is taken."""
@@ -74,20 +75,19 @@ def smooth_path(
     """Smooth the piston motion of a discrete path: each change of speed becomes a ramp.
 
     A ramp changes the speeds within limited acceleration and jerk. The times between changes of
-    speed are rounded up to multiples of RAMP_TIME_STEP. If the start moves, its coasting (motion to
-    rest by itself) is added to the motion along the path.
+    speed are rounded up to multiples of RAMP_TIME_STEP.
 
     Args:
         machine: Machine that moves.
         path: Discrete path.
         ramp: Ramp of all changes of speed.
         scale: Factor on the durations of all steps, or of each step, shape (k,) [-].
-        beginning: Time at which the motion along the path begins, its first ramp, and the coasting.
+        beginning: When and with which ramp the path begins. Its coasting (motion by which a moving
+            start comes to rest) is added to the motion along the path.
         last_ramp_factor: Factor on the times of the last ramp [-]. The time of its middle stays.
 
     Returns:
-        Motion of the pistons from the path's first posture, or with a coasting from the coasting's
-        start.
+        Motion of the pistons. It begins at the path's first posture, or where the coasting begins.
     """
     length = compute_cylinder_lengths(machine.arrays, path.posture)
     coast, delay, first_ramp = beginning
@@ -209,22 +209,22 @@ def compute_followed_path(
 ) -> RampedMotion:
     """Compute a motion along a discrete path that keeps the limits of piston acceleration and jerk.
 
-    Each change of the piston speeds is a ramp. From rest, the first motion tried has the shortest
-    ramps that the path's speeds allow, times `ramp_factor`. The ramps are made longer until the
-    limits are kept. From a moving start, other beginnings are tried before: beginnings during the
-    coasting, and beginnings that wait for its end.
+    Each change of the piston speeds is a ramp (smooth change). Motions with longer and longer ramps
+    are tried until one keeps the limits. The first has the shortest ramps for the fastest step,
+    times `ramp_factor`. From a moving start, the path first begins while the pistons still come to
+    rest, and only then after they have.
 
     Args:
         machine: Machine that moves.
         path: Discrete path.
-        ramp_factor: Factor on the duration of the first ramps tried [-]; may be below 1.
-        coast: Coasting (motion by which a moving start comes to rest by itself). None if the motion
-            begins at rest.
+        ramp_factor: Factor on the duration of the first motion's ramps [-]; may be below 1.
+        coast: Motion by which a moving start comes to rest. None if the motion begins at rest.
         scale: Factor on the durations of all steps, or of each step, shape (k,) [-].
         last_ramp_factor: Further factor on the duration of the last ramp [-]; may be below 1.
 
     Returns:
-        First motion within the limits. If there is none: the last motion tried, which exceeds them.
+        First motion within the limits. If there is none, the last one tried; its
+        `keeps_dynamic_limits` is False.
     """
     tried = _iterate_slower_motions(machine, path, ramp_factor, coast, scale, last_ramp_factor)
     motion = next(tried)
@@ -246,30 +246,26 @@ def _iterate_slower_motions(
 ) -> Iterator[RampedMotion]:
     """Yield motions along a discrete path, with longer and longer ramps (smooth changes of speed).
 
-    For a moving start, motions come first whose path begins while the start still coasts (comes to
-    rest by itself):
+    For a moving start, the first motions begin the path while the pistons still come to rest:
 
-    - One begins with the ramp by which the coasting stops. A piston that keeps its speed then does
-      not slow down in between.
-    - Some have ramps whose times are multiplied by RAMP_DURATION_FACTORS, one of which is 1.
-    - Two begin a little later.
+    1. One begins with the ramp by which the pistons come to rest. A piston that keeps its speed
+       then does not slow down in between.
+    2. Some have ramps that are longer by RAMP_DURATION_FACTORS.
+    3. Two begin a little later.
 
-    MAX_SLOWING_ROUNDS motions follow whose path begins when the coasting has ended; from rest there
-    are only these. A ramp's acceleration builds up in the time T₂ and begins to decrease at T₁. Let
-    a motion exceed the limit of acceleration by the factor a ≥ 1, and that of jerk by the factor
-    b ≥ 1. In the next motion, T₁ is longer by the factor a, and T₂ by b/a if b > a.
+    MAX_SLOWING_ROUNDS motions follow in which the path begins from rest. The ramps of each are
+    longer by what the motion before exceeded the limits of acceleration and jerk.
 
     Args:
         machine: Machine that moves.
         path: Discrete path.
         slower: Factor on the duration of the shortest ramps [-].
-        coast: Coasting (motion by which a moving start comes to rest by itself). None at rest.
+        coast: Motion by which a moving start comes to rest. None if the start is at rest.
         scale: Factor on the durations of all steps, or of each step, shape (k,) [-].
         last: Further factor on the duration of the last ramp [-].
 
     Yields:
-        Motions of the pistons. The caller takes the first within the limits; the last may exceed
-        them.
+        Motions of the pistons. Any of them may exceed the limits.
     """
     stroke = np.abs(np.diff(compute_cylinder_lengths(machine.arrays, path.posture), axis=0)).max(
         axis=1

@@ -323,7 +323,8 @@ def find_first_violation(
             `middle_profile`; None computes it.
 
     Returns:
-        Broken limit, time from the trajectory's start [s] and excess; None if no limit is broken.
+        Broken limit, time from the trajectory's start [s], and value less limit in the limit's
+        unit. None if no limit is broken.
 
     Raises:
         DeadlineError: The deadline passed.
@@ -380,10 +381,11 @@ def _find_unproven_intervals(
 ) -> IntArray:
     """Find the intervals between trajectory points that are not proven to keep all limits.
 
-    A limit is a bound on one quantity of the motion, such as a piston's speed. An interval is
-    proven if two conditions hold. First, all quantities keep their limits: either they are below
-    `clear_below` (the limit with a reserve) at both ends, or bounds from ends and middle stay below
-    all limits. Second, a bound on the joint positions in the interval is within the joint limits.
+    An interval is proven if an upper bound on the joints' excess is within the tolerance, and one
+    of these holds:
+
+    - All quantities at both ends are below `clear_below` (their limits less a reserve).
+    - All quantities have upper bounds below their limits, computed from ends and middle.
 
     Args:
         m: Arrays of the machine.
@@ -391,8 +393,8 @@ def _find_unproven_intervals(
         position: Joint positions at the points, shape (k, n) [rad or m].
         velocity: Joint velocities at the points, shape (k, n) [rad/s or m/s].
         acceleration: Joint accelerations at the points, shape (k, n) [rad/s² or m/s²].
-        begin: Quantities at the beginnings of the k - 1 intervals, one row for each limit in the
-            order of `STATE_LIMITS`, shape (limits, k - 1).
+        begin: Quantities, such as piston speed, at the beginnings of the k - 1 intervals. One row
+            for each limit of `STATE_LIMITS`, shape (limits, k - 1).
         middle: Quantities at the middles of the intervals, in the same shape.
         end: Quantities at the ends of the intervals, in the same shape.
 
@@ -445,8 +447,8 @@ def _find_violation_within(
         rows: Indices of the intervals to check, in ascending order.
 
     Returns:
-        Broken limit, time from the trajectory's start [s] and excess of the violation; None if
-        there is none.
+        Broken limit, time from the trajectory's start [s], and value less limit in the limit's
+        unit. None if no limit is broken.
     """
     time = trajectory.offset_ns / SECOND_NS
     motion = trajectory.points
@@ -466,8 +468,8 @@ def _find_first_broken_limit(
 ) -> tuple[int, float, float]:
     """Find the first limit that is broken within some intervals between trajectory points.
 
-    The limits of `STATE_LIMITS` are checked, at instants at most CHECK_SPACING apart. Of several
-    limits that are broken at one instant, the first in the list counts.
+    The limits of `STATE_LIMITS` are checked, at instants at most CHECK_SPACING apart. If several
+    limits are broken at one instant, the first in the list is returned.
 
     Args:
         m: Arrays of the machine.

@@ -1,9 +1,8 @@
 """S3 as published: one sixth-degree polynomial per joint over the whole move.
 
 In normalised time s = t/T the polynomial is p(s) = h(s) + w(s) Σ c_i B_i(s). h meets the boundary
-conditions. w and the derivatives concerned vanish there. The free coefficients c are a
-least-squares fit to the discrete path. Rows are scaled by Δq (position) and Δq/T (velocity). Δq is
-common to all rows of a joint and cancels; T turns velocities into dq/ds.
+conditions, and w keeps them. The free coefficients c are a least-squares fit to positions and
+velocities of the discrete path.
 """
 
 from __future__ import annotations

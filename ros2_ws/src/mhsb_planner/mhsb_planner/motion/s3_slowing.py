@@ -39,20 +39,21 @@ def compute_needed_factors(
 ) -> FloatArray:
     """Compute how much longer each interval of a motion has to be, to mend a broken limit.
 
-    If the pressure is too low for the load, every interval with this lack needs a fixed factor:
-    PIECE_THRUST_STRETCH, or THRUST_STRETCH if the whole motion is slowed. If valves or pumps do not
-    suffice between two points, the interval of the violation needs the factor by which they are
-    exceeded, times USAGE_RESERVE.
+    - A lack of pressure (TimeScaling.INERTIA): each interval with it needs a fixed factor, which is
+      PIECE_THRUST_STRETCH if `slows_pieces`, else THRUST_STRETCH.
+    - V_max, valves or pumps (TimeScaling.SPEED): each interval needs the share that it uses, times
+      USAGE_RESERVE. For the interval of the violation, the excess at the violation counts.
 
     Args:
-        violation: The broken limit; its time scaling is INERTIA or SPEED.
+        violation: The broken limit, and the time and excess at which it is broken.
         ends: Quantities of the limits at the ends of the k intervals.
         used: Share of what V_max, valves and pumps can do that each interval uses, shape (k,) [-].
         time: Times of the motion's points, shape (k + 1,) [s].
         slows_pieces: True if only the steps around the violation become longer.
 
     Returns:
-        Factor on the duration of each interval, shape (k,) [-].
+        Factor on the duration of each interval, shape (k,) [-]; below 1 if V_max, valves and pumps
+        allow a shorter one.
     """
     broken = min(int(np.searchsorted(time, violation.time, "right")) - 1, len(used) - 1)
     if violation.limit.time_scaling is TimeScaling.INERTIA:
@@ -72,8 +73,8 @@ def spread_over_steps(
     """Compute the factor on the duration of each path step from those of a motion's intervals.
 
     All steps get the largest factor if it is at most MIN_PIECE_FACTOR, or if `slows_pieces` is
-    False. Otherwise each interval counts for its nearest node, and so for the two steps that meet
-    there. Each step gets the largest factor that counts for it, at least 1.
+    False. Otherwise the factor of each interval goes to the nearest node, and from there to the two
+    steps that meet in it. Each step gets the largest of its factors, at least 1.
 
     Args:
         needed: Factor that each interval needs, shape (m,) [-].

@@ -46,11 +46,11 @@ PISTON_PHASES = 7
 
 @dataclass(frozen=True, eq=False)
 class Steering:
-    """A moving start from which a motion steers straight to its end.
+    """Moving start from which one curve leads straight to the goal.
 
     Attributes:
         start: State of the joints at the start of the motion.
-        trajectory: Rest of the plan in force, with stamp 0; paths are searched from its end.
+        trajectory: Remainder of the plan in force, with stamp 0. Paths are searched from its end.
     """
 
     start: MotionState

@@ -2,23 +2,20 @@
 
 Curves are tried in this order. The first that keeps every limit is taken, and the result names it.
 
-1. The published sixth-degree polynomials, if the rules ask for them. From a moving start they are
-   taken only if they do not run on farther than coming to rest would, and are not stretched.
-2. The discrete path with ramps between its speeds, slower and slower ones. If a moving start
-   coasts, the path begins at once.
+1. The published polynomial of degree 6 per joint, if the rules ask for it.
+2. The discrete path with ramps (smooth changes of speed). From a moving start it begins at once.
 3. From a moving start: coming to rest, and then 2.
 4. The path with ramps, and with a rest before each step in which an actuator begins to be boosted.
 5. The discrete path step by step, with a rest at every node.
 
-If a mode has just been switched, 3 to 5 are tried once more after a rest, in which the mode
-becomes old enough to be left.
+If a mode is in force too briefly to be left, 3 to 5 are tried once more, after a rest.
 
-A motion may have to end near the end of the plan in force, as for a goal that moves. It then steers
+For a goal that moves, the motion may have to end near the end of the plan in force. It then goes
 straight there from its state of motion (`s3_state_to_rest`), and no other curve is tried.
 
-Steps become longer until valves, servo pumps and main pump can follow (`s3_slowing`). Ramps are
-made slower until the pressures suffice. A motion rests for a while at its end if an actuator would
-otherwise be switched too early there.
+Steps become longer until valves, servo pumps and main pump can follow (`s3_slowing`). Ramps become
+longer until the pressures suffice. A motion ends with a rest if an actuator would otherwise be
+switched too early there.
 """
 
 from __future__ import annotations
@@ -134,16 +131,16 @@ class FittedMotion:
     Attributes:
         trajectory: Joint trajectory.
         schedule: Modes over time.
-        method: Method of the part after braking.
+        method: Kind of curve after the braking.
         braked: True if the motion begins with braking.
-        stretch: Mean factor on the durations of the path's steps, weighted by them [-]. Rests that
-            were inserted count as steps.
+        stretch: Factor on the path's whole duration [-]; above 1 if the path had to be slowed.
+            Inserted rests are part of the path.
         speed_excess: Greatest |v|/V_max − 1 of a piston [-]; negative if V_max is kept.
         tip_deviation: Greatest distance of the tip from a node of the path at the time at which the
             motion is to be there [m].
         joint_deviation: Greatest distance of a joint from a node's posture at the time at which the
             motion is to be there [rad or m].
-        refused: One sentence for each curve that was tried before.
+        refused: Reasons why curves tried before were refused, one sentence each.
         overloads: Rests under loads beyond the highest boost pressure.
         profiles: Profiles at the trajectory's points and middles; None if they were not computed.
     """
@@ -172,27 +169,25 @@ def fit_trajectory(
 ) -> FittedMotion:
     """Fit a trajectory and its mode schedule to a discrete path, with a rest at the path's end.
 
-    Several curves are tried: polynomials, the path with smoothed changes of speed, the path after
-    braking, and the path step by step. The first that keeps every limit is taken. Curves are
-    stretched in time as far as the rules allow. If the start is beyond joint limits or workspace,
-    joints may only return.
+    Several curves are tried: the polynomial, the path with smoothed changes of speed, the path
+    after braking, and the path step by step. The first that keeps every limit is taken. Curves are
+    slowed as far as the rules allow. A joint that starts beyond its limits may only return.
 
     Args:
         machine: Machine with its obstacles.
         path: Discrete path. It begins at `start`, or where `brake` comes to rest.
         start: State of the joints at the start.
         modes: Modes in force at the start, and time since each actuator's last switch.
-        brake: How a moving start is continued; None for a start at rest. A `Trajectory` brakes
-            along the old path (`mhsb_model.braking`). A `Coasting` brings each piston to rest by
-            itself; the motion along the path may begin before that. A `Steering` contains the
-            remainder of the plan in force, at whose end the path begins; the motion then goes from
-            `start` straight to the path's end.
+        brake: Motion that brings a moving start to rest; None for a start at rest. After a
+            `Trajectory`, the path begins from rest. During a `Coasting`, the path may begin
+            earlier. A `Steering` contains the rest of the plan in force, at whose end the path
+            begins; the motion then goes from `start` straight to the path's end.
         rules: Settings of the fit; None means the defaults.
         deadline: Instant at which the work is given up.
 
     Returns:
-        First motion that keeps every limit, with stamp 0. It also names the curves that were
-        refused before.
+        First motion that keeps every limit, with stamp 0. Its `refused` has the reasons why curves
+        before it were refused.
 
     Raises:
         ValueError: Start, brake and path do not meet, or the path has no steps.
@@ -369,9 +364,8 @@ def _fit_each(
         machine: Machine that moves.
         path: Path of the motion.
         start: State at the path's first posture.
-        ways: For each way a braking motion or None, the start of the curve, and the rules that say
-            which curves are tried. The start is a Coasting (moving start that comes to rest by
-            itself), a Steering (one curve from the moving start to the goal), or None at rest.
+        ways: For each way: a braking motion or None, what a moving start does (come to rest, steer
+            to the goal; None at rest), and the rules that say which curves are tried.
     """
     modes = StartModes.create_settled(path.start_modes)
     for brake, steering, rules in ways:
@@ -465,15 +459,13 @@ def _fit_candidate(
 ) -> FittedMotion | Violation | str:
     """Compute the motion of one curve, slowed until it keeps every limit.
 
-    In each round the curve is sampled, gets its mode schedule and is checked. It is refused at once
-    in four cases: it passes a joint limit, misses a via point, moves a piston further than braking
-    and path need, or switches an actuator again too soon.
+    The curve is refused if it passes a joint limit, misses a via point, moves a piston farther than
+    braking and path need, or switches an actuator again too soon. Its steps become longer if V_max,
+    valves, pumps, or the limits of joint acceleration and jerk are exceeded. With `slows_pieces` of
+    the candidate, only the steps around the violation become longer, else all.
 
-    Otherwise steps become longer if V_max, valves, pumps, or the limits of joint acceleration and
-    jerk are exceeded. If the candidate slows pieces, only the steps around the violation become
-    longer, else all steps. When all this holds at the sampled points, pressures, obstacles and the
-    times between the points are checked. The rounds end with a violation that slowing cannot mend,
-    or when the whole path would become too slow.
+    Pressures, obstacles and the times between points are checked last. The curve is also refused if
+    slowing cannot mend a violation, or if the path would become too slow.
 
     Args:
         machine: Machine with joint limits that are widened so that they contain the start.
@@ -582,8 +574,8 @@ def _describe_passed_limit(
         machine: Machine that moves.
         limits: Arrays of the machine with the joint limits. A joint that starts beyond a limit must
             not move further out.
-        candidate: Curve that is tried. Its `furthest_travel`, if set, limits how far the pistons
-            may move: not further than braking and the path need.
+        candidate: Curve that is tried. Its `furthest_travel`, if set, is how far braking and the
+            path move each joint; pistons may not move farther.
         position: Joint positions at the sampled points, shape (m, n) [rad or m].
         rules: Settings of the fit, with `max_overrun`.
 
@@ -609,9 +601,9 @@ def _compute_speed_uses(
 ) -> FloatArray:
     """Compute the share of V_max, valves and pumps that each interval of a motion uses.
 
-    The allowed speed of each piston is V_max (1 + max_excess). If the curve begins with a moving
-    start, the start may be faster, and stretching cannot slow it. The factor 1 + max_excess is then
-    raised for all pistons, to USAGE_RESERVE times the largest ratio of speed to V_max at the start.
+    The allowed speed of each piston is V_max (1 + max_excess). A curve that begins at a moving
+    start may begin faster, and slowing does not help there. The factor 1 + max_excess is then
+    raised to USAGE_RESERVE times the largest ratio of speed to V_max at the start.
 
     Args:
         machine: Machine that moves.

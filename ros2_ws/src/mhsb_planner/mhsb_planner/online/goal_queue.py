@@ -216,13 +216,13 @@ class GoalQueue:
     def postpone(self, pending_goal: PendingGoal, error: MhsbError) -> None:
         """Let the waiting goal wait on because no plan can start, or refuse it.
 
-        The goal is refused at once if the arm has another machine file, otherwise after a wait of
-        `LONGEST_WAIT`. If the arm has never sent a state, the goal also waits until `START_UP` has
-        passed since the planner's start.
+        The goal is refused at once if the arm has another machine file, and otherwise once it has
+        waited for `LONGEST_WAIT`. While the arm has never sent a state, it is not refused within
+        `START_UP` after the planner's start.
 
         Args:
-            pending_goal: The waiting goal.
-            error: Error for which no plan can start.
+            pending_goal: The waiting goal, with the time since which it waits.
+            error: Reason why no plan can start. A refusal has its code and sentence.
         """
         now = self._clock.steady_time()
         starts = self._arm_state.first_state_at == math.inf and now - self._started_at < START_UP

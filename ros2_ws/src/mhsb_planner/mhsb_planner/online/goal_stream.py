@@ -105,8 +105,8 @@ class GoalStream:
             now: Present time by the steady clock [s].
 
         Returns:
-            True if the velocity is not 0 and the last message is at most STREAM_END_PERIODS times
-            the median time between messages old.
+            True if the velocity is not 0, and the last message came at most STREAM_END_PERIODS
+            median message periods ago.
         """
         if not any(self.velocity):
             return False

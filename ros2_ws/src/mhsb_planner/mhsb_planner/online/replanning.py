@@ -67,15 +67,16 @@ class Replan:
         return self.starts_from_rest and self.previous_command.trajectory.end_ns <= now_ns
 
     def with_stamp(self, now_ns: int, commit_horizon: float) -> Replan:
-        """Return the same plan with a new stamp.
+        """Return a copy of this plan, whose command begins at another time.
 
         Args:
-            now_ns: Earliest new stamp, by the clock of the old stamp [ns]. The stamp may come a few
-                milliseconds later.
+            now_ns: Earliest new stamp, by the clock of the old stamp [ns]. The new stamp may be a
+                few milliseconds later.
             commit_horizon: Time from the stamp until the plan leaves the old command [s].
 
         Returns:
-            Copy of this plan with the command and the change (time of leaving) for the new stamp.
+            The copy. Its command has the new stamp, and `change_ns` is the absolute time at which
+            it leaves the old command.
 
         Raises:
             ValueError: The plan does not start from rest, or the old command still moves at

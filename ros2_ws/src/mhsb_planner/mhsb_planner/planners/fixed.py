@@ -27,20 +27,19 @@ class FixedPlanner:
     ) -> Iterator[PathProposal]:
         """Yield the cheapest path in the fixed-joint graph, or the path of the published search.
 
-        In this graph all joints but two keep their angles, so the graph is built here for the
-        start. The kept joints have the angles of the start, clipped to their limits. If
-        `options.initial_j3` is given, joint 3 is kept at that angle instead. `options.search`
-        chooses the search. The published one (the paper's) keeps one label per node, and may miss
-        the cheapest path.
+        In this graph all joints but two keep the angles of the start, clipped to their limits. With
+        `options.initial_j3`, joint 3 keeps that angle instead. The graph is built here.
+        `options.search` chooses the search. The published one (the paper's) keeps one label per
+        node, and may miss the cheapest path.
 
         Args:
             graph: Step graph (steps between postures); provides machine, posture table and grid.
             task: The request.
-            progress: Progress of the plan, with the time limit of the search.
+            progress: State of the planning loop, with the time limit of the search.
 
         Yields:
-            The first path that is found: to the goal or, if the goal has no path, to another
-            position of its region. At the end the cheapest path to any position of the region, if
+            The first path found: to the goal, or else to another position of the goal region (all
+            positions that are accepted). Then the cheapest path to any position of the region, if
             it is another one.
 
         Raises:

@@ -1,12 +1,12 @@
 """Integrated planner: decides path, posture and modes together (`mhsb_planner.integrated`).
 
-A motion may cost more than the estimate for its path. The planner therefore proposes other paths
-for comparison, too:
+A motion may cost more than the estimate for its path. The planner therefore also proposes paths
+from other searches, for comparison:
 
-- the paths of the baselines (the table planner and the fixed-joint planner), each fitted by the
-  baseline's method of S3 and by this planner's method;
+- the paths of the baselines (table planner and fixed-joint planner). The trajectory stage (S3)
+  makes a motion of each by the baseline's method and by this planner's method;
 - the path that is cheapest if each second costs TIME_PRICE [W] more;
-- if the area has a weight, the path that is found without it.
+- if the manipulability loss has a weight, the path that is found without it.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ for the energy of a motion's ramps and switches.
 """
 
 MAX_TIME_PRICED_STATES = 4000
-"""Largest number of lattice states that the additional search may expand."""
+"""Largest number of lattice states that the search with TIME_PRICE may expand."""
 
 
 BASELINE_PLANNERS: tuple[PathPlanner, ...] = (TablePlanner(), FixedPlanner())
-"""Planners whose motions are compared with its own, the faster first."""
+"""Planners that the integrated planner compares itself with, the faster first."""
 
 
 class IntegratedPlanner:
@@ -68,16 +68,17 @@ class IntegratedPlanner:
     def paths(
         self, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
-        """Yield the planner's own paths and, in between, paths of other searches for comparison.
+        """Yield paths of the integrated search and, in between, of other searches for comparison.
 
         The other searches are those of the baselines (table and fixed-joint planner) and variants
-        of the integrated search. `planners.schedule` decides the order; with a deadline it differs.
+        of the integrated search. The order depends on whether there is a deadline
+        (`planners.schedule`).
 
         Args:
             graph: Step graph (steps between postures) of the posture table; provides machine and
                 table.
             task: The request.
-            progress: Progress of the plan.
+            progress: State of the planning loop, with deadline and log.
 
         Yields:
             Path proposals. `for_comparison` is set unless they come from the integrated search
@@ -98,23 +99,24 @@ class IntegratedPlanner:
     def _create_proposers(
         self, search: IntegratedSearch, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> ProposerSet:
-        """Create the proposers for a request; none of them does anything before its first turn.
+        """Create the proposers (sources of paths) for a request.
 
-        There are always proposers of the integrated search, of the same search without leakage, and
-        of each baseline. Others are added if the request calls for them:
+        None does any work before its first turn. There is one for the integrated search, one for
+        the same search without leakage, and one for each baseline (planner to compare with). Others
+        are added:
 
-        - If energy has a weight and no motion is to follow (`period` 0): a search with a price on
-          time.
-        - If the manipulability loss has a weight: a search without it, which comes before the
-          baselines.
-        - If there is a goal region: all of these for the same request without the region. They come
-          last. They ensure that the plan costs no more than it would without the region.
+        - If energy has a weight and goals have no `period`: a search in which each second costs
+          more.
+        - If the manipulability loss has a weight: a search without it. This one and the one before
+          then come before the baselines.
+        - If there is a goal region: the whole planner for the request without the region. It comes
+          last, and ensures that the region does not make the plan more expensive.
 
         Args:
             search: The integrated search.
             graph: Step graph (steps between postures) of the posture table.
             task: The request.
-            progress: Progress of the plan.
+            progress: State of the planning loop, with deadline and log.
 
         Returns:
             The proposers.
@@ -156,7 +158,7 @@ class IntegratedPlanner:
         Args:
             graph: Step graph (steps between postures) of the posture table.
             task: The request with its goal region.
-            progress: Progress of the plan.
+            progress: State of the planning loop, with deadline and log.
 
         Yields:
             Path proposals; their proposers' names end with "to the goal alone".
@@ -227,8 +229,7 @@ def _paths_without_leakage(
 ) -> Iterator[PathProposal]:
     """Yield the paths of an integrated search that ignores leakage when it compares paths.
 
-    This suits a request whose slew takes longer than the path. Every path then lasts as long as the
-    slew, so leakage is equal on all paths.
+    It suits a slew that takes longer than the path. Leakage then costs the same on each path.
 
     Args:
         machine: The planar arm (without the slewing joint).
@@ -236,7 +237,7 @@ def _paths_without_leakage(
         progress: Progress of the plan.
 
     Yields:
-        Path proposals. The cost that they state includes leakage.
+        Path proposals. Their costs include leakage.
     """
     search = _create_search(machine, task, progress, task.area, leaks=False)
     for path in search.paths():
@@ -249,9 +250,8 @@ def _path_with_time_price(
 ) -> Iterator[PathProposal]:
     """Yield the path that is cheapest if each second costs TIME_PRICE [W] more.
 
-    The search ignores the manipulability loss. As soon as it has a path, the number of its expanded
-    states is limited to MAX_TIME_PRICED_STATES. The cost that the path states contains neither the
-    price on time nor that loss.
+    The search ignores the manipulability loss. Once it has a path, it expands at most
+    MAX_TIME_PRICED_STATES states in total.
 
     Args:
         machine: The planar arm (without the slewing joint).
@@ -259,7 +259,7 @@ def _path_with_time_price(
         progress: Progress of the plan.
 
     Yields:
-        One path proposal.
+        One path proposal. Its cost contains neither this price nor the manipulability loss.
 
     Raises:
         MhsbError: There is no path, or none was found before the deadline.
@@ -278,15 +278,13 @@ def _path_without_area(
 ) -> Iterator[PathProposal]:
     """Yield the path that is cheapest if the manipulability loss has no weight.
 
-    The cost that the path states does not contain that loss.
-
     Args:
         machine: The planar arm (without the slewing joint).
         task: The request.
         progress: Progress of the plan.
 
     Yields:
-        One path proposal.
+        One path proposal. Its cost does not contain the manipulability loss.
 
     Raises:
         MhsbError: There is no path.
@@ -300,8 +298,8 @@ def _baseline_paths(
     """Yield each path of a baseline (planner to compare with), for both methods of S3.
 
     S3 (trajectory stage) makes a motion of a path: it fits a polynomial or follows the path. Each
-    path comes first for the method of the planner that the request names, then for the baseline's
-    own. If the options choose the method, each path comes only once.
+    path comes first for the method of the planner that is named in the request, then for the
+    baseline's method. If the options name a method, each path comes only once.
 
     Args:
         baseline: The baseline.

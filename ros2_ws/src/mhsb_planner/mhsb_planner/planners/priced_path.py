@@ -20,15 +20,15 @@ def price_path(
 ) -> DiscretePath | None:
     """Make the discrete path through postures, each step in its cheapest mode combination.
 
-    The cost of a step is w₁ E + w₂ T + w₃ switches, with E by the energy reading of the request.
-    Each step counts its switches from the modes of the step before. Later steps are not looked at,
-    so the path as a whole may cost more than necessary.
+    The cost of a step is w₁ E + w₂ T + w₃ switches: energy, duration, and mode switches from the
+    step before. The request says how boosted oil is priced in E (`energy_reading`). Each step is
+    priced without regard to later ones, so another choice of modes may make the whole path cheaper.
 
     Args:
         machine: The planar arm (without the slewing joint), `StepGraph.machine`.
-        task: The request, with weights, energy reading and the modes in force at the start.
+        task: The request, with weights w, `energy_reading` and the modes in force at the start.
         posture: Joint positions at the ends of the steps, shape (k + 1, n), k ≥ 1 [rad or m].
-        progress: Progress of the plan; its `search_deadline` is checked before each step.
+        progress: State of the planning loop. Its `search_deadline` is checked before each step.
 
     Returns:
         The path; None if a step is admissible in no mode combination.

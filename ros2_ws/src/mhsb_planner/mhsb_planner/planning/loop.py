@@ -207,7 +207,8 @@ class PlanningLoop:
            switches, exceeds the incumbent's cost.
         2. One motion is fitted by the rules of `fit_rules`. If there is no incumbent and these
            rules ask for a polynomial, a motion that follows the path is fitted first, because this
-           is faster.
+           is faster. The polynomial then replaces it whatever it costs, unless it had to be slowed
+           to keep the limits.
         3. If that motion costs at most NEAR_BEST_COST_FACTOR times as much as the incumbent,
            variants of it are fitted, such as one with faster ramps. With a deadline, the variants
            of the first motion wait until the next path has its motion.
@@ -263,12 +264,11 @@ class PlanningLoop:
             self._try_variants(postponed.proposal, postponed.motion, postponed.rules)
 
     def _try_variants(self, proposal: PathProposal, motion: FittedMotion, rules: FitRules) -> None:
-        """Fit variants of a motion to its path, and keep each that beats the incumbent (best plan
-        so far).
+        """Fit variants of a motion to its path, and keep each that beats the incumbent.
 
-        Variants are motions by other rules, such as faster ramps (`yield_variant_rules`). A variant
-        that becomes the incumbent also lists the reasons why curves were refused for the first
-        motion.
+        The incumbent is the best plan so far. Variants are motions by other rules, such as faster
+        ramps (`yield_variant_rules`). A variant that becomes the incumbent also lists the reasons
+        why curves were refused for the first motion.
 
         Args:
             proposal: Proposal with the path.

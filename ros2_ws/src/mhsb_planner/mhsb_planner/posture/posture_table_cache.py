@@ -48,17 +48,16 @@ def load_or_build_table(
 ) -> PostureTable:
     """Return the posture table of a machine without its slewing joint; build it if necessary.
 
-    If `path` is given, the table is read from this file alone. Otherwise it comes from the cache. A
-    table that the cache does not contain is built and stored there. A damaged one in the cache is
-    logged, built anew and replaced. If the cache cannot be written, this is logged, and the table
-    is still returned.
+    If `path` is given, the table is read from this file. Otherwise it comes from the cache; if it
+    is missing or damaged there, it is built and stored. A damaged table, and a cache that cannot be
+    written, are only logged.
 
     Args:
         machine: The machine.
         path: File to read; None means the cache.
-        spacing: Grid spacing for the cache or for building [m]; None means the machine's own.
-        progress: Called with the numbers of finished and of all nodes; None shows a progress bar if
-            the output is a terminal.
+        spacing: Grid spacing [m]; None means the machine's own. Not used if `path` is given.
+        progress: Called during building with the numbers of finished and of all nodes. None shows a
+            progress bar if the output is a terminal.
 
     Returns:
         The table.

@@ -111,12 +111,11 @@ def tip_columns(m: MachineArrays, q: FloatArray) -> FloatArray:
 def cross_products(columns: FloatArray, cross: FloatArray) -> None:
     """Compute the cross products of the tip velocities of all pairs of joints.
 
-    The result is exactly antisymmetric. Each column is first changed by a few COLUMN_PERTURBATION,
-    differently for each joint. The order in which joints get the flow (`polytope_area_from_limits`)
-    is then definite even for parallel tip velocities, and the same at every call.
+    A small number, another for each joint, is first added to each column. Parallel tip velocities
+    then have products that are not 0. The result is exactly antisymmetric.
 
     Args:
-        columns: Tip velocity per piston speed C_j of each joint, shape (2, n) [-].
+        columns: Tip velocity per piston speed C_j of each joint, shape (2, n) [-]. Not changed.
         cross: Cross products C_i × C_j, written in place, shape (n, n) [-].
     """
     n = columns.shape[1]

@@ -701,16 +701,15 @@ def middle_forces(
 ) -> None:
     """Compute the piston forces under gravity at the middle of moves that leave one posture.
 
-    A move is straight in joint space.
+    Each move is straight in joint space. If the tip leaves the workspace anywhere on a move, the
+    move is inadmissible and its forces are NaN.
 
     Args:
         m: Arrays of the machine, with its payload.
         start: Joint positions that the moves leave, shape (n,) [rad or m].
         end: Joint positions, shape (postures, n) [rad or m].
         first: Row of `end` that the first move reaches; further moves reach the following rows.
-        force: Forces, positive if they resist extension, shape (count, n) [N]. Written in place;
-            count is the number of moves. If the tip leaves the workspace on the way, the row
-            becomes NaN, and the move is inadmissible.
+        force: Forces, positive if they resist extension, shape (moves, n) [N]. Written in place.
     """
     middle = np.empty(len(start))
     for k in range(len(force)):
