@@ -115,15 +115,15 @@ def retime_along(
 
 
 def cut_before(trajectory: Trajectory, at_ns: int) -> Trajectory | None:
-    """Return the part of a trajectory that lies after an absolute time.
+    """Return the part of a trajectory after an absolute time, as a trajectory with stamp 0.
 
     Args:
         trajectory: The motion. It is not changed.
-        at_ns: Absolute time at which the result begins [ns].
+        at_ns: Absolute time at which the part begins [ns].
 
     Returns:
-        The remaining motion. Its point times count from `at_ns`, and its `stamp_ns` is 0. None if
-        less than `MIN_POINT_SPACING_NS` is left.
+        The part, whose stamp 0 stands for `at_ns`. None if less than `MIN_POINT_SPACING_NS` is
+        left.
     """
     if trajectory.end_ns - at_ns < MIN_POINT_SPACING_NS:
         return None

@@ -370,8 +370,9 @@ class Machine:
     ) -> Machine:
         """Return a copy of the machine with some values replaced.
 
-        None keeps a value. The copy has no `shadows`, and its `arrays.external_leakage` is 0. Only
-        a machine from `planar_arm` or `make_planar_arm_with_shadows` has other values.
+        None keeps a value. The copy of a machine from `planar_arm` or
+        `make_planar_arm_with_shadows` loses two things: its `shadows` (obstacles in the plane that
+        stand for zones in space) become empty, and `arrays.external_leakage` becomes 0.
 
         Args:
             payload: Mass at the tip [kg].

@@ -471,7 +471,7 @@ def _find_largest_magnitude(control: FloatArray) -> float:
         control: Values, float64[k].
 
     Returns:
-        The largest magnitude; nan if one of the values is nan.
+        The largest magnitude; nan if one of the values is nan, 0 if there are none.
     """
     largest = 0.0
     for each in control:
@@ -487,7 +487,7 @@ def _evaluate_bernstein(control: FloatArray, u: float) -> float:
     """Evaluate a polynomial in Bernstein form.
 
     Args:
-        control: Control values (Bernstein coefficients), one more than the degree.
+        control: Bernstein coefficients, shape (degree + 1,).
         u: Argument, 0 … 1.
 
     Returns:

@@ -54,8 +54,8 @@ def describe_validation_errors(
 ) -> list[str]:
     """Describe each problem of a pydantic validation error in one sentence.
 
-    If values of a list are wrong, pydantic also counts the list as too short. This second problem
-    is left out.
+    If a value in a list is wrong, pydantic also reports that the list is too short. That report is
+    left out.
 
     Args:
         error: Error that pydantic has raised.

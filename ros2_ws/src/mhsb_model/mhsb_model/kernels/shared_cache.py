@@ -45,10 +45,12 @@ class SharedDispatcher:
     """Whether storing has failed in this process, common to all kernels."""
 
     def __init__(self, dispatcher: Any) -> None:
-        """Wrap a dispatcher, and delete its damaged files.
+        """Wrap a dispatcher, and delete damaged files of its cache folder.
+
+        A file is damaged if its hash differs from the recorded one.
 
         Args:
-            dispatcher: Numba dispatcher, with a cache folder of its own or with none.
+            dispatcher: Numba dispatcher. If it has no cache folder, nothing is checked.
         """
         self.dispatcher = dispatcher
         path = dispatcher.stats.cache_path
@@ -133,10 +135,10 @@ class SharedDispatcher:
         SharedDispatcher._storing_has_failed = True
 
     def _check_versions(self, folder: Path) -> None:
-        """Delete compiled versions that differ from their recorded hashes.
+        """Delete compiled versions of the kernel (one per argument types) whose files are damaged.
 
-        Versions without a recorded hash are trusted, and their hashes are recorded now. Numba has
-        stored them outside of `run_locked`.
+        A file is damaged if its hash differs from the recorded one. A version without a recorded
+        hash is trusted, and its hash is recorded.
 
         Args:
             folder: Cache folder of this kernel.

@@ -338,10 +338,11 @@ def _list_obstacles(
         joints_before_plane: 1 if joint 1 slews, so that its link is not in the plane, else 0.
 
     Returns:
-        One pair for each obstacle: its name, and a list. The list has the kind, then a link in the
-        plane (from 0), then the numbers of the shape [m]. The obstacle holds for this link and all
-        later ones. For self-collision it holds for this link alone, and the shape is the index of
-        an earlier link. The number `links` means the tip alone.
+        One pair for each obstacle: its name, and a list of kind, link and shape. `link` is the
+        index (from 0) of the first link in the plane that may not touch the obstacle; all later
+        ones may not, either. If it equals `links`, only the tip may not. The shape is in [m]. For
+        self-collision, the list is kind and the indices of the two links that may not touch, the
+        later first.
     """
     found: list[tuple[str, list[float]]] = []
     named = 1 + joints_before_plane  # number of the first link in the plane
@@ -395,7 +396,8 @@ def _describe_box(box: Box) -> tuple[str, list[float]]:
     """Return the name of a box for messages, and its kind followed by its two corners.
 
     Args:
-        box: Box of a machine file; it is in space if it has limits of y.
+        box: Box of a machine file. With limits of y it is a box in space, without them one in the
+            arm's plane.
 
     Returns:
         Name with the corners in m, and the list of kind, low corner and high corner [m].
