@@ -71,9 +71,8 @@ class PointArrays:
 def read_point_arrays(message: JointTrajectory | bytes, what: str, max_points: int) -> PointArrays:
     """Return the content of a message, or of its bytes, as arrays.
 
-    NumPy reads bytes in which all points fill the same fields (such as positions and velocities)
-    with arrays of one length. rclpy reads all others. The number of points is checked before any
-    point is read.
+    The number of points is checked before any point is read. Joint names, lengths of the arrays and
+    values are not checked.
 
     Args:
         message: Message, or its serialized bytes.
@@ -81,11 +80,12 @@ def read_point_arrays(message: JointTrajectory | bytes, what: str, max_points: i
         max_points: Largest number of points.
 
     Returns:
-        The content. Joint names, lengths of the arrays and values are not checked.
+        The content. If points differ in their fields or lengths, each row is a sequence of its own
+        length.
 
     Raises:
-        MessageError: There are too many points, the bytes are no message, or a time has a second or
-            more in its nanoseconds.
+        MessageError: There are too many points, the bytes are no message, or the nanoseconds of a
+            time are 10⁹ or more.
     """
     if isinstance(message, bytes):
         head = _HeadReader(message)
