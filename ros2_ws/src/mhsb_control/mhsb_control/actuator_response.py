@@ -267,10 +267,11 @@ class DelayEstimate:
         self._products, self._squares = np.zeros(count), np.zeros(count)
 
     def learn(self, expected: FloatArray, moved: float, time: float) -> None:
-        """Update the estimate by the mean speed of the piston in a window.
+        """Update the estimate of the delay with the mean speed of the piston in a window.
 
         Args:
-            expected: Mean speed that the curve predicts with each candidate, float64[c], [m/s].
+            expected: Mean speed that the valve's characteristic curve predicts with each candidate
+                delay, float64[c], [m/s].
             moved: Measured mean speed [m/s].
             time: Time since the last call [s].
         """

@@ -371,7 +371,10 @@ class LagCompensatedController:
             )
 
     def update(self) -> None:
-        """Write all commands at the controller's own rate, and keep them in the steps between."""
+        """Write all commands if the controller's own period is over; otherwise keep them.
+
+        It is called in each step of the servo.
+        """
         if self._until_next == 0:
             self._until_next = self._steps
             self._command_valves()

@@ -444,8 +444,8 @@ def compute_pump_demand(
 
     - The sum stays below `compute_coasting_limit` by the estimates.
     - The charging flow stays within `p.charging_flow_left`.
-    - The sum stays within the coasting limit of a slower pump on a stiffer line. At least the
-      share `min_charge_share` of the charging flow is allowed nevertheless.
+    - The sum stays within the coasting limit of a slower pump on a stiffer line. At least the share
+      `min_charge_share` of the charging flow is allowed nevertheless.
 
     The first limit is relaxed for a line that the manifold may feed as well. Such a line gets the
     drawn flow and `min_charge_share` of the charging flow, if the limit without leakage uncertainty
@@ -457,7 +457,7 @@ def compute_pump_demand(
         pressure: Measured pressure of the line [Pa].
         targets: p_ref, target of the pressure at present, and from point PREVIEW_POINT on [Pa].
         capacity: C, capacity of the line with the estimated compressibility [m³/Pa].
-        pending: Oil that arrives whatever is commanded now [m³].
+        pending: Oil that earlier commands still bring [m³].
         p: State of the pumps. Reads `volume`, `leakage_uncertainty` and `targets` of the line.
             Reduces `charging_flow_left` by the charging flow in place.
 
@@ -568,15 +568,16 @@ def feeds_rail(
 def compute_rail_demand(s: ServoArguments, p: PumpState, pending: float) -> float:
     """Compute the flow that all pumps on the rail together are to feed into it.
 
-    The drawn flow has three parts. They are `line_flow` of the joined lines, plus the flow through
-    closing or throttled join valves of other lines, less the observed shortfall of the rail.
-    `compute_pump_demand` adds the charging flow and the limits.
+    It is the flow that is drawn from the rail plus the charging flow (`compute_pump_demand`). The
+    drawn flow is that of the joined lines, plus that through closing or throttled join valves. It
+    is reduced by the flow by which pistons were observed to draw less than commanded.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo.
-        p: State of the pumps. Writes the rail's entries of `volume` and `leakage_uncertainty` (the
-            last ones), and reduces `charging_flow_left`, in place.
-        pending: Oil that arrives in the rail whatever is commanded now [m³].
+        p: State of the pumps. Changed in place: the rail's entries of `volume` and
+            `leakage_uncertainty` (the last ones) are written, and `charging_flow_left` is reduced
+            by the charging flow.
+        pending: Oil that earlier commands still bring into the rail [m³]; it limits the result.
 
     Returns:
         Flow of all these pumps together [m³/s], not limited to their range.

@@ -288,11 +288,11 @@ def build_governor_state(
     The governor requests boost and slows the plan if measured pressures come near their limits.
 
     Args:
-        machine: The machine as its file describes it.
+        machine: The machine for which the servo computes.
         signals: Signals of the servo controller; their arrays are shared, not copied.
         reference: The reference that is slowed; its speed scaling is shared.
         usual_error: Distance of the tip from its reference that is normal for an arm of the paper's
-            size [m]. It is scaled with the size of the machine.
+            size [m]. It is multiplied by the machine's relative size.
         settings: Tuned numbers.
 
     Returns:
