@@ -39,11 +39,11 @@ def audit_elements(
     counters: FloatArray,
     volume: CircuitVolumes,
 ) -> None:
-    """Add the energy that each element of the circuit has turned over in a substep to its counter.
+    """Add the energy that flows into each element of the circuit in a substep to its counter.
 
-    Energies use the mean flow and the mean pressures of the step, as the implicit scheme does.
-    Power in therefore equals power out at every node (Tellegen's theorem). Of the oil volumes, only
-    the net oil that returns to the tank is counted, with its energy at tank pressure.
+    It is flow times pressure drop times duration, with the mean values of the substep. Energies in
+    and out are therefore equal at every node (Tellegen's theorem). For a servo pump, shaft energy
+    and losses are added instead. The net oil that returns to the tank is counted, too.
 
     Args:
         net: Elements of this substep, CircuitElement, each with its two nodes, its flow [m³/s] and

@@ -62,15 +62,16 @@ def compute_linkage_bars(machine: Machine, q: FloatArray) -> list[Bar]:
 def compute_planar_bars(machine: Machine, q: FloatArray) -> list[Bar]:
     """Compute the round bars of all linkages in the arm's own plane, before it is slewed.
 
-    They lie at y = LINKAGE_OFFSET, beside the links. Motors and rack-and-pinion drives have none.
+    The bars lie at y = LINKAGE_OFFSET, beside the links. Motors and rack-and-pinion drives have
+    none.
 
     Args:
         machine: The machine.
         q: Joint positions, float64[n], [rad or m].
 
     Returns:
-        Bars with x forward and z up in that plane, actuator by actuator; the barrel of each is its
-        last bar.
+        Bars with x forward and z up in that plane, actuator by actuator. The last bar of an
+        actuator is the barrel of its cylinder.
     """
     joints, size = machine.joint_positions(q), machine.relative_size
     # angle[j] is that of the link before joint j, angle[j + 1] that of the link after it.

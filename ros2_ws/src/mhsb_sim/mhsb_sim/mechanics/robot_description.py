@@ -116,7 +116,10 @@ def _build_inertial(mass: float, center: float, along: float, across: float) -> 
 
 
 def _add_link(robot: Element, name: str, length: float, stroke: float, inertial: Element) -> None:
-    """Add a link, drawn as a box from its tip back by length plus stroke.
+    """Add a link, drawn as a box from its tip backward.
+
+    The box is as long as length plus stroke, so that a telescope overlaps the link before it. The
+    tip is at x = `length` in the link's frame.
 
     Args:
         robot: Root element, changed in place.

@@ -145,11 +145,11 @@ class ArmPublisher:
     def report_due(self) -> bool:
         """Return whether the simulator's report is due.
 
-        Its period is REPORT_PERIOD. It is DELAY_PERIOD while the delay of plans, caused by speed
-        scaling, changes.
+        Its period is REPORT_PERIOD. It is DELAY_PERIOD if the delay of plans by speed scaling has
+        changed since the last report.
 
         Returns:
-            True if the period has passed in simulated time or in real time.
+            True if the period is over in simulated time or in real time.
         """
         wall, sim_ns = self._last_report
         passed_ns = self._simulator.time_ns - sim_ns

@@ -162,7 +162,10 @@ class SimNode(Node):
         self._restart_pacing()
 
     def _restart_pacing(self) -> None:
-        """Restart pacing and publishing at the present simulated time, and publish all reports."""
+        """Make real time and simulated time run on together from now, and publish all reports.
+
+        Periods of publishing begin anew, too.
+        """
         self._pacer.restart(time.monotonic_ns(), self._arm.simulator.time_ns)
         self._publisher.restart()
         self._publish_reports()

@@ -132,13 +132,13 @@ class Supervision:
     def watch(self) -> None:
         """Take a sample of the arm, and act on it according to the phase.
 
-        - WATCHING: symptoms are evaluated. They may warn or begin a stop.
-        - STOPPING: the valves close (CLOSED) as soon as the arm rests, `longest_stop_ns` has
-          passed, or the following error exceeds `closing_error_factor` times its limit.
+        - WATCHING: symptoms are evaluated. They may warn or begin a stop (STOPPING).
+        - STOPPING: the valves close (CLOSED) as soon as the arm rests, `longest_stop_ns` is over,
+          or the following error exceeds `closing_error_factor` times its limit.
         - CLOSED: as soon as the arm rests, the reference is set to the arm's posture (HELD).
-        - HELD: nothing happens until `release` is called.
-        - VENTING: the pressure of trapped oil is lowered. The arm is released when no oil is
-          trapped and the arm rests.
+        - HELD: nothing happens. `release` begins VENTING.
+        - VENTING: the pressure of trapped oil is lowered. When no oil is trapped and the arm rests,
+          WATCHING begins again.
         """
         settings = self.settings
         now, sample = self._simulator.time_ns, ArmSample.from_simulator(self._simulator)
