@@ -361,8 +361,8 @@ def _record(
 ) -> None:
     """Send all goals to the running nodes, one after the other, while a recorder runs.
 
-    The recorder is started first and ended at the end. Each goal is sent when the one before is
-    over: its time has passed, or its motion has ended, or no plan was made for it.
+    The recorder starts first and ends last. If a goal has a `time`, the next one is sent that long
+    after it. Otherwise the next one is sent at the end of its motion, or at once if it got no plan.
 
     Args:
         sender: Node that sends goals and collects verdicts.

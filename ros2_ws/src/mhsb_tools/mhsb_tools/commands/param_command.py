@@ -93,10 +93,10 @@ class _RemoteParameters:
             )
 
     def _wait(self, answer: Future) -> Any:
-        """Return the result of a request.
+        """Return the result of a request, and serve the own node meanwhile.
 
         Raises:
-            ParameterError: No result came within the node's time to answer.
+            ParameterError: No result came within the command's timeout.
         """
         if not spin_until(self._executor, answer.done, self._timeout):
             raise ParameterError(f"{self._name} gave no answer within {self._timeout:g} s")

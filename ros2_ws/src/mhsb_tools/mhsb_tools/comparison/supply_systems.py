@@ -151,7 +151,7 @@ def needed_supply(machine: Machine, loads: MotionLoads) -> float:
 
     Args:
         machine: The arm.
-        loads: Speeds and static forces of the motion.
+        loads: Motion, of which piston speeds and static forces are read.
 
     Returns:
         The pressure p [Pa].
@@ -170,7 +170,7 @@ def constant_pressure(machine: Machine, loads: MotionLoads, supply: float) -> Su
 
     Args:
         machine: The arm.
-        loads: Speeds of the motion.
+        loads: Motion, of which the piston speeds are read.
         supply: Constant pressure p [Pa].
 
     Returns:
@@ -200,7 +200,7 @@ def load_sensing(machine: Machine, loads: MotionLoads, margin: float) -> SupplyE
 
     Args:
         machine: The arm.
-        loads: Speeds and forces of the motion.
+        loads: Motion, of which piston speeds and forces are read.
         margin: Pressure margin Δp of load sensing [Pa].
 
     Returns:

@@ -168,15 +168,16 @@ class McapStructure:
     def find_next_records(self, at: int) -> int:
         """Search the file for the next offset at which records begin.
 
-        In a file with chunks, schemas, channels and messages outside chunks are not accepted,
-        because they may be inside a damaged chunk. The first call therefore first searches the
-        whole file for a chunk.
+        If the file has chunks, offsets of schemas, channels and messages are not accepted, because
+        these may be inside a damaged chunk. The first call searches the whole file for a chunk;
+        later calls use its answer.
 
         Args:
             at: Offset at which the search begins.
 
         Returns:
-            The first such offset, not before `at`; the file's size if there is none.
+            The first offset at or after `at` at which records begin; the file's size if there is
+            none.
         """
         if self._has_chunks is None:
             self._has_chunks = next(self._places(PLACE_OF_A_CHUNK, 0, False), None) is not None

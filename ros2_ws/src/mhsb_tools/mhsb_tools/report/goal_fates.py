@@ -19,8 +19,8 @@ from mhsb_tools.recording.recording import Recording, TimedValue
 LEAD_MAX = 1.0
 """Longest time from a goal to the motion that it causes [s], the planner's parameter `lead_max`.
 
-Machines without pressure sensors have their dead time in addition.
-It is counted by the system's clock, since this is how long the user waits.
+Machines without pressure sensors have their dead time in addition. It is measured between times of
+recording, since this is how long the user waits.
 """
 
 OF_THE_GOAL = frozenset(
@@ -79,8 +79,9 @@ class JudgedGoal:
     def lead_ms(self) -> float | None:
         """Time from the goal's receipt until the arm left its old plan for the goal's plan [ms].
 
-        The planner reports it; it includes attempts that the arm refused. None if no plan of the
-        goal's own came into force, or if the planner did not report the time.
+        The planner reports it; it includes attempts that the arm refused. None if the time was not
+        reported, or if no new plan for the goal came into force (the arm was there already, or kept
+        its old plan).
         """
         plan = self.verdict.plan if self.verdict else None
         if not self.plan_stamp_ns or plan is None or self.is_continued:
@@ -154,10 +155,11 @@ def judge_goals(
     The first rule that fits decides:
 
     1. Refused: the verdict finds fault with the goal itself. The rule is skipped if `all_feasible`.
-    2. Lost: the goal's plan came into force and the arm had time to reach the goal, but did not.
+    2. Lost: the goal's plan came into force and ended `settling_time` or more before the next goal,
+       but the execution report does not say that the goal was reached.
     3. Applied: the goal's plan came into force, or the arm was at the goal already.
-    4. Superseded: the verdict is OK or SUPERSEDED, and a newer goal came within `lead_max`.
-       Newer goals that are refused do not count.
+    4. Superseded: the verdict is OK or SUPERSEDED, and a newer goal came within `lead_max`. Newer
+       goals that are refused do not count.
     5. Lost: all other goals.
 
     Args:
@@ -169,7 +171,8 @@ def judge_goals(
         all_feasible: True states that a path to every goal exists; then no goal is judged as
             refused.
         settling_time: Time after the end of a motion within which the tip must be at the goal [s].
-        lead_max: Longest time from a goal to the motion that it causes, by the system's clock [s].
+        lead_max: Longest time from a goal to the motion that it causes [s]. Times of recording are
+            compared.
 
     Returns:
         One judgement for each goal, in the order of `goals`.
@@ -235,8 +238,8 @@ def _judge_unapplied_goal(
 ) -> tuple[GoalResult, str]:
     """Judge a goal of which no plan came into force.
 
-    It is superseded if its verdict is OK or SUPERSEDED and a newer goal came less than `lead_max`
-    later. The system clock counts. Otherwise it is lost.
+    It is superseded if its verdict is OK or SUPERSEDED and a newer goal was recorded less than
+    `lead_max` later. Otherwise it is lost.
 
     Args:
         sent: The goal with its times. It was not refused for its own sake. Only `recorded_ns` is

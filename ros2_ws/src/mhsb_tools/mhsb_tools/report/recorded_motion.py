@@ -74,8 +74,7 @@ def join_references(recording: Recording) -> Trajectory:
     """Join all references in a recording to one trajectory.
 
     A reference is what the servo follows at one time: position, velocity and acceleration of all
-    joints. Between two references, the trajectory is the quintic through both. It equals the plan's
-    curve, except for rounding errors.
+    joints. The references become the points of the trajectory, with quintics in between.
 
     Args:
         recording: The recording. Only `references` is read.

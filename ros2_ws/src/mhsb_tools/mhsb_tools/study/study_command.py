@@ -356,7 +356,8 @@ def study_faults(machine: Machine, faults: Sequence[str], jobs: Jobs, output: Pa
 
     Raises:
         FaultError: A fault does not exist.
-        MhsbError: The output folder cannot be used, or there is no plan for the motion.
+        MhsbError: The output folder cannot be used, or the motion in which the faults occur cannot
+            be planned.
     """
     make_output_folder(output, "the study")
     compile_planner()

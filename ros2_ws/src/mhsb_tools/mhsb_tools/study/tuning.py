@@ -352,7 +352,7 @@ def _compute_costs(
 
     Args:
         pool: Executor whose workers have the scenarios and draws of the training, in this order.
-        training: The training.
+        training: Scenarios, and draws of plants that differ from the machine file.
         controller: Name of the controller.
         batch: Sets of gains.
 

@@ -246,11 +246,11 @@ class ViewerNode(GoalSender):
             self._start_computing_regions()
 
     def _start_computing_regions(self) -> None:
-        """Start a thread that computes the mode that each node of the workspace grid needs.
+        """Start a thread that computes which mode the arm needs at each tip position of a grid.
 
-        The payload that the planner uses counts. If the posture table is not cached, the thread
-        builds it first. The computation takes seconds; then the node's thread draws its result. A
-        sentence on the page says that the computation has begun.
+        It uses the payload for which the planner plans, and the posture table; if that is not
+        cached, the thread builds it first. It takes seconds, and a sentence on the page says that
+        it has begun. The thread of the ROS node then draws the result.
         """
         machine, payload = self._machine, self._payload
 
