@@ -144,7 +144,7 @@ class IntegratedSearch:
     def improve_path(self, via: FloatArray, spacings: tuple[float, ...]) -> DiscretePath | None:
         """Improve a cylinder path from another source by local changes.
 
-        Of the goal postures, the one nearest to the last waypoint becomes the path's end.
+        The goal posture nearest to the last waypoint is taken as the path's end.
 
         Args:
             via: Waypoints (cylinder lengths) from the start to the goal, shape (points, n) [m].

@@ -95,9 +95,9 @@ def find_overloads(
 
 
 def _find_sinking_speed(machine: Machine, j: int, forces: FloatArray) -> float:
-    """Find the greatest speed at which loads above the highest boost pressure sink.
+    """Find the greatest speed at which loads sink behind a closed valve, because it leaks.
 
-    Such a load presses oil out of its cylinder through the leakage of the valve.
+    The valve's supply has the highest boost pressure.
 
     Args:
         machine: Machine with its hydraulics.
