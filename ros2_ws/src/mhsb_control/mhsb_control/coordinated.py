@@ -416,9 +416,9 @@ def compute_valve_command(
     than the line; this does not shut the valve.
 
     Args:
-        axis: State of the cylinder's control axis, with u and stiffnesses. Writes in place
-            `is_saturated`, 1 if the valve is shut by the load, fully open, or its demand is limited
-            by the pumps, and `flow_damping` (κ) [1/s].
+        axis: State of the cylinder's control axis, with u and stiffnesses. Writes `flow_damping`
+            (κ) [1/s] and `is_saturated` in place. `is_saturated` is 1 if the load shuts the valve,
+            the valve is fully open, or the pumps limit the demand.
         sensor: Measured length [m] and pressures [Pa] of the actuator.
         cylinder: Areas and flow coefficient K of the cylinder's valve.
         constants: Constants of the circuit, one record.
@@ -499,10 +499,10 @@ def limit_speeds_by_pumps(s: ServoArguments, p: PumpState, min_speed_ratio: floa
 
         |u|_max = (n Q_max − leakage − slip − flow of other axes on the rail)/A_dir
 
-    n is the number of pumps that feed the rail if the line is joined to it, and 1 otherwise. The
-    limit is at least `min_speed_ratio` times the reference's speed. It is inf for a line without
-    boost (`line_flow` 0). Without this limit a line would lose pressure. Its pumps would then run
-    at full speed and overshoot when the piston has caught up.
+    For a line on the rail, n is the number of pumps that feed the rail; for other lines it is 1.
+    The limit is at least `min_speed_ratio` times the reference's speed. It is inf for a line
+    without boost (`line_flow` 0). Without this limit a line would lose pressure. Its pumps would
+    then run at full speed and overshoot when the piston has caught up.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `deliverable_speed` of all axes

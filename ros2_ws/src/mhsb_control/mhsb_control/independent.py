@@ -1,4 +1,4 @@
-"""Independent control, as in the paper: valves and servo pumps have loops of their own.
+"""Independent control, as in the paper: valves and servo pumps have separate loops.
 
 The valve turns the demanded piston speed into an opening by its nominal gain, at a fixed pressure
 drop. A PI loop per pump keeps the pressure of its line, or of the rail, at what the load needs. The

@@ -367,9 +367,9 @@ def observe_line_draws(s: ServoArguments, p: PumpState) -> None:
     """Observe the flow that lines really draw, and correct the expected flow of boosted lines.
 
     If pumps alone feed a line, `line_flow` is reduced by the observed shortfall, at most by the
-    commanded flow in it. Pumps alone feed it if its join valve is shut and its check valve is
-    closed, that is, above `fed_below`. The rail and all lines joined to it count as one line, the
-    last record of `draws`. Its shortfall is subtracted in `compute_rail_demand`.
+    commanded flow in it. Pumps alone feed it if its join valve is shut and its pressure is above
+    `fed_below`, so that its check valve is closed. The rail and all lines joined to it count as one
+    line, the last record of `draws`. Its shortfall is subtracted in `compute_rail_demand`.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Reduces `line_flow` of axes [m³/s] in

@@ -443,8 +443,8 @@ def evaluate_valve_window(
     known.
 
     The noise of a balance has three parts: `length_deviation`, the share `stroke_deviation` of the
-    stroke, and the stroke that would pass over the distance of the spool from its command. A spool
-    that crosses its overlap therefore counts for little.
+    stroke, and the stroke that would pass over the distance of the spool from its command. A window
+    in which the spool crosses its overlap therefore has little weight.
 
     If the reference moves and the piston lags its prediction by more than `surprise` standard
     deviations, in `min_surprises` windows in sequence, the most likely cause is overlap. The

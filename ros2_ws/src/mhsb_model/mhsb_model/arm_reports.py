@@ -18,7 +18,7 @@ class HandOverOutcome(StrEnum):
 
 
 class HandOverReason(StrEnum):
-    """Reason for which a plan was not applied; planners act on it."""
+    """Reason why a plan was not applied; planners act on it."""
 
     NONE = ""
     """The plan was applied."""
@@ -53,7 +53,7 @@ class HandOverReport:
         position_jump: New minus old reference position at the instant of the hand-over [rad]; NaN
             if unknown.
         velocity_jump: New minus old reference velocity at that instant [rad/s]; NaN if unknown.
-        reason: Reason for which the plan was not applied.
+        reason: Reason why the plan was not applied.
     """
 
     outcome: HandOverOutcome

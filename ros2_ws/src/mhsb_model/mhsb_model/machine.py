@@ -377,8 +377,8 @@ class Machine:
         Args:
             payload: Mass at the tip [kg].
             supply_pressure: Main pump's pressure P_S [Pa].
-            max_piston_speed: V_max common to all actuators [m/s]. An actuator with a lower limit of
-                its own keeps that.
+            max_piston_speed: V_max common to all actuators [m/s]. An actuator with a lower limit in
+                the machine file keeps it.
             zones: Keep-out zones that replace those of the file.
             module_count: Number of booster modules fitted.
 

@@ -62,7 +62,7 @@ _final_actions: list[Callable[[], None]] = []
 def configure_memory_release() -> None:
     """Configure glibc to return the memory of large arrays to the system as soon as they are freed.
 
-    It sets the limits in `MALLOC_OPTIONS`. Large arrays then have memory of their own, and all
+    It sets the limits in `MALLOC_OPTIONS`. Each large array then has separate memory, and all
     threads share at most two heaps. By default each thread has its own heap, and a long search
     leaves holes in them. Nothing happens with another C library.
     """

@@ -391,10 +391,10 @@ def mass_matrix(m: MachineArrays, q: FloatArray) -> FloatArray:
 
         M(q) = Σ mᵢ JᵢᵀJᵢ + Iᵢ eᵢᵀeᵢ
 
-    mᵢ and Iᵢ are mass and inertia of link i (the payload has no inertia of its own). Jᵢ is the
-    Jacobian of its centre of mass. eᵢ has a 1 for each joint that turns link i in the plane. A slew
-    moves all masses perpendicular to the plane. So the slew's row and column are 0 except for the
-    diagonal element, the inertia of the whole arm about the slew's axis.
+    mᵢ and Iᵢ are mass and inertia of link i (the payload is a point mass). Jᵢ is the Jacobian of
+    its centre of mass. eᵢ has a 1 for each joint that turns link i in the plane. A slew moves all
+    masses perpendicular to the plane. So the slew's row and column are 0 except for the diagonal
+    element, the inertia of the whole arm about the slew's axis.
 
     Args:
         m: Arrays of the machine.

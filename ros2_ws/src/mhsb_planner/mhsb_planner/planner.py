@@ -92,7 +92,8 @@ class Planner:
 
     Attributes:
         machine: Machine for which plans are made.
-        graph: Step graph of the machine in its plane; it follows changes of the machine.
+        graph: Graph of steps between postures in the arm's plane; built again when the machine
+            changes.
     """
 
     def __init__(self, machine: Machine, table: PostureTable) -> None:
@@ -160,12 +161,11 @@ class Planner:
             brake: Braking along the old path (`mhsb_model.braking`); None: a moving start must
                 steer or coast.
             options: Options of the plan; None: defaults.
-            deadline: Instant at which the search for cheaper motions ends. The first plan of a
-                process that has a deadline first compiles all code; its deadline is later by that
-                time.
+            deadline: Instant at which the search for cheaper motions ends. The first plan with a
+                deadline in a process compiles all code; its deadline is later by that time.
             rest: Remaining part of the plan in force, with stamp 0; None: no plan is in force. If
-                it ends at the goal, it is kept unless another motion is cheaper by
-                MIN_REPLACEMENT_GAIN. If it is short and ends near the goal, steering is tried.
+                it ends at the goal, only a motion that is cheaper by MIN_REPLACEMENT_GAIN replaces
+                it. If it is short and ends near the goal, steering is tried.
             log: Log that is filled in place, also if there is no plan; None: only the plan has it.
 
         Returns:

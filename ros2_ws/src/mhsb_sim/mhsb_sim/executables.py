@@ -9,7 +9,7 @@ from mhsb_model.process import forward_to_tools, make_node_entry, run_named
 def sim_node() -> NoReturn:
     """Run the simulator node.
 
-    It draws nothing. Without MUJOCO_GL, MuJoCo would look for GLFW in a process of its own, which
+    It draws nothing. Without MUJOCO_GL, MuJoCo would look for GLFW in a separate process, which
     prints a traceback if a signal ends the node meanwhile.
     """
     os.environ.setdefault("MUJOCO_GL", "disable")

@@ -378,7 +378,7 @@ def compute_reserves(g: GovernorState) -> None:
     ahead (point START_PREVIEW_POINT). A need is 0 if the actuator does not move at that speed,
     since its closed valve then holds the load. Both are 0 if the piston is at an end stop.
 
-    An actuator has to lift its load back if it has yielded to the load and the tip error is above
+    An actuator has to lift its load back if it has yielded to the load, and the tip error is above
     `lift_error_ratio` usual errors. Its present need is then at least the holding pressure plus
     `lifting_pressure`. A slew carries no weight: what it yields to is inertia.
 

@@ -1,7 +1,7 @@
 """Check of a trajectory's curve: compare the extrema of each quintic piece with the limits.
 
-A piece of duration h between the points (q₀, v₀, a₀) and (q₁, v₁, a₁) has, in Bernstein form over
-u = t/h, the control values
+A piece of duration h between the points (q₀, v₀, a₀) and (q₁, v₁, a₁) has, in Bernstein form over u
+= t/h, the control values
 
     position      q₀, q₀ + v₀h/5, q₀ + 2v₀h/5 + a₀h²/20, and the same from the end with −h
     velocity      w₀ = v₀, w₁ = v₀ + a₀h/4, w₂ = 5(q₁ − q₀)/h − w₀ − w₁ − w₃ − w₄,
@@ -11,7 +11,7 @@ u = t/h, the control values
 A polynomial stays within the hull of its control values, so these are compared first. If they
 exceed a limit, the extrema are computed: they are at the ends and at the roots of the derivative.
 The roots of a quadratic have a closed form. A cubic or quartic is monotone between two neighbouring
-roots of its own derivative, and its roots are found there by false position.
+roots of its derivative, and its roots are found there by false position.
 
 Source: Farin, Curves and Surfaces for CAGD, Chapter 5.
 """

@@ -110,7 +110,7 @@ def create_dispatcher(
 
 @contextmanager
 def _cache_folder(name: str) -> Iterator[None]:
-    """Context manager in which new dispatchers keep their cache in a subfolder of their own.
+    """Context manager in which new dispatchers keep their cache in a separate subfolder.
 
     It sets `numba.config.CACHE_DIR`, which numba reads when a dispatcher enables its cache. At the
     end it restores the old value.

@@ -147,9 +147,9 @@ def _call_in_workers(parts: Sequence[str]) -> Iterator[tuple[str, str]]:
 def _serve_queue(waiting: queue.SimpleQueue[str], done: queue.SimpleQueue[tuple[str, str]]) -> None:
     """Pass functions from a queue to one worker process, until the queue is empty.
 
-    It runs in a thread of its own. The worker process is started for the first function. If it
-    dies, the function that it was running counts as failed, and the next function gets a new
-    worker. At the end the worker is stopped.
+    It runs in a separate thread. The worker process is started for the first function. If it dies,
+    the function that it was running counts as failed, and the next function gets a new worker. At
+    the end the worker is stopped.
 
     Args:
         waiting: Functions that are not started yet, as `MODULE:FUNCTION`; shared by all threads.

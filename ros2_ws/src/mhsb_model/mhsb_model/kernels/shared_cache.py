@@ -4,8 +4,8 @@ The first process that misses a kernel in the cache compiles it. Other processes
 meanwhile wait and then load it. So nodes that start together, and the processes of `pool`, share
 the work without knowing of each other. A damaged file counts as missing.
 
-Numba reads and writes the files. Each dispatcher has a folder of its own, to which this module adds
-a lock and the hashes of the compiled versions.
+Numba reads and writes the files. Each dispatcher has its own folder, to which this module adds a
+lock and the hashes of the compiled versions.
 """
 
 from __future__ import annotations

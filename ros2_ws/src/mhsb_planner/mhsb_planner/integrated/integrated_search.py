@@ -69,7 +69,7 @@ class IntegratedSearch:
                 polytope).
             counts_leakage: Whether leakage counts when paths are compared. The costs of the paths
                 yielded include it in any case.
-            progress: Progress of the plan, which holds the deadline. None means no deadline.
+            progress: State of the planning loop, which holds the deadline. None means no deadline.
             limits: Limits on the effort for an arm of the paper's size; lengths are scaled to this
                 arm. None means default limits, which are larger if `area` has a weight.
 

@@ -13,8 +13,8 @@ spacing in lengths it would not: one millimetre of some cylinders moves the tip 
 A state is a lattice point and the mode combination in which it was reached. The heuristic is the
 lower bound `least_move_cost` to the goal posture for which it is least. It is consistent.
 
-Memory is used only by lattice points that have been reached: each gets a row of its own. More rows
-are added on demand, so a lattice of any size is created at once.
+Memory is used only by lattice points that have been reached: each gets a row. More rows are added
+on demand, so a lattice of any size is created at once.
 """
 
 from __future__ import annotations
@@ -664,9 +664,9 @@ def expand(
         f: Open list and state records, changed in place; the last state is the goal.
         known: Data of the lattice points that the search has reached, changed in place.
         rule: Cost limit, heuristic weight, and whether each point is reached only once.
-        limit: Largest number of states to take from the open list in this call. A state is taken
-            but not expanded if the arm reaches it more cheaply through another state of its point
-            and a mode switch there.
+        limit: Largest number of states to take from the open list in this call. A taken state is
+            not expanded if a mode switch from another state of the same point reaches it more
+            cheaply.
 
     Returns:
         SEARCH_PAUSED after `limit` states, GOAL_FOUND, or SEARCH_EXHAUSTED if there is no path

@@ -111,7 +111,7 @@ class SearchProblem:
         start_lengths: Cylinder lengths in the start posture, shape (n,) [m].
         goals: Goal postures.
         goal_lower_bounds: Lower bound on the cost of a path to each goal posture, shape (goals,).
-        progress: Progress of the plan, with the time limit of the search.
+        progress: State of the planning loop, with the time limit of the search.
         limits: Limits on the effort.
     """
 
@@ -142,7 +142,7 @@ class SearchProblem:
             posture: Start posture, shape (n,) [rad or m].
             cost_model: Cost model of the search.
             goals: Goal postures.
-            progress: Progress of the plan, with the time limit of the search.
+            progress: State of the planning loop, with the time limit of the search.
             effort: Limits on the effort.
 
         Returns:

@@ -140,7 +140,7 @@ class HandOver:
     def convert_horizon(self, seconds: float, settings: Settings) -> float:
         """Convert a commit horizon from real time to the arm's clock, and add the dead time.
 
-        The servo has to know a plan one dead time of the machine before it leaves the one before.
+        The servo must know a plan one dead time before the plan leaves the one before it.
 
         Args:
             seconds: Commit horizon in real time [s].
@@ -273,9 +273,9 @@ class HandOver:
             now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
-            True in two cases. `LONGEST_WAIT` has passed since sending in real time. Or
-            `CONFIRMATION_TIMEOUT` has passed since sending in real time, and has also passed since
-            the change (time at which the command leaves the one before).
+            True if it was sent more than `LONGEST_WAIT` ago in real time. Also True if it was sent
+            more than `CONFIRMATION_TIMEOUT` ago in real time and left the command before it that
+            long ago, too.
         """
         waited = self._clock.steady_time() - sent.sent_at
         grace = self._arm_state.clock_estimator.convert_duration(CONFIRMATION_TIMEOUT)

@@ -66,7 +66,8 @@ FINAL_REFUSALS = {
     HandOverReason.INVALID: Verdict.INTERNAL,
     HandOverReason.STOPPED: Verdict.STOPPED,
 }
-"""Verdict of a goal whose plan the arm refuses for a reason for which it is not planned again."""
+"""Verdict of a goal whose plan the arm refuses for a reason that does not let it be planned again.
+"""
 
 
 class GoalLifecycle:
@@ -92,7 +93,7 @@ class GoalLifecycle:
         """Begin without a goal and without knowledge of the arm.
 
         Args:
-            settings: Settings for goals that have none of their own.
+            settings: Settings for goals that come without settings.
             brake: Function that makes a braking command. Its arguments are the command in force,
                 the earliest stamp that the braking command may have [ns], and the commit horizon
                 (time from that stamp until braking begins) [s]. It returns the braking command and
@@ -113,7 +114,7 @@ class GoalLifecycle:
 
     @property
     def settings(self) -> Settings:
-        """Settings for goals that have none of their own."""
+        """Settings for goals that come without settings."""
         return self._queue.settings
 
     @property
@@ -289,9 +290,9 @@ class GoalLifecycle:
 
         The arm counts as moving until the trajectory of `start` has ended. Its commit horizon (time
         until the new plan takes over) then covers planning, transport, confirmation and the
-        machine's dead time. For an arm at rest it covers no planning, because the plan is stamped
-        when it is ready. The deadline leaves the same time for planning in both cases: the horizon
-        of a moving arm without its part for transport. The target of a moving goal is extrapolated.
+        machine's dead time. For an arm at rest it does not cover planning, because the plan is
+        stamped when it is ready. The deadline is the same in both cases: the horizon of a moving
+        arm without its part for transport. The target of a moving goal is extrapolated.
 
         Args:
             pending_goal: The goal.
@@ -339,8 +340,7 @@ class GoalLifecycle:
             now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
-            True if the goal needs no plan of its own. That includes a goal that is being executed
-            itself.
+            True if the goal needs no new plan. That includes a goal that is being executed itself.
         """
         execution, now = self.execution, self._clock.steady_time()
         if (
@@ -627,9 +627,9 @@ class GoalLifecycle:
         """Handle the arm's report of its last stop, and end the goals that came before it.
 
         A stop is ignored if it was reported before, or if this planner has called for it. Otherwise
-        goals are void that were received before this report, up to a short time after the stop
-        (`StopSequence.find_void_time`). They end as stopped. If the arm has taken a plan for a void
-        goal after the stop and executes it, the arm is stopped again.
+        goals end as stopped that were received before this report, up to a short time after the
+        stop (`StopSequence.find_void_time`). If the arm executes a plan for such a goal, it is
+        stopped again.
 
         Args:
             stop_ns: Time of the stop by the arm's clock [ns]; 0 means never, and nothing happens.
@@ -780,9 +780,8 @@ class GoalLifecycle:
     def cancel(self, pending_goal: PendingGoal) -> None:
         """Cancel a goal: stop the arm, unless a newer goal has come.
 
-        The goal's `is_cancelled` is set. A newer goal keeps the arm from being stopped as long as
-        that goal has not ended. If it ends before the cancelled goal does, for example by a
-        refusal, the arm is stopped then.
+        The goal's `is_cancelled` is set. While a newer goal has not ended, the arm is not stopped.
+        If the newer goal ends first, for example by a refusal, the arm is stopped then.
 
         Args:
             pending_goal: The goal.

@@ -45,7 +45,7 @@ class GoalQueue:
     Attributes:
         waiting: Goal that waits for planning to begin; None without one.
         request: Request for the plan that is being made; None without one.
-        settings: Settings for goals that have none of their own.
+        settings: Settings for goals that come without settings.
         epoch: Number of events so far that made the plan void that was being made.
         stream: Estimator of the velocity of a moving goal.
         void_until: Time of receipt up to which goals are void since the arm was stopped, by the
@@ -63,7 +63,7 @@ class GoalQueue:
         """Begin without a goal.
 
         Args:
-            settings: Settings for goals that have none of their own.
+            settings: Settings for goals that come without settings.
             arm_state: Arm state.
             clock: Source of the present time.
             outbox: Knows whether the arm is connected.
@@ -202,7 +202,7 @@ class GoalQueue:
         """Return whether the caller must call the arm's own ~/stop so that planning can begin.
 
         Args:
-            error: Error for which no plan can start.
+            error: Reason why no plan can start.
 
         Returns:
             True if the arm moves under a command of somebody else, and True was not returned for
@@ -236,11 +236,10 @@ class GoalQueue:
     ) -> tuple[Goal, float]:
         """Choose the target of a plan for a goal, and return it with the goal's period.
 
-        A moving goal is extrapolated by commit horizon, dead time and one period, but only a
-        limited way beyond where it is after the dead time. If the goal has stopped, or its
-        `needs_exact_place` is set, the target is its exact place. The period of a stopped goal is
-        returned, too, so that its plan is made as for a moving goal. A plan for a fixed goal might
-        choose another posture and swing the tip far beyond.
+        A moving goal is extrapolated by commit horizon, dead time and one period. The way beyond
+        its place after the dead time is limited. If the goal has stopped, or its
+        `needs_exact_place` is set, the target is its exact place. A stopped goal keeps its period,
+        so that it is planned for as a moving goal: another posture is not chosen.
 
         Args:
             pending_goal: The goal.
@@ -268,10 +267,9 @@ class GoalQueue:
             now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
-            False if the epoch (count of events that make plans void) has changed since the request.
-            Otherwise True in two cases. The arm executes the same plan as at the time of the
-            request. Or it executed the request's `start_command` at that time, and now holds, at
-            most `EARLY_NS` before the end of this command or after it.
+            True if two conditions are met. The epoch (count of events that make plans void) is that
+            of the request. The arm still executes the plan of that time, or holds its position
+            after the end of the request's `start_command` (or at most `EARLY_NS` before it).
         """
         start, in_force_ns = request.start_command, self._arm_state.plan_in_force_ns
         has_ended = now_ns >= start.trajectory.end_ns - EARLY_NS

@@ -235,8 +235,8 @@ class StopSequence:
     def find_void_time(self, stop_ns: int, received_at: float | None) -> float | None:
         """Return the time up to which goals are void, after the arm's report of its last stop.
 
-        A goal is void if it was received before the report and not later than `OLD_STOP` after the
-        stop. Stops that this planner called for (~/stop) make no goal void: each call explains one
+        A goal is void if it was received before the report and at most `OLD_STOP` after the stop. A
+        stop that this planner called for (~/stop) makes no goal void: each call explains one
         report, if the last call is at most `OWN_REPORT` ago.
 
         A stop that was more than `LATE_REPORT` old when its report came shows that this process was

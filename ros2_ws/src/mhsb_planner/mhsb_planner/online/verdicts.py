@@ -42,7 +42,7 @@ MIN_REPORTED_EXCESS = 0.005
 
 
 def find_verdict_code(error: MhsbError) -> Verdict:
-    """Return the verdict code of an error, `INTERNAL` if it has none of its own."""
+    """Return the verdict code of an error, `INTERNAL` if it has no code."""
     return next(
         (code for kind, code in ERROR_VERDICTS if isinstance(error, kind)), Verdict.INTERNAL
     )

@@ -196,7 +196,7 @@ def _create_search(
     Args:
         machine: The planar arm (without the slewing joint).
         task: The request.
-        progress: Progress of the plan, with the deadline of the search.
+        progress: State of the planning loop, with the deadline of the search.
         area: Weight and reference area of the manipulability loss, in place of the request's.
         effort: Limits on the number of states that the search expands; None: defaults.
         leaks: True if the search counts the leakage of the valves when it compares paths.
@@ -234,7 +234,7 @@ def _paths_without_leakage(
     Args:
         machine: The planar arm (without the slewing joint).
         task: The request.
-        progress: Progress of the plan.
+        progress: State of the planning loop.
 
     Yields:
         Path proposals. Their costs include leakage.
@@ -256,7 +256,7 @@ def _path_with_time_price(
     Args:
         machine: The planar arm (without the slewing joint).
         task: The request.
-        progress: Progress of the plan.
+        progress: State of the planning loop.
 
     Yields:
         One path proposal. Its cost contains neither this price nor the manipulability loss.
@@ -281,7 +281,7 @@ def _path_without_area(
     Args:
         machine: The planar arm (without the slewing joint).
         task: The request.
-        progress: Progress of the plan.
+        progress: State of the planning loop.
 
     Yields:
         One path proposal. Its cost does not contain the manipulability loss.
@@ -305,7 +305,7 @@ def _baseline_paths(
         baseline: The baseline.
         graph: Step graph (steps between postures) of the posture table.
         task: The request.
-        progress: Progress of the plan.
+        progress: State of the planning loop.
 
     Yields:
         Path proposals.

@@ -183,7 +183,7 @@ class PathPlanner(Protocol):
         Args:
             graph: The machine, its posture table, and the steps between the table's postures.
             task: The request.
-            progress: Progress of the plan.
+            progress: State of the planning loop.
 
         Yields:
             Path proposals.

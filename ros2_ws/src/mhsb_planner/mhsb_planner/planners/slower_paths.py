@@ -35,7 +35,7 @@ def paths_at_falling_speeds(
         planner: The planner.
         graph: Step graph (steps between postures) of the machine.
         task: The request.
-        progress: Progress of the plan.
+        progress: State of the planning loop.
 
     Yields:
         Path proposals.

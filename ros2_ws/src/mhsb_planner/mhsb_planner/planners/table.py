@@ -36,7 +36,7 @@ class TablePlanner:
         Args:
             graph: Step graph (steps between the table's postures).
             task: The request.
-            progress: Progress of the plan, with the time limit of the search.
+            progress: State of the planning loop, with the time limit of the search.
 
         Yields:
             The first path that is found: to the goal or, if the goal has no path, to another
@@ -66,8 +66,8 @@ def yield_graph_paths(
     Args:
         graph: Step graph (steps between postures).
         task: The request.
-        progress: Progress of the plan. Only its `search_deadline` is read; after it no further
-            position is tried.
+        progress: State of the planning loop. Only its `search_deadline` is read; after it no
+            further position is tried.
 
     Yields:
         One or two paths.
@@ -108,7 +108,7 @@ def _search_path_to(
         tip: Tip position (x, z) [m].
         graph: Step graph (steps between postures).
         task: The request.
-        progress: Progress of the plan. Only its `search_deadline` is read.
+        progress: State of the planning loop. Only its `search_deadline` is read.
 
     Returns:
         Path from the departure (posture at rest where the path begins), with its cost. It is the

@@ -40,7 +40,7 @@ class PathSource(Protocol):
 
         Args:
             task: The request of the whole arm.
-            progress: Progress of the plan, with the time limit of the search.
+            progress: State of the planning loop, with the time limit of the search.
 
         Yields:
             Path proposals for the whole arm.
@@ -95,7 +95,7 @@ def paths_through_via_points(
     Args:
         source: Source of the paths of each leg.
         task: The request. Without via points, the source's own paths are yielded.
-        progress: Progress of the plan, with the time limit of the searches.
+        progress: State of the planning loop, with the time limit of the searches.
 
     Yields:
         Path proposals.
@@ -131,7 +131,7 @@ def plan_leg(
     Args:
         source: Source of paths.
         task: Request whose goal is the via point.
-        progress: Progress of the plan, with the time limit of the search.
+        progress: State of the planning loop, with the time limit of the search.
         cheapest: True to take the cheapest of all paths, False to take the first.
 
     Returns:

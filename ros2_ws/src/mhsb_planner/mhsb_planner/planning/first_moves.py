@@ -87,7 +87,7 @@ def paths_from_anywhere(
         source: Source of paths of the whole arm from an admissible departure.
         table: Posture table of the arm's plane.
         task: The request.
-        progress: Progress of the plan.
+        progress: State of the planning loop.
 
     Yields:
         Path proposals.
@@ -126,7 +126,7 @@ def _limit_to_direct_share(progress: PlanProgress) -> PlanProgress:
     """Create a progress that ends after DIRECT_SHARE of the remaining time and has the same log.
 
     Args:
-        progress: Progress of the plan. Without a deadline, the result has none either.
+        progress: State of the planning loop. Without a deadline, the result has none either.
 
     Returns:
         The progress. Its `has_motion`, `is_held_back` and `reserve` must be updated by the caller.
@@ -155,7 +155,7 @@ def _paths_over_first_moves(
         source: Source of paths of the whole arm from an admissible departure.
         table: Posture table of the arm's plane.
         task: The request.
-        progress: Progress of the plan.
+        progress: State of the planning loop.
 
     Yields:
         Path proposals.

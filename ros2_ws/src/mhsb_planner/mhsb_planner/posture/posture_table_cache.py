@@ -23,7 +23,7 @@ def cached_table_path(
 
     The directory is $XDG_CACHE_HOME/mhsb if this is an absolute path, otherwise ~/.cache/mhsb. The
     name contains the hash of the machine without its slewing joint. Tables of other solvers than
-    `global` get names of their own, which `load_or_build_table` does not look for.
+    `global` get other names, which `load_or_build_table` does not look for.
 
     Args:
         machine: The machine.

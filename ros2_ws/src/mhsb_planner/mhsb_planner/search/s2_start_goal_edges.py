@@ -62,7 +62,7 @@ class SearchGoal:
     """Admissible end postures of a search, in groups.
 
     A group holds one posture for each pattern, and patterns may share a posture. A goal without
-    end-link angle has one group. With an end-link angle each posture is a group of its own.
+    end-link angle has one group. With an end-link angle each posture is a separate group.
 
     Attributes:
         tip: Tip position (x, z) [m].

@@ -189,7 +189,7 @@ class SlewingPaths:
 
         Args:
             task: Path request of the whole arm, with the goal (x, y, z) in `base_link`.
-            progress: Progress of the plan, with the deadline of the search.
+            progress: State of the planning loop, with the deadline of the search.
 
         Yields:
             Paths of the whole arm, as proposals.
@@ -245,7 +245,7 @@ class SlewingPaths:
             task: Path request of the whole arm.
             in_plane: Path request in the arm's plane.
             slew: Slew angle at the goal [rad].
-            progress: Progress of the plan, with the deadline of the search.
+            progress: State of the planning loop, with the deadline of the search.
 
         Yields:
             Paths of the whole arm, as proposals.
@@ -296,7 +296,7 @@ class SlewingPaths:
         Args:
             task: Path request of the whole arm.
             refused: Error that ended the direct method; None if it had none.
-            progress: Progress of the plan, with the deadline of the search.
+            progress: State of the planning loop, with the deadline of the search.
 
         Returns:
             DeadlineError if the time is up, else `refused`, else NoPathError.
@@ -322,7 +322,7 @@ class SlewingPaths:
             planner: The planner itself, or a baseline (planner for comparison).
             in_plane: Path request in the arm's plane.
             slew_angles: Slew angles at start and goal [rad].
-            progress: Progress of the plan, with the deadline of the search.
+            progress: State of the planning loop, with the deadline of the search.
 
         Yields:
             Planar paths without a via point, as proposals. A path of a baseline may come in two
@@ -351,7 +351,7 @@ class SlewingPaths:
             planner: The planner itself, or a baseline (planner for comparison).
             in_plane: Path request in the arm's plane.
             slew_angles: Slew angles at start and goal [rad].
-            progress: Progress of the plan, with the deadline of the search.
+            progress: State of the planning loop, with the deadline of the search.
 
         Yields:
             Planar paths as proposals, each with the index of the step after its via point
@@ -414,7 +414,7 @@ class SlewingPaths:
             ends: Path source among the zones at the start's slew angle, and path source among the
                 zones at the goal's slew angle.
             in_plane: Path request in the arm's plane.
-            progress: Progress of the plan, with the deadline of the search.
+            progress: State of the planning loop, with the deadline of the search.
             thorough: True takes the cheapest path of each leg, False the first that is found.
 
         Returns:

@@ -1,4 +1,4 @@
-"""All kernels that the simulated arm compiles, so that a process of its own can compile them."""
+"""All kernels that the simulated arm compiles, so that a separate process can compile them."""
 
 from __future__ import annotations
 

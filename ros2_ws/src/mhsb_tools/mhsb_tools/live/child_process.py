@@ -40,7 +40,7 @@ class ChildProcess(AbstractContextManager["ChildProcess"]):
     ) -> None:
         """Start an executable in the way `ros2 run PACKAGE EXECUTABLE ARGUMENTS` does.
 
-        The child gets a session of its own, so Ctrl-C in the terminal does not reach it. The parent
+        The child gets a new session, so Ctrl-C in the terminal does not reach it. The parent
         process must end it, by `end` or by leaving the `with` block. Standard output and standard
         error are read together in a thread.
 
@@ -160,7 +160,7 @@ class ChildProcess(AbstractContextManager["ChildProcess"]):
         return code
 
     def _read(self) -> None:
-        """Read the process's output until it is closed; runs in a thread of its own.
+        """Read the process's output until it is closed; runs in a separate thread.
 
         Each line is written to the log file if there is one, and added to the kept last lines.
         After each line and at the end, threads that wait in `wait_for` are woken.

@@ -116,7 +116,7 @@ class McapCopy:
         """Add a message that was outside chunks in the damaged file.
 
         Such messages are collected, and written as one chunk as soon as they have CHUNK_SIZE bytes.
-        A message of that size or more is written at once, as a chunk of its own.
+        A message of that size or more is written at once, as a separate chunk.
 
         Args:
             record: The message record with opcode and length.

@@ -1,8 +1,8 @@
 """Decoded content of a recording: a table for each stream, and domain objects for the rest.
 
 Streams have their own stamps in ROS time. Messages without a stamp (`modes`, `plan_in_force`, goals
-as they were sent) have only a log time by the system's clock. It is translated into ROS time by the
-joint states, each of which has both times.
+as they were sent) have only a log time, the system clock at which they were recorded. It is
+translated into ROS time by the joint states, each of which has both times.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class RecordedMessage(NamedTuple):
     Attributes:
         topic: The topic.
         type_name: Type that the recording states for it.
-        log_ns: Log time, at which it was recorded, by the system's clock [ns].
+        log_ns: Log time (system clock, when it was recorded) [ns].
         data: Serialized message.
     """
 
@@ -98,7 +98,7 @@ class JointTable:
         position: Joint positions, shape (k, n) [rad].
         velocity: Joint velocities, shape (k, n) [rad/s].
         acceleration: Joint accelerations, shape (k, n) [rad/s²]; nan for measurements.
-        recorded_ns: Log time by the system's clock, int64 (k,) [ns].
+        recorded_ns: Log times (system clock, when each state was recorded), int64 (k,) [ns].
     """
 
     time_ns: IntArray
@@ -123,12 +123,12 @@ class ActuatorTable:
 
 @dataclass(frozen=True)
 class TimedValue:
-    """A decoded message without a stamp of its own, and its times.
+    """A decoded message without a stamp, and its times.
 
     Attributes:
         time_ns: ROS time at which it was recorded [ns].
         value: The decoded message.
-        recorded_ns: Log time by the system's clock [ns].
+        recorded_ns: Log time (system clock, when it was recorded) [ns].
     """
 
     time_ns: int

@@ -58,7 +58,8 @@ class JudgedGoal:
 
     Attributes:
         goal: The goal.
-        sent: The goal with the time at which it was sent, in ROS time and by the system's clock.
+        sent: The goal with the time at which it was sent, in ROS time and by the recorder's system
+            clock.
         result: The final judgement.
         reason: Why it was lost, as one sentence; empty if it was not lost.
         verdict: Its verdict; None if there was none.
@@ -121,7 +122,8 @@ def judge_recorded_goals(
         all_feasible: True states that a path to every goal exists. A goal that the planner refused
             then counts as lost, also if the planner found fault with the goal itself.
         settling_time: Time after the end of a motion within which the tip must be at the goal [s].
-        lead_max: Longest time from a goal to the motion that it causes, by the system's clock [s].
+        lead_max: Longest time from a goal to the motion that it causes [s]. Times of recording are
+            compared.
 
     Returns:
         One judgement for each readable goal, in the order in which they were sent.

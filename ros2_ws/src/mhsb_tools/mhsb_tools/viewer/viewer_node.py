@@ -257,7 +257,7 @@ class ViewerNode(GoalSender):
         def compute_regions() -> None:
             """Compute the mode that the arm needs at each grid node of the posture table.
 
-            Uses `machine` and `payload` of the enclosing function. Runs in a thread of its own. The
+            Uses `machine` and `payload` of the enclosing function. Runs in a separate thread. The
             thread of the ROS node draws the result.
             """
             table = load_or_build_table(machine)
