@@ -19,8 +19,8 @@ class PlanProgress:
         reserve: Time to keep for turning a path into a motion [s]. It is the mean time of the
             curves tried for the first motion.
         has_motion: True if a motion has been found.
-        is_held_back: True if cheaper paths no longer give cheaper motions: a path costs much less
-            than the incumbent (best plan so far), or no path has a motion.
+        is_held_back: True if motions cost much more than their paths: the incumbent (best plan so
+            far) costs much more than the cheapest path, or no path has a motion.
         log: Log of proposals.
     """
 

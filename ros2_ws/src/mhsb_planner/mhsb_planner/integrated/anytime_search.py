@@ -155,17 +155,17 @@ def yield_paths(task: SearchProblem, work: SearchWork) -> Iterator[CylinderPath 
 
 
 def may_be_improved(task: SearchProblem, best: CylinderPath | None, share: float) -> bool:
-    """Return whether a noticeably cheaper path is possible and there is time to look for it.
+    """Return whether it is worthwhile to look for a cheaper path.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
-        best: Incumbent (cheapest path so far). None if there is none; then a cheaper path always
-            counts as possible.
-        share: A cheaper path counts as possible if the incumbent costs more than (1 + share) times
-            the lower bound.
+        best: Incumbent (cheapest path so far); None if there is none.
+        share: Relative distance of the incumbent's cost from the lower bound that is good enough
+            [-].
 
     Returns:
-        True if a cheaper path counts as possible and the deadline of the search has not passed.
+        True if the deadline of the search has not passed, and the incumbent costs more than (1 +
+        share) times the lower bound or there is none.
     """
     room = best is None or best.cost > (1.0 + share) * task.lower_bound
     return room and not task.progress.search_deadline.has_passed
@@ -337,10 +337,8 @@ def yield_lattice_paths(
 def _lattice_cost_models(t: PathCostModel, best: CylinderPath | None) -> tuple[PathCostModel, ...]:
     """Return the two cost models by which a lattice is searched one after the other.
 
-    In the first model a slow cylinder needs no boost while it holds a load. The reason is that a
-    cylinder rests in some steps of a lattice path although it moves steadily in the motion. If
-    there is no incumbent, mode switches cost nothing in the first model, so that each point is
-    expanded once.
+    In the first model a slow cylinder needs no boost to hold a load. If there is no incumbent, mode
+    switches cost nothing in it, either.
 
     Args:
         t: Cost model of the search problem.

@@ -150,8 +150,8 @@ def cost_model(
 def without_leakage_cost(t: PathCostModel) -> PathCostModel:
     """Return a copy of the cost model in which leakage and the slip of servo pumps cost nothing.
 
-    It suits a motion that cannot be shortened, since the slew takes as long: leakage and slip then
-    last for that time with every path.
+    It suits a slew that takes longer than the path. Leakage and slip then cost the same on each
+    path.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.

@@ -404,8 +404,8 @@ def _lacks_pressure_to_accelerate(
     """Determine when the main pump's pressure is too low for an actuator to accelerate its load.
 
     The pressure must carry gravity and inertia, plus the part of the boost margin that is kept free
-    of inertia forces. Only instants count at which the piston moves against this load, faster than
-    0.9 MAX_HELD_SPEED. Speeds and loads are multiplied by NEED_FACTOR as a reserve.
+    of inertia forces. The result is False if the piston does not move against this load, or not
+    faster than 0.9 MAX_HELD_SPEED. Speeds and loads are multiplied by NEED_FACTOR as a reserve.
 
     Args:
         m: Arrays of the machine.
@@ -459,8 +459,8 @@ def _drop_short_holds(
 ) -> None:
     """Remove short times of boost that only hold a load, since the closed valve can hold it.
 
-    A run is a sequence of intervals with boost. It stays if it contains a motion against the load,
-    or lasts `longest` or more. It also stays if it reaches the last instant and `held_after` is
+    A run is a sequence of intervals with boost. It stays in three cases: it contains a motion
+    against the load, it lasts `longest` or more, or it reaches the last instant and `held_after` is
     True.
 
     Args:
@@ -503,8 +503,8 @@ def _enforce_lead_and_dwell(
         lead: Time by which each run begins earlier [s].
         dwell: Least length of runs and gaps [s].
         beside: State before interval `first`, and state from interval `last` on. _ON: a run beside
-            it counts as long enough. _OFF: a gap beside it stays a gap. _EDGE: runs and gaps
-            beside it are treated like all others.
+            it is long enough. _OFF: a gap beside it stays a gap. _EDGE: runs and gaps beside it are
+            treated like all others.
     """
     before, after = beside
     since = math.inf
@@ -674,8 +674,8 @@ def _keeps_dwell_after_change(
     """Return whether all modes of an actuator last long enough if its mode is changed.
 
     A run is a sequence of intervals of equal mode. The run with the new mode is checked, and what
-    the change leaves of the runs next to it. Runs that touch either end of the schedule always
-    count as long enough.
+    the change leaves of the runs next to it. Runs that touch either end of the schedule are always
+    long enough.
 
     Args:
         time: Limits of the intervals, shape (k,) [s].

@@ -59,8 +59,9 @@ class PlanOptions:
             joint 1 slews.
         via_tolerance: Largest distance of the tip from a via point when it passes [m].
         planner: Name of the planner, one of `registry.REGISTERED_PLANNERS`.
-        trajectory: How S3 begins: the published `polynomial` or `followed`, which follows the path.
-            None: the planner's own choice; a stretched polynomial is then compared with following.
+        trajectory: Method of S3 (trajectory stage): the published `polynomial`, or `followed`
+            (along the path). None: that of the planner; a polynomial that had to be slowed is then
+            compared with following.
         max_speed_excess: Largest |v|/V_max − 1 of a piston on a polynomial, if polynomials are
             asked for.
         initial_j3: Angle at which the fixed-joint planner keeps J3 [rad]; None: as at the start.

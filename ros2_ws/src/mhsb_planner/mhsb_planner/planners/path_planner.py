@@ -24,7 +24,7 @@ from mhsb_planner.search.s2_search import SAME_POINT
 
 
 class SlewDemand(NamedTuple):
-    """Demand of the slew, which moves beside the arm in its plane, for lower bounds on the energy.
+    """Oil and time that the slew needs, for lower bounds on the energy.
 
     Attributes:
         oil: Oil volume that the slew takes [m³].
@@ -48,8 +48,8 @@ class PathRequest:
             slews.
         start: State of motion at the start.
         modes: Modes in force at the start, with their ages.
-        brake: How a moving start comes to rest: by coasting, at the end of its plan (steering), or
-            along its old path. None: it is at rest.
+        brake: Motion that brings a moving start to rest, by one of three methods (`Planner`). None:
+            the start is at rest.
         departure: Posture at rest from which the path begins, shape (n,) [rad].
         options: Options of the plan.
         area: Weight of the manipulability loss and the reference area.
@@ -94,13 +94,13 @@ class PathRequest:
     def energy_lower_bound(self, machine: Machine, most_cells: int = MAX_CELLS) -> float:
         """Compute a lower bound on the energy of every plan from the start to the goal.
 
-        The bound holds for every posture whose tip is at the goal or one of the tried points of its
-        region. It includes the oil and the least time of the slew.
+        All postures are considered whose tip is at the goal or at a sampled point of the goal
+        region. Oil and least time of the slew are included.
 
         Args:
             machine: The planar arm (without the slewing joint).
-            most_cells: Largest number of additional cells of the branch and bound, for an arm that
-                has not three revolute joints. More cells give a higher bound.
+            most_cells: Limit on the effort: number of cells that the branch and bound may add. More
+                cells give a higher bound. It has no effect for three revolute joints.
 
         Returns:
             The bound [J]; inf if no posture reaches the goal.
@@ -135,10 +135,9 @@ class PathProposal(NamedTuple):
 
     Attributes:
         path: The path.
-        for_comparison: True if it is proposed for comparison, not by the main search of the
-            planner.
-        trajectory: Method with which S3 begins on this path if the options leave it open. None: the
-            one of the planner that the request names.
+        for_comparison: True if another search than the planner's main one proposes it.
+        trajectory: Method by which S3 (trajectory stage) makes a motion of this path, if the
+            options name none. None: that of the planner named in the request.
         proposer: Name of the proposer in the log; empty: that of the planner.
         via_step: Index of the path's step after a via point at which the slew may turn alone; None:
             there is no such point.
@@ -157,7 +156,7 @@ class PathPlanner(Protocol):
     Attributes:
         name: Name by which requests choose it.
         summary: Where postures come from, for people: a clause that follows the name.
-        trajectory: How S3 begins if the options leave it open.
+        trajectory: Method by which S3 (trajectory stage) makes motions, if the options name none.
         weighs_area: Whether the area weight w₄ may be above 0.
         baselines: Other planners whose motions are compared with its own, the fastest first.
         takes: Names of those options that only some planners use and this one does: `search`,
@@ -199,11 +198,11 @@ class PathPlanner(Protocol):
 def propose_in_both_ways(
     path: PathProposal, baseline: PathPlanner, task: PathRequest
 ) -> Iterator[PathProposal]:
-    """Yield a baseline's path for both methods of S3, which makes a motion of a path.
+    """Yield a baseline's path once or twice, for different methods of making a motion of it.
 
-    S3 (trajectory stage) fits a polynomial or follows the path. The first proposal leaves the
-    method to the planner that the request names. The second one asks for the baseline's own method.
-    It is missing if the options of the request choose the method.
+    S3 (trajectory stage) makes a motion of a path: it fits a polynomial or follows the path. The
+    first proposal is for the method of the planner named in the request, the second one for the
+    baseline's method. The second one is missing if the options name a method.
 
     Args:
         path: Proposal of the baseline.
@@ -211,7 +210,7 @@ def propose_in_both_ways(
         task: The request.
 
     Yields:
-        The proposal as it is, then with the baseline's own method in `trajectory`.
+        The proposal as it is, then with the baseline's method in `trajectory`.
     """
     yield path
     if task.options.trajectory is None:

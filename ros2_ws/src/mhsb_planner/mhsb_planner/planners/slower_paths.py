@@ -1,8 +1,8 @@
-"""Paths at lower piston speeds, for requests whose motions cannot keep up with their paths.
+"""Paths at lower piston speeds, for requests whose motions cost much more than their paths.
 
-A search takes the speed of each step as V_max, or as what pumps and pressures admit. It leaves no
-pressure for the ramps of the motion, so that the motion may need boost, or much more time than its
-path. A path that is slower from the beginning has modes that suit its speed, and then costs less.
+A search plans each step at V_max, or as fast as pumps and pressures admit. It leaves no pressure
+for the ramps of the motion, so that the motion may need boost, or much more time than its path. A
+path that is planned for lower speeds has modes that suit them, and then costs less.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ def paths_at_falling_speeds(
 ) -> Iterator[PathProposal]:
     """Yield a planner's paths at V_max (allowed piston speed), then at lower speeds if needed.
 
-    The factors of SPEED_FACTORS are tried one after the other in two cases: there is no path yet
-    (slower steps need less pressure), or `progress.is_held_back` is True (motions cannot keep up
-    with their paths). No factor is tried after the deadline of the search. An error at a lower
-    speed is only logged.
+    Lower speeds are needed if there is no path (slower steps need less pressure), or if
+    `progress.is_held_back` is True (motions cost much more than their paths). The factors of
+    SPEED_FACTORS are then tried one after the other, until the deadline of the search. An error at
+    a lower speed is only logged.
 
     Args:
         planner: The planner.

@@ -39,8 +39,8 @@ class TablePlanner:
             progress: State of the planning loop, with the time limit of the search.
 
         Yields:
-            The first path that is found: to the goal or, if the goal has no path, to another
-            position of its region. At the end the cheapest path to any position of the region, if
+            The first path found: to the goal, or else to another position of the goal region (all
+            positions that are accepted). Then the cheapest path to any position of the region, if
             it is another one.
 
         Raises:
@@ -56,12 +56,12 @@ class TablePlanner:
 def yield_graph_paths(
     graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> Iterator[DiscretePath]:
-    """Yield paths in a step graph, to the goal and to the cheapest position of its region.
+    """Yield paths in a step graph, to the goal and to the cheapest position of the goal region.
 
-    The search runs once for each tried position of the region, and for the goal itself first. The
-    first path found is yielded at once. The cheapest one is yielded at the end if it is another. If
-    the departure (posture at rest where the path begins) is within a region already, the only path
-    has no steps.
+    The search runs once for the goal and once for each sampled position of the region (all
+    positions that are accepted). The first path found is yielded at once, the cheapest one at the
+    end if it is another. If the departure (posture at rest where the path begins) is in the region,
+    the only path has no steps.
 
     Args:
         graph: Step graph (steps between postures).

@@ -123,13 +123,14 @@ def paths_from_anywhere(
 
 
 def _limit_to_direct_share(progress: PlanProgress) -> PlanProgress:
-    """Create a progress that ends after DIRECT_SHARE of the remaining time and has the same log.
+    """Create a state of the planning loop that has DIRECT_SHARE of the remaining time.
 
     Args:
         progress: State of the planning loop. Without a deadline, the result has none either.
 
     Returns:
-        The progress. Its `has_motion`, `is_held_back` and `reserve` must be updated by the caller.
+        The new state, with the same log. The caller must update its `has_motion`, `is_held_back`
+        and `reserve`.
     """
     if not progress.has_deadline:
         return PlanProgress(progress.deadline, log=progress.log)

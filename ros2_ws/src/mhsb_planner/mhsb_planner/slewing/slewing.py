@@ -325,8 +325,8 @@ class SlewingPaths:
             progress: State of the planning loop, with the deadline of the search.
 
         Yields:
-            Planar paths without a via point, as proposals. A path of a baseline may come in two
-            ways, for two kinds of trajectory.
+            Planar paths without a via point, as proposals. A path of a baseline may come twice, for
+            two methods of making a motion of it.
         """
         for path in self._create_source_among_shadows(planner, *slew_angles).paths(
             in_plane, progress
@@ -355,7 +355,8 @@ class SlewingPaths:
 
         Yields:
             Planar paths as proposals, each with the index of the step after its via point
-            (`via_step`). A path of a baseline may come in two ways, for two kinds of trajectory.
+            (`via_step`). A path of a baseline may come twice, for two methods of making a motion of
+            it.
         """
         turning = self.machine.make_planar_arm_with_shadows(*slew_angles)
         postures = list(
@@ -377,9 +378,10 @@ class SlewingPaths:
     ) -> Iterator[PathProposal]:
         """Yield a path as one proposal, or as up to two proposals if a baseline has made it.
 
-        A baseline is another planner for comparison; its proposals are marked `for_comparison`. The
-        first proposal leaves open how the trajectory is fitted to the path (stage S3). The second
-        one asks for the baseline's own method. It is missing if the request chooses the method.
+        S3 (trajectory stage) makes a motion of a path: it fits a polynomial or follows the path. A
+        path of a baseline (planner to compare with) comes for the method of the planner named in
+        the request, then for the baseline's method, both with `for_comparison` set. The second one
+        is missing if the options name a method.
 
         Args:
             planner: Planner that has made the path.

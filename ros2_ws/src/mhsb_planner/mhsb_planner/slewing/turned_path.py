@@ -89,9 +89,8 @@ def compute_even_turning(
 def find_rest_steps(turning: SlewMotion, via_step: int | None) -> IntArray:
     """Return the steps of the whole arm before which all joints but the slew rest.
 
-    The slew turns alone in some series of steps. For each series the result contains its first step
-    (unless this is step 0) and the first step after it. It also contains the step after a via
-    point.
+    These are: the first step of each series in which the slew turns alone (unless it is step 0),
+    the first step after each series, and the step after a via point.
 
     Args:
         turning: Slew motion along a path.
