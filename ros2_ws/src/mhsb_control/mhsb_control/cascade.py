@@ -721,15 +721,15 @@ def set_supply_targets(
 ) -> None:
     """Compute the supply pressures that an actuator needs at two times.
 
-    The first one is the time at which a pump command acts that is sent now, the second one the
-    preview point. `compute_supply_need` gives both pressures, with the bias d added to all forces.
-    The first target is at least the target ahead, so that the line is charged in time. If the
-    piston reverses before the preview point, the first target also covers the whole force at
-    standstill. The pump takes over that force when the motion turns.
+    The first one is the time at which a pump command sent now acts, the second one the preview
+    point. `compute_supply_need` gives both pressures, with the bias d added to all forces. The
+    first target is at least the target ahead, so that the line is charged in time. If the piston
+    reverses before the preview point, the first target also covers the whole force at standstill.
+    The pump takes over that force when the motion turns.
 
     Args:
-        axis: State of the cylinder's control axis. Writes `supply_target`
-            and `target_ahead` [Pa] in place.
+        axis: State of the cylinder's control axis. Writes `supply_target` and `target_ahead` [Pa]
+            in place.
         cylinder: Areas and flow coefficient of the cylinder's valve.
         constants: Constants of the circuit, one record.
         gains: Quantities that all axes share, SharedGains[1].

@@ -333,10 +333,10 @@ def compute_feedforward_share(axis: ControlAxis, reaction_time: float) -> float:
 
         w = κ T/(1 + κ T)
 
-    An open valve damps oscillations of the force F at the rate κ. Its inverse, which keeps the flow
-    constant whatever the pressures, takes that damping away; with measurements that are T old, it
-    leaves κ (F(t) − F(t − T)) ≈ κ T Ḟ, as if the oil were softer by 1 + κ T. If the share w of F is
-    that of the feedforward instead, a damping of κ w remains, and the oil appears softer by 1 + w.
+    An open valve damps oscillations of the force F at the rate κ. Keeping the flow constant at all
+    pressures takes this damping away. Measurements that are T old leave κ T Ḟ of it, as if the oil
+    were softer by the factor 1 + κ T. If the feedforward replaces the share w of F, a damping of κ
+    w remains, and the oil appears softer by 1 + w.
 
     Args:
         axis: State of the cylinder's control axis. Reads `flow_damping` (κ) [1/s].
@@ -555,17 +555,16 @@ def compute_reference_flow(axis: ControlAxis, cylinder: CylinderConstants) -> fl
 def control_join_valves(s: ServoArguments, p: PumpState, settings: CoordinationSettings) -> None:
     """Open, throttle or shut the join valves of all lines, and set the rail's pressure targets.
 
-    A line that draws from the rail (see `joins_rail`) is joined once its pressure and the rail's
-    agree within `joined_drop`. Before that its join valve is throttled. It passes what the line
-    needs beyond its own pump, plus a charging flow taken from `p.charging_flow_left`. The rail's
-    targets are the highest targets of the lines that are on it or about to join.
+    `joins_rail` says which lines draw from the rail. Such a line is joined once its pressure and
+    the rail's agree within `joined_drop`. Before that its join valve is throttled: it passes what
+    the line needs beyond its own pump, plus a charging flow taken from `p.charging_flow_left`. The
+    rail's targets are the highest targets of the lines that are on it or about to join.
 
-    A line that no longer draws from the rail is shut off from it. If no line draws from the rail,
-    all stay joined until the rail's pumps have nearly stopped (`idle_flow_share`). Their oil would
-    otherwise raise the pressure of a shut rail.
-
-    A line also leaves early if `may_leave_early` says so. While a join valve closes, the rail's
-    target is limited so that no more flow passes than the line draws.
+    A line that no longer draws from the rail is shut off from it; it may leave early
+    (`may_leave_early`). If no line draws from the rail, all stay joined until the rail's pumps have
+    nearly stopped (`idle_flow_share`), because their oil would raise the pressure of a shut rail.
+    While a join valve closes, the rail's target is limited so that no more flow passes than the
+    line draws.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `join` of all axes and

@@ -200,8 +200,8 @@ class LagCompensatedAxis:
         """Compute the valve command of this control step.
 
         The command causes the reference's speed one delay ahead, plus a correction. The correction
-        has a proportional and an integral part. The way that commands under way still cause is
-        subtracted from its error. Corrections and speeds are limited. While the reference rests,
+        has a proportional and an integral part. The motion that earlier commands will still cause
+        is subtracted from the error. Corrections and speeds are limited. While the reference rests,
         there is no integral part, and corrections begin only beyond a position error.
 
         Updates `speed` (piston speed that is commanded [m/s]), the integral, and the time at rest.
@@ -250,11 +250,10 @@ class LagCompensatedAxis:
         """Return whether a resting piston is left alone at a position error [m].
 
         A correction begins beyond `rest_error` and ends where the error changes its sign. If the
-        curve is known, it does not begin before the one before has acted for twice the delay: out
-        of a wide dead band a slow spool takes longer than the delay. If it goes back, the one
-        before went too far; the ratio of real to predicted motion at rest is then taken to be twice
-        as large, and otherwise a little smaller. The first correction after a motion leaves that
-        ratio as it is. Updates the ratio.
+        valve's curve is known, a further correction begins only after twice the delay. The ratio of
+        real to predicted motion at rest is updated: it is doubled if the new correction has the
+        other direction, because the one before went too far, and otherwise becomes a little
+        smaller. The first correction after a motion leaves it as it is.
         """
         if self.speed != 0.0:
             return error * self.speed <= 0.0

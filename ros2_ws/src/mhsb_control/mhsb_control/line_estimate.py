@@ -402,10 +402,10 @@ def compute_line_intake(
 ) -> None:
     """Compute the oil that a line takes in a step, by compression, leakage and its piston.
 
-    The line's compression is its capacity times its pressure rise, by the machine file. If the
-    reference moves the piston, the compression in the chamber that the supply fills is added to it,
-    and the piston takes the oil that it sweeps. The chamber is the cap side if the reference
-    extends, and the rod side if it retracts.
+    Compression is the line's capacity (by the machine file) times its pressure rise. If the
+    reference moves the piston, it includes that of the chamber that the supply fills: the cap side
+    if the reference extends, the rod side if it retracts. The piston then takes the oil that it
+    sweeps.
 
     Args:
         axis: State of the cylinder's control axis. Writes `leakage` in place: the leakage by the

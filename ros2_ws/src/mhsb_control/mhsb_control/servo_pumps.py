@@ -298,16 +298,16 @@ def predict_line_volumes(s: ServoArguments, p: PumpState) -> None:
     """Compute the flow that each boosted line is about to supply, and the oil it supplies ahead.
 
     The flow is that of `compute_commanded_flow`, delayed by the lag of a valve that is slower than
-    the pumps, plus leakage and slip. To it comes the share `pump_rise` of the increase of the
-    reference's flow up to the next point. The oil up to each point ahead is
+    the pumps, plus leakage and slip. The share `pump_rise` of the increase of the reference's flow
+    up to the next point is added. The oil up to each point ahead is
 
         V(t) = ∫ (A_dir |v| + leakage + slip) dt + A_dir ΔF/k_h
 
-    by the trapezoidal rule, with v the reference's piston speed. ΔF is the change of the
-    cylinder force up to the preview point, positive in the direction of motion [N]. It compresses
-    the chamber. Its oil is spread evenly over the points up to the preview point at which the
-    piston moves. For v, moment arms are linear in the joint position about point PREVIEW_POINT. A
-    line gets zeros if it is not joined to the rail and no module serves its actuator.
+    by the trapezoidal rule, with v the reference's piston speed. ΔF is the change of the cylinder
+    force up to the preview point, positive in the direction of motion [N]. It compresses the
+    chamber. Its oil is spread evenly over the points up to the preview point at which the piston
+    moves. For v, moment arms are linear in the joint position about point PREVIEW_POINT. A line
+    gets zeros if it is not joined to the rail and no module serves its actuator.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `line_flow` of all axes [m³/s]
@@ -408,9 +408,8 @@ def observe_line_draws(s: ServoArguments, p: PumpState) -> None:
 def compute_commanded_flow(axis: ControlAxis, cylinder: CylinderConstants) -> float:
     """Compute the flow that a piston is commanded to take from its line.
 
-    u is the demanded piston speed. A demand against the direction of the reference at the preview
-    point counts as 0. If the reference rests there, the present direction counts. Such a demand
-    usually comes from a piston that lags because the valve's overlap is not known yet.
+    u is the demanded piston speed. It counts only if it has the direction of the reference at the
+    preview point, or the present direction if the reference rests there. Otherwise the flow is 0.
 
     Args:
         axis: State of the cylinder's control axis, with demand and speeds.

@@ -434,7 +434,8 @@ def accumulate_valve_window(
 def evaluate_valve_window(
     valves: ValveEstimates, j: int, length: float, force: float, stiffness: float
 ) -> None:
-    """Update the estimate of a valve from a full window, unless the window is discarded.
+    """Update the estimates a, b and c of a valve from a full window, unless the window is
+    discarded.
 
     If the piston moved at least the share `min_stroke_share` of the reference's stroke, the window
     updates g, c and the b of its direction by the balance of the module's text. If the piston moved
@@ -442,9 +443,8 @@ def evaluate_valve_window(
     `min_stroke_lag` less than the estimates predict. Its balance takes the flow without overlap as
     known.
 
-    The noise of a balance has three parts: `length_deviation`, the share `stroke_deviation` of the
-    stroke, and the stroke that would pass over the distance of the spool from its command. A window
-    in which the spool crosses its overlap therefore has little weight.
+    The window's noise has three parts: `length_deviation`, the share `stroke_deviation` of the
+    stroke, and the stroke that belongs to the distance of the spool from its command.
 
     If the reference moves and the piston lags its prediction by more than `surprise` standard
     deviations, in `min_surprises` windows in sequence, the most likely cause is overlap. The

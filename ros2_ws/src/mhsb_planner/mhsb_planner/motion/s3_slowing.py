@@ -42,7 +42,7 @@ def compute_needed_factors(
     - A lack of pressure (TimeScaling.INERTIA): each interval with it needs a fixed factor, which is
       PIECE_THRUST_STRETCH if `slows_pieces`, else THRUST_STRETCH.
     - V_max, valves or pumps (TimeScaling.SPEED): each interval needs the share that it uses, times
-      USAGE_RESERVE. For the interval of the violation, the excess at the violation counts.
+      USAGE_RESERVE. For the interval of the violation, this share is 1 plus the excess.
 
     Args:
         violation: The broken limit, and the time and excess at which it is broken.

@@ -86,11 +86,10 @@ def paths_through_via_points(
     """Yield paths from the request's departure to its goal through all via points in their order.
 
     The departure is the posture at rest where the path begins. A leg leads to the next via point,
-    the last leg to the goal. Each leg is planned by itself, so it may end in a posture that suits
-    the next leg less. In a first round, each leg to a via point is the first path that the source
-    finds. In a second round it is the cheapest. The last leg takes all paths of the source. Each
-    whole path is yielded twice, the second time with rests at the via points. Without rests, ramps
-    cut the corners, and the tip may miss the points.
+    the last leg to the goal. Each leg is planned without regard to the next. In a first round, each
+    leg to a via point is the first path that the source finds, in a second round the cheapest. The
+    last leg takes all paths of the source. Each whole path is yielded twice: without and with rests
+    at the via points. Without rests, the tip may miss the points, because ramps cut the corners.
 
     Args:
         source: Source of the paths of each leg.

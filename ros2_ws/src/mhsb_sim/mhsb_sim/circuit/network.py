@@ -515,8 +515,8 @@ def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
 
     The list has the elements of the present substep with their flows and slopes.
 
-    Lock valves are shut while the servo valve is open less than `lock_valve_opening`, or while the
-    line's pressure, their pilot, is less than 1/LOCK_VALVE_PILOT_RATIO of the higher chamber
+    Lock valves are shut in two cases: the servo valve is open less than `lock_valve_opening`, or
+    the line's pressure (their pilot) is below 1/LOCK_VALVE_PILOT_RATIO of the higher chamber
     pressure. Shut, they are tight in both directions.
 
     Args:

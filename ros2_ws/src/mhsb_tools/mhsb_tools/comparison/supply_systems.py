@@ -249,7 +249,8 @@ def pump_controlled(
 
     Args:
         machine: The arm.
-        loads: Piston speeds v [m/s] and piston forces F with inertia and friction [N].
+        loads: Motion, of which piston speeds v [m/s] and forces F with inertia and friction [N] are
+            read.
         pumps: Efficiency η, and drag power P_d of all pumps together [W].
         recovering: Whether lowering loads drive their pumps and give energy back.
 

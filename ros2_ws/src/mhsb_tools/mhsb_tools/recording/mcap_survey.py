@@ -287,8 +287,8 @@ class Survey:
     def _remove_found_losses(self) -> None:
         """Remove entries of `lost` whose messages were found elsewhere in the file.
 
-        An entry counts as found if one kept chunk has a first log time that is not later, and a
-        last log time that is not earlier. Entries without log times stay.
+        They were found if the range of log times of a kept chunk contains that of the entry.
+        Entries without log times stay.
         """
         if not self._chunks or not self.lost:
             return

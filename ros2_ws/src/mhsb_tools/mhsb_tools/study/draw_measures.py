@@ -149,7 +149,7 @@ def flow_suffices(machine: Machine, plant: Machine, commands: Sequence[Command])
     Q_MP the flow of the main pump [m³/s]. p is the supply pressure that the planned motion needs,
     at least P_S [Pa].
 
-    Each plan counts until the next one begins. It is sampled every `SAMPLING_STEP`.
+    Each plan is checked until the next one begins, at samples every `SAMPLING_STEP`.
 
     Args:
         machine: The machine that the planner knows; its moment arms give the piston speeds.

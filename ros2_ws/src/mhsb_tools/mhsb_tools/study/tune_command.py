@@ -78,7 +78,7 @@ def tune_servo(
         json_: Print one JSON object instead of text: cost and gains of each controller.
 
     Raises:
-        UsageError: A number is too small, or no controller that suits the machine has gains.
+        UsageError: A number is too small, or no controller for this machine has gains to tune.
     """
     _check_arguments(budget, training)
     workers = work.connect()
