@@ -408,8 +408,8 @@ def observe_line_draws(s: ServoArguments, p: PumpState) -> None:
 def compute_commanded_flow(axis: ControlAxis, cylinder: CylinderConstants) -> float:
     """Compute the flow that a piston is commanded to take from its line.
 
-    u is the demanded piston speed. It counts only if it has the direction of the reference at the
-    preview point, or the present direction if the reference rests there. Otherwise the flow is 0.
+    u is the demanded piston speed. It is taken as 0 if it is against the direction of the reference
+    at the preview point, or against the present direction if the reference rests there.
 
     Args:
         axis: State of the cylinder's control axis, with demand and speeds.

@@ -434,8 +434,7 @@ def accumulate_valve_window(
 def evaluate_valve_window(
     valves: ValveEstimates, j: int, length: float, force: float, stiffness: float
 ) -> None:
-    """Update the estimates a, b and c of a valve from a full window, unless the window is
-    discarded.
+    """Update the estimates a, b and c of a valve from a full window, or discard the window.
 
     If the piston moved at least the share `min_stroke_share` of the reference's stroke, the window
     updates g, c and the b of its direction by the balance of the module's text. If the piston moved

@@ -86,10 +86,8 @@ def random_moves(planner: Planner, count: int, seed: int = DEFAULT_SEED) -> Iter
     """Yield random moves between nodes of the posture table's grid that have a plan.
 
     The start posture is the table's posture for mode N (main pump alone) of all actuators at a
-    random node. The goal is another random node. Only nodes are used because the table planner has
-    postures for them; elsewhere it would first have to optimise one. A slewing arm moves between
-    random angles of joint 1.
-    Moves without a plan are skipped and not counted.
+    random node. The goal is another random node. A slewing arm moves between random angles of joint
+    1. Moves without a plan are skipped and not counted.
 
     Args:
         planner: Planner that must find a plan with its default options.

@@ -262,8 +262,8 @@ class SimNode(Node):
         """End the injected faults, and let an arm that was stopped go on.
 
         The parameter `fault` is set to none; `SupervisedArm.clear_fault` does the rest. A
-        simulation that has diverged starts again. It starts at its own time, or at the system's
-        time if that is later and the node does not publish /clock.
+        simulation that has diverged starts again. Its time goes on, or becomes the system's time if
+        that is later and the node does not publish /clock.
 
         Args:
             request: Empty request.

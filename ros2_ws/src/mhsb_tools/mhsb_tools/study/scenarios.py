@@ -130,8 +130,8 @@ def load_scenarios(file: Path | None = None, machine: Machine | None = None) -> 
     Args:
         file: YAML file. None takes the suite's file for the name of `machine` if there is one, else
             the suite's default file.
-        machine: The arm. None takes the default file if `file` is None. It also skips the check
-            that the goals have as many coordinates as the arm needs.
+        machine: The arm. None takes the default file if `file` is None, and does not check that the
+            goals have as many coordinates as the arm needs.
 
     Returns:
         The scenarios in the file's order.

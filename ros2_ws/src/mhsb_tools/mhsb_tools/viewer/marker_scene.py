@@ -49,8 +49,8 @@ class MarkerScene:
     def _add_marker(self, name: str, marker: Marker) -> Any:
         """Add a marker to the scene.
 
-        Types are line strip, cube and cylinder; every other type is drawn as a sphere. The pose of
-        a line strip is ignored: its points count as they are.
+        Types are line strip, cube and cylinder; every other type is drawn as a sphere. A line strip
+        is drawn at its points; its pose is ignored.
 
         Args:
             name: Name of the object in the scene; an object of the same name is replaced.

@@ -117,7 +117,7 @@ def read_valve_sections(machine: Machine) -> dict[str, Any]:
     """Check the sections of valves in a machine file against the schemas of their kinds.
 
     Args:
-        machine: The machine as its file describes it, with `circuit.valves`.
+        machine: Machine, whose file may have the sections `circuit.valves`.
 
     Returns:
         Instance of the schema, by the kind's name, for each section in the file. Keys that the
