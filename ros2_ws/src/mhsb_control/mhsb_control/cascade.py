@@ -351,7 +351,7 @@ def build_gain_record(
     [Pa], and the highest boost pressure [Pa]. The gains of single joints are not in this record.
 
     Args:
-        machine: The machine as its file describes it.
+        machine: The machine as declared in its file (the real one may differ).
         supply_margin: Pressure margin of the controller, added to the boost margin of the machine
             file [Pa].
         settings: Tuned numbers, which the record contains as well.
@@ -387,7 +387,7 @@ def build_axis_records(
     `integral_limit_ratio`.
 
     Args:
-        machine: The machine as its file describes it.
+        machine: The machine as declared in its file (the real one may differ).
         gains: Gains of the controller, relative to the natural frequencies.
         settings: Tuned numbers.
 
@@ -438,7 +438,7 @@ def build_servo_arguments(
     Arrays of `signals` are shared and not copied, so that the kernels see every change.
 
     Args:
-        machine: The machine as its file describes it.
+        machine: The machine as declared in its file (the real one may differ).
         signals: Arrays that the controller reads and writes in each step.
         gains: Gains of the controller, relative to natural frequencies; see `build_axis_records`.
         supply_margin: Pressure margin of the controller, added to the boost margin of the plan

@@ -135,7 +135,7 @@ class Controller(Protocol):
         """Bind the controller to the signals that `update` will work on.
 
         Args:
-            machine: The machine as its file describes it.
+            machine: The machine as declared in its file (the real one may differ).
             signals: Arrays that the controller reads and writes in each step.
             gains: Instance of `gains_section` with the values of the machine file.
         """

@@ -169,7 +169,7 @@ class CoordinatedController:
         not compensated is logged as a warning.
 
         Args:
-            machine: The machine as its file describes it.
+            machine: The machine as declared in its file (the real one may differ).
             signals: Arrays that the controller reads and writes in each step.
             gains: Gains of its section of the machine file.
         """

@@ -29,7 +29,7 @@ def describe_uncompensated_delay(machine: Machine) -> str | None:
     """Describe by how much the declared delay of commands exceeds `MAX_DELAY`.
 
     Args:
-        machine: The machine as its file describes it.
+        machine: The machine as declared in its file (the real one may differ).
 
     Returns:
         One sentence for the user; None if the delay is compensated.

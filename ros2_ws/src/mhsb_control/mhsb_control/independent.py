@@ -88,7 +88,7 @@ class IndependentController:
         does not prepare modes in advance.
 
         Args:
-            machine: The machine as its file describes it.
+            machine: The machine as declared in its file (the real one may differ).
             signals: Arrays that the controller reads and writes in each step.
             gains: Gains from section `servo.independent` of the machine file.
         """

@@ -341,7 +341,7 @@ class LagCompensatedController:
         The assumed speeds at the full command are those without load at the main pump's pressure.
 
         Args:
-            machine: The machine as its file describes it.
+            machine: The machine as declared in its file (the real one may differ).
             signals: Arrays that the controller reads and writes in each step.
             gains: Gains of its section of the machine file.
         """

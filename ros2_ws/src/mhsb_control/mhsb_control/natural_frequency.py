@@ -23,7 +23,7 @@ def compute_oil_stiffness(machine: Machine, q: FloatArray) -> FloatArray:
     side. V_A and V_B are the oil volumes there, dead volumes included [m³].
 
     Args:
-        machine: The machine as its file describes it.
+        machine: The machine as declared in its file (the real one may differ).
         q: Joint positions, float64[n], [rad or m].
 
     Returns:
@@ -49,7 +49,7 @@ def compute_joint_frequencies(machine: Machine, q: FloatArray) -> FloatArray:
     For a prismatic joint, r is dimensionless and M_jj a mass [kg].
 
     Args:
-        machine: The machine as its file describes it.
+        machine: The machine as declared in its file (the real one may differ).
         q: Joint positions, float64[n], [rad or m].
 
     Returns:
@@ -81,7 +81,7 @@ def find_joint_frequency_ranges(machine: Machine) -> tuple[FloatArray, FloatArra
     `draw_postures` draws the postures.
 
     Args:
-        machine: The machine as its file describes it.
+        machine: The machine as declared in its file (the real one may differ).
 
     Returns:
         Lowest and highest natural frequencies, float64[n] each, [rad/s]. Those of different joints

@@ -96,7 +96,7 @@ def select_controllers(machine: Machine) -> tuple[str, ...]:
     they are the controllers that read none.
 
     Args:
-        machine: The machine as its file describes it.
+        machine: The machine as declared in its file (the real one may differ).
 
     Returns:
         Keys of `REGISTERED_CONTROLLERS`, in their order.
@@ -111,7 +111,7 @@ def default_controller(machine: Machine) -> str:
     It is the first registered one that suits the machine's sensors.
 
     Args:
-        machine: The machine as its file describes it.
+        machine: The machine as declared in its file (the real one may differ).
     """
     return select_controllers(machine)[0]
 
@@ -186,7 +186,7 @@ def make_controller(
 
     Args:
         name: Name of a registered controller, such as "coordinated".
-        machine: The machine as its file describes it.
+        machine: The machine as declared in its file (the real one may differ).
         signals: Arrays that the controller reads and writes in each step. They must contain present
             readings.
         learnt: Response of each actuator by its name, with which the controller begins; None: it

@@ -50,10 +50,10 @@ class ServoLoop:
 
         Args:
             controller: Name of a registered controller, such as "coordinated".
-            machine: The machine as its file describes it.
+            machine: The machine as declared in its file (the real one may differ).
             signals: Signals with the present sensor readings; they are shared with the caller.
-            learnt: Response of each actuator by its name, with which the controller begins; None
-                to begin with the machine file alone.
+            learnt: Response of each actuator by its name, with which the controller begins; None to
+                begin with the machine file alone.
 
         Raises:
             ArgumentError: There are estimates, but the controller keeps none.

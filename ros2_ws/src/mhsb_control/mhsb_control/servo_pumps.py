@@ -195,7 +195,7 @@ def build_pump_state(
     """Build the state of a machine's servo pumps, at rest.
 
     Args:
-        machine: The machine as its file describes it.
+        machine: The machine as declared in its file (the real one may differ).
         signals: Signals of the controller. The present rail pressure becomes the first target of
             the rail.
         gains: Gains of the controller, as its section of the machine file has them.
@@ -438,8 +438,7 @@ def compute_pump_demand(
 
     It is the drawn flow plus a charging flow C (k (p_ref − p) + min(ṗ_ref, 0)). p is the pressure
     when the command begins to act. k is the gain `pressure_gain`, at most `max_gain_delay` over the
-    delay of commands. With a low k the pressure would follow a falling target late. Three limits
-    apply:
+    delay of commands. Three limits apply:
 
     - The sum stays below `compute_coasting_limit` by the estimates.
     - The charging flow stays within `p.charging_flow_left`.
@@ -448,7 +447,7 @@ def compute_pump_demand(
 
     The first limit is relaxed for a line that the manifold may feed as well. Such a line gets the
     drawn flow and `min_charge_share` of the charging flow, if the limit without leakage uncertainty
-    allows that. Its leakage can be observed only once its pump alone feeds it.
+    allows that.
 
     Args:
         line: Index of the line; n for the rail.

@@ -75,7 +75,7 @@ def compute_slowest_decay(machine: Machine, gains: CascadeGains, payload: float)
     payload.
 
     Args:
-        machine: The machine as its file describes it.
+        machine: The machine as declared in its file (the real one may differ).
         gains: Gains of the controller, relative to natural frequencies.
         payload: Actual payload [kg].
 

@@ -361,7 +361,7 @@ class Planner:
 
         Args:
             goal: Goal of the tip in `base_link` [m].
-            rest: Rest of the plan in force. Only `position` is read.
+            rest: Remainder of the plan in force. Only `position` is read.
             options: Options with goal region, end-link angle and via points.
 
         Returns:

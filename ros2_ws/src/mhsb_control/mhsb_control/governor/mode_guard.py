@@ -62,7 +62,7 @@ class ModeGuard:
         """Build the state of the reference governor, and bind its kernel to the signals of a servo.
 
         Args:
-            machine: The machine as its file describes it.
+            machine: The machine as declared in its file (the real one may differ).
             signals: Signals of the servo controller, which the guard reads in each step.
             reference: The reference, which the guard slows.
             usual_error: Distance of the tip from its reference that is normal for an arm of the

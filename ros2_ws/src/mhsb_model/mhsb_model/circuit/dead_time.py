@@ -28,7 +28,7 @@ def compute_settling_time(machine: Machine) -> float:
     It is `SETTLING_TIME` plus `SETTLING_DEAD_TIMES` times the machine's dead time.
 
     Args:
-        machine: The machine as its file describes it.
+        machine: The machine as declared in its file (the real one may differ).
     """
     return SETTLING_TIME + SETTLING_DEAD_TIMES * compute_dead_time(machine)
 
@@ -40,7 +40,7 @@ def compute_dead_time(machine: Machine) -> float:
     the plan by then, so commit horizons are longer by this time.
 
     Args:
-        machine: The machine as its file describes it.
+        machine: The machine as declared in its file (the real one may differ).
 
     Returns:
         Delay of computer and bus plus velocity lag of the valve's spool (T of this module) [s]. If
@@ -58,7 +58,7 @@ def compute_valve_lag(machine: Machine) -> float:
     """Compute the lag of a valve's spool behind its command, 2 ζ / ω [s].
 
     Args:
-        machine: The machine as its file describes it.
+        machine: The machine as declared in its file (the real one may differ).
     """
     circuit = machine.config.circuit
     return circuit.valve_damping / (math.pi * circuit.valve_frequency)

@@ -264,10 +264,10 @@ def _locate_field(
 
 
 def _find_models_below(models: Sequence[type[BaseModel]], part: str | int) -> list[type[BaseModel]]:
-    """Return the pydantic models as which the value of a key may be validated.
+    """Return the pydantic models that may validate the value of a key.
 
     Args:
-        models: Models as which the section that contains the key may be validated.
+        models: Models that may validate the section with the key.
         part: Key, or a list index. For an index, `models` is returned.
 
     Returns:

@@ -180,7 +180,7 @@ def fit_trajectory(
         modes: Modes in force at the start, and time since each actuator's last switch.
         brake: Motion that brings a moving start to rest; None for a start at rest. After a
             `Trajectory`, the path begins from rest. During a `Coasting`, the path may begin
-            earlier. A `Steering` contains the rest of the plan in force, at whose end the path
+            earlier. A `Steering` contains the remainder of the plan in force, at whose end the path
             begins; the motion then goes from `start` straight to the path's end.
         rules: Settings of the fit; None means the defaults.
         deadline: Instant at which the work is given up.

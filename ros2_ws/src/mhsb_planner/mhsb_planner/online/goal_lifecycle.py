@@ -97,7 +97,8 @@ class GoalLifecycle:
             brake: Function that makes a braking command. Its arguments are the command in force,
                 the earliest stamp that the braking command may have [ns], and the commit horizon
                 (time from that stamp until braking begins) [s]. It returns the braking command and
-                the time at which braking begins [ns]. All times are by the clock of plans.
+                the time at which braking begins [ns]. All times are in the time of plans (the arm's
+                clock minus the arm's delay behind its plans).
             clock: Steady clock and ROS clock.
             outbox: Carries out what the lifecycle decides: make a plan, send a command, send a
                 report.

@@ -139,7 +139,8 @@ class StopSequence:
             brake: Function that makes a braking command. Its arguments are the command in force,
                 the earliest stamp that the braking command may have [ns], and the commit horizon
                 (time from that stamp until braking begins) [s]. It returns the braking command and
-                the time at which braking begins [ns]. All times are by the clock of plans.
+                the time at which braking begins [ns]. All times are in the time of plans (the arm's
+                clock minus the arm's delay behind its plans).
             clock: Source of the present time.
             outbox: Calls the arm's ~/stop, and writes the log.
             hand_over: Chooses stamp and commit horizon of braking commands, and knows whether a

@@ -445,8 +445,8 @@ class PlannerNode(Node):
     def _get_receipt_time(self, info: dict[str, int]) -> float:
         """Return when a message was received by the steady clock [s].
 
-        The node may have been busy between receipt and callback. This time is limited to the range
-        from 0 to `LONGEST_WAIT`.
+        The time from receipt to callback, in which the node may have been busy, is limited to 0 …
+        `LONGEST_WAIT`.
 
         Args:
             info: rclpy's information on the message. Its `received_timestamp` is the receipt by the
