@@ -388,8 +388,7 @@ def boosted_supply(
 
     P_S is the main pump's pressure, and p_max the maximum boost pressure. p_L is the load pressure
     in the direction of v, and m(v) the drop across the fully open valve. p_0 is the pressure that
-    holds the load at rest. It counts in motion as well, since the load must be carried at every
-    reversal.
+    holds the load at rest. It counts in motion, too.
 
     Args:
         oil: Pressures of supply and tank, boost margin and maximum boost pressure.

@@ -37,7 +37,8 @@ def encode(goal: Goal, frame_prefix: str = "") -> PoseStamped:
         frame_prefix: Text before the name of the frame.
 
     Returns:
-        The pose, with the goal's stamp. Its y is 0 for arms that do not slew.
+        The pose, with position and stamp of the goal; it has no rotation. Its y is 0 for arms that
+        do not slew.
     """
     header = Header(
         stamp=stamps.to_time(goal.stamp_ns), frame_id=frame_name(BASE_FRAME, frame_prefix)

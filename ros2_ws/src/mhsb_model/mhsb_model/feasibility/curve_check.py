@@ -288,9 +288,7 @@ def _write_control_values(
 ) -> None:
     """Write the Bernstein control values of one quintic piece and of its three derivatives.
 
-    The derivatives are computed from the difference of both positions, not from the control values
-    of the position: dividing by the duration would amplify the rounding of those. For a joint that
-    slides, m takes the place of rad.
+    For a joint that slides, m takes the place of rad.
 
     Args:
         piece: Piece with its duration. Its control values are written in place.

@@ -207,7 +207,7 @@ def enclose_lengths(m: MachineArrays, j: int, low: float, high: float, box: Floa
     """Compute the range of cylinder length j for an interval of its joint's positions.
 
     The interval is first widened by INTERVAL_ROUNDING and clipped to the joint limits. For a
-    turning joint, intervals that are shifted by −2 to 2 whole turns count, too.
+    turning joint, the interval shifted by up to 2 whole turns in either direction is included, too.
 
     Args:
         m: Numeric description of the machine.

@@ -205,10 +205,10 @@ class PlanningLoop:
 
         1. The path is skipped if MIN_MOTION_COST_RATIO times its cost, less that of its mode
            switches, exceeds the incumbent's cost.
-        2. One motion is fitted by the rules of `fit_rules`. If there is no incumbent and these
-           rules ask for a polynomial, a motion that follows the path is fitted first, because this
-           is faster. The polynomial then replaces it whatever it costs, unless it had to be slowed
-           to keep the limits.
+        2. One motion is fitted: a polynomial or one that follows the path, as options, path or
+           planner ask for (`fit_rules`). If there is no incumbent and a polynomial is asked for, a
+           motion that follows the path is fitted first, because this is faster. The polynomial then
+           replaces it whatever it costs, unless it had to be slowed to keep the limits.
         3. If that motion costs at most NEAR_BEST_COST_FACTOR times as much as the incumbent,
            variants of it are fitted, such as one with faster ramps. With a deadline, the variants
            of the first motion wait until the next path has its motion.
@@ -313,9 +313,10 @@ class PlanningLoop:
     def _fit_and_keep(self, proposal: PathProposal, rules: FitRules) -> FittedMotion | None:
         """Fit a motion to a path, and make it the incumbent (best plan so far) if it is better.
 
-        `_replaces` decides what is better. Rules with `polynomial_only` ask for a polynomial along
-        the incumbent's path. It becomes the incumbent whatever it costs, unless it had to be slowed
-        to keep the limits. If it is refused, the incumbent's `refused` gets the reasons.
+        Better means cheaper, with exceptions for goals with a period and for a plan in force
+        (`_replaces`). Rules with `polynomial_only` ask for a polynomial along the incumbent's path.
+        It becomes the incumbent whatever it costs, unless it had to be slowed to keep the limits.
+        If it is refused, the incumbent's `refused` gets the reasons.
 
         Times of the stages and the log are updated. The first motion sets `progress.has_motion` and
         `progress.reserve`, the time to be kept for turning a path into a motion.

@@ -392,7 +392,8 @@ def _convex_hull(points: FloatArray) -> FloatArray:
         points: Points, shape (k, 2).
 
     Returns:
-        Vertices, counter-clockwise, shape (vertices, 2).
+        Vertices, counter-clockwise, shape (vertices, 2). Points on an edge between two vertices are
+        not among them.
     """
     ordered = sorted({(float(x), float(y)) for x, y in points})
 

@@ -223,6 +223,8 @@ def check_changes(node: Node, plant: Machine, changes: Sequence[Parameter]) -> S
 def _find_clock_problem(factor: float, publish_clock: bool) -> str | None:
     """Return why a real-time factor is refused.
 
+    A factor other than 1 is refused unless the simulator publishes /clock.
+
     Args:
         factor: Simulated seconds per second.
         publish_clock: Whether the simulator publishes /clock.

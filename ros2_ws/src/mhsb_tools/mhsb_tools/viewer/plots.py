@@ -38,6 +38,8 @@ class Plots:
     def __init__(self, gui: GuiApi, machine: Machine) -> None:
         """Add empty plots of supply pressures [MPa], modes and energies [J] to the page.
 
+        A text with the energies is added below them.
+
         Args:
             gui: Controls of the browser.
             machine: The arm; it determines the number of lines and the limits of the pressure axis.
