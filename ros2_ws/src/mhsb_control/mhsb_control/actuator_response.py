@@ -223,7 +223,7 @@ class InverseCurve:
 
         Args:
             command: Command, 0 … 1.
-            weight: Weight of this observation, above 0 … 1, as in `learn`.
+            weight: Weight of this observation, above 0 … 1.
         """
         if self.commands[0] < command < self._settings.max_dead_band:
             self._correct(self._shares(0.0), command + self._settings.dead_band_step, weight)

@@ -555,10 +555,11 @@ def compute_reference_flow(axis: ControlAxis, cylinder: CylinderConstants) -> fl
 def control_join_valves(s: ServoArguments, p: PumpState, settings: CoordinationSettings) -> None:
     """Open, throttle or shut the join valves of all lines, and set the rail's pressure targets.
 
-    `joins_rail` says which lines draw from the rail. Such a line is joined once its pressure and
-    the rail's agree within `joined_drop`. Before that its join valve is throttled: it passes what
-    the line needs beyond its own pump, plus a charging flow taken from `p.charging_flow_left`. The
-    rail's targets are the highest targets of the lines that are on it or about to join.
+    A line draws from the rail if its mode is SB, or if a spare module or one of another line serves
+    it (`joins_rail`). It is joined once its pressure and the rail's agree within `joined_drop`.
+    Before that its join valve is throttled: it passes what the line needs beyond its own pump, plus
+    a charging flow taken from `p.charging_flow_left`. The rail's targets are the highest targets of
+    the lines that are on it or about to join.
 
     A line that no longer draws from the rail is shut off from it; it may leave early
     (`may_leave_early`). If no line draws from the rail, all stay joined until the rail's pumps have

@@ -288,7 +288,7 @@ def compute_fed_flows(s: ServoArguments, fed: FloatArray, shut_opening: float) -
     A module's diverter divides its flow between its own line and the rail. A spare module has no
     line of its own.
 
-    Slip is that of `hydraulics.compute_slip_flow`, with P_S at the inlet of the pumps.
+    Slip is proportional to the pressure rise from P_S, at the inlet of the pumps.
 
     Args:
         s: Signals and circuit of the servo: flows and diverters of the modules, the actuators that

@@ -46,5 +46,5 @@ def actuator_names(count: int) -> tuple[str, ...]:
 
 
 def frame_name(name: str, prefix: str = "") -> str:
-    """Return a frame's name after a prefix, as with robot_state_publisher's `frame_prefix`."""
+    """Return a prefix followed by a frame's name."""
     return prefix + name

@@ -54,8 +54,8 @@ class GoalPostures:
             solution (`side`) of `close_chain`, which moves two joints so that the tip is reached.
         free: Free joint coordinates of each posture as in `tip_postures`, shape (count, n - 2) [rad
             or m].
-        free_units: Change of each free coordinate that counts as one radian, shape (n - 2,) [rad or
-            m]; 0 if the coordinate must not change.
+        free_units: Unit of each free coordinate (1 rad, or range/π of a telescope), shape (n - 2,)
+            [rad or m]; 0 if the coordinate must not change.
         psi_range: Least and greatest admissible ψ [rad]; None if ψ is free.
     """
 
@@ -125,21 +125,21 @@ def sample_goal_postures(
 
 
 def _free_coordinate_units(machine: Machine, between: tuple[float, float] | None) -> FloatArray:
-    """Return the change of each free joint coordinate that counts as one radian.
+    """Return the unit of each free joint coordinate, by which changes are compared.
 
     Free coordinates are the first n − 3 joint angles and the end-link angle ψ. With telescopes they
     are the positions of all joints but the last two turning ones, which close the chain.
 
-    The change is 1 rad for an angle, and the joint's range divided by π [m] for a telescope. If
-    `between` is given, ψ must keep its value, even if `between` contains further values: the change
-    of ψ is then 0. With telescopes all changes are then 0, because each would change ψ.
+    The unit is 1 rad for an angle, and the joint's range divided by π [m] for a telescope. 0 means
+    that the coordinate must not change. If `between` is given, this is so for ψ, and with
+    telescopes for all coordinates, because each would change ψ.
 
     Args:
         machine: The arm without a slewing joint.
         between: Least and greatest admissible ψ [rad]; None if ψ is free.
 
     Returns:
-        Changes, shape (n - 2,) [rad or m].
+        Units, shape (n - 2,) [rad or m].
     """
     if machine.has_telescope:
         unit = machine.radian_equivalents[held_joints(machine)]

@@ -47,7 +47,7 @@ def enclose_with_telescopes(
     Args:
         m: Numeric description of the machine.
         tip: Tip position (x, z) [m].
-        side: Sign of the last turning joint's angle, −1 or 1, as in `tip_postures.close_chain`.
+        side: Sign of the last turning joint's angle, −1 or 1.
         cell: Lower and upper end of the interval of each other joint, shape (n - 2, 2) [rad or m].
         box: Written in place, shape (2, n): shortest and longest length of each cylinder [m].
 

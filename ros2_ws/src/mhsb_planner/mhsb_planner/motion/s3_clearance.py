@@ -35,7 +35,7 @@ REST_SPEED_LIMIT = 1e-9
 
 @dataclass(frozen=True)
 class Contact:
-    """First contact of a motion with an obstacle, or an approach too close to exclude one.
+    """First contact of a motion with an obstacle, or an approach so close that one is possible.
 
     Attributes:
         time: Time from the start of the motion [s].
@@ -51,9 +51,9 @@ class Contact:
 def find_first_contact(machine: Machine, trajectory: Trajectory) -> Contact | None:
     """Find the first contact of a trajectory with an obstacle.
 
-    An approach too close to exclude a contact counts as a contact. A motion that starts in an
-    obstacle, or nearer to it than START_LEEWAY, may leave it. On the way out it may get nearer or
-    deeper by at most START_LEEWAY.
+    An approach so close that a contact cannot be excluded is taken as one. A motion that starts in
+    an obstacle, or nearer to it than START_LEEWAY, may leave it. On the way out it may get nearer
+    or deeper by at most START_LEEWAY.
 
     Args:
         machine: Machine with its obstacles. They count without the margin that discrete paths keep.
@@ -161,7 +161,7 @@ def _first_contact(
 ) -> tuple[float, float, int]:
     """Find the first contact of a joint motion with an obstacle by conservative advancement.
 
-    An approach that is too close to exclude a contact counts as a contact. An obstacle may be left
+    An approach so close that a contact cannot be excluded is taken as one. An obstacle may be left
     if the start is in it, or nearer to it than START_LEEWAY. Until the clearance first exceeds
     START_LEEWAY, the motion may get nearer or deeper by at most START_LEEWAY.
 

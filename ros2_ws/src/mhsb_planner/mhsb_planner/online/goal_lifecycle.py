@@ -257,11 +257,11 @@ class GoalLifecycle:
         """Begin to plan for the waiting goal, if nothing prevents it.
 
         Nothing happens while a plan is made or unconfirmed (sent, without an answer), or while the
-        arm is being stopped. The goal waits on if `GoalQueue.must_wait` says so, for instance
-        because the arm is not connected. It also waits on if no plan can start from the arm's
-        state; `GoalQueue.postpone` may then refuse it. If the arm moves under a command of somebody
-        else, the arm's own ~/stop is called once for each goal. If the plan in force leads to the
-        goal already, the goal takes that plan over. Otherwise a plan is requested.
+        arm is being stopped. The goal waits on if the arm is not ready, for instance not connected
+        (`GoalQueue.must_wait`). If no plan can start from the arm's state, it also waits on, or is
+        refused (`GoalQueue.postpone`). If the arm moves under a command of somebody else, the arm's
+        own ~/stop is called once for each goal. If the plan in force leads to the goal already, the
+        goal takes that plan over. Otherwise a plan is requested.
         """
         queue, pending_goal = self._queue, self._queue.waiting
         is_busy = queue.request or self._hand_over.unconfirmed or self._stop.is_under_way
@@ -796,8 +796,8 @@ class GoalLifecycle:
         A goal is in progress while it waits, is being planned for, is executed, or has a plan that
         the arm has not answered yet. Nothing happens while a stop is under way.
 
-        As with every stop, all goals end as stopped. Those that wait or are being planned for end
-        at once, the others when the arm has stopped.
+        All goals end as stopped. Those that wait or are being planned for end at once, the others
+        when the arm has stopped.
         """
         newest = next(iter(self._goals_not_ended()), None)
         if newest is not None and newest.is_cancelled and not self._stop.is_under_way:

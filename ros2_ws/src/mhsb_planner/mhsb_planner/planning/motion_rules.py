@@ -42,7 +42,7 @@ SHORT_MOTION_TIME_FACTOR = 1.5
 def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> FitRules:
     """Return the rules by which the trajectory stage (S3) makes a motion of a path.
 
-    A motion fits a polynomial or follows the path. The first method that is given decides: that of
+    A motion is a polynomial or follows the path. The first method that is given decides: that of
     the options, `of_path`, or that of the planner that the options name. A polynomial may exceed
     V_max (allowed piston speed) by the options' `max_speed_excess`, unless only `of_path` asks for
     it.

@@ -416,8 +416,8 @@ class PlannerNode(Node):
     def _on_estimates(self, message: JointState) -> None:
         """Take the payload that the arm has estimated, and plan with it if the parameters say so.
 
-        `choose_payload` decides whether the new estimate replaces the one before. If it does and
-        the parameter `payload_from` is `estimate`, plans use it from now on, and this is logged. If
+        An accurate estimate replaces the one before if it differs enough (`choose_payload`). If the
+        parameter `payload_from` is `estimate`, plans use it from now on, and this is logged. If
         planning refuses this payload, the one before is kept.
 
         Args:

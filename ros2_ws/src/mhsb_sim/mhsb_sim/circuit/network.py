@@ -420,8 +420,8 @@ def connect_servo_pumps(circuit: Circuit, count: int) -> int:
 
     Each pump has up to two elements: one feeds the rail, the other its own line.
 
-    Slip is that of `hydraulics.compute_slip_flow`, in both directions. It also lets oil through a
-    pump that stands still.
+    Slip is proportional to the pressure rise, in both directions. It also lets oil through a pump
+    that stands still.
 
     Args:
         circuit: The circuit. Writes into `net` (the list of elements) and `modules` in place.
