@@ -201,9 +201,9 @@ def _sample_telescopic_chain(
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Sample the postures of a chain with telescopes at one tip position.
 
-    If `between` is given, postures at evenly spaced end-link angles ψ are returned, one for each ψ.
-    Otherwise all joints but the last two turning ones are sampled on a grid over their ranges. The
-    last two turning joints then follow from the tip, in up to two ways (sides).
+    If `between` is given, evenly spaced end-link angles ψ are tried; each may give no posture or
+    several. Otherwise all joints but the last two turning ones are sampled on a grid over their
+    ranges. The last two turning joints then follow from the tip, in up to two ways (sides).
 
     Args:
         machine: The arm without a slewing joint.

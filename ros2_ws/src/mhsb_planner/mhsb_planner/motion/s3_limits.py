@@ -381,8 +381,8 @@ def _find_unproven_intervals(
 ) -> IntArray:
     """Find the intervals between trajectory points that are not proven to keep all limits.
 
-    An interval is proven if an upper bound on the joints' excess is within the tolerance, and one
-    of these holds:
+    An interval is proven if an upper bound on how far joints pass their limits is within
+    JOINT_TOLERANCE, and one of these holds:
 
     - All quantities at both ends are below `clear_below` (their limits less a reserve).
     - All quantities have upper bounds below their limits, computed from ends and middle.

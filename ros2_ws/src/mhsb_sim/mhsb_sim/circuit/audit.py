@@ -43,7 +43,8 @@ def audit_elements(
 
     It is flow times pressure drop times duration, with the mean values of the substep. Energies in
     and out are therefore equal at every node (Tellegen's theorem). For a servo pump, shaft energy
-    and losses are added instead. The net oil that returns to the tank is counted, too.
+    and losses are added instead. The net oil that returns to the tank, and its energy at tank
+    pressure, are counted, too.
 
     Args:
         net: Elements of this substep, CircuitElement, each with its two nodes, its flow [m³/s] and

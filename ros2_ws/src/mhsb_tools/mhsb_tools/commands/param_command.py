@@ -93,7 +93,7 @@ class _RemoteParameters:
             )
 
     def _wait(self, answer: Future) -> Any:
-        """Return the result of a request, and serve the own node meanwhile.
+        """Return the result of a request; the node of this command is served meanwhile.
 
         Raises:
             ParameterError: No result came within the command's timeout.

@@ -157,8 +157,8 @@ def judge_goals(
     The first rule that fits decides:
 
     1. Refused: the verdict finds fault with the goal itself. The rule is skipped if `all_feasible`.
-    2. Lost: the goal's plan came into force and ended `settling_time` or more before the next goal,
-       but the execution report does not say that the goal was reached.
+    2. Lost: the goal's plan came into force and ended `settling_time` or more before the next goal
+       or the recording's end, but no execution report says that the goal was reached.
     3. Applied: the goal's plan came into force, or the arm was at the goal already.
     4. Superseded: the verdict is OK or SUPERSEDED, and a newer goal came within `lead_max`. Newer
        goals that are refused do not count.
