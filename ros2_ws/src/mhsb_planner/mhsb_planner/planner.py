@@ -323,7 +323,7 @@ class Planner:
         rest: Trajectory | None,
         options: PlanOptions,
     ) -> list[Trajectory | Coasting | Steering | None]:
-        """List the ways in which a start can come to rest, the better first.
+        """List the ways in which a moving start can come to rest, the better first.
 
         1. Steering: one curve straight to the goal. It is possible if the remaining part of the
            plan in force lasts at most MAX_REMAINING_TIME and ends near the goal.

@@ -319,8 +319,8 @@ def _iterate_ramped(
     """Yield curves that follow a discrete path, with slower and slower changes of speed (ramps).
 
     Each curve but the first is to be tried only if the one before lacked pressure. All may be
-    stretched in time if valves or pumps cannot follow. The last curve from rest may also be
-    stretched if pressure lacks.
+    slowed if valves or pumps cannot follow. The last curve from rest may also be slowed if pressure
+    lacks.
 
     Args:
         machine: Machine that moves.
@@ -363,8 +363,8 @@ def _create_polynomial(
 ) -> CurveCandidate:
     """Create the published polynomial (one of degree 6 per joint) as a curve to try.
 
-    From a moving start, the polynomial is not stretched beyond its first stretch. No joint may then
-    go farther in its initial direction than while braking or on the path.
+    From a moving start, the polynomial may not be slowed further after its first trial, and no
+    joint may go farther in its initial direction than while braking or on the path.
 
     Args:
         path: Discrete path.
@@ -373,7 +373,7 @@ def _create_polynomial(
             its duration to reach the path's first node.
 
     Returns:
-        Curve with a first stretch that makes the path last SHORTEST_MOVE or longer.
+        Curve. It is slowed from the first trial on if the path lasts less than SHORTEST_MOVE.
     """
     shortest = max(1.0, SHORTEST_MOVE / float(node_times(path)[-1]))
     if brake is None:

@@ -108,9 +108,9 @@ def smooth_path(
 
 
 def _durations(path: DiscretePath, scale: FloatArray | float) -> FloatArray:
-    """Return the stretched durations of a path's steps.
+    """Return the durations of a path's steps, multiplied by a scale.
 
-    A step counts as at least MIN_STEP_DURATION long before it is stretched.
+    A shorter step is first lengthened to MIN_STEP_DURATION.
 
     Args:
         path: Discrete path of k steps. Only `duration` is read.

@@ -326,7 +326,8 @@ class PlanningLoop:
             rules: Rules for the fit.
 
         Returns:
-            A motion whose variants are worth a try, or None:
+            A motion whose variants (motions along its path by other rules) are worth a try, or
+            None:
 
             - The fitted motion, if it is now the incumbent or costs at most NEAR_BEST_COST_FACTOR
               times as much as the incumbent.
