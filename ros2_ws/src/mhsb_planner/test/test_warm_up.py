@@ -11,7 +11,20 @@ from mhsb_model.trajectory import MotionState
 from mhsb_planner.planner import PLANNER_KINDS, Planner, warm_up
 from mhsb_planner.posture.s1_global_search import build_posture_table
 
-SCRIPT = """
+COUNT_COMPILED = """
+def compiled():
+    return {
+        f"{name}.{key}": len(value.signatures)
+        for name, module in sys.modules.items()
+        if name.startswith("mhsb_")
+        for key, value in vars(module).items()
+        if isinstance(value, Kernel)
+    }
+"""
+"""Definition of a function that counts the compiled versions of each kernel, for the scripts."""
+
+SCRIPT = (
+    """
 import sys
 from contextlib import suppress
 import numpy as np
@@ -30,15 +43,9 @@ from mhsb_planner.deadline import Deadline
 from mhsb_planner.search.s2_search import PathQuery, Weights, search, warm_up
 from mhsb_planner.search.s2_step import step_costs
 
-def compiled():
-    return {
-        f"{name}.{key}": len(value.signatures)
-        for name, module in sys.modules.items()
-        if name.startswith("mhsb_")
-        for key, value in vars(module).items()
-        if isinstance(value, Kernel)
-    }
-
+"""
+    + COUNT_COMPILED
+    + """
 machine = load_machine()
 table = PostureTable.load(sys.argv[1], machine)
 graph = StepGraph(machine, table)
@@ -97,8 +104,10 @@ for kind in planning.PLANNER_KINDS:
 by_slews = {name: count for name, count in compiled().items() if count != before.get(name)}
 print(by_searches | by_plans | by_slews)
 """
+)
 
-PLAN_FROM_REST = """
+PLAN_FROM_REST = (
+    """
 import importlib, sys
 from mhsb_model.kernels.kernel import Kernel
 from mhsb_model.machine import load_machine
@@ -107,15 +116,9 @@ from mhsb_planner.kernel_parts import list_parts_for_rest
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.posture.s1_posture_table import PostureTable
 
-def compiled():
-    return {
-        f"{name}.{key}": len(value.signatures)
-        for name, module in sys.modules.items()
-        if name.startswith("mhsb_")
-        for key, value in vars(module).items()
-        if isinstance(value, Kernel)
-    }
-
+"""
+    + COUNT_COMPILED
+    + """
 machine = load_machine()
 for part in list_parts_for_rest(sys.argv[2]):
     module, function = part.split(":")
@@ -126,6 +129,7 @@ start = MotionState.at_rest(machine.config.simulation.start_posture)
 planner.plan((0.55, 0.60), start, options=PlanOptions(planner=sys.argv[2]))
 print({name: count for name, count in compiled().items() if count != before.get(name)})
 """
+)
 
 FIRST_CALL = """
 import concurrent.futures, queue, subprocess, sys, threading, time
