@@ -23,7 +23,7 @@ KINDS = (
     "own", "other", "split", "lz4", "zstd", "foreign", "without checksums", "with data checksum",
     "without index",
 )  # fmt: skip
-SAMPLE, WHOLE, PARTS = 60, 2000, 8
+SAMPLE, WHOLE, PARTS = 100, 2000, 8
 MEMORY = 64 * 1024  # KiB, above the process before
 
 
