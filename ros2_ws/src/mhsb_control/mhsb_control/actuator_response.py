@@ -171,7 +171,7 @@ class InverseCurve:
         self.covariance = self._prior * np.outer(ratio, ratio)
         self.known_speed = min(learnt.known_speed, float(self.speeds[-1]))
 
-    def learn(self, speed: float, command: float, weight: float) -> None:
+    def learn(self, speed: float, command: float, weight: float, spread: float = 0.0) -> None:
         """Update the curve by a measured speed and the command that caused it.
 
         Args:
@@ -179,26 +179,31 @@ class InverseCurve:
             command: Command, 0 … 1.
             weight: Weight of the pair, above 0 … 1: 1 if it is independent of earlier pairs, less
                 if its window overlaps theirs.
+            spread: Change of the command within the window, which makes the pair uncertain.
         """
         share = self._shares(speed)
-        gain = self._correct(share, command, weight)
+        gain = self._correct(share, command, weight, spread)
         self.covariance -= np.outer(gain, self.covariance @ share)
         known = np.diag(self.covariance) < 0.25 * np.diag(self._prior)
         self.known_speed = max(self.known_speed, float(self.speeds[known].max(initial=0.0)))
 
-    def _correct(self, share: FloatArray, command: float, weight: float) -> FloatArray:
+    def _correct(
+        self, share: FloatArray, command: float, weight: float, spread: float = 0.0
+    ) -> FloatArray:
         """Correct the commands of all knots by one pair, and return the gain of the Kalman filter.
 
         Args:
             share: Weights φ_k of the knots at the speed of the pair, float64[k].
             command: Command of the pair, 0 … 1.
             weight: Weight of the pair, above 0 … 1.
+            spread: Change of the command within the window of the pair.
 
         Returns:
             Change of each knot's command per error of the pair's command, float64[k] [-].
         """
-        spread = self.covariance @ share
-        gain = spread / (share @ spread + self._settings.command_deviation**2 / weight)
+        variance = self._settings.command_deviation**2 + spread**2
+        correlated = self.covariance @ share
+        gain = correlated / (share @ correlated + variance / weight)
         self.commands += gain * (command - share @ self.commands)
         self._keep_increasing()
         return gain

@@ -135,6 +135,25 @@ def proportional(valve: Valve, speed: float) -> Law:
     return law
 
 
+def test_a_curve_that_is_wrong_at_high_speed_is_learnt_from_ramps_alone():
+    valve = Valve((0.2, 0.2), (0.3, 0.4), 1.0, 0.1, 0.05, 100.0)  # twice as fast as assumed
+    axis = build_axis(valve)
+    for curve in axis.curves:
+        curve.learn(0.02, 0.2 + 0.8 * 0.02 / 0.15, 1.0)  # right at low speed only
+    command = spool = length = 0.0
+    under_way = [0.0] * round(valve.delay / 0.01)
+    for k in range(3000):
+        command = 0.2 + 0.25 * (1.0 + math.sin(2.0 * k / 100.0 * math.pi))  # never steady
+        axis._commands[:-1], axis._commands[-1] = axis._commands[1:].copy(), command
+        axis._lengths[:-1], axis._lengths[-1] = axis._lengths[1:].copy(), length
+        axis._learn()
+        under_way.append(command)
+        spool += (under_way.pop(0) - spool) * (1.0 - math.exp(-0.01 / valve.lag))
+        length += valve.speed(spool) * 0.01
+    for speed in (0.05, 0.1):
+        assert axis.curves[0].command_at(speed) == pytest.approx(valve.command(speed, 0), abs=0.06)
+
+
 @pytest.mark.parametrize(("speed", "median", "worst"), [(0.02, 1.2, 3.3), (0.06, 3.0, 8.0)])
 def test_a_learnt_curve_is_as_good_as_the_true_one_and_far_better_than_p(
     speed, median, worst, fresh_seed
