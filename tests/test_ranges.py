@@ -8,6 +8,7 @@ import inspect
 import math
 import pkgutil
 from dataclasses import is_dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
@@ -152,9 +153,12 @@ def test_every_text_with_a_pattern_says_what_it_may_hold():
 
 
 def commands():
-    """All functions and classes that some module hands to `command_line.run`."""
+    """All functions and classes that some module hands to `command_line.run` or `make_main`."""
     for module in modules():
         main = getattr(module, "main", None)
+        if isinstance(main, partial):
+            yield module, main.args[0]
+            continue
         if main is None or "command_line.run(" not in inspect.getsource(main):
             continue
         first = inspect.getsource(main).split("command_line.run(")[1].split(",")[0].split(")")[0]

@@ -56,7 +56,7 @@ class StructureError(Exception):
 FIRST_PRIVATE_OPCODE = 0x80
 """First of the opcodes that are reserved for applications."""
 
-PARSERS: dict[int, Callable[[ReadDataStream], Any]] = {
+RECORD_PARSERS: dict[int, Callable[[ReadDataStream], Any]] = {
     Opcode.HEADER: records.Header.read,
     Opcode.FOOTER: records.Footer.read,
     Opcode.SCHEMA: records.Schema.read,
@@ -94,7 +94,7 @@ def parse_record(opcode: int, content: bytes | memoryview) -> Any:
     """Parse the content of a record and check it.
 
     Args:
-        opcode: Opcode of the record, one of PARSERS.
+        opcode: Opcode of the record, one of RECORD_PARSERS.
         content: Content of the record, without opcode and length.
 
     Returns:
@@ -106,7 +106,7 @@ def parse_record(opcode: int, content: bytes | memoryview) -> Any:
     """
     stream = _RecordStream(BytesIO(content))
     try:
-        record = PARSERS[opcode](stream)
+        record = RECORD_PARSERS[opcode](stream)
     except (EndOfFile, OverflowError):
         raise StructureError("a field is longer than its record") from None
     except UnicodeDecodeError:
