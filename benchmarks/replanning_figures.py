@@ -41,16 +41,18 @@ def compute_replanning_figures(recording: Recording) -> Summary:
         - `real_time_factor`: Simulated over real time; None without data.
         - `reference_jump_max_rad`, `reference_jump_max_rad_s`: Largest steps of the reference at
             hand-overs.
-        - `lost_because`: One sentence for each lost goal.
+        - `lost_because`: One sentence for each lost goal. Stopped goals count as lost: the
+            benchmark stops none.
     """
     fates = judge_recorded_goals(recording, all_feasible=True)
     number = {fate: sum(each.result is fate for each in fates) for fate in GoalResult}
+    failed = [each for each in fates if each.result in (GoalResult.LOST, GoalResult.STOPPED)]
     made = [each.verdict.plan for each in fates if each.verdict and not each.is_continued]
     return {
         "goals": len(fates),
         "applied": number[GoalResult.APPLIED],
         "retried": sum(each.was_retried for each in fates),
-        "lost": number[GoalResult.LOST],
+        "lost": len(failed),
         "deadline": sum(each.has_missed_deadline for each in fates),
         "superseded": number[GoalResult.SUPERSEDED],
         "real_time_factor": compute_real_time_factor(recording),
@@ -58,7 +60,7 @@ def compute_replanning_figures(recording: Recording) -> Summary:
         "lead_ms": compute_quantiles(each.lead_ms for each in fates),
         "lead_seen_ms": compute_quantiles(compute_observed_leads(recording, fates)),
         "plan_ms": compute_quantiles(plan.plan_ms for plan in made if plan and plan.plan_stamp_ns),
-        "lost_because": [each.reason for each in fates if each.result is GoalResult.LOST],
+        "lost_because": [each.explanation for each in failed],
     }
 
 

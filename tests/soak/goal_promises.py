@@ -119,8 +119,8 @@ def check_no_goal_lost(events: Events) -> PromiseResult:
         ):
             continue
         tested += 1
-        if fate.result is GoalResult.LOST:
-            broken.append(f"the goal sent at {events.seconds(begin_ns):.2f} s: {fate.reason}")
+        if fate.result in (GoalResult.LOST, GoalResult.STOPPED):
+            broken.append(f"the goal sent at {events.seconds(begin_ns):.2f} s: {fate.explanation}")
     return PromiseResult(tested, tuple(broken))
 
 

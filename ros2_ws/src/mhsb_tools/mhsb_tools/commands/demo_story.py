@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from mhsb_model.goal import format_position
-from mhsb_model.verdict import Outcome, Verdict
 from mhsb_planner.planner import DEFAULT_PLANNER
 
 PLANNER_WORDS = {
@@ -16,6 +15,9 @@ PLANNER_WORDS = {
     "fixed": "conventional planner (joint 3 kept)",
 }
 """Description of each planner of the suite."""
+
+FATE_WORDS = {"at_goal": "there already", "under_way": "under way at the end"}
+"""Words for fates of goals (`JudgedGoal.fate`) that are no words themselves."""
 
 
 def format_story(summary: Mapping[str, Any], tour: Mapping[str, Any], output: Path) -> list[str]:
@@ -28,8 +30,8 @@ def format_story(summary: Mapping[str, Any], tour: Mapping[str, Any], output: Pa
         output: Folder of the results.
 
     Returns:
-        Lines without line breaks: what became of each goal; counts of accepted, replaced and
-        reached goals; planning time and accuracy; energies; where the pictures and numbers are.
+        Lines without line breaks: what became of each goal; counts of accepted goals and of
+        each fate; planning time and accuracy; energies; where the pictures and numbers are.
     """
     return [
         "Most goals come before the one before is reached, and the arm replans in motion:",
@@ -49,25 +51,20 @@ def _goal_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return a line on the fate of each goal that has a verdict, and a last line with counts.
 
     Args:
-        summary: The report's summary; reads `goals` and the counts `goals_sent`, `goals_accepted`,
-            `goals_replaced`, `goals_reached`, `goals_superseded`, `goals_refused` and `goals_lost`.
+        summary: The report's summary; reads `goals`, `goal_fates`, `goals_sent` and
+            `goals_accepted`.
 
     Returns:
-        Lines without line breaks; counts of superseded, refused and lost goals appear only if above
-        0.
+        Lines without line breaks. The last one always counts replaced and reached goals, and other
+        fates if above 0.
     """
-    goals = summary["goals"]
+    goals, fates = summary["goals"], dict(summary["goal_fates"])
     lines = [
         f"goal {number:2d} {_place(goal):24s} {_describe_fate(goal, number < len(goals))}"
         for number, goal in enumerate(goals, start=1)
     ]
-    replaced, reached = summary["goals_replaced"], summary["goals_reached"]
-    unfinished = {
-        name: summary[f"goals_{name}"]
-        for name in ("superseded", "refused", "lost")
-        if summary[f"goals_{name}"]
-    }
-    others = "".join(f", {count} {name}" for name, count in unfinished.items())
+    replaced, reached = fates.pop("replaced", 0), fates.pop("reached", 0)
+    others = "".join(f", {count} {FATE_WORDS.get(fate, fate)}" for fate, count in fates.items())
     return [
         *lines,
         f"{summary['goals_sent']} goals sent, {summary['goals_accepted']} accepted: {replaced} "
@@ -95,24 +92,27 @@ def _describe_fate(goal: Mapping[str, Any], has_next: bool) -> str:
     """Describe what became of a goal.
 
     Args:
-        goal: Entry of a goal in the summary. Reads `outcome` (of the execution; None if the goal's
-            plan was never executed), `distance_at_rest_mm`, `code` and `sentence` of the verdict.
+        goal: Entry of a goal in the summary. Reads `fate`, `explanation`, `distance_at_rest_mm` and
+            `code` of the verdict.
         has_next: Whether another goal followed.
 
     Returns:
         Words without a period, such as "reached; the tip rests 1.20 mm from it".
     """
-    match goal["outcome"]:
-        case Outcome.REACHED:
+    match goal["fate"]:
+        case "reached":
             away = goal["distance_at_rest_mm"]
             return "reached" if away is None else f"reached; the tip rests {away:.2f} mm from it"
-        case Outcome.REPLACED:
+        case "replaced":
             return f"replaced in motion{' by the next goal' if has_next else ''}"
-        case None:
-            there = goal["code"] == Verdict.AT_GOAL.value
-            return "the tip was there already" if there else f"{goal['code']}: {goal['sentence']}"
-        case outcome:
-            return str(outcome)
+        case "at_goal":
+            return "the tip was there already"
+        case "under_way":
+            return FATE_WORDS["under_way"]
+        case "refused" | "unreadable":
+            return f"{goal['code']}: {goal['explanation']}"
+        case fate:
+            return f"{fate}: {goal['explanation']}"
 
 
 def _accuracy_lines(summary: Mapping[str, Any]) -> list[str]:

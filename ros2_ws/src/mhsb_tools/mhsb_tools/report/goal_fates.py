@@ -1,4 +1,4 @@
-"""Judgement of each goal that was sent: applied, superseded, refused for its own sake, or lost.
+"""Judgement of each goal that was sent: applied, superseded, refused, stopped on request, or lost.
 
 This is the only definition behind the demo's `goals_lost`, `scripts/bench online` and
 `scripts/soak`. It uses nothing but what is published on the topics.
@@ -48,6 +48,9 @@ class GoalResult(StrEnum):
     REFUSED = "refused"
     """The planner found fault with the goal itself."""
 
+    STOPPED = "stopped"
+    """The user stopped the arm: `~/stop` was called, or a zone was set in motion."""
+
     LOST = "lost"
     """Everything else."""
 
@@ -75,6 +78,26 @@ class JudgedGoal:
     verdict: GoalVerdict | None
     execution: ExecutionReport | None
     plan_stamp_ns: int | None
+
+    @property
+    def fate(self) -> str:
+        """What became of the goal, in one word; each goal has exactly one.
+
+        `superseded`, `refused`, `stopped` and `lost` are results. An applied goal is `at_goal` if
+        the arm was there already, `under_way` if no end was reported, otherwise it is the outcome
+        of its execution: `reached`, `replaced` or `aborted`.
+        """
+        if self.result is not GoalResult.APPLIED:
+            return self.result.value
+        if self.verdict is not None and self.verdict.code is Verdict.AT_GOAL:
+            return "at_goal"
+        return self.execution.outcome.value if self.execution else "under_way"
+
+    @property
+    def explanation(self) -> str:
+        """Sentence on the fate: why the goal was lost, or the last report on it."""
+        last = self.execution or self.verdict
+        return self.reason or (last.sentence if last else "")
 
     @property
     def lead_ms(self) -> float | None:
@@ -115,7 +138,7 @@ def judge_recorded_goals(
     settling_time: float = SETTLING_TIME,
     lead_max: float = LEAD_MAX,
 ) -> tuple[JudgedGoal, ...]:
-    """Judge each readable goal of a recording: applied, superseded, refused or lost.
+    """Judge each readable goal of a recording: applied, superseded, refused, stopped or lost.
 
     Args:
         recording: The recording.
@@ -157,12 +180,13 @@ def judge_goals(
     The first rule that fits decides:
 
     1. Refused: the verdict finds fault with the goal itself. The rule is skipped if `all_feasible`.
-    2. Lost: the goal's plan came into force and ended `settling_time` or more before the next goal
+    2. Stopped: the verdict is STOPPED, or the execution ended with the outcome STOPPED.
+    3. Lost: the goal's plan came into force and ended `settling_time` or more before the next goal
        or the recording's end, but no execution report says that the goal was reached.
-    3. Applied: the goal's plan came into force, or the arm was at the goal already.
-    4. Superseded: the verdict is OK or SUPERSEDED, and a newer goal came within `lead_max`. Newer
+    4. Applied: the goal's plan came into force, or the arm was at the goal already.
+    5. Superseded: the verdict is OK or SUPERSEDED, and a newer goal came within `lead_max`. Newer
        goals that are refused do not count.
-    5. Lost: all other goals.
+    6. Lost: all other goals.
 
     Args:
         goals: Goals in the order in which they were sent.
@@ -191,6 +215,8 @@ def judge_goals(
         stamp_ns = find_applied_stamp(verdict, execution, in_force)
         if verdict is not None and verdict.code in OF_THE_GOAL and not all_feasible:
             fate, reason = GoalResult.REFUSED, ""
+        elif _was_stopped(verdict, execution):
+            fate, reason = GoalResult.STOPPED, ""
         elif stamp_ns is None:
             fate, reason = _judge_unapplied_goal(sent, verdict, execution, newer, lead_max)
         else:
@@ -229,6 +255,13 @@ def find_applied_stamp(
         return 0
     last = (execution or verdict.plan).plan_stamp_ns
     return next((s for s in (last, verdict.plan.plan_stamp_ns) if s in in_force), None)
+
+
+def _was_stopped(verdict: GoalVerdict | None, execution: ExecutionReport | None) -> bool:
+    """Return whether a goal ended because the user stopped the arm, before or after a plan."""
+    if execution is not None:
+        return execution.outcome is Outcome.STOPPED
+    return verdict is not None and verdict.code is Verdict.STOPPED
 
 
 def _judge_unapplied_goal(

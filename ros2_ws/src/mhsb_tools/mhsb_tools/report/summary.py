@@ -7,6 +7,7 @@ stands for what a recording has no data for.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Any
@@ -37,6 +38,10 @@ LEAST_SPEED = 2e-4
 """Piston speed up to which a cylinder counts as held by its valve [m/s]."""
 
 
+COUNTED_FATES = ("reached", "replaced", "superseded", "refused", "stopped", "lost")
+"""Fates of goals that have a number of their own in the summary."""
+
+
 def compute_summary(run: EvaluatedRecording) -> Summary:
     """Compute the summary of a recorded run.
 
@@ -51,9 +56,10 @@ def compute_summary(run: EvaluatedRecording) -> Summary:
         - `duration_s`: Time from the first to the last joint state.
         - `goals_sent`: Goal poses, readable or not.
         - `goals_accepted`: Accepting verdicts.
-        - `goals_reached`, `goals_replaced`: Executions with that outcome.
-        - `goals_superseded`, `goals_refused`, `goals_lost`: Goals as `goal_fates` judges
-            them.
+        - `goal_fates`: Number of goals by `JudgedGoal.fate`, and those that are `unreadable`; only
+            numbers above 0. Their sum is `goals_sent`.
+        - `goals_reached`, `goals_replaced`, `goals_superseded`, `goals_refused`, `goals_stopped`,
+            `goals_lost`: The same numbers, also if 0.
         - `places_not_reached`: Positions of goals that were never reached, however often they were
             sent.
         - `switches_in_motion`: Goals whose plan took over while the reference moved.
@@ -100,18 +106,18 @@ def _everything(run: EvaluatedRecording) -> Summary:
     """
     recording = run.recording
     time_ns = recording.joint_states.time_ns
+    fates = Counter(each.fate for each in run.judged_goals)
+    fates["unreadable"] = recording.goals_sent - len(run.judged_goals)
+    judged = {each.goal.stamp_ns: each for each in run.judged_goals}
     return {
         "machine": run.machine.name,
         "duration_s": PER_S * int(time_ns[-1] - time_ns[0]),
         "real_time_factor": compute_real_time_factor(recording),
         "goals_sent": recording.goals_sent,
         "goals_accepted": sum(goal.verdict.code.accepted for goal in run.goals),
-        "goals_reached": sum(goal.outcome is Outcome.REACHED for goal in run.goals),
-        "goals_replaced": sum(goal.outcome is Outcome.REPLACED for goal in run.goals),
+        "goal_fates": dict(+fates),
+        **{f"goals_{fate}": fates[fate] for fate in COUNTED_FATES},
         "places_not_reached": _places_not_reached(run.goals),
-        "goals_superseded": sum(each.result is GoalResult.SUPERSEDED for each in run.judged_goals),
-        "goals_refused": sum(each.result is GoalResult.REFUSED for each in run.judged_goals),
-        "goals_lost": sum(each.result is GoalResult.LOST for each in run.judged_goals),
         "switches_in_motion": sum(goal.in_motion for goal in run.goals),
         **_tip_errors(run.tip, run.goals),
         **_plans(recording),
@@ -126,7 +132,7 @@ def _everything(run: EvaluatedRecording) -> Summary:
         "replan_ms": compute_quantiles(_replan_times(run.goals)),
         "lead_ms": compute_quantiles(each.lead_ms for each in run.judged_goals),
         "unreadable_messages": recording.unreadable_count,
-        "goals": [_goal(goal) for goal in run.goals],
+        "goals": [_goal(goal, judged.get(goal.verdict.goal_stamp_ns)) for goal in run.goals],
         "lost": [_lost(each) for each in run.judged_goals if each.result is GoalResult.LOST],
     }
 
@@ -415,11 +421,12 @@ def _place(goal: Goal) -> Summary:
     return {"x_m": _number(goal.x), **beside, "z_m": _number(goal.z)}
 
 
-def _goal(goal: RecordedGoal) -> Summary:
+def _goal(goal: RecordedGoal, judged: JudgedGoal | None) -> Summary:
     """Return the summary's entry of a goal that got a verdict.
 
     Args:
         goal: The goal.
+        judged: The goal with its judgement; None if the goal cannot be read.
 
     Returns:
         Entries:
@@ -427,6 +434,8 @@ def _goal(goal: RecordedGoal) -> Summary:
         - x_m, z_m, and y_m if the arm slews: position [m]
         - code, sentence: verdict of the planner
         - outcome: outcome of the execution; None if no execution was reported
+        - fate, explanation: `JudgedGoal.fate` and `JudgedGoal.explanation`; `unreadable` and the
+          verdict's sentence if the goal cannot be read
         - in_motion: whether the goal's plan took over while the reference moved
         - plan_ms, plan_energy_j, plan_duration_s: planning time, planned energy and duration of the
           plan; None if no plan was made
@@ -439,6 +448,8 @@ def _goal(goal: RecordedGoal) -> Summary:
         "code": verdict.code.value,
         "sentence": verdict.sentence,
         "outcome": goal.outcome.value if goal.outcome else None,
+        "fate": judged.fate if judged else "unreadable",
+        "explanation": judged.explanation if judged else verdict.sentence,
         "in_motion": goal.in_motion,
         "plan_ms": _number(plan.plan_ms) if plan else None,
         "plan_energy_j": _number(plan.energy_j) if plan else None,

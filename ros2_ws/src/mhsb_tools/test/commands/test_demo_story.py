@@ -4,29 +4,34 @@ from pathlib import Path
 
 import pytest
 
-from mhsb_model.verdict import Outcome, Verdict
+from mhsb_model.verdict import Verdict
 from mhsb_planner.planners.registry import PLANNER_KINDS
 from mhsb_tools.commands.demo_story import format_story
 from mhsb_tools.comparison.goal_tour import compare_on_tour
 
 
-def goal(x, z, code=Verdict.OK, outcome=None, rest=None):
+def goal(x, z, fate, code=Verdict.OK, rest=None):
     return {
         "x_m": x, "z_m": z, "code": code.value, "sentence": "a sentence",
-        "outcome": outcome.value if outcome else None, "distance_at_rest_mm": rest,
+        "fate": fate, "explanation": "a sentence", "distance_at_rest_mm": rest,
     }  # fmt: skip
 
 
 SUMMARY = {
     "goals": [
-        goal(0.55, 0.6, outcome=Outcome.REPLACED),
-        goal(0.55, -0.6, outcome=Outcome.REACHED, rest=0.031),
-        goal(0.55, -0.6, Verdict.AT_GOAL),
-        goal(9.0, 0.0, Verdict.OUT_OF_WORKSPACE),
-        goal(None, 0.0, Verdict.NOT_FINITE),
+        goal(0.55, 0.6, "replaced"),
+        goal(0.55, -0.6, "reached", rest=0.031),
+        goal(0.55, -0.6, "at_goal", Verdict.AT_GOAL),
+        goal(9.0, 0.0, "refused", Verdict.OUT_OF_WORKSPACE),
+        goal(None, 0.0, "unreadable", Verdict.NOT_FINITE),
+        goal(0.55, 0.1, "lost"),
+        goal(0.55, 0.2, "aborted"),
     ],
-    "goals_sent": 5, "goals_accepted": 3, "goals_replaced": 1, "goals_reached": 1,
-    "goals_superseded": 0, "goals_refused": 2, "goals_lost": 0, "switches_in_motion": 1,
+    "goals_sent": 7, "goals_accepted": 5, "switches_in_motion": 1,
+    "goal_fates": {
+        "replaced": 1, "reached": 1, "at_goal": 1, "refused": 1, "unreadable": 1, "lost": 1,
+        "aborted": 1,
+    },
     "replan_ms": {"p50": 52.0}, "lead_ms": {"p50": 90.0}, "reference_jump_max_rad": 0.0,
     "tip_error_rms_mm": 0.26, "tip_error_max_mm": 2.5,
     "cavitation": [{"actuator": "actuator_1", "duration_s": 0.18, "force_n": 3500.0}],
@@ -41,14 +46,17 @@ TOUR = {
 def test_goals_are_named_by_what_became_of_them():
     lines = format_story(SUMMARY, TOUR, Path("out"))
     fates = [line for line in lines if line.startswith("goal ")]
-    assert len(fates) == 5
+    assert len(fates) == 7
     assert fates[0].endswith("replaced in motion by the next goal")
     assert fates[1].endswith("reached; the tip rests 0.03 mm from it")
     assert fates[2].endswith("the tip was there already")
     assert fates[3].endswith(f"{Verdict.OUT_OF_WORKSPACE.value}: a sentence")
     assert "not a finite position" in fates[4]
+    assert fates[5].endswith("lost: a sentence")
+    assert fates[6].endswith("aborted: a sentence")
     assert (
-        "5 goals sent, 3 accepted: 1 replaced in motion by the next goal, 1 reached, 2 refused"
+        "7 goals sent, 5 accepted: 1 replaced in motion by the next goal, 1 reached, "
+        "1 there already, 1 refused, 1 unreadable, 1 lost, 1 aborted"
     ) in lines
     assert "missed" not in "\n".join(lines)
 

@@ -158,6 +158,41 @@ def test_a_goal_with_time_for_its_whole_motion_must_be_reached():
     assert last.result is GoalResult.APPLIED
 
 
+@pytest.mark.parametrize("in_force", [[], [77]])
+def test_a_goal_that_the_user_stopped_is_not_lost(in_force):
+    [fate] = fates(
+        reports=[verdict(1, Verdict.OK, plan_of(77)), ended(1, Outcome.STOPPED, 77)],
+        in_force=in_force,
+        ends=[(77, 5.0)],
+    )
+    assert (fate.result, fate.reason, fate.fate) == (GoalResult.STOPPED, "", "stopped")
+    [before_a_plan] = fates(reports=[verdict(1, Verdict.STOPPED)])
+    assert before_a_plan.result is GoalResult.STOPPED
+
+
+def test_each_goal_has_one_fate():
+    first, second, third, fourth, fifth = fates(
+        goals=(0.0, 7.0, 7.5, 9.0, 20.0),
+        reports=[
+            verdict(1, Verdict.OK, plan_of(77)),
+            ended(1, Outcome.REPLACED, 77),
+            verdict(2, Verdict.OK, plan_of(88)),
+            ended(2, Outcome.REPLACED, 88),
+            verdict(3, Verdict.OK, plan_of(99)),
+            ended(3, Outcome.ABORTED, 99),
+            verdict(4, Verdict.AT_GOAL, plan_of(0)),
+            verdict(5, Verdict.OK, plan_of(110)),
+        ],
+        in_force=[77, 99, 110],
+        ends=[(77, 5.0), (99, 12.0), (110, 25.0)],
+    )
+    assert first.fate == "lost"
+    assert first.explanation == "it was not reached, though there was time: replaced, a sentence"
+    assert second.fate == "superseded"
+    assert (third.fate, third.explanation) == ("aborted", "a sentence")
+    assert [fourth.fate, fifth.fate] == ["at_goal", "under_way"]
+
+
 def test_the_time_for_a_motion_is_simulated_time():
     reports = [verdict(1, Verdict.OK, plan_of(77)), verdict(2, Verdict.AT_GOAL, plan_of(0))]
     slow, _ = fates(goals=(0.0, 8.0), reports=reports, in_force=[77], ends=[(77, 5.0)], speed=0.5)

@@ -11,7 +11,7 @@ import pytest
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome
 from mhsb_tools.recording.bag_reader import read_recording
-from mhsb_tools.report.goal_fates import judge_recorded_goals
+from mhsb_tools.report.goal_fates import GoalResult, judge_recorded_goals
 from mhsb_tools.report.recorded_run import evaluate_recording
 from mhsb_tools.report.summary import compute_speed_excess, compute_summary
 
@@ -41,6 +41,19 @@ def test_goals_are_lost_or_superseded_as_their_fates_tell(run, numbers):
     without_the_last = compute_summary(replace(run, judged_goals=judge_recorded_goals(recording)))
     assert without_the_last["goals_lost"] == 1
     assert "no plan for it came into force" in without_the_last["lost"][0]["reason"]
+
+
+def test_the_fates_of_all_goals_sum_to_the_goals_that_were_sent(run, numbers):
+    assert numbers["goal_fates"] == {
+        "replaced": 1, "reached": 2, "refused": 1, "at_goal": 1, "unreadable": 1,
+    }  # fmt: skip
+    first, *others = run.judged_goals
+    lost = replace(first, result=GoalResult.LOST, reason="there was time")
+    told = compute_summary(replace(run, judged_goals=(lost, *others)))
+    assert sum(told["goal_fates"].values()) == told["goals_sent"]
+    assert (told["goals_lost"], told["goals_replaced"]) == (1, 0)
+    assert told["goals"][0]["fate"] == "lost"
+    assert told["goals"][0]["explanation"] == "there was time"
 
 
 def test_the_lead_is_that_of_plans_that_were_applied(run, numbers):
