@@ -85,8 +85,9 @@ def _draw_goals(run: EvaluatedRecording, axes: Axes) -> None:
     """Draw a circle at each goal with an accepted verdict, and a cross at each other goal.
 
     The goals are numbered from 1 in the order of their verdicts. If goals have the same position
-    and the same kind of mark, they share one mark with all their numbers. Goals whose position is
-    not finite are left out.
+    and the same kind of mark, they share one mark with all their numbers. Crosses are larger than
+    circles and drawn first, and their numbers are below them, so that both can be read at one
+    place. Goals whose position is not finite are left out.
 
     Args:
         run: The evaluated recording.
@@ -98,9 +99,9 @@ def _draw_goals(run: EvaluatedRecording, axes: Axes) -> None:
         if np.all(np.isfinite(place)):
             x, z = run.machine.project_to_plane(place).tolist()
             numbers.setdefault((x, z, goal.verdict.code.accepted), []).append(str(number))
-    for accepted, marker, label in (
-        (True, "o", "goal, numbered in order"),
-        (False, "X", "goal, not accepted"),
+    for accepted, marker, size, layer, label in (
+        (True, "o", 8, 5.0, "goal, numbered in order"),
+        (False, "X", 13, 4.0, "goal, not accepted"),
     ):
         places = [(x, z) for x, z, taken in numbers if taken is accepted]
         if places:
@@ -108,18 +109,18 @@ def _draw_goals(run: EvaluatedRecording, axes: Axes) -> None:
                 *np.array(places).T,
                 linestyle="none",
                 marker=marker,
-                markersize=8,
+                markersize=size,
                 markerfacecolor="white",
                 markeredgecolor=BLACK,
                 markeredgewidth=1.4,
-                zorder=5,
+                zorder=layer,
                 label=label,
             )
-    for (x, z, _), texts in numbers.items():
+    for (x, z, accepted), texts in numbers.items():
         axes.annotate(
             ", ".join(texts),
             (x, z),
-            xytext=(7, 5),
+            xytext=(7, 5) if accepted else (7, -14),
             textcoords="offset points",
             fontweight="bold",
             zorder=6,

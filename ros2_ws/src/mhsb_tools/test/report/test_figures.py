@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from mhsb_model.arm_reports import Estimate
 from mhsb_model.figure_style import DOTS_PER_INCH, FIGURE_WIDTH, choose_extreme_points
 from mhsb_model.modes import Mode
+from mhsb_model.verdict import Verdict
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_tools.moves.operating_regions import operating_regions
 from mhsb_tools.recording.bag_reader import read_recording
@@ -21,6 +22,7 @@ from mhsb_tools.report.estimate_figure import draw_estimate_panels, group_estima
 from mhsb_tools.report.hydraulic_figures import draw_pressure_limits
 from mhsb_tools.report.recorded_run import evaluate_recording
 from mhsb_tools.report.run_axes import mode_spans
+from mhsb_tools.report.workspace_figure import _draw_goals
 
 NAMES = ["energy.png", "joints.png", "modes.png", "pressures.png", "tip_error.png", "workspace.png"]
 
@@ -66,6 +68,20 @@ def test_the_pressure_axis_ends_at_the_pressures_and_reliefs_beyond_it_are_named
         words = f"{name} relief at {1e-6 * pressure:g} MPa"
         assert (f"{name} relief" in labels) == (pressure <= top)
         assert (words in axes.get_title(loc="left")) == (pressure > top)
+
+
+def test_a_refused_goal_does_not_hide_an_accepted_one_at_its_place(run):
+    accepted = run.goals[0]
+    refused = replace(accepted, verdict=replace(accepted.verdict, code=Verdict.NO_STATE, plan=None))
+    axes = Figure().subplots()
+    _draw_goals(replace(run, goals=(accepted, refused)), axes)
+    circle, cross = axes.lines
+    assert cross.get_zorder() < circle.get_zorder()
+    assert cross.get_markersize() > circle.get_markersize()
+    first, second = axes.texts
+    assert (first.get_text(), second.get_text()) == ("1", "2")
+    axes.figure.draw_without_rendering()
+    assert not first.get_window_extent().overlaps(second.get_window_extent())
 
 
 def test_nothing_half_written_is_left(drawn):
