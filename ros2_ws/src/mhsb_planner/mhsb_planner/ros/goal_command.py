@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json as json_format
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -15,7 +16,7 @@ from rclpy.executors import SingleThreadedExecutor
 from mhsb_model import command_line
 from mhsb_model.command_line import NumberRange
 from mhsb_model.types import Position
-from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome
+from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome, Verdict
 from mhsb_msgs_py.node_process import run_command_node, spin_until
 from mhsb_planner.ros.goal_sender import GoalSender
 
@@ -23,6 +24,9 @@ EXIT_ACCEPTED, EXIT_REFUSED, EXIT_NO_ANSWER = 0, 1, 3
 """Exit codes: 0 goal accepted or reached; 1 refused, superseded or not reached; 3 no answer in
 time.
 """
+
+SEND_AGAIN_AFTER_NO_STATE = 1.0
+"""Time after a verdict NO_STATE until the goal is sent again [s]."""
 
 POSITION_RANGE, TOLERANCE_RANGE = NumberRange(-1e4, 1e4, "m"), NumberRange(0.0, 2.0, "m")
 ANGLE_RANGE = NumberRange(-100.0, 100.0, "rad")
@@ -44,8 +48,9 @@ def goal(
     """Send the tip to (X, Z), or (X, Y, Z) for an arm that slews, and print the verdict.
 
     Exit code 0: accepted (with --wait: reached), 1: refused, superseded or not reached, 3: no
-    answer in time. Tolerance and angle range are set as parameters of the planner and stay until
-    they are changed (goal_tolerance, goal_psi_min, goal_psi_max). Others are goal_segment and
+    answer in time. While the planner does not know where the arm is (NO_STATE), the goal is sent
+    again until the timeout. Tolerance and angle range are set as parameters of the planner and stay
+    until they are changed (goal_tolerance, goal_psi_min, goal_psi_max). Others are goal_segment and
     goal_box.
 
     Args:
@@ -184,7 +189,7 @@ def _send_and_wait(
     command_line.set_interrupt_note(
         "the goal was sent, and what the planner says was not waited for"
     )
-    verdict = sender.request_verdict(executor, place, timeout)
+    verdict = _request_verdict(sender, executor, place, timeout)
     if verdict is None:
         return CommandResult(EXIT_NO_ANSWER, f"the planner gave no answer within {timeout:g} s")
     if verdict.code.accepted:
@@ -205,6 +210,45 @@ def _send_and_wait(
     say(f"{report.outcome.value}: {report.sentence}")
     reached = report.outcome is Outcome.REACHED
     return CommandResult(EXIT_ACCEPTED if reached else EXIT_REFUSED, "", verdict, report)
+
+
+def _request_verdict(
+    sender: GoalSender, executor: SingleThreadedExecutor, place: Position, timeout: float
+) -> GoalVerdict | None:
+    """Send a goal, and send it again while the planner does not know where the arm is.
+
+    The arm may start later than the planner. A line on standard error tells that the goal is sent
+    again.
+
+    Args:
+        sender: Node that sends the goal.
+        executor: Executor that serves the node.
+        place: Goal in `base_link`, (x, z) or (x, y, z) [m].
+        timeout: Longest time to wait in all [s].
+
+    Returns:
+        The last verdict; it is NO_STATE only if no other came within `timeout`. None if there was
+        no verdict.
+    """
+    end = time.monotonic() + timeout
+    verdict = sender.request_verdict(executor, place, timeout)
+    is_first = True
+    while (
+        verdict is not None
+        and verdict.code is Verdict.NO_STATE
+        and end - time.monotonic() > SEND_AGAIN_AFTER_NO_STATE
+    ):
+        if is_first:
+            print(
+                f"{verdict.code.value}: {verdict.sentence}; the goal is sent again until the "
+                f"planner knows, for at most {end - time.monotonic():.0f} s",
+                file=sys.stderr,
+                flush=True,
+            )
+            is_first = False
+        spin_until(executor, lambda: False, SEND_AGAIN_AFTER_NO_STATE)
+        verdict = sender.request_verdict(executor, place, end - time.monotonic()) or verdict
+    return verdict
 
 
 def _format_verdict(verdict: GoalVerdict) -> list[str]:
