@@ -171,7 +171,7 @@ def _send_and_wait(
         Exit code, and the verdict and execution report that came. If an awaited one is missing,
         `trouble` says why.
     """
-    if not spin_until(executor, lambda: sender.is_matched, timeout):
+    if not sender.wait_for_planner(executor, timeout):
         return CommandResult(
             EXIT_NO_ANSWER,
             f"no planner was found within {timeout:g} s; start one in this ROS domain: "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import Any
 
@@ -13,6 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from mhsb_model.goal import Goal
 from mhsb_model.types import Position
@@ -27,6 +28,11 @@ SEND_AGAIN_AFTER = 3.0
 The value is longer than a planner lets a goal wait. A goal may have to be sent twice, because the
 planner may not be connected yet when the first message is sent.
 """
+
+
+def _names_of(endpoints: Iterable[TopicEndpointInfo]) -> set[tuple[str, str]]:
+    """Return namespace and name of the nodes to which publishers or subscribers belong."""
+    return {(each.node_namespace, each.node_name) for each in endpoints}
 
 
 class GoalSender(Node):
@@ -57,8 +63,37 @@ class GoalSender(Node):
 
     @property
     def is_matched(self) -> bool:
-        """True if a subscriber of goals and a publisher of verdicts have been found."""
-        return self.subscriber_count > 0 and self._status.get_publisher_count() > 0
+        """True if goals are received, also by a node that publishes verdicts.
+
+        A recorder receives goals, too, and a planner that is not ready publishes verdicts only.
+        """
+        planners = self.get_publishers_info_by_topic(self._status.topic_name)
+        receivers = self.get_subscriptions_info_by_topic(self._goals.topic_name)
+        return (
+            self.subscriber_count > 0
+            and self._status.get_publisher_count() > 0
+            and not _names_of(planners).isdisjoint(_names_of(receivers))
+        )
+
+    def wait_for_planner(self, executor: SingleThreadedExecutor, timeout: float) -> bool:
+        """Wait until a planner is found and all subscribers of goals are connected.
+
+        A subscriber with which no connection is possible is waited for `SEND_AGAIN_AFTER` at most.
+
+        Args:
+            executor: Executor that serves this node.
+            timeout: Longest time to wait for a planner [s].
+
+        Returns:
+            True if a planner was found in time.
+        """
+        end = time.monotonic() + timeout
+        if not spin_until(executor, lambda: self.is_matched, timeout):
+            return False
+        left = min(max(0.0, end - time.monotonic()), SEND_AGAIN_AFTER)
+        known = partial(self.count_subscribers, self._goals.topic_name)
+        spin_until(executor, lambda: self.subscriber_count >= known(), left)
+        return True
 
     @property
     def subscriber_count(self) -> int:
