@@ -63,6 +63,8 @@ def facts(machine: Machine) -> dict[str, Any]:
 
         - name: name in the machine file
         - hash: SHA-256 in hexadecimal of all values on which the posture table depends
+        - machine_hash: `Machine.planning_hash`, which planner, arm, estimates files and recordings
+            report under this name
         - slews: whether joint 1 turns the arm about an upright axis
         - joints: a list with a dictionary for each joint: range, moment arm, stroke, load
         - hydraulics: pressures, flows and speeds
@@ -75,6 +77,7 @@ def facts(machine: Machine) -> dict[str, Any]:
     found = {
         "name": machine.name,
         "hash": machine.planar_arm.table_hash,
+        "machine_hash": machine.planning_hash,
         "slews": machine.slews,
         "joints": [_joint_facts(machine, j) for j in range(machine.joint_count)],
         "hydraulics": _hydraulic_facts(machine),
@@ -101,7 +104,10 @@ def format_report(machine: Machine) -> list[str]:
         L/min.
     """
     found = facts(machine)
-    lines = [f"{machine.name}: {machine.joint_count} joints, hash {found['hash'][:12]}"]
+    lines = [
+        f"{machine.name}: {machine.joint_count} joints; machine_hash "
+        f"{found['machine_hash'][:12]}, posture table {found['hash'][:12]}"
+    ]
     lines += _joint_lines(found["joints"]) + _hydraulic_lines(found["hydraulics"])
     lines += _own_lines(found["joints"])
     sensors = "pressure sensors" if found["pressure_sensors"] else "length sensors alone"

@@ -91,6 +91,15 @@ def test_the_command_prints_the_report_of_the_suites_arm(run):
     assert output.startswith("mhsb_arm3: 3 joints")
 
 
+def test_the_report_has_the_hash_that_nodes_and_estimates_files_report(machine, slewing_machine):
+    for arm in (machine, slewing_machine):
+        assert check.facts(arm)["machine_hash"] == arm.planning_hash
+        assert check.format_report(arm)[0] == (
+            f"{arm.name}: {arm.joint_count} joints; machine_hash {arm.planning_hash[:12]}, "
+            f"posture table {arm.planar_arm.table_hash[:12]}"
+        )
+
+
 def test_a_missing_file_is_one_sentence_and_a_failure(run):
     code, _, errors = run("nowhere.yaml")
     assert code != 0
