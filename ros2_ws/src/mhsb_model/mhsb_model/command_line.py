@@ -14,6 +14,7 @@ standard error:
 
 from __future__ import annotations
 
+import difflib
 import errno
 import inspect
 import math
@@ -34,7 +35,7 @@ import tyro
 # Events of a failed parse are not public in tyro, so its version is pinned.
 from tyro import _errors as parse_errors
 
-from mhsb_model.errors import ArgumentError, MhsbError, suggest_unit_of_number
+from mhsb_model.errors import ArgumentError, MachineFileError, MhsbError, suggest_unit_of_number
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
@@ -230,12 +231,17 @@ def without_ros_arguments(arguments: Sequence[str]) -> list[str]:
 def _print_failure(name: str, error: MhsbError | str, code: int) -> int:
     """Print a command's name and one sentence on standard error.
 
+    Several problems of a machine file are printed with a line for each.
+
     Args:
         name: Name of the command.
         error: Error or sentence; line breaks become spaces.
         code: Exit code, which is returned unchanged.
     """
-    print(f"{name}: {_one_line(str(error))}", file=sys.stderr)
+    first, *others = error.format_lines() if isinstance(error, MachineFileError) else [str(error)]
+    print(f"{name}: {_one_line(first)}", file=sys.stderr)
+    for line in others:
+        print(f"  {_one_line(line)}", file=sys.stderr)
     return code
 
 
@@ -266,6 +272,8 @@ def _parse(
     def raise_usage_error(event: parse_errors.ParseErrorEvent) -> None:
         """Raise UsageError with one sentence for an error event of tyro's parser."""
         sentence = _describe_parse_error(event, arguments).rstrip(".")
+        if isinstance(event, parse_errors.UnrecognizedArgs):
+            sentence += _suggest_option(event.tokens[0], command)
         raise UsageError(f"{sentence}; see {name} --help")
 
     with parse_errors.on_parse_error(raise_usage_error):
@@ -410,6 +418,36 @@ def _describe_parse_error(event: parse_errors.ParseErrorEvent, arguments: list[s
         case parse_errors.InstantiationFailure():
             return event.message
     return "these arguments do not go together"
+
+
+def _suggest_option(word: str, command: Callable[..., Any]) -> str:
+    """Return "; did you mean --OPTION?" with the nearest option of a command, or an empty text.
+
+    Args:
+        word: First word that the command does not take; words that are no option have no hint.
+        command: A function, or a dataclass with a method `run`.
+    """
+    near = difflib.get_close_matches(word.partition("=")[0], _list_options(command), 1)
+    return f"; did you mean {near[0]}?" if near and word.startswith("--") else ""
+
+
+def _list_options(target: Callable[..., Any]) -> list[str]:
+    """Return the options of a command with those of its groups, such as `--goal`.
+
+    Args:
+        target: Command, or dataclass of a group of options.
+    """
+    options = ["--help"]
+    for name, kind in _read_parameters(target)[0].items():
+        if name not in inspect.signature(target).parameters:
+            continue
+        marks = getattr(kind, "__metadata__", ())
+        group = getattr(kind, "__origin__", kind)
+        if is_dataclass(group):
+            options += _list_options(cast(Callable[..., Any], group))
+        elif tyro.conf.Positional not in marks:
+            options.append(f"--{name.strip('_').replace('_', '-')}")
+    return options
 
 
 def _describe_bad_value(argument: Any, message: str, arguments: list[str]) -> str:

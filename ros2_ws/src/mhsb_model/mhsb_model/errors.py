@@ -65,10 +65,21 @@ class MachineFileError(MhsbError):
         """
         self.source = source
         self.problems = tuple(problems)
+        super().__init__(f"machine file {source}: " + "; ".join(self._list_problems()))
+
+    def format_lines(self) -> list[str]:
+        """Format the message with a line for each listed problem; a single one has no own line."""
+        listed = self._list_problems()
+        if len(listed) == 1:
+            return [str(self)]
+        return [f"machine file {self.source}:", *(f"  {problem}" for problem in listed)]
+
+    def _list_problems(self) -> list[str]:
+        """Return the first `MAX_LISTED_PROBLEMS` problems, then how many more there are."""
         listed = list(self.problems[:MAX_LISTED_PROBLEMS])
         if len(self.problems) > MAX_LISTED_PROBLEMS:
             listed.append(f"and {len(self.problems) - MAX_LISTED_PROBLEMS} more")
-        super().__init__(f"machine file {source}: " + "; ".join(listed))
+        return listed
 
 
 class OutOfWorkspaceError(MhsbError):

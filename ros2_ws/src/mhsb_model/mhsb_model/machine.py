@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import json
 import math
@@ -870,7 +871,7 @@ def load_machine(
     try:
         content = read_yaml(file)
     except YamlFileError as error:
-        raise MachineFileError(str(file), [error.reason]) from None
+        raise MachineFileError(str(file), [error.reason + _suggest_name(file)]) from None
     missing = [
         name for name in FILE_SECTIONS if not (isinstance(content, dict) and name in content)
     ]
@@ -888,6 +889,26 @@ def load_machine(
     if too_fast := check_actuator_speed_limits(machine.config):
         raise MachineFileError(str(file), too_fast)
     return machine
+
+
+def _suggest_name(file: Path) -> str:
+    """Return "; did you mean NAME?" for an unknown name of a machine of the suite.
+
+    Args:
+        file: Path that `find_machine_file` returned and that cannot be read.
+
+    Returns:
+        The clause with the nearest name; empty for a path, or if no name is near.
+    """
+    if file.suffix or file.name != str(file) or file.exists():
+        return ""
+    names = [
+        each.stem
+        for each in find_config_file(MACHINE_FILE).parent.glob("*.yaml")
+        if "\njoints:" in each.read_text(encoding="utf-8")
+    ]
+    near = difflib.get_close_matches(file.name, sorted(names), 1)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 def _restored(

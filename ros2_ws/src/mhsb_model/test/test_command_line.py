@@ -12,7 +12,7 @@ import pytest
 import tyro
 
 from mhsb_model.command_line import run, set_interrupt_note, without_ros_arguments
-from mhsb_model.errors import MhsbError
+from mhsb_model.errors import MachineFileError, MhsbError
 
 
 @dataclass
@@ -42,6 +42,44 @@ def send(x: tyro.conf.Positional[float], z: tyro.conf.Positional[float]) -> int:
     """
     print(x, z)
     return 7
+
+
+@dataclass(frozen=True)
+class Group:
+    """Options of a group.
+
+    Attributes:
+        search: Which search.
+    """
+
+    search: int = 0
+
+
+def grouped(group: Group) -> None:
+    """Take a group of options.
+
+    Args:
+        group: The group.
+    """
+
+
+def test_several_problems_of_a_machine_file_have_a_line_each(capsys):
+    problems = ["joints.0: wrong"]
+
+    def fail() -> None:
+        """Fail."""
+        raise MachineFileError("arm.yaml", problems)
+
+    assert run(fail, [], name="check") == 1
+    assert capsys.readouterr().err == "check: machine file arm.yaml: joints.0: wrong\n"
+    problems = [f"joints.{k}: wrong" for k in range(32)]
+    assert run(fail, [], name="check") == 1
+    first, *others = capsys.readouterr().err.splitlines()
+    assert first == "check: machine file arm.yaml:"
+    assert [line.strip() for line in others] == [
+        *(f"joints.{k}: wrong" for k in range(30)),
+        "and 2 more",
+    ]
 
 
 def test_a_dataclass_command_gets_typed_arguments(capsys):
@@ -81,7 +119,17 @@ def test_negative_numbers_are_positional_values_and_the_exit_code_is_the_command
             ["--goal", "1", "2", "--search", "quick"],
             "--search takes one of exact, published, not 'quick'",
         ),
-        (Move, ["--goal", "1", "2", "--gaol"], "not an argument of this command: --gaol"),
+        (
+            Move,
+            ["--goal", "1", "2", "--gaol"],
+            "not an argument of this command: --gaol; did you mean --goal?",
+        ),
+        (Move, ["--goal", "1", "2", "--qqq", "3"], "not an argument of this command: --qqq 3"),
+        (
+            grouped,
+            ["--serach=1"],
+            "not an argument of this command: --serach=1; did you mean --search?",
+        ),
         (send, ["1"], "missing Z"),
         (send, ["a", "2"], "X takes NUMBER (horizontal [m]), not 'a'"),
         (send, ["inf", "2"], "X takes NUMBER (horizontal [m]), not 'inf'"),

@@ -349,6 +349,16 @@ def test_a_missing_file_is_named(tmp_path):
         load_machine(tmp_path / "nowhere.yaml")
 
 
+def test_an_unknown_name_comes_with_the_nearest_machine_of_the_suite():
+    for name, near in (("excavatr", "excavator"), ("telescop_arm", "telescope_arm")):
+        with pytest.raises(MachineFileError, match=rf"such file .*; did you mean {near}\?$"):
+            load_machine(name)
+    for name in ("qqq", "folder/excavatr", "excavatr.yaml"):
+        with pytest.raises(MachineFileError) as caught:
+            load_machine(name)
+        assert "did you mean" not in str(caught.value)
+
+
 @pytest.mark.parametrize("name", ["machine", "telescope_machine"])
 def test_tips_joints_and_links_of_many_postures_are_those_of_each(request, name):
     arm = request.getfixturevalue(name)

@@ -55,6 +55,8 @@ def replace_file(path: Path) -> Iterator[Path]:
 def make_parent_folder(file: Path, purpose: str) -> Path:
     """Create the parent folder of a file that is going to be written; do not create the file.
 
+    At most one folder is created: a path with several unknown folders is likely to be misspelt.
+
     Args:
         file: File, which may exist.
         purpose: Noun phrase for the error message, such as "the picture" in "name a file for the
@@ -64,9 +66,15 @@ def make_parent_folder(file: Path, purpose: str) -> Path:
         `file`.
 
     Raises:
-        MhsbError: The path is a folder, or a part of its parent exists and is not a folder.
+        MhsbError: The path is a folder, a part of its parent exists and is not a folder, or the
+            folder that would hold its parent does not exist.
     """
     if file.is_dir():
         raise MhsbError(f"{file} is a folder; name a file for {purpose}")
+    if not file.parent.is_dir() and not file.parent.parent.exists():
+        raise MhsbError(
+            f"there is no folder {file.parent.parent}; make it, or name a file for {purpose} in a "
+            "folder that is there"
+        )
     make_output_folder(file.parent, purpose)
     return file

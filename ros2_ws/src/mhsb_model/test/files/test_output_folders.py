@@ -23,3 +23,9 @@ def test_where_something_else_has_the_name_a_sentence_says_so(tmp_path: Path, be
         make_parent_folder(file / below / "page.png", "the picture")
     with pytest.raises(MhsbError, match="is a folder; name a file for the picture"):
         make_parent_folder(tmp_path, "the picture")
+
+
+def test_several_folders_are_not_made_for_one_file(tmp_path: Path) -> None:
+    with pytest.raises(MhsbError, match=r"there is no folder .*a; make it, or name a file for"):
+        make_parent_folder(tmp_path / "a" / "b" / "page.png", "the picture")
+    assert not (tmp_path / "a").exists()
