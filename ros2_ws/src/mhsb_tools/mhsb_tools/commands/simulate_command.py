@@ -21,6 +21,7 @@ from mhsb_control import (
     get_controller_class,
     load_machine,
 )
+from mhsb_control.controller import LearningController
 from mhsb_model import command_line
 from mhsb_model.command_line import JsonFlag, OptionalFile, Seed
 from mhsb_model.files.output_folders import make_output_folder
@@ -183,8 +184,9 @@ def simulate(
             print("\n".join(audit_lines(simulator.energies, simulator.volumes)))
             print("\n".join(energy_text(elements)))
     missed = [result for result in results if is_missed(result)]
+    causes = describe_possible_causes(arm, method.estimates_file, simulator.controller_name)
     for result in missed:
-        print(f"simulate: {missed_sentence(result, interventions)}", file=sys.stderr)
+        print(f"simulate: {missed_sentence(result, interventions, causes)}", file=sys.stderr)
     simulator.save_estimates()
     return 1 if missed else 0
 
@@ -243,19 +245,49 @@ def is_missed(result: GoalRun) -> bool:
     return result.overdue > REACHED_TIMEOUT and result.goal_distance > REACHED_DISTANCE
 
 
-def missed_sentence(result: GoalRun, interventions: int) -> str:
+def describe_possible_causes(
+    arm: SimulatedArmArguments, estimates_file: Path | None, controller: str
+) -> str:
+    """Return what may be why goals of a run are missed, as clauses that each begin with "; ".
+
+    Args:
+        arm: Options for the arm that is simulated.
+        estimates_file: Estimates file of the run; None without one.
+        controller: Name of the servo controller.
+
+    Returns:
+        The clauses; empty if the simulated arm is the known one and the servo learns nothing.
+    """
+    causes = []
+    if issubclass(get_controller_class(controller), LearningController):
+        file = (
+            f"the same --estimates-file {estimates_file}"
+            if estimates_file
+            else "--estimates-file FILE, twice"
+        )
+        causes.append(f"the servo is still learning its valves: run again with {file}")
+    if arm.plant or arm.vary:
+        causes.append(
+            "the arm that is simulated may ask more than plans and servo know of, --plant and "
+            "--vary say what"
+        )
+    return "".join(f"; {cause}" for cause in causes)
+
+
+def missed_sentence(result: GoalRun, interventions: int, causes: str) -> str:
     """Return a sentence on a missed goal: how far the tip was from it, and how late.
 
     Args:
         result: Result of the missed goal.
         interventions: Number of times in the whole run that the mode guard (it boosts actuators
             that cannot hold their load) intervened.
+        causes: What may be why, as `describe_possible_causes` returns it.
     """
+    times = "once" if interventions == 1 else f"{interventions} times"
     return (
         f"the goal {format_position(result.goal.position, 'g')} is missed: the tip is "
         f"{1e3 * result.goal_distance:.0f} mm from it {result.overdue:.1f} s after its motion "
-        f"should have ended; the guard intervened {interventions} times: the arm "
-        "that is simulated may ask more than plans and servo know of, --plant and --vary say what"
+        f"should have ended; the guard intervened {times}{causes}"
     )
 
 
@@ -466,7 +498,7 @@ def as_text(summary: dict[str, Any]) -> list[str]:
         *lines,
         *warnings,
         f"tip error {summary['tip_error_rms_mm']:.2f} mm RMS, "
-        f"{summary['tip_error_max_mm']:.2f} mm at most",
+        f"{summary['tip_error_max_mm']:.2f} mm at most, from the reference that the guard slows",
         f"pressures at most {summary['max_supply_pressure_mpa']:.2f} MPa in the supply lines, "
         f"{summary['max_chamber_pressure_mpa']:.2f} MPa in the chambers",
         f"to the oil {main['hydraulic']:.0f} J of the main pump, {servo['hydraulic']:.0f} J of the "

@@ -1,0 +1,68 @@
+"""The sentences of the simulate command."""
+
+from pathlib import Path
+
+import pytest
+
+from mhsb_tools.commands.simulate_command import (
+    SimulatedArmArguments,
+    as_text,
+    describe_possible_causes,
+    missed_sentence,
+)
+from mhsb_tools.study.headless import GoalRun, TimedGoal
+
+OTHER_ARM = (
+    "; the arm that is simulated may ask more than plans and servo know of, --plant and --vary "
+    "say what"
+)
+
+
+@pytest.mark.parametrize(
+    ("arm", "file", "controller", "causes"),
+    [
+        (SimulatedArmArguments(), None, "coordinated", ""),
+        (SimulatedArmArguments(vary=("payload=2",)), None, "coordinated", OTHER_ARM),
+        (SimulatedArmArguments(plant=Path("old.yaml")), None, "independent", OTHER_ARM),
+        (
+            SimulatedArmArguments(),
+            None,
+            "lag_compensated",
+            "; the servo is still learning its valves: run again with --estimates-file FILE, twice",
+        ),
+        (
+            SimulatedArmArguments(vary=("payload=2",)),
+            Path("learnt.yaml"),
+            "lag_compensated",
+            "; the servo is still learning its valves: run again with the same --estimates-file "
+            f"learnt.yaml{OTHER_ARM}",
+        ),
+    ],
+)
+def test_the_causes_of_a_missed_goal_are_those_that_the_run_can_have(arm, file, controller, causes):
+    assert describe_possible_causes(arm, file, controller) == causes
+
+
+@pytest.mark.parametrize(("count", "times"), [(0, "0 times"), (1, "once"), (2, "2 times")])
+def test_a_missed_goal_is_told_with_distance_time_and_interventions(count, times):
+    result = GoalRun(TimedGoal((0.55, 0.6), 3.0), None, 0.0123, 0.0, 1.5)
+    assert missed_sentence(result, count, "; why") == (
+        "the goal (0.55, 0.6) m is missed: the tip is 12 mm from it 1.5 s after its motion should "
+        f"have ended; the guard intervened {times}; why"
+    )
+
+
+def test_tip_errors_are_named_as_those_from_the_slowed_reference():
+    zeros = ("max_supply_pressure_mpa", "max_chamber_pressure_mpa", "mode_switches")
+    others = ("guard_interventions", "simulated_s", "real_time_factor")
+    goal = {"x": 0.55, "z": 0.6, "time_s": 3.0, "goal_distance_mm": 1.0}
+    pumps = {name: {"hydraulic": 0.0, "shaft": 0.0} for name in ("main_pump", "servo_pumps")}
+    summary = dict.fromkeys((*zeros, *others), 0) | {
+        "goals": [goal],
+        "energy_by_source_j": pumps,
+        "tip_error_rms_mm": 1.0,
+        "tip_error_max_mm": 2.5,
+    }
+    assert "tip error 1.00 mm RMS, 2.50 mm at most, from the reference that the guard slows" in (
+        as_text(summary)
+    )
