@@ -14,6 +14,10 @@ import pytest
 
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.errors import NoPathError
+from mhsb_planner.online.arm_state import OLDEST_STATE
+from mhsb_planner.online.command_hand_over import LONGEST_WAIT
+from mhsb_planner.online.goal_queue import START_UP
+from mhsb_planner.online.start_state import NoStateError
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.planners.registry import REGISTERED_PLANNERS
 from mhsb_tools.executables import SUBCOMMAND_TABLE
@@ -199,3 +203,12 @@ def test_bounds_in_the_page_on_security_are_those_of_the_code():
     for value, unit, module, name in bounds:
         stated = float(value.replace(",", "")) * UNITS[unit]
         assert stated == getattr(importlib.import_module(module), name), (module, name)
+
+
+def test_troubleshooting_has_the_times_after_which_the_state_of_the_arm_is_missed():
+    page = (DOCS / "troubleshooting.md").read_text()
+    assert (
+        f"is older than {OLDEST_STATE:g} s, and none came while the goal waited: for "
+        f"{LONGEST_WAIT:g} s, and until {START_UP:g} s after the planner's start"
+    ) in page
+    assert f"in the last {OLDEST_STATE:g} s" in str(NoStateError())
