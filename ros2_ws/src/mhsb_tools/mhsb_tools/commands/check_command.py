@@ -13,6 +13,7 @@ import tyro
 from mhsb_control import load_machine, measures_pressures, select_controllers
 from mhsb_control.delay_line import describe_uncompensated_delay
 from mhsb_model import command_line, hydraulics
+from mhsb_model.circuit.dead_time import compute_dead_time, compute_valve_lag
 from mhsb_model.command_line import JsonFlag
 from mhsb_model.linkages import linkage
 from mhsb_model.machine import Machine
@@ -98,10 +99,10 @@ def format_report(machine: Machine) -> list[str]:
 
     Returns:
         Lines without line breaks: name, table of joints, pumps and booster modules, values that the
-        file gives to one actuator only, suitable controllers, a delay of commands that is not
-        compensated, and counts of workspace points. If the machine has obstacles, the count of
-        points that remain reachable follows. Angles are in degrees, pressures in MPa and flows in
-        L/min.
+        file gives to one actuator only, suitable controllers, the dead time of a machine without
+        pressure sensors, a delay of commands that is not compensated, and counts of workspace
+        points. If the machine has obstacles, the count of points that remain reachable follows.
+        Angles are in degrees, pressures in MPa and flows in L/min.
     """
     found = facts(machine)
     lines = [
@@ -112,6 +113,13 @@ def format_report(machine: Machine) -> list[str]:
     lines += _own_lines(found["joints"])
     sensors = "pressure sensors" if found["pressure_sensors"] else "length sensors alone"
     lines.append(f"controllers that suit its {sensors}: {', '.join(found['controllers'])}")
+    if dead_time := compute_dead_time(machine):
+        lines.append(
+            f"its servo needs a plan {1e3 * dead_time:.0f} ms ahead: computing delay and valve lag "
+            f"are {1e3 * machine.config.imperfections.computing_delay:.0f} ms and "
+            f"{1e3 * compute_valve_lag(machine):.0f} ms, at least "
+            f"{1e3 * machine.expected_delay:.0f} ms are expected"
+        )
     limitation = describe_uncompensated_delay(machine)
     if limitation and "coordinated" in found["controllers"]:
         lines.append(limitation)

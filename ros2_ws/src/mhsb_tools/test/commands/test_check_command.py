@@ -6,7 +6,9 @@ import re
 import numpy as np
 import pytest
 
+from mhsb_control import load_machine
 from mhsb_model import command_line
+from mhsb_model.circuit.dead_time import compute_dead_time, compute_valve_lag
 from mhsb_model.obstacles.zones import Zones
 from mhsb_tools.commands import check_command as check
 
@@ -62,6 +64,18 @@ def test_the_report_says_that_a_long_delay_is_not_compensated(machine):
         )
         assert ("computing_delay is 150 ms" in text) == is_named
         assert ("use lag_compensated" in text) == is_named
+
+
+def test_the_report_has_the_dead_time_of_machines_without_pressure_sensors(machine):
+    assert "ahead" not in "\n".join(check.format_report(machine))
+    arm = load_machine("excavator_1to14")
+    [line] = (each for each in check.format_report(arm) if "ahead" in each)
+    delay, lag = arm.config.imperfections.computing_delay, compute_valve_lag(arm)
+    assert line == (
+        f"its servo needs a plan {1e3 * compute_dead_time(arm):.0f} ms ahead: computing delay and "
+        f"valve lag are {1e3 * delay:.0f} ms and {1e3 * lag:.0f} ms, at least "
+        f"{1e3 * arm.expected_delay:.0f} ms are expected"
+    )
 
 
 def test_the_report_tells_each_joints_kind_of_linkage(machine, slider_crank_machine):
