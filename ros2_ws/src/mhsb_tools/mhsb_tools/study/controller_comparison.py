@@ -35,19 +35,19 @@ def compare(results: Sequence[ScenarioResult]) -> dict[str, Any]:
         - scenarios: number of scenarios
         - tip_error_rms_max_mm: largest tip error RMS, by controller
         - tracking_ratio: tip error RMS, independent / coordinated: `least` and `mean` (geometric)
-          over the scenarios
+            over the scenarios
         - overshoot_max_mpa, overshoot_mean_mpa: largest and mean supply overshoot, by controller
         - overshoot_ratio: overshoot, coordinated / independent: `of_largest` (ratio of the largest
-          values), `of_mean` (ratio of the means) and `worst_scenario` (highest ratio in one
-          scenario). Scenarios without overshoot of the independent controller have no ratio; all
-          three are None if there are no others
+            values), `of_mean` (ratio of the means) and `worst_scenario` (highest ratio in one
+            scenario). Scenarios without overshoot of the independent controller have no ratio; all
+            three are None if there are no others
         - energy_ratio: largest energy ratio, coordinated / independent, of the scenarios in which
-          both have a tip error RMS of at most 5 mm; None if there is none
+            both have a tip error RMS of at most 5 mm; None if there is none
         - energy_ratio_scenarios: number of these scenarios
         - planned_ratio: energy of the coordinated controller, planned (reading `series`: servo pump
-          in series with the main pump) / simulated: `least` and `largest`
+            in series with the main pump) / simulated: `least` and `largest`
         - energy_elements_j: its planned and simulated energy, part by part, summed over all
-          scenarios
+            scenarios
         - relief_opened: number of scenarios in which a relief valve opened, by controller
         - goals_refused: a sentence for each refused goal
     """
