@@ -161,15 +161,12 @@ class ArmClockEstimator:
         """
         if not self._stamps:
             raise ValueError("no stamp of the arm has been heard")
-        speed, (latest, latest_ns) = self.speed, self._stamps[-1]
-        now_ns = latest_ns + round(speed * (steady_time - latest) * SECOND_NS)
-        for heard, stamp_ns in reversed(self._stamps):
-            if latest - heard > STAMP_WINDOW:
-                break
-            passed_ns = speed * (steady_time - heard) * SECOND_NS
-            if passed_ns > now_ns - stamp_ns:  # most are not, and rounding takes time
-                now_ns = max(now_ns, stamp_ns + round(passed_ns))
-        return now_ns
+        speed, latest = self.speed, self._stamps[-1][0]
+        return max(
+            stamp_ns + round(speed * (steady_time - heard) * SECOND_NS)
+            for heard, stamp_ns in self._stamps
+            if latest - heard <= STAMP_WINDOW
+        )
 
 
 OLDEST_STATE = 0.5

@@ -217,8 +217,7 @@ def _request_verdict(
 ) -> GoalVerdict | None:
     """Send a goal, and send it again while the planner does not know where the arm is.
 
-    The arm may start later than the planner. A line on standard error tells that the goal is sent
-    again.
+    The arm may start later than the planner. One line on standard error announces the repetition.
 
     Args:
         sender: Node that sends the goal.

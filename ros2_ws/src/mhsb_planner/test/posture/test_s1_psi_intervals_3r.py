@@ -28,7 +28,7 @@ def is_feasible(machine, x, z, psi, elbow):
 
 
 def distance_to_intervals(found, elbow, psi):
-    """How far each ψ lies outside (positive) or inside (negative) the branch's intervals."""
+    """Distance of each ψ from the nearest end of the branch's intervals; negative inside."""
     least = np.full(np.shape(psi), np.inf)
     for branch, lower, upper in found:
         if branch == elbow:

@@ -1,4 +1,4 @@
-"""Outbox of the planner node: what becomes of requests that are queued behind another."""
+"""Outbox of the planner node: answers to requests that wait for another one."""
 
 import threading
 from collections.abc import Iterator
@@ -31,7 +31,7 @@ class WaitingRequest:
 def outbox(ros_context: Context, machine) -> Iterator[RosOutbox]:
     node = Node("outbox", context=ros_context)
     made = RosOutbox(node, machine, "")
-    made.start("a plan", lambda: None)  # type: ignore[arg-type]
+    made.start("a plan", lambda: None)
     yield made
     node.destroy_node()
 

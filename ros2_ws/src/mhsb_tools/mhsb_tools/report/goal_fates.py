@@ -81,7 +81,7 @@ class JudgedGoal:
 
     @property
     def fate(self) -> str:
-        """What became of the goal, in one word; each goal has exactly one.
+        """Final state of the goal, as one word.
 
         `superseded`, `refused`, `stopped` and `lost` are results. An applied goal is `at_goal` if
         the arm was there already, `under_way` if no end was reported, otherwise it is the outcome
