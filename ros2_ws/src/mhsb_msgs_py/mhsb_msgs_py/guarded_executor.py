@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import difflib
 import functools
+import warnings
 from collections.abc import Callable, Coroutine, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import Parameter, ParameterType, SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor, await_or_execute
 from rclpy.node import Node
@@ -39,6 +41,14 @@ during that time.
 
 TOO_MANY = f"one request may set {MOST_CHANGES} parameters; send this one in another request"
 """Refusal of further parameters of a request."""
+
+RESPONSE_ATTEMPTS, RESPONSE_PERIOD = 8, 0.2
+"""Number of times that a response is sent until its client can receive it, and the time from one
+attempt to the next [s].
+
+A client may ask before the node has discovered that it listens for responses. ROS then waits for
+0.1 s, and gives the response up. On a busy machine discovery can take longer.
+"""
 
 Execution = Callable[[], Coroutine[Any, Any, None]]
 """Coroutine function that executes a callback whose input has been taken."""
@@ -161,18 +171,12 @@ class GuardedExecutor(SingleThreadedExecutor):
         async def execute() -> None:
             """Compute and send the response to the request that was taken.
 
-            Nothing happens if the queue was empty. A response that cannot be sent is logged.
+            Nothing happens if the queue was empty.
             """
             if header is None:
                 return
             response = await self._compute_response(node, service, request)
-            try:
-                service.send_response(response, header)
-            except RCLError as error:
-                node.get_logger().warning(
-                    f"an answer of {name_callback(service)} could not be sent: {error}",
-                    throttle_duration_sec=1.0,
-                )
+            _send_response(node, service, response, header, RESPONSE_ATTEMPTS)
 
         return execute
 
@@ -250,6 +254,44 @@ class GuardedExecutor(SingleThreadedExecutor):
         result = response.results[0] if several else response.result
         result.reason = str(MessageError(result.reason))
         return result
+
+
+def _send_response(node: Node, service: Service, response: Any, header: Any, attempts: int) -> None:
+    """Send a response, and again every `RESPONSE_PERIOD` while its client cannot receive it.
+
+    Whether the client can receive it is known only from a warning of rclpy. A response that cannot
+    be sent is logged.
+
+    Args:
+        node: Node of the service. Its callbacks are served between the attempts.
+        service: The service.
+        response: The response.
+        header: Header of the request, which identifies the client.
+        attempts: Number of attempts that are left, at least 1.
+    """
+    try:
+        with warnings.catch_warnings(record=True) as unmatched:
+            warnings.simplefilter("always")
+            service.send_response(response, header)
+        reason = str(unmatched[-1].message) if unmatched else ""
+    except (RCLError, InvalidHandle) as error:  # such as: the service was destroyed
+        attempts, reason = 1, str(error)
+    if not reason:
+        return
+    if attempts == 1:
+        node.get_logger().warning(
+            f"an answer of {name_callback(service)} could not be sent: {reason}",
+            throttle_duration_sec=1.0,
+        )
+        return
+
+    def send_again() -> None:
+        """Make the next attempt."""
+        node.destroy_timer(timer)
+        _send_response(node, service, response, header, attempts - 1)
+
+    steady = Clock(clock_type=ClockType.STEADY_TIME)  # time of the node may stand still
+    timer = node.create_timer(RESPONSE_PERIOD, send_again, clock=steady)
 
 
 def _take_clock(subscription: Subscription) -> Execution | None:

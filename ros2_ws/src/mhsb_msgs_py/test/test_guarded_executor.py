@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue, SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
@@ -9,6 +11,7 @@ from rclpy.clock import Clock as NodeClock
 from rclpy.clock import ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter as NodeParameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Int32
 from std_srvs.srv import Trigger
@@ -152,6 +155,44 @@ def test_whoever_calls_a_service_that_fails_gets_an_answer(frail, service):
     assert not answer.success
     assert answer.message.startswith(f"a fault in the service /frail/{service}: ZeroDivisionError")
     assert frail.node.faults.count == 1
+
+
+def test_a_client_that_is_discovered_late_gets_its_answer_all_the_same(frail, monkeypatch):
+    service = next(each for each in frail.node.services if each.service_name == "/frail/plain")
+    attempts, send = [], service.send_response
+
+    def send_from_the_third_attempt(response, header):
+        attempts.append(header)
+        if len(attempts) < 3:
+            warnings.warn("failed to send response (timeout)", RuntimeWarning, stacklevel=1)
+        else:
+            send(response, header)
+
+    monkeypatch.setattr(service, "send_response", send_from_the_third_attempt)
+    assert not frail.call(Trigger, "frail/plain").success
+    assert len(attempts) == 3
+    assert frail.node.faults.count == 1, "the callback is not called again"
+
+
+def test_a_client_that_can_never_be_answered_is_given_up_and_others_are_served_meanwhile(
+    frail, capfd
+):
+    not_of_answers = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    deaf = frail.node.create_client(Trigger, "frail/plain", qos_profile=not_of_answers)
+    heard = frail.node.create_client(Trigger, "frail/later")
+    frail.until(heard.service_is_ready)
+    deaf.call_async(Trigger.Request())
+    frail.until(lambda: frail.node.faults.count == 1)
+    frail.until(heard.call_async(Trigger.Request()).done)
+    log = []
+
+    def is_told() -> bool:
+        log.append(capfd.readouterr().err)
+        return "an answer of the service /frail/plain could not be sent" in log[-1]
+
+    frail.until(is_told)
+    assert frail.node.faults.count == 2, "each callback was called once"
+    assert not list(frail.node.timers)
 
 
 def test_a_guard_condition_and_a_timer_that_fail_are_recorded_each_time(frail):
