@@ -236,8 +236,7 @@ class GoalQueue:
     ) -> tuple[Goal, float]:
         """Choose the target of a plan for a goal, and return it with the goal's period.
 
-        A moving goal is extrapolated by commit horizon, dead time and one period. The way beyond
-        its place after the dead time is limited. If the goal has stopped, or its
+        A moving goal is extrapolated (`GoalStream.extrapolate`). If the goal has stopped, or its
         `needs_exact_place` is set, the target is its exact place. A stopped goal keeps its period,
         so that it is planned for as a moving goal: another posture is not chosen.
 
@@ -251,13 +250,13 @@ class GoalQueue:
             Target, and period of the goal: median time between its last messages [s]. If these give
             no velocity, target and period are the goal itself and 0.
         """
-        stream, goal = self.stream, pending_goal.goal
+        stream, goal, now = self.stream, pending_goal.goal, self._clock.steady_time()
         if not any(stream.velocity):
             return goal, 0.0
-        if pending_goal.needs_exact_place or not stream.is_moving(self._clock.steady_time()):
+        if pending_goal.needs_exact_place or not stream.is_moving(now):
             return goal, stream.period
-        ahead = commit_horizon + dead_time + stream.period
-        return stream.extrapolate(goal, ahead, dead_time), stream.period
+        age = now - pending_goal.received_at
+        return stream.extrapolate(goal, age, commit_horizon, dead_time), stream.period
 
     def is_valid(self, request: PlanRequest, now_ns: int) -> bool:
         """Return whether the plan of a request can still be sent.

@@ -1,9 +1,8 @@
 """Goal that moves: sent again and again, from a teleoperator's stick or from a camera.
 
 The goal's velocity is computed from the places and receipt times of its last messages; the stamps
-of goals are not used. The goal may stop at any moment. So a plan ends at most
-`MAX_LOOKAHEAD_DISTANCE` beyond the goal's last place, and as far again as the goal moves in the
-machine's dead time.
+of goals are not used. A plan ends where the goal will be a little later. The goal may stop at any
+moment, so this is at most `MAX_LOOKAHEAD_TIME` plus the machine's dead time later.
 """
 
 from __future__ import annotations
@@ -29,9 +28,12 @@ MAX_GOAL_SPEED, MIN_GOAL_SPEED = 0.5, 1e-3
 A faster goal is a different goal; a slower one stands.
 """
 
-MAX_LOOKAHEAD_DISTANCE = 1.7e-3
-"""Largest distance by which a plan of a machine without dead time may end beyond the last place of
-a goal [m].
+MAX_LOOKAHEAD_TIME = 0.06
+"""Largest time by which the end of a plan may lead the goal, if the machine has no dead time [s].
+
+The tip follows the closer, the longer this is, and passes the goal by as much as the goal would
+move in this time if it stops. On lines at 100 mm/s with a goal every 50 ms, the median distance was
+9.6, 8.0, 6.4 and 5.4 mm with 0.017, 0.034, 0.05 and 0.06 s.
 """
 
 STREAM_END_PERIODS = 1.5
@@ -112,22 +114,26 @@ class GoalStream:
             return False
         return now - self._received[-1].received_at <= STREAM_END_PERIODS * self.period
 
-    def extrapolate(self, goal: Goal, seconds: float, dead_time: float = 0.0) -> Goal:
+    def extrapolate(
+        self, goal: Goal, age: float, commit_horizon: float, dead_time: float = 0.0
+    ) -> Goal:
         """Move a goal on along the stream's velocity, to the place where a plan for it should end.
+
+        This is its place after the commit horizon (time until the plan takes over), one period and
+        the dead time. The first two together count at most `MAX_LOOKAHEAD_TIME`.
 
         Args:
             goal: The goal that was received last.
-            seconds: Time to extrapolate by [s]. It is shortened if the goal would move by more than
-                `MAX_LOOKAHEAD_DISTANCE` beyond where it is after the dead time.
+            age: Time since it was received [s].
+            commit_horizon: Commit horizon, without the dead time [s].
             dead_time: Dead time of the machine [s].
 
         Returns:
             The moved goal; `goal` itself if the stream's velocity is 0.
         """
         velocity = self.velocity
-        speed = math.hypot(*velocity)
-        if speed == 0.0:
+        if not any(velocity):
             return goal
-        seconds = min(seconds, dead_time + MAX_LOOKAHEAD_DISTANCE / speed)
+        seconds = age + dead_time + min(commit_horizon + self.period, MAX_LOOKAHEAD_TIME)
         pairs = zip(goal.position, velocity, strict=True)
         return goal.moved_to(tuple(along + seconds * rate for along, rate in pairs))

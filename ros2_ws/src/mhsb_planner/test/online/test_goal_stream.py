@@ -9,7 +9,7 @@ from benchmarks.streaming_benchmark import lines
 
 from mhsb_model.goal import Goal
 from mhsb_model.verdict import Outcome, Verdict
-from mhsb_planner.online.goal_stream import MAX_LOOKAHEAD_DISTANCE, GoalStream
+from mhsb_planner.online.goal_stream import MAX_LOOKAHEAD_TIME, GoalStream
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.planners.options import PlanOptions
@@ -61,16 +61,14 @@ def test_a_goal_that_comes_no_more_moves_no_more():
 
 
 @pytest.mark.parametrize("dead_time", [0.0, 0.25])
-@pytest.mark.parametrize("speed", [0.002, 0.1, 0.4])
-def test_a_plan_ends_at_most_a_little_beyond_where_the_goal_is_after_the_dead_time(
-    speed, dead_time
-):
-    stream = moving((speed, 0.0), [1.0, 1.1, 1.2])
-    last = Goal(7, 0.5 + 1.2 * speed, 0.1)
-    ahead = stream.extrapolate(last, dead_time + 0.1, dead_time)
-    assert ahead.stamp_ns == 7
-    beyond = min(0.1 * speed, MAX_LOOKAHEAD_DISTANCE)
-    assert ahead.x - last.x == pytest.approx(dead_time * speed + beyond)
+@pytest.mark.parametrize("age", [0.0, 0.04])
+@pytest.mark.parametrize(("commit_horizon", "ahead"), [(0.02, MAX_LOOKAHEAD_TIME), (-0.05, 0.05)])
+def test_a_plan_ends_where_the_goal_will_be_a_little_later(age, dead_time, commit_horizon, ahead):
+    stream = moving((0.1, 0.0), [1.0, 1.1, 1.2])
+    last = Goal(7, 0.62, 0.1)
+    led = stream.extrapolate(last, age, commit_horizon, dead_time)
+    assert led.stamp_ns == 7
+    assert led.x - last.x == pytest.approx(0.1 * (age + dead_time + ahead))
 
 
 def follow(world, speed, rate, seconds):
@@ -97,7 +95,7 @@ def test_when_a_moving_goal_stops_the_arm_rests_exactly_there_and_each_goal_is_a
         return bool(world.execution_reports(stamps[-1]))
 
     world.pass_time_until(ended)
-    assert highest[0] <= z + 2e-3
+    assert highest[0] <= z + 0.05 * MAX_LOOKAHEAD_TIME + 3e-4
     assert world.execution_report(stamps[-1]).outcome is Outcome.REACHED
     x_rest, z_rest = world.machine.tip_position(world.arm.reference.position)
     assert np.hypot(x_rest - 0.55, z_rest - z) < 2e-4
