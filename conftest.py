@@ -28,8 +28,9 @@ from hypothesis import settings
 from tests.support.motions import inverse_dynamics
 
 from mhsb_model.files.config_files import find_config_file
+from mhsb_model.files.machine_files import MACHINE_FILE
 from mhsb_model.hydraulics import needs_boost
-from mhsb_model.machine import MACHINE_FILE, Machine, load_machine
+from mhsb_model.machine import Machine, load_machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode, modules_in_use
 from mhsb_model.schema import MachineConfig

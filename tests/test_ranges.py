@@ -25,8 +25,9 @@ from mhsb_control import load_machine
 from mhsb_control.registry import MachineConfigWithGains
 from mhsb_model import command_line
 from mhsb_model.command_line import NumberRange
+from mhsb_model.errors import MachineFileError
 from mhsb_model.files.config_files import find_config_file
-from mhsb_model.machine import Machine, MachineFileError
+from mhsb_model.machine import Machine
 from mhsb_model.schema import Section
 
 PACKAGES = (mhsb_model, mhsb_control, mhsb_planner, mhsb_sim, mhsb_tools)

@@ -4,7 +4,8 @@ import pytest
 import yaml
 
 from mhsb_model.files.config_files import find_config_file
-from mhsb_model.machine import MACHINE_FILE, load_machine
+from mhsb_model.files.machine_files import MACHINE_FILE
+from mhsb_model.machine import load_machine
 from mhsb_model.verdict import Verdict
 
 UP = 0.55, 0.60

@@ -11,7 +11,8 @@ from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from visualization_msgs.msg import Marker
 
 from mhsb_model.files.config_files import find_config_file
-from mhsb_model.machine import MACHINE_FILE, Machine
+from mhsb_model.files.machine_files import MACHINE_FILE
+from mhsb_model.machine import Machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.schema import MachineConfig
 from mhsb_model.verdict import Outcome, Verdict

@@ -8,7 +8,8 @@ from tests.soak.actor import make_invalid_goal, traceback_in
 
 from mhsb_model.errors import MhsbError
 from mhsb_model.files.config_files import find_config_file
-from mhsb_model.machine import MACHINE_FILE, load_machine
+from mhsb_model.files.machine_files import MACHINE_FILE
+from mhsb_model.machine import load_machine
 from mhsb_msgs_py import goal_pose
 
 

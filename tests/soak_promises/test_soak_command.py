@@ -8,7 +8,8 @@ from benchmarks.seeded_goals import SeededGoal
 from tests.soak.soak_command import Soak
 
 from mhsb_model.files.config_files import find_config_file
-from mhsb_model.machine import MACHINE_FILE, load_machine
+from mhsb_model.files.machine_files import MACHINE_FILE
+from mhsb_model.machine import load_machine
 from mhsb_planner.cases.moves import random_position
 
 

@@ -14,7 +14,7 @@ from mhsb_model import machine as machines
 from mhsb_model.circuit.dead_time import compute_dead_time
 from mhsb_model.errors import MachineFileError
 from mhsb_model.files.config_files import find_config_file
-from mhsb_model.machine import MACHINE_FILE
+from mhsb_model.files.machine_files import MACHINE_FILE
 from mhsb_model.schema import DEFAULT_PREVIEW, Gain, Section
 
 OLD_FILE = Path(__file__).with_name("excavator_of_before.yaml")

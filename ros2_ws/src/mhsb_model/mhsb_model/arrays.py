@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
 from typing import NamedTuple
 
-from mhsb_model.types import BoolArray, FloatArray, IntArray
+import numpy as np
+
+from mhsb_model.linkages.linkage import build_linkage_row
+from mhsb_model.schema import COMMON_PATHS, MachineConfig
+from mhsb_model.types import BoolArray, FloatArray, IntArray, frozen
+
+RATED_SLIP_PRESSURE = 1e7
+"""Pressure rise at which the machine file states the slip of a servo pump [Pa]."""
 
 
 class MachineArrays(NamedTuple):
@@ -89,3 +97,109 @@ class MachineArrays(NamedTuple):
     """Largest planned piston acceleration [m/s²]."""
     max_piston_jerk: float
     """Largest planned piston jerk [m/s³]."""
+
+
+def collect_actuator_values(config: MachineConfig, name: str) -> FloatArray:
+    """Return one value for each actuator: its own, or the common one of the file if it has none.
+
+    Args:
+        config: Content of the machine file.
+        name: Key in section `actuator` of a joint, one of those in `COMMON_PATHS`.
+
+    Returns:
+        Values in SI units, shape (n,).
+    """
+    own = [getattr(joint.actuator, name) for joint in config.joints]
+    usual = attrgetter(COMMON_PATHS[name])(config)
+    return np.array([usual if each is None else each for each in own])
+
+
+def _compute_closed_valve_leakage(config: MachineConfig) -> tuple[float, float]:
+    """Compute the leakage of a closed servo valve with the overlap that the machine file declares.
+
+        q = q_leak (1 − s + s κ),   κ = ℓ/(ℓ + o)
+
+    The share s of the leakage q_leak flows past the lands if they have no overlap. o is the mean
+    overlap of both directions, and ℓ the `circuit.land_length`.
+
+    Args:
+        config: Content of the machine file.
+
+    Returns:
+        Leakage q at the main pump's pressure [m³/s], and the share s κ q_leak/q of it that flows
+        past the lands [-].
+    """
+    valve, real, length = config.hydraulics.valve, config.imperfections, config.circuit.land_length
+    share = valve.land_leakage
+    kept = share * (length / (length + 0.5 * sum(real.overlaps)))
+    passed = 1.0 - (share - kept)
+    return valve.leakage_flow * passed, kept / passed
+
+
+def make_machine_arrays(config: MachineConfig) -> MachineArrays:
+    """Convert a configuration into the flat arrays that kernels take.
+
+    A slewing platform (joint 1) gets a link without length, mass and inertia in the plane. Each
+    actuator's V_max is the smaller of its own and the common one.
+
+    Args:
+        config: Content of the machine file.
+
+    Returns:
+        Read-only arrays. `external_leakage` is 0.
+    """
+    joints, first = config.joints, config.joints[0]
+    oil, (leakage, land_leakage) = config.hydraulics, _compute_closed_valve_leakage(config)
+    area = np.array([joint.areas for joint in joints])
+    slews = first.kind == "slew"
+    rated_flow, drop = (
+        collect_actuator_values(config, name)
+        for name in ("rated_flow", "rated_pressure_drop_per_land")
+    )
+    fastest = collect_actuator_values(config, "max_piston_speed")
+
+    def collect_link_values(name: str) -> FloatArray:
+        """Return one property of every link; 0 for a slewing platform."""
+        values = [getattr(joint.link, name) for joint in joints]
+        return frozen(np.array([0.0, *values[1:]] if slews else values))
+
+    return MachineArrays(
+        turns=frozen(np.array([joint.kind == "revolute" for joint in joints])),
+        slides=frozen(np.array([joint.kind == "prismatic" for joint in joints])),
+        slews=slews,
+        slew_offset=first.link.length if first.kind == "slew" else 0.0,
+        slew_inertia=first.link.slew_inertia if first.kind == "slew" else 0.0,
+        link_length=collect_link_values("length"),
+        link_mass=collect_link_values("mass"),
+        link_center=collect_link_values("center_of_mass"),
+        link_inertia=collect_link_values("inertia"),
+        joint_min=frozen(np.array([joint.limits.lower for joint in joints])),
+        joint_max=frozen(np.array([joint.limits.upper for joint in joints])),
+        linkage=frozen(
+            np.array([build_linkage_row(joint.linkage, joint.limits.lower) for joint in joints])
+        ),
+        cap_area=frozen(area[:, 0]),
+        rod_area=frozen(area[:, 1]),
+        modules_per_mode=frozen(np.array(oil.modules.per_mode, dtype=np.int64)),
+        module_count=oil.modules.count,
+        payload=config.payload.mass,
+        gravity=config.gravity,
+        min_x=config.workspace.min_x,
+        min_radius=config.workspace.min_radius,
+        max_radius=config.workspace.max_radius,
+        supply_pressure=oil.main_pump.pressure,
+        tank_pressure=oil.tank_pressure,
+        max_boost_pressure=oil.servo_pump.max_boost_pressure,
+        boost_margin=oil.boost_margin,
+        main_pump_flow=oil.main_pump.max_flow,
+        servo_pump_flow=oil.servo_pump.max_flow,
+        servo_pump_efficiency=oil.servo_pump.efficiency,
+        servo_pump_slip=oil.servo_pump.slip_flow / RATED_SLIP_PRESSURE,
+        valve_coefficient=frozen(rated_flow / np.sqrt(drop)),
+        leakage_flow=leakage,
+        land_leakage=land_leakage,
+        external_leakage=0.0,
+        max_piston_speed=frozen(np.minimum(fastest, config.motion.max_piston_speed)),
+        max_piston_acceleration=config.motion.max_piston_acceleration,
+        max_piston_jerk=config.motion.max_piston_jerk,
+    )

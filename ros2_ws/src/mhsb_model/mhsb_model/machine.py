@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,14 +15,13 @@ import numpy as np
 from pydantic import ValidationError
 
 from mhsb_model import kinematics, slewing, statics
-from mhsb_model.arrays import MachineArrays
+from mhsb_model.arrays import MachineArrays, collect_actuator_values, make_machine_arrays
 from mhsb_model.curve_limits import CurveLimits, derive_curve_limits
-from mhsb_model.errors import MachineFileError, MhsbError, OutOfWorkspaceError, suggest_unit
-from mhsb_model.files.config_files import find_config_file
+from mhsb_model.errors import MachineFileError, OutOfWorkspaceError, suggest_unit
+from mhsb_model.files.machine_files import find_machine_file, read_machine_file
 from mhsb_model.files.machine_rules import check_actuator_speed_limits, check_machine_rules
 from mhsb_model.files.schema_problems import describe_validation_errors
 from mhsb_model.files.value_paths import get_value, set_value
-from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.inverse_kinematics import tip_postures
 from mhsb_model.inverse_kinematics.telescope_postures import find_telescope_postures
 from mhsb_model.inverse_kinematics.tip_postures import LEAST_JOINTS
@@ -47,18 +43,8 @@ from mhsb_model.obstacles.zones import (
 from mhsb_model.schema import COMMON_PATHS, DEFAULT_EXPECTED_DELAY, DEFAULT_PREVIEW, MachineConfig
 from mhsb_model.types import FloatArray, ModeArray, Position, as_frozen, frozen
 
-MACHINE_FILE = "mhsb_arm3.yaml"
-"""Name of the machine file of the suite's own arm, in the folder config."""
 PAPER_NODE_SPACING = 0.05
 """Spacing of the workspace nodes of the paper's arm [m]."""
-RATED_SLIP_PRESSURE = 1e7
-"""Pressure rise at which the machine file states the slip of a servo pump [Pa]."""
-
-FILE_SECTIONS = tuple(
-    name for name, part in MachineConfig.model_fields.items() if part.is_required()
-)
-"""Names of the sections that every machine file must have."""
-
 PLANNING_HASH_FIELDS: dict[str, Any] = {
     "joints": True,
     "workspace": {"min_x", "min_radius", "max_radius"},
@@ -135,10 +121,34 @@ class Machine:
             problems = linkage_problems(config)
         if problems:
             raise MachineFileError(source, problems)
-        machine = cls(config, _make_arrays(config))
+        machine = cls(config, make_machine_arrays(config))
         if in_the_way := machine._obstacles_at_joint_1():
             raise MachineFileError(source, in_the_way)
         return machine
+
+    @classmethod
+    def from_content(
+        cls, content: Any, source: str, schema: type[MachineConfig] = MachineConfig
+    ) -> Machine:
+        """Make a machine from nested content of a machine file, after a check by a schema.
+
+        Args:
+            content: Sections and values as read from YAML or dumped from a configuration.
+            source: Name of the file, for error messages.
+            schema: Schema of the content.
+
+        Returns:
+            The machine. Its obstacles are those of the content, without shadows (obstacles in the
+            plane that stand for zones in space). Its `file_rating` is None.
+
+        Raises:
+            MachineFileError: The content breaks the schema or a rule across values.
+        """
+        try:
+            config = schema.model_validate(content)
+        except ValidationError as error:
+            raise MachineFileError(source, describe_validation_errors(error, schema)) from error
+        return cls.from_config(config, source)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the configuration instead of the arrays.
@@ -243,7 +253,7 @@ class Machine:
     @property
     def chamber_reliefs(self) -> FloatArray:
         """Opening pressure of the relief valves of each actuator's chambers, shape (n,) [Pa]."""
-        return _collect_actuator_values(self.config, "relief_pressure")
+        return collect_actuator_values(self.config, "relief_pressure")
 
     @property
     def friction_factors(self) -> FloatArray:
@@ -440,7 +450,7 @@ class Machine:
         Raises:
             MachineFileError: The content breaks the schema or a rule across values.
         """
-        return _make_validated_machine(content, source, type(self.config))
+        return Machine.from_content(content, source, type(self.config))
 
     def value(self, path: str) -> Any:
         """Return the value at a path in the machine file.
@@ -702,9 +712,8 @@ class Machine:
         They are derived from payload, supply pressure and joint ranges of the machine file, even if
         this machine was `changed`: the arm that receives the trajectory knows only its file.
         """
-        rated = Machine(
-            self.config, _make_arrays(self.config)._replace(**self._own_file_rating._asdict())
-        )
+        arrays = make_machine_arrays(self.config)._replace(**self._own_file_rating._asdict())
+        rated = Machine(self.config, arrays)
         return derive_curve_limits(
             rated.arrays, self.config.circuit, rated.longest_moment_arms, rated.max_joint_speeds
         )
@@ -828,26 +837,6 @@ class Machine:
         return ""
 
 
-def find_machine_file(path: str | Path | None = None) -> Path:
-    """Find the machine file for a path or for the name of one of the suite's machines.
-
-    Args:
-        path: A path, or a name without a suffix such as `excavator`. A name stands for a file of
-            the suite, unless a file of that name exists. None or an empty text stands for the
-            suite's own arm.
-
-    Returns:
-        Path of the file. It need not exist if a path, or an unknown name, was given.
-    """
-    if not path:
-        return find_config_file(MACHINE_FILE)
-    file = Path(path)
-    if file.name == str(path) and not file.suffix and not file.exists():
-        with suppress(MhsbError):
-            return find_config_file(f"{file.name}.yaml")
-    return file
-
-
 def load_machine(
     path: str | Path | None = None, schema: type[MachineConfig] = MachineConfig
 ) -> Machine:
@@ -868,17 +857,7 @@ def load_machine(
             first check that fails.
     """
     file = find_machine_file(path)
-    try:
-        content = read_yaml(file)
-    except YamlFileError as error:
-        raise MachineFileError(str(file), [error.reason + _suggest_name(file)]) from None
-    missing = [
-        name for name in FILE_SECTIONS if not (isinstance(content, dict) and name in content)
-    ]
-    if len(missing) > len(FILE_SECTIONS) / 2:  # another kind of file: do not quote it
-        reason = f"is not a machine file: it lacks {', '.join(missing)}; copy config/{MACHINE_FILE}"
-        raise MachineFileError(str(file), [reason])
-    machine = _make_validated_machine(content, str(file), schema)
+    machine = Machine.from_content(read_machine_file(file), str(file), schema)
     least, tip = (LEAST_JOINTS + 1, "three") if machine.slews else (LEAST_JOINTS, "two")
     if machine.joint_count < least:
         problem = (
@@ -889,26 +868,6 @@ def load_machine(
     if too_fast := check_actuator_speed_limits(machine.config):
         raise MachineFileError(str(file), too_fast)
     return machine
-
-
-def _suggest_name(file: Path) -> str:
-    """Return "; did you mean NAME?" for an unknown name of a machine of the suite.
-
-    Args:
-        file: Path that `find_machine_file` returned and that cannot be read.
-
-    Returns:
-        The clause with the nearest name; empty for a path, or if no name is near.
-    """
-    if file.suffix or file.name != str(file) or file.exists():
-        return ""
-    names = [
-        each.stem
-        for each in find_config_file(MACHINE_FILE).parent.glob("*.yaml")
-        if "\njoints:" in each.read_text(encoding="utf-8")
-    ]
-    near = difflib.get_close_matches(file.name, sorted(names), 1)
-    return f"; did you mean {near[0]}?" if near else ""
 
 
 def _restored(
@@ -929,133 +888,3 @@ def _restored(
     machine = Machine.from_config(config)
     arrays = machine.arrays._replace(external_leakage=external_leakage)
     return replace(machine, arrays=arrays, shadows=shadows, file_rating=rating)
-
-
-def _make_validated_machine(content: Any, source: str, schema: type[MachineConfig]) -> Machine:
-    """Make a machine from nested content of a machine file, after a check by a schema.
-
-    Args:
-        content: Sections and values as read from YAML or dumped from a configuration.
-        source: Name of the file, for error messages.
-        schema: Schema of the content.
-
-    Returns:
-        The machine. Its obstacles are those of the content, without shadows (obstacles in the plane
-        that stand for zones in space). Its `file_rating` is None.
-
-    Raises:
-        MachineFileError: The content breaks the schema or a rule across values.
-    """
-    try:
-        config = schema.model_validate(content)
-    except ValidationError as error:
-        raise MachineFileError(source, describe_validation_errors(error, schema)) from error
-    return Machine.from_config(config, source)
-
-
-def _collect_actuator_values(config: MachineConfig, name: str) -> FloatArray:
-    """Return one value for each actuator: its own, or the common one of the file if it has none.
-
-    Args:
-        config: Content of the machine file.
-        name: Key in section `actuator` of a joint, one of those in `COMMON_PATHS`.
-
-    Returns:
-        Values in SI units, shape (n,).
-    """
-    own = [getattr(joint.actuator, name) for joint in config.joints]
-    usual = attrgetter(COMMON_PATHS[name])(config)
-    return np.array([usual if each is None else each for each in own])
-
-
-def _compute_closed_valve_leakage(config: MachineConfig) -> tuple[float, float]:
-    """Compute the leakage of a closed servo valve with the overlap that the machine file declares.
-
-        q = q_leak (1 − s + s κ),   κ = ℓ/(ℓ + o)
-
-    The share s of the leakage q_leak flows past the lands if they have no overlap. o is the mean
-    overlap of both directions, and ℓ the `circuit.land_length`.
-
-    Args:
-        config: Content of the machine file.
-
-    Returns:
-        Leakage q at the main pump's pressure [m³/s], and the share s κ q_leak/q of it that flows
-        past the lands [-].
-    """
-    valve, real, length = config.hydraulics.valve, config.imperfections, config.circuit.land_length
-    share = valve.land_leakage
-    kept = share * (length / (length + 0.5 * sum(real.overlaps)))
-    passed = 1.0 - (share - kept)
-    return valve.leakage_flow * passed, kept / passed
-
-
-def _make_arrays(config: MachineConfig) -> MachineArrays:
-    """Convert a configuration into the flat arrays that kernels take.
-
-    A slewing platform (joint 1) gets a link without length, mass and inertia in the plane. Each
-    actuator's V_max is the smaller of its own and the common one.
-
-    Args:
-        config: Content of the machine file.
-
-    Returns:
-        Read-only arrays. `external_leakage` is 0.
-    """
-    joints, first = config.joints, config.joints[0]
-    oil, (leakage, land_leakage) = config.hydraulics, _compute_closed_valve_leakage(config)
-    area = np.array([joint.areas for joint in joints])
-    slews = first.kind == "slew"
-    rated_flow, drop = (
-        _collect_actuator_values(config, name)
-        for name in ("rated_flow", "rated_pressure_drop_per_land")
-    )
-    fastest = _collect_actuator_values(config, "max_piston_speed")
-
-    def collect_link_values(name: str) -> FloatArray:
-        """Return one property of every link; 0 for a slewing platform."""
-        values = [getattr(joint.link, name) for joint in joints]
-        return frozen(np.array([0.0, *values[1:]] if slews else values))
-
-    return MachineArrays(
-        turns=frozen(np.array([joint.kind == "revolute" for joint in joints])),
-        slides=frozen(np.array([joint.kind == "prismatic" for joint in joints])),
-        slews=slews,
-        slew_offset=first.link.length if first.kind == "slew" else 0.0,
-        slew_inertia=first.link.slew_inertia if first.kind == "slew" else 0.0,
-        link_length=collect_link_values("length"),
-        link_mass=collect_link_values("mass"),
-        link_center=collect_link_values("center_of_mass"),
-        link_inertia=collect_link_values("inertia"),
-        joint_min=frozen(np.array([joint.limits.lower for joint in joints])),
-        joint_max=frozen(np.array([joint.limits.upper for joint in joints])),
-        linkage=frozen(
-            np.array(
-                [linkage.build_linkage_row(joint.linkage, joint.limits.lower) for joint in joints]
-            )
-        ),
-        cap_area=frozen(area[:, 0]),
-        rod_area=frozen(area[:, 1]),
-        modules_per_mode=frozen(np.array(oil.modules.per_mode, dtype=np.int64)),
-        module_count=oil.modules.count,
-        payload=config.payload.mass,
-        gravity=config.gravity,
-        min_x=config.workspace.min_x,
-        min_radius=config.workspace.min_radius,
-        max_radius=config.workspace.max_radius,
-        supply_pressure=oil.main_pump.pressure,
-        tank_pressure=oil.tank_pressure,
-        max_boost_pressure=oil.servo_pump.max_boost_pressure,
-        boost_margin=oil.boost_margin,
-        main_pump_flow=oil.main_pump.max_flow,
-        servo_pump_flow=oil.servo_pump.max_flow,
-        servo_pump_efficiency=oil.servo_pump.efficiency,
-        servo_pump_slip=oil.servo_pump.slip_flow / RATED_SLIP_PRESSURE,
-        valve_coefficient=frozen(rated_flow / np.sqrt(drop)),
-        leakage_flow=leakage,
-        land_leakage=land_leakage,
-        external_leakage=0.0,
-        max_piston_speed=frozen(np.minimum(fastest, config.motion.max_piston_speed)),
-        max_piston_acceleration=config.motion.max_piston_acceleration,
-        max_piston_jerk=config.motion.max_piston_jerk,
-    )

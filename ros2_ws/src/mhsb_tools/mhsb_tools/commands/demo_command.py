@@ -25,10 +25,10 @@ from mhsb_model import command_line
 from mhsb_model.command_line import JsonFlag, OptionalFile
 from mhsb_model.errors import MhsbError
 from mhsb_model.files.config_files import find_machine_config_file
+from mhsb_model.files.machine_files import find_machine_file
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.files.yaml_files import read_yaml
 from mhsb_model.goal import Goal, format_position
-from mhsb_model.machine import find_machine_file
 from mhsb_model.types import Position
 from mhsb_msgs_py.node_process import run_command_node, spin_until
 from mhsb_planner.result_files import write_json

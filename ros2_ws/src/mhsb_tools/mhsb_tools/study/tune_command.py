@@ -12,7 +12,8 @@ from tqdm import tqdm
 from mhsb_control import load_machine, select_controllers
 from mhsb_model import command_line
 from mhsb_model.command_line import Count, JsonFlag, OptionalFile, Seed
-from mhsb_model.machine import Machine, find_machine_file
+from mhsb_model.files.machine_files import find_machine_file
+from mhsb_model.machine import Machine
 from mhsb_planner.cluster import WorkArguments
 from mhsb_tools.study.scenarios import load_scenarios
 from mhsb_tools.study.servo_study import plan_scenario

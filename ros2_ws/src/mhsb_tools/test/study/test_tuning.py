@@ -9,7 +9,8 @@ import yaml
 from mhsb_control import REGISTERED_CONTROLLERS
 from mhsb_model.command import Command
 from mhsb_model.files.config_files import find_config_file
-from mhsb_model.machine import MACHINE_FILE, Machine, load_machine
+from mhsb_model.files.machine_files import MACHINE_FILE
+from mhsb_model.machine import Machine, load_machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.schema import Section
 from mhsb_model.trajectory import MotionState, Trajectory
