@@ -168,7 +168,8 @@ def _make_timed_plan(
 ) -> tuple[Plan, OperatingPoint | None, dict[str, float]]:
     """Plan a motion from rest, and measure the times of planning.
 
-    A plan that took less than REPEATED_PLAN_TIME is made a second time.
+    If there is a range, the motion is planned at many pressures and speeds, and the plan of least
+    cost is returned. Otherwise a plan that took less than REPEATED_PLAN_TIME is made a second time.
 
     Args:
         planner: Planner of the arm.
@@ -177,61 +178,29 @@ def _make_timed_plan(
         options: Options of the plan.
         ranges: Ranges of supply pressure [Pa] and V_max (piston speed for planning) [m/s], in which
             those of least cost are chosen. None keeps the machine's value.
-        silent: True hides the progress bar.
-        log: Log of the first planning, filled in place.
-
-    Returns:
-        Plan and operating point of `_make_plan`, and the times of the stages and in `total` [s].
-
-    Raises:
-        MhsbError: No plan was found.
-    """
-    began = time.perf_counter()
-    made, found = _make_plan(planner, goal, posture, options, ranges, silent=silent, log=log)
-    if found is None and time.perf_counter() - began < REPEATED_PLAN_TIME:
-        began = time.perf_counter()  # loading kernels took most of it, so plan again
-        made, _ = _make_plan(planner, goal, posture, options, ranges, silent=silent)
-    return made, found, {**made.seconds, "total": time.perf_counter() - began}
-
-
-def _make_plan(
-    planner: Planner,
-    goal: Position,
-    posture: FloatArray,
-    options: PlanOptions,
-    ranges: tuple[Range | None, Range | None],
-    *,
-    silent: bool,
-    log: PlanLog | None = None,
-) -> tuple[Plan, OperatingPoint | None]:
-    """Plan a motion from rest.
-
-    Args:
-        planner: Planner of the arm.
-        goal: Tip position at the goal, (x, z) or (x, y, z) [m].
-        posture: Posture at the start, shape (n,) [rad or m].
-        options: Options of the plan.
-        ranges: Ranges of supply pressure [Pa] and V_max (piston speed for planning) [m/s]. If one
-            is not None, the motion is planned at many pressures and speeds within them, and the
-            plan of least cost is returned. None keeps the machine's value.
         silent: True hides the progress bar, which is shown only if there is a range.
-        log: Log of the planning, filled in place; not used if there is a range. None: no log.
+        log: Log of the first planning, filled in place; not used if there is a range.
 
     Returns:
-        The plan; and the operating point (supply pressure and V_max) of least cost, with all points
-        that were examined. The operating point is None if there is no range.
+        The plan. The operating point (supply pressure and V_max) of least cost, with all points
+        that were examined; None if there is no range. The times of the stages and in `total` [s].
 
     Raises:
         MhsbError: No plan was found.
     """
-    at_rest = MotionState.at_rest(posture)
-    if not any(ranges):
-        return planner.plan(goal, at_rest, options=options, log=log), None
-    with tqdm(desc="operating points", unit="plan", disable=silent, delay=BAR_DELAY) as bar:
-        found = best_operating_point(
-            planner, goal, at_rest, options, *ranges, on_sample=lambda _: bar.update()
-        )
-    return found.plan, found
+    at_rest, found, began = MotionState.at_rest(posture), None, time.perf_counter()
+    if any(ranges):
+        with tqdm(desc="operating points", unit="plan", disable=silent, delay=BAR_DELAY) as bar:
+            found = best_operating_point(
+                planner, goal, at_rest, options, *ranges, on_sample=lambda _: bar.update()
+            )
+        made = found.plan
+    else:
+        made = planner.plan(goal, at_rest, options=options, log=log)
+        if time.perf_counter() - began < REPEATED_PLAN_TIME:
+            began = time.perf_counter()  # loading kernels took most of it, so plan again
+            made = planner.plan(goal, at_rest, options=options)
+    return made, found, {**made.seconds, "total": time.perf_counter() - began}
 
 
 def _title(asked: PaperCase) -> str:
