@@ -143,7 +143,7 @@ class Planner:
         brake: Trajectory | None = None,
         options: PlanOptions | None = None,
         deadline: Deadline = NO_DEADLINE,
-        rest: Trajectory | None = None,
+        remainder: Trajectory | None = None,
         log: PlanLog | None = None,
     ) -> Plan:
         """Plan a motion to a goal.
@@ -163,9 +163,9 @@ class Planner:
             options: Options of the plan; None: defaults.
             deadline: Instant at which the search for cheaper motions ends. The first plan with a
                 deadline in a process compiles all code; its deadline is later by that time.
-            rest: Remaining part of the plan in force, with stamp 0; None: no plan is in force. If
-                it ends at the goal, only a motion that is cheaper by MIN_REPLACEMENT_GAIN replaces
-                it. If it is short and ends near the goal, steering is tried.
+            remainder: Remaining part of the plan in force, with stamp 0; None: no plan is in force.
+                If it ends at the goal, only a motion that is cheaper by MIN_REPLACEMENT_GAIN
+                replaces it. If it is short and ends near the goal, steering is tried.
             log: Log that is filled in place, also if there is no plan; None: only the plan has it.
 
         Returns:
@@ -190,11 +190,11 @@ class Planner:
         source: PathSource = PlanePaths(planner, self.graph)
         if self.machine.slews:
             source = SlewingPaths(self.machine, planner, self.graph)
-        for stop in self._ways_to_rest(goal, start, brake, rest, options):
+        for stop in self._ways_to_rest(goal, start, brake, remainder, options):
             task = self._create_request(goal, start, modes, stop, options)
             loop = PlanningLoop(self.machine, task, deadline, log)
-            if rest is not None and self._ends_at_goal(goal, rest, options):
-                loop.start_with_rest(rest)
+            if remainder is not None and self._ends_at_goal(goal, remainder, options):
+                loop.start_with_remainder(remainder)
             try:
                 deadline.check("planning")
                 proposals = paths_from_anywhere(
@@ -320,7 +320,7 @@ class Planner:
         goal: Position,
         start: MotionState,
         brake: Trajectory | None,
-        rest: Trajectory | None,
+        remainder: Trajectory | None,
         options: PlanOptions,
     ) -> list[Trajectory | Coasting | Steering | None]:
         """List the ways in which a moving start can come to rest, the better first.
@@ -336,7 +336,7 @@ class Planner:
             goal: Goal of the tip in `base_link` [m].
             start: State of motion at the start.
             brake: Braking along the old path, or None.
-            rest: Remaining part of the plan in force, or None.
+            remainder: Remaining part of the plan in force, or None.
             options: Options of the plan. Only `period` is read.
 
         Returns:
@@ -346,29 +346,30 @@ class Planner:
             return [None]
         coast = compute_coasting(self.machine, start)
         stops: list[Trajectory | Coasting | Steering | None] = []
-        if rest is not None and rest.duration_ns <= MAX_REMAINING_TIME * SECOND_NS:
-            away = math.dist(goal, self.machine.tip_in_base(rest.position[-1]).tolist())
+        if remainder is not None and remainder.duration_ns <= MAX_REMAINING_TIME * SECOND_NS:
+            away = math.dist(goal, self.machine.tip_in_base(remainder.position[-1]).tolist())
             if away <= (MAX_STREAMED_GOAL_DISTANCE if options.period > 0.0 else MAX_GOAL_DISTANCE):
-                stops.append(Steering(start, rest))
+                stops.append(Steering(start, remainder))
         if brake is None or keeps_position_limits(self.machine, coast.trajectory):
             stops.append(coast)
         return stops if brake is None else [*stops, brake]
 
-    def _ends_at_goal(self, goal: Position, rest: Trajectory, options: PlanOptions) -> bool:
+    def _ends_at_goal(self, goal: Position, remainder: Trajectory, options: PlanOptions) -> bool:
         """Return whether the remaining part of the plan in force ends at the goal or in its region.
 
         The end link must have an admissible angle there, too.
 
         Args:
             goal: Goal of the tip in `base_link` [m].
-            rest: Remainder of the plan in force. Only `position` is read.
+            remainder: Remainder of the plan in force. Only `position` is read.
             options: Options with goal region, end-link angle and via points.
 
         Returns:
             True if it does. False with via points, because it is not known which ones have been
             passed.
         """
-        return options.is_goal_reached(self.machine, goal, rest.position[-1]) and not options.via
+        end = remainder.position[-1]
+        return options.is_goal_reached(self.machine, goal, end) and not options.via
 
     def _create_request(
         self,

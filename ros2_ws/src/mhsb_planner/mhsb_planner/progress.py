@@ -19,15 +19,15 @@ class PlanProgress:
         reserve: Time to keep for turning a path into a motion [s]. It is the mean time of the
             curves tried for the first motion.
         has_motion: True if a motion has been found.
-        is_held_back: True if motions cost much more than their paths: the incumbent (best plan so
-            far) costs much more than the cheapest path, or no path has a motion.
+        motions_exceed_paths: True if motions cost much more than their paths: the incumbent (best
+            plan so far) costs much more than the cheapest path, or no path has a motion.
         log: Log of proposals.
     """
 
     deadline: Deadline = NO_DEADLINE
     reserve: float = 0.0
     has_motion: bool = False
-    is_held_back: bool = False
+    motions_exceed_paths: bool = False
     log: PlanLog = field(default_factory=PlanLog)
     _began: float = field(default_factory=now, init=False)
 

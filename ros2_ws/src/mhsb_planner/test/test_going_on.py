@@ -35,7 +35,7 @@ def anew(planner, plan, at_ns, options, goal=GOAL):
         StartModes.read_from(plan.motion.schedule, at_ns),
         brake_along(planner.machine, trajectory, at_ns),
         options,
-        rest=cut_before(trajectory, at_ns),
+        remainder=cut_before(trajectory, at_ns),
     )
 
 

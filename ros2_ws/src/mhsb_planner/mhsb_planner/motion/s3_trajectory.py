@@ -84,7 +84,7 @@ __all__ = [
     "FittedMotion",
     "TrajectoryKind",
     "fit_braking",
-    "fit_rest",
+    "fit_remainder",
     "fit_trajectory",
     "warm_up",
 ]
@@ -221,9 +221,9 @@ def fit_trajectory(
     raise FitError(tuple(refused))
 
 
-def fit_rest(
+def fit_remainder(
     machine: Machine,
-    rest: Trajectory,
+    remainder: Trajectory,
     modes: StartModes,
     rules: FitRules,
     deadline: Deadline = NO_DEADLINE,
@@ -235,7 +235,7 @@ def fit_rest(
 
     Args:
         machine: Machine; its payload, V_max or zones may have changed since the plan was made.
-        rest: Remaining part of the plan's trajectory.
+        remainder: Remaining part of the plan's trajectory.
         modes: Modes in force at its beginning, and time since each actuator's last switch.
         rules: Settings of the fit.
         deadline: Instant at which the work is given up.
@@ -248,7 +248,7 @@ def fit_rest(
             within `rules.switching.min_dwell`.
         DeadlineError: The deadline passed.
     """
-    motion = fit_braking(machine, rest, modes, rules)
+    motion = fit_braking(machine, remainder, modes, rules)
     if motion.speed_excess > rules.max_excess:
         raise FitError((f"a piston would pass V_max by {100 * motion.speed_excess:.3g} %",))
     offset, schedule = motion.trajectory.offset_ns, motion.schedule

@@ -27,9 +27,9 @@ def paths_at_falling_speeds(
     """Yield a planner's paths at V_max (allowed piston speed), then at lower speeds if needed.
 
     Lower speeds are needed if there is no path (slower steps need less pressure), or if
-    `progress.is_held_back` is True (motions cost much more than their paths). The factors of
-    SPEED_FACTORS are then tried one after the other, until the deadline of the search. An error at
-    a lower speed is only logged.
+    `progress.motions_exceed_paths` is True (motions cost much more than their paths). The factors
+    of SPEED_FACTORS are then tried one after the other, until the deadline of the search. An error
+    at a lower speed is only logged.
 
     Args:
         planner: The planner.
@@ -53,7 +53,7 @@ def paths_at_falling_speeds(
     except NoPathError as error:
         refused = error
     for factor in SPEED_FACTORS:
-        is_needed = progress.is_held_back if has_path else refused is not None
+        is_needed = progress.motions_exceed_paths if has_path else refused is not None
         if not is_needed or progress.search_deadline.has_passed:
             break
         name = f"at {factor:g} V_max"

@@ -28,7 +28,7 @@ from mhsb_planner.motion.s3_trajectory import (
     FitRules,
     FittedMotion,
     fit_braking,
-    fit_rest,
+    fit_remainder,
     fit_trajectory,
 )
 from mhsb_planner.plan import Plan
@@ -118,21 +118,25 @@ class PlanningLoop:
         self._seconds = {"search": 0.0, "fit": 0.0, "energy": 0.0}
         self._since = log.began
 
-    def start_with_rest(self, rest: Trajectory) -> None:
+    def start_with_remainder(self, remainder: Trajectory) -> None:
         """Make the remainder of the plan in force the first incumbent (best plan so far).
 
         If it breaks a limit, there is no incumbent, and the reason is logged. In both cases the
         time since the request is stored in `first_motion` of the plan's times.
 
         Args:
-            rest: Remainder of the plan in force, with stamp 0.
+            remainder: Remainder of the plan in force, with stamp 0.
         """
         task, log = self._task, self.progress.log
         rules = fit_rules(task.options)
         try:
-            motion = fit_rest(self._machine, rest, task.modes, rules, self.progress.deadline)
-            tip, end = self._machine.tip_position(rest.position[-1]), rest.position[-1]
-            path = DiscretePath.create_without_steps(tip, end, task.modes.modes, 0.0)
+            motion = fit_remainder(
+                self._machine, remainder, task.modes, rules, self.progress.deadline
+            )
+            end = remainder.position[-1]
+            path = DiscretePath.create_without_steps(
+                self._machine.tip_position(end), end, task.modes.modes, 0.0
+            )
             self._best = self._assemble_plan(path, motion, NO_DEADLINE)
             self.progress.has_motion = True
             cost = self._best.cost(task.options)
@@ -213,8 +217,8 @@ class PlanningLoop:
            variants of it are fitted, such as one with faster ramps. With a deadline, the variants
            of the first motion wait until the next path has its motion.
 
-        After step 2, `progress.is_held_back` is set. It is True if there is no incumbent, or if it
-        costs much more than the cheapest path (MIN_PATH_COST_RATIO).
+        After step 2, `progress.motions_exceed_paths` is set. It is True if there is no incumbent,
+        or if it costs much more than the cheapest path (MIN_PATH_COST_RATIO).
 
         Args:
             proposal: The proposal.
@@ -237,7 +241,9 @@ class PlanningLoop:
         if path.steps > 0:
             self._cheapest_path_cost = min(self._cheapest_path_cost, path.cost)
         incumbent_cost = math.inf if self._best is None else self._best.cost(options)
-        self.progress.is_held_back = self._cheapest_path_cost < MIN_PATH_COST_RATIO * incumbent_cost
+        self.progress.motions_exceed_paths = (
+            self._cheapest_path_cost < MIN_PATH_COST_RATIO * incumbent_cost
+        )
         if motion is not None and best is None and self.progress.has_deadline and self._best:
             cost = self._best.cost(options)
             self._postponed = PostponedVariants(proposal, motion, rules, cost)
