@@ -1,9 +1,9 @@
-"""Expectations: statements of the paper on its cases, each judged by numbers in one function.
+"""Expectations: statements of the paper on its cases, each judged by conditions on numbers.
 
-Each function returns conditions (`BoundCheck`). The expectation is met if all of them hold. The
-thresholds below turn the paper's words into numbers and are common to all expectations. "Length
-over shortest" is the length of the tip's path over that of the shortest grid path with straight and
-diagonal moves. The modes are N (main pump), DB (own booster module) and SB (shared boost line).
+`PAPER_EXPECTATIONS` is the table. An expectation is met if all its conditions hold. The thresholds
+below turn the paper's words into numbers and are common to all expectations. "Length over shortest"
+is the length of the tip's path over that of the shortest grid path with straight and diagonal
+moves. The modes are N (main pump), DB (own booster module) and SB (shared boost line).
 """
 
 from __future__ import annotations
@@ -14,9 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
-from mhsb_planner.cases.paper_cases import PaperCase
 from mhsb_planner.integrated.lower_bound import bound_energy_to_goal
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_tools.reproduction import measures
@@ -26,9 +24,7 @@ from mhsb_tools.reproduction.runs import (
     SWITCH_WEIGHTS,
     TIME_WEIGHTS,
     Runs,
-    evaluate,
     pressure_run,
-    settings,
     speed_run,
     switch_run,
     weight_run,
@@ -65,6 +61,12 @@ LAST_FAST_DIRECT = 0.025
 
 FIRST_SPARING = 16.0
 """Weight w₃ from which on the paper's path is a detour."""
+
+BELOW_ONE = 1.0 - 1e-9
+"""Upper bound of a ratio that must be less than 1."""
+
+WITHOUT_WEIGHTS = weight_run(0.0, 0.0)
+"""Run with weights w₁ = w₂ = 0, by the published search; all others of Figure 10 are exact."""
 
 PUBLISHED_ENERGY = {
     "4-1": ("4-1", 593.0),
@@ -152,12 +154,51 @@ def path_of(runs: Runs, name: str) -> DiscretePath:
     return run.path
 
 
-# --- Conditions that several expectations share --------------------------------------------------
+# --- Conditions ----------------------------------------------------------------------------------
+
+Measure = Callable[[DiscretePath], float]
+"""Function from a discrete path to a number, such as `measures.energy`."""
+
+Condition = Callable[[Runs], BoundCheck]
+"""Function from all runs to a judged condition.
+
+It raises `_NoPathOfRunError` if a run that it reads has no path."""
 
 
-def normal(path: DiscretePath, share: float = ALMOST_SHARE) -> BoundCheck:
-    """Require that all actuators are in mode N for at least `share` of the path's duration."""
-    return at_least("share of time in N", measures.normal_share(path), share, share)
+def all_of(*conditions: Condition) -> Callable[[Runs], list[BoundCheck]]:
+    """Return the function that judges several conditions, in their order."""
+    return lambda runs: [condition(runs) for condition in conditions]
+
+
+def reaches(name: str, run: str, measure: Measure, bound: float, scale: float) -> Condition:
+    """Return the condition that a measure of a run is at least `bound` (`BoundCheck`)."""
+    return lambda runs: at_least(name, measure(path_of(runs, run)), bound, scale)
+
+
+def is_less(name: str, measure: Measure, run: str, other: str) -> Condition:
+    """Return the condition that the ratio of a measure of two runs is below 1.
+
+    Args:
+        name: Name of the ratio.
+        measure: The measure.
+        run: Run in the numerator.
+        other: Run in the denominator.
+    """
+    return lambda runs: at_most(
+        name, measure(path_of(runs, run)) / measure(path_of(runs, other)), BELOW_ONE, 0.5
+    )
+
+
+def is_normal(run: str, share: float = ALMOST_SHARE) -> Condition:
+    """Return the condition that all actuators are in mode N for at least `share` of the time."""
+    return reaches("share of time in N", run, measures.normal_share, share, share)
+
+
+def is_boosted(run: str, share: float) -> Condition:
+    """Return the condition that an actuator is boosted for at least `share` of the time."""
+    return reaches(
+        "share of time boosted", run, lambda path: 1.0 - measures.normal_share(path), share, share
+    )
 
 
 def _ratio(runs: Runs, path: DiscretePath) -> float:
@@ -165,261 +206,100 @@ def _ratio(runs: Runs, path: DiscretePath) -> float:
     return measures.path_ratio(path, runs.table.spacing)
 
 
-def direct(runs: Runs, path: DiscretePath) -> BoundCheck:
-    """Require a length over shortest of at most `DETOUR_FACTOR`."""
-    return at_most("length over shortest", _ratio(runs, path), DETOUR_FACTOR, 0.5)
+def is_direct(run: str, name: str = "length over shortest") -> Condition:
+    """Return the condition that the length over shortest is at most `DETOUR_FACTOR`."""
+    return lambda runs: at_most(name, _ratio(runs, path_of(runs, run)), DETOUR_FACTOR, 0.5)
 
 
-def detour(runs: Runs, path: DiscretePath) -> list[BoundCheck]:
-    """Require that a path is a detour with the arm folded.
+def is_detour(run: str) -> tuple[Condition, Condition]:
+    """Return the two conditions of a detour with the arm folded.
 
-    Args:
-        runs: All runs of the machine, for the grid spacing.
-        path: The path.
-
-    Returns:
-        Two conditions. The path's length divided by that of the shortest grid path is at least
-        `DETOUR_FACTOR`. The smallest x of the tip is at least `ASIDE_DISTANCE` [m] below the x of
-        both ends.
+    The length over shortest is at least `DETOUR_FACTOR`. The smallest x of the tip is at least
+    `ASIDE_DISTANCE` below the x of both ends.
     """
-    return [
-        at_least("length over shortest", _ratio(runs, path), DETOUR_FACTOR, DETOUR_FACTOR - 1.0),
-        at_least("tip drawn in by [m]", measures.folding(path), ASIDE_DISTANCE, 2 * ASIDE_DISTANCE),
-    ]
+    return (
+        lambda runs: at_least(
+            "length over shortest",
+            _ratio(runs, path_of(runs, run)),
+            DETOUR_FACTOR,
+            DETOUR_FACTOR - 1.0,
+        ),
+        reaches("tip drawn in by [m]", run, measures.folding, ASIDE_DISTANCE, 2 * ASIDE_DISTANCE),
+    )
 
 
-def is_detour(runs: Runs, path: DiscretePath) -> bool:
-    """Return whether a path counts as a detour with the arm folded, as in Case 1-1."""
-    return all(condition.met for condition in detour(runs, path))
+def has_larger_polytope(run: str, other: str) -> Condition:
+    """Return the condition that the mean polytope area over a run's steps exceeds another's."""
+
+    def mean_area(runs: Runs, name: str) -> float:
+        """Return the mean area of the velocity polytope over the steps of a run [m²/s²]."""
+        return float(np.mean(measures.polytope_profile(runs[name].machine, path_of(runs, name))))
+
+    return lambda runs: at_least(
+        f"polytope over that of {other}",
+        mean_area(runs, run) / mean_area(runs, other),
+        1.0 + 1e-9,
+        0.5,
+    )
 
 
-def less(name: str, value: float, than: float) -> BoundCheck:
-    """Require value < than, written as a ratio below 1."""
-    return at_most(name, value / than, 1.0 - 1e-9, 0.5)
-
-
-# --- Cases 1 to 4 --------------------------------------------------------------------------------
-
-
-def case_1_1(runs: Runs) -> list[BoundCheck]:
-    """Judge Case 1-1, weights for least energy, by four conditions.
-
-    - Detour: the tip's path is at least 1.1 times as long as the shortest path on the grid.
-    - Folded: the tip's smallest x is at least 0.05 m below the x of both ends.
-    - All actuators are in mode N (fed by the main pump) for at least 90 % of the time.
-    - The energy is less than in Case 1-2.
+def repeats_shapes(detours: Mapping[str, bool]) -> Condition:
+    """Return the condition that each run is a detour with the arm folded exactly as in the paper.
 
     Args:
-        runs: All runs of the machine.
+        detours: Whether the paper's path is such a detour, by the name of the run.
 
     Returns:
-        The conditions; the expectation is met if all hold.
-
-    Raises:
-        _NoPathOfRunError: Run 1-1 or 1-2 has no path.
+        The condition. Its value is the share of runs of the paper's kind; it must be 1.
     """
-    own, fast = path_of(runs, "1-1"), path_of(runs, "1-2")
-    cheaper = less("energy over that of 1-2", measures.energy(own), measures.energy(fast))
-    return [*detour(runs, own), normal(own), cheaper]
+    return lambda runs: at_least(
+        "share of runs as published",
+        float(
+            np.mean(
+                [
+                    all(condition(runs).met for condition in is_detour(name)) == expected
+                    for name, expected in detours.items()
+                ]
+            )
+        ),
+        1.0,
+        1.0,
+    )
 
 
-def case_1_2(runs: Runs) -> list[BoundCheck]:
-    """Judge Case 1-2, weights for least time, by four conditions.
-
-    - Near-straight: the tip's path is at most 1.1 times as long as the shortest path on the grid.
-    - In the first quarter of the time, all actuators are in mode N (fed by the main pump) for at
-      least half of it.
-    - In the other three quarters, at least one actuator is in mode SB (fed by several servo pumps)
-      for at least half of them.
-    - The duration is less than in Case 1-1.
-
-    Args:
-        runs: All runs of the machine.
-
-    Returns:
-        The conditions; the expectation is met if all hold.
-
-    Raises:
-        _NoPathOfRunError: Run 1-1 or 1-2 has no path.
-    """
-    own, sparing = path_of(runs, "1-2"), path_of(runs, "1-1")
-    shared = measures.mode_share(own, Mode.SB, EARLY_SHARE)
-    early = measures.normal_share(own, 0.0, EARLY_SHARE)
-    return [
-        direct(runs, own),
-        at_least("share of the early time in N", early, MOSTLY_SHARE, MOSTLY_SHARE),
-        at_least("share of the later time in SB", shared, MOSTLY_SHARE, MOSTLY_SHARE),
-        less("duration over that of 1-1", measures.duration(own), measures.duration(sparing)),
-    ]
+# --- Conditions of one expectation ---------------------------------------------------------------
 
 
-def case_2_1(runs: Runs) -> list[BoundCheck]:
-    """Judge Case 2-1, in which the tip is lowered, by two conditions.
+def slightly_outwards(runs: Runs) -> BoundCheck:
+    """Judge how far the tip of Case 2-2 goes beyond the x of both ends.
 
-    - All actuators are in mode N (fed by the main pump) for at least 90 % of the time.
-    - The tip's path is at most 1.1 times as long as the shortest path on the grid.
-
-    Args:
-        runs: All runs of the machine.
-
-    Returns:
-        The conditions; the expectation is met if both hold.
-
-    Raises:
-        _NoPathOfRunError: Run 2-1 has no path.
-    """
-    own = path_of(runs, "2-1")
-    return [normal(own), direct(runs, own)]
-
-
-def case_2_2(runs: Runs) -> list[BoundCheck]:
-    """Judge Case 2-2, in which the tip is lowered farther than in 2-1, by three conditions.
-
-    - All actuators are in mode N (fed by the main pump) for at least 90 % of the time.
-    - Outwards: the tip's largest x is at least 0.05 m above the x of both ends.
-    - Only slightly: it is at most r − x₀ above them, where x₀ is the tip's x at the start and r its
-      distance from the base there.
-
-    Args:
-        runs: All runs of the machine.
-
-    Returns:
-        The conditions; the expectation is met if all hold.
-
-    Raises:
-        _NoPathOfRunError: Run 2-2 has no path.
+    The bound is r − x₀, where x₀ is the tip's x at the start and r its distance from the base there
+    [m].
     """
     own = path_of(runs, "2-2")
     arc = float(np.hypot(*own.tip[0]) - own.tip[0, 0])
-    return [
-        normal(own),
-        at_least(
-            "tip goes outwards by [m]", measures.bulge(own), ASIDE_DISTANCE, 2 * ASIDE_DISTANCE
-        ),
-        at_most("tip goes outwards by [m]", measures.bulge(own), arc, 2 * ASIDE_DISTANCE),
-    ]
+    return at_most("tip goes outwards by [m]", measures.bulge(own), arc, 2 * ASIDE_DISTANCE)
 
 
-def case_3_1(runs: Runs) -> list[BoundCheck]:
-    """Judge Case 3-1, a motion through the full range, by three conditions.
-
-    - Detour: the tip's path is at least 1.1 times as long as the shortest path on the grid.
-    - Folded: the tip's smallest x is at least 0.05 m below the x of both ends.
-    - All actuators are in mode N (fed by the main pump) for at least half of the time.
-
-    Args:
-        runs: All runs of the machine.
-
-    Returns:
-        The conditions; the expectation is met if all hold.
-
-    Raises:
-        _NoPathOfRunError: Run 3-1 has no path.
-    """
-    own = path_of(runs, "3-1")
-    return [*detour(runs, own), normal(own, MOSTLY_SHARE)]
+def dearest_of_case_4(runs: Runs) -> BoundCheck:
+    """Judge whether Case 4-3 takes more energy than Cases 4-1 and 4-2."""
+    own, *others = (measures.energy(path_of(runs, name)) for name in ("4-3", "4-1", "4-2"))
+    return at_most("energy of the others over its own", max(others) / own, BELOW_ONE, 0.5)
 
 
-def case_3_2(runs: Runs) -> list[BoundCheck]:
-    """Judge Case 3-2, whose goal is at larger x than that of 3-1, by two conditions.
-
-    - Direct: the tip's path is at most 1.1 times as long as the shortest path on the grid.
-    - At least one actuator is boosted for at least half of the time.
-
-    Args:
-        runs: All runs of the machine.
-
-    Returns:
-        The conditions; the expectation is met if both hold.
-
-    Raises:
-        _NoPathOfRunError: Run 3-2 has no path.
-    """
-    own = path_of(runs, "3-2")
-    boosted = 1.0 - measures.normal_share(own)
-    return [
-        direct(runs, own),
-        at_least("share of time boosted", boosted, MOSTLY_SHARE, MOSTLY_SHARE),
-    ]
+def _travel_of_joint_3(path: DiscretePath) -> float:
+    """Return the sum of the absolute changes of joint 3 [rad]."""
+    return measures.joint_travel(path, 2)
 
 
-def case_4_1(runs: Runs) -> list[BoundCheck]:
-    """Judge Case 4-1: its velocity polytope must be larger than in Cases 4-2 and 4-3.
-
-    Case 4-1 uses the paper's method, 4-2 and 4-3 the conventional one (joint 3 keeps its angle).
-    The mean of the polytope's area over the steps of the path is compared.
-
-    Args:
-        runs: All runs of the machine.
-
-    Returns:
-        Two conditions, one for each comparison; the expectation is met if both hold.
-
-    Raises:
-        _NoPathOfRunError: Run 4-1, 4-2 or 4-3 has no path.
-    """
-    own, *others = (
-        float(np.mean(measures.polytope_profile(runs[name].machine, path_of(runs, name))))
-        for name in ("4-1", "4-2", "4-3")
-    )
-    return [
-        at_least(f"polytope over that of {name}", own / other, 1.0 + 1e-9, 0.5)
-        for name, other in zip(("4-2", "4-3"), others, strict=True)
-    ]
+def more_travel_than_case_4_2(runs: Runs) -> BoundCheck:
+    """Judge whether joint 3 moves more in Case 4-3 than in Case 4-2."""
+    own, good = (_travel_of_joint_3(path_of(runs, name)) for name in ("4-3", "4-2"))
+    return at_most("J3's travel in 4-2 over its own", good / max(own, 1e-9), BELOW_ONE, 0.5)
 
 
-def case_4_2(runs: Runs) -> list[BoundCheck]:
-    """Judge Case 4-2, the conventional method (joint 3 keeps its angle) from a good angle.
-
-    Both the energy and the travel of joint 3 (sum of its absolute changes) must be less than in
-    Case 4-1, the paper's method.
-
-    Args:
-        runs: All runs of the machine.
-
-    Returns:
-        Two conditions; the expectation is met if both hold.
-
-    Raises:
-        _NoPathOfRunError: Run 4-1 or 4-2 has no path.
-    """
-    own, proposed = path_of(runs, "4-2"), path_of(runs, "4-1")
-    travel = measures.joint_travel(own, 2) / measures.joint_travel(proposed, 2)
-    return [
-        less("energy over that of 4-1", measures.energy(own), measures.energy(proposed)),
-        at_most("J3's travel over that of 4-1", travel, 1.0 - 1e-9, 0.5),
-    ]
-
-
-def case_4_3(runs: Runs) -> list[BoundCheck]:
-    """Judge Case 4-3, the conventional method (joint 3 keeps its angle) from a bad angle.
-
-    The energy must be more than in Cases 4-1 and 4-2. The travel of joint 3 (sum of its absolute
-    changes) must be more than in Case 4-2.
-
-    Args:
-        runs: All runs of the machine.
-
-    Returns:
-        Two conditions; the expectation is met if both hold.
-
-    Raises:
-        _NoPathOfRunError: Run 4-1, 4-2 or 4-3 has no path.
-    """
-    own, proposed, good = (path_of(runs, name) for name in ("4-3", "4-1", "4-2"))
-    most = max(measures.energy(proposed), measures.energy(good))
-    travel = measures.joint_travel(good, 2) / max(measures.joint_travel(own, 2), 1e-9)
-    return [
-        less("energy of the others over its own", most, measures.energy(own)),
-        at_most("J3's travel in 4-2 over its own", travel, 1.0 - 1e-9, 0.5),
-    ]
-
-
-# --- Case 5 --------------------------------------------------------------------------------------
-
-
-def _over_weights(runs: Runs, measure: Callable[[DiscretePath], float]) -> np.ndarray:
-    """Evaluate a function of the path for all runs of Figure 10.
+def _over_weights(runs: Runs, measure: Measure) -> np.ndarray:
+    """Evaluate a measure for all runs of Figure 10.
 
     These runs combine each weight w₁ of energy with each weight w₂ of time.
 
@@ -441,220 +321,87 @@ def _over_weights(runs: Runs, measure: Callable[[DiscretePath], float]) -> np.nd
     )
 
 
-def _trend(name: str, first: np.ndarray, last: np.ndarray, sign: float) -> BoundCheck:
+def _never_rises(name: str, values: np.ndarray) -> BoundCheck:
+    """Require that no value exceeds the one in the row before it, as a share of that one."""
+    rise = float(np.max(np.diff(values, axis=0) / values[:-1], initial=0.0))
+    return at_most(name, rise, 1e-9, TREND_SHARE)
+
+
+def _trend(name: str, values: np.ndarray, sign: float) -> BoundCheck:
     """Require that a mean grows, or falls, by at least `TREND_SHARE` over a sweep of a parameter.
 
     Args:
         name: Name of the condition.
-        first: Values at the first value of the parameter.
-        last: Values at its last value.
-        sign: 1 requires that the mean grows, −1 that it falls.
+        values: Values with a row for each value of the parameter.
+        sign: 1 requires that the mean grows from the first row to the last, −1 that it falls.
 
     Returns:
-        The condition. Its value is `sign` · (mean of `last` / mean of `first` − 1).
+        The condition. Its value is `sign` · (mean of the last row / mean of the first row − 1).
     """
-    change = sign * (float(np.mean(last)) / float(np.mean(first)) - 1.0)
+    change = sign * (float(np.mean(values[-1])) / float(np.mean(values[0])) - 1.0)
     return at_least(name, change, TREND_SHARE, 2 * TREND_SHARE)
 
 
 def energy_weight(runs: Runs) -> list[BoundCheck]:
     """Judge the weight w₁ of energy: a larger one must give less energy and a longer path.
 
-    The runs are those of Figure 10, which combine each w₁ with each weight w₂ of time. Runs with w₂
-    = 0 are left out, because the run with w₁ = w₂ = 0 belongs to another expectation. The
-    conditions are:
-
-    - For each w₂, the energy does not rise from one w₁ to the next.
-    - From the smallest to the largest w₁, the mean energy over all w₂ falls by at least 5 %.
-    - From the smallest to the largest w₁, the mean path length over all w₂ rises by at least 5 %.
+    Runs with weight w₂ = 0 of time are left out, because the run with w₁ = w₂ = 0 belongs to
+    another expectation.
 
     Args:
         runs: All runs of the machine.
 
     Returns:
-        The conditions; the expectation is met if all hold.
+        Three conditions. For each w₂, the energy does not rise from one w₁ to the next. From the
+        smallest to the largest w₁, the mean energy falls, and the mean path length rises.
 
     Raises:
         _NoPathOfRunError: A run of Figure 10 has no path.
     """
     energy = _over_weights(runs, measures.energy)[:, 1:]
-    length = _over_weights(runs, lambda path: path.length)[:, 1:]
-    rise = float(np.max(np.diff(energy, axis=0) / energy[:-1], initial=0.0))
     return [
-        at_most("largest rise of energy with w1", rise, 1e-9, TREND_SHARE),
-        _trend("fall of energy with w1", energy[0], energy[-1], -1.0),
-        _trend("rise of length with w1", length[0], length[-1], 1.0),
+        _never_rises("largest rise of energy with w1", energy),
+        _trend("fall of energy with w1", energy, -1.0),
+        _trend("rise of length with w1", _over_weights(runs, lambda path: path.length)[:, 1:], 1.0),
     ]
 
 
 def time_weight(runs: Runs) -> list[BoundCheck]:
     """Judge the weight w₂ of time: a larger one must give a shorter duration.
 
-    The runs are those of Figure 10, which combine each weight w₁ of energy with each w₂. Runs with
-    w₁ = 0 are left out, because the run with w₁ = w₂ = 0 belongs to another expectation. The
-    conditions are:
-
-    - For each w₁, the duration does not rise from one w₂ to the next.
-    - From the smallest to the largest w₂, the mean duration over all w₁ falls by at least 5 %.
+    Runs with weight w₁ = 0 of energy are left out, because the run with w₁ = w₂ = 0 belongs to
+    another expectation.
 
     Args:
         runs: All runs of the machine.
 
     Returns:
-        The conditions; the expectation is met if both hold.
+        Two conditions. For each w₁, the duration does not rise from one w₂ to the next. From the
+        smallest to the largest w₂, the mean duration falls.
 
     Raises:
         _NoPathOfRunError: A run of Figure 10 has no path.
     """
-    time = _over_weights(runs, measures.duration)[1:]
-    rise = float(np.max(np.diff(time, axis=1) / time[:, :-1], initial=0.0))
+    time = _over_weights(runs, measures.duration)[1:].T
     return [
-        at_most("largest rise of time with w2", rise, 1e-9, TREND_SHARE),
-        _trend("fall of time with w2", time[:, 0], time[:, -1], -1.0),
+        _never_rises("largest rise of time with w2", time),
+        _trend("fall of time with w2", time, -1.0),
     ]
 
 
-def weights_of_zero(runs: Runs) -> list[BoundCheck]:
-    """Judge the run with weights w₁ = w₂ = 0 of energy and time, by three conditions.
-
-    - The tip is at most 0.05 m away from the straight line through start and goal.
-    - The energy is the largest of all runs of Figure 10.
-    - The duration is the largest of all runs of Figure 10.
-
-    This run uses the published search; all other runs of Figure 10 use the exact one.
+def is_largest(name: str, measure: Measure) -> Condition:
+    """Return the condition that the run with w₁ = w₂ = 0 has the largest value of Figure 10.
 
     Args:
-        runs: All runs of the machine.
-
-    Returns:
-        The conditions; the expectation is met if all hold.
-
-    Raises:
-        _NoPathOfRunError: A run of Figure 10 has no path.
+        name: Name of the value.
+        measure: Function from a discrete path to the value.
     """
-    own = path_of(runs, weight_run(0.0, 0.0))
-    conditions = [
-        at_most("distance from a straight line [m]", measures.sideways(own), ASIDE_DISTANCE, 0.2)
-    ]
-    for name, measure in (("energy", measures.energy), ("time", measures.duration)):
-        largest = float(_over_weights(runs, measure).max())
-        conditions.append(at_least(f"{name} over the largest", measure(own) / largest, 1.0, 0.5))
-    return conditions
-
-
-def _kept(runs: Runs, names_with_detour: Mapping[str, bool]) -> BoundCheck:
-    """Require that the runs of a sweep have the same kind of path as in the paper.
-
-    The kind is either a detour with the arm folded, or not.
-
-    Args:
-        runs: All runs of the machine.
-        names_with_detour: By name of each run, whether the paper's path is a detour.
-
-    Returns:
-        The condition. Its value is the share of runs whose kind is that of the paper; it must be 1.
-
-    Raises:
-        _NoPathOfRunError: One of the runs has no path.
-    """
-    right = [
-        is_detour(runs, path_of(runs, name)) == expected
-        for name, expected in names_with_detour.items()
-    ]
-    return at_least("share of runs as published", float(np.mean(right)), 1.0, 1.0)
-
-
-def piston_speed(runs: Runs) -> list[BoundCheck]:
-    """Judge the sweep over V_max (piston speed for planning) from 6 to 30 mm/s.
-
-    The runs have the weights of Case 1-2. The path must be direct up to 25 mm/s, and a detour
-    above.
-
-    Raises:
-        _NoPathOfRunError: A run of the sweep has no path.
-    """
-    expected = {speed_run(v): v > LAST_FAST_DIRECT for v in PISTON_SPEEDS}
-    return [_kept(runs, expected)]
-
-
-def switch_weight(runs: Runs) -> list[BoundCheck]:
-    """Judge the sweep over the weight w₃ of mode switches from 0 to 20.
-
-    The other weights are those of Case 1-2. The path must be direct for w₃ below 16, and a detour
-    from 16 on.
-
-    Raises:
-        _NoPathOfRunError: A run of the sweep has no path.
-    """
-    expected = {switch_run(w3): w3 >= FIRST_SPARING for w3 in SWITCH_WEIGHTS}
-    return [_kept(runs, expected)]
-
-
-def low_pressure(runs: Runs) -> list[BoundCheck]:
-    """Judge the run at the supply pressure P_S = 2.5 MPa.
-
-    For 99 % of the time or more, at least one actuator must be boosted.
-
-    Raises:
-        _NoPathOfRunError: A run that is compared has no path.
-    """
-    boosted = 1.0 - measures.normal_share(path_of(runs, pressure_run(2.5e6)))
-    return [at_least("share of time boosted", boosted, ONLY_SHARE, ONLY_SHARE)]
-
-
-def high_pressure(runs: Runs) -> list[BoundCheck]:
-    """Judge P_S = 10 MPa: all actuators are in mode N for at least 99 % of the time.
-
-    Raises:
-        _NoPathOfRunError: A run that is compared has no path.
-    """
-    return [normal(path_of(runs, pressure_run(10e6)), ONLY_SHARE)]
-
-
-def pressure_order(runs: Runs) -> list[BoundCheck]:
-    """Judge the supply pressures P_S = 2.5 and 10 MPa against Case 1-1, by four conditions.
-
-    At each of the two pressures, the energy must be more than in Case 1-1 (same move, the machine's
-    own P_S). At each of them, the tip's path must be at most 1.1 times as long as the shortest path
-    on the grid.
-
-    Args:
-        runs: All runs of the machine.
-
-    Returns:
-        The conditions; the expectation is met if all hold.
-
-    Raises:
-        _NoPathOfRunError: One of the three runs has no path.
-    """
-    base = measures.energy(path_of(runs, "1-1"))
-    conditions = []
-    for supply in (2.5e6, 10e6):
-        path, at = path_of(runs, pressure_run(supply)), f"at {supply / 1e6:g} MPa"
-        order = less(f"energy of 1-1 over that {at}", base, measures.energy(path))
-        conditions += [
-            order,
-            at_most(f"length over shortest {at}", _ratio(runs, path), DETOUR_FACTOR, 0.5),
-        ]
-    return conditions
-
-
-def published_energy(runs: Runs, name: str) -> list[BoundCheck]:
-    """Judge whether the energy of a run's discrete path is within 15 % of the published one.
-
-    Args:
-        runs: All runs of the machine.
-        name: Key of `PUBLISHED_ENERGY`.
-
-    Returns:
-        A list with one condition on the relative deviation.
-
-    Raises:
-        _NoPathOfRunError: The run has no path.
-    """
-    run, published = PUBLISHED_ENERGY[name]
-    error = abs(measures.energy(path_of(runs, run)) / published - 1.0)
-    return [at_most("energy off by a share of", error, ENERGY_BAND, 1.0 - ENERGY_BAND)]
+    return lambda runs: at_least(
+        f"{name} over the largest",
+        measure(path_of(runs, WITHOUT_WEIGHTS)) / float(_over_weights(runs, measure).max()),
+        1.0,
+        0.5,
+    )
 
 
 # --- Records -------------------------------------------------------------------------------------
@@ -678,7 +425,7 @@ class Expectation:
 
 
 def _energy_expectation(name: str) -> Expectation:
-    """Return the expectation that the energy of a run lies near the published one.
+    """Return the expectation that the energy of a run is within 15 % of the published one.
 
     Args:
         name: Key of `PUBLISHED_ENERGY`.
@@ -688,7 +435,17 @@ def _energy_expectation(name: str) -> Expectation:
     """
     run, joules = PUBLISHED_ENERGY[name]
     return Expectation(
-        f"e.{name}", f"{joules:g} J", lambda runs: published_energy(runs, name), (run,)
+        f"e.{name}",
+        f"{joules:g} J",
+        all_of(
+            lambda runs: at_most(
+                "energy off by a share of",
+                abs(measures.energy(path_of(runs, run)) / joules - 1.0),
+                ENERGY_BAND,
+                1.0 - ENERGY_BAND,
+            )
+        ),
+        (run,),
     )
 
 
@@ -705,44 +462,131 @@ PAPER_EXPECTATIONS: tuple[Expectation, ...] = (
     Expectation(
         "1-1",
         "a detour with the arm folded, N almost throughout, less energy than 1-2",
-        case_1_1,
+        all_of(
+            *is_detour("1-1"),
+            is_normal("1-1"),
+            is_less("energy over that of 1-2", measures.energy, "1-1", "1-2"),
+        ),
         ("1-1", "1-2"),
     ),
     Expectation(
-        "1-2", "near-straight, N first, then SB; faster than 1-1", case_1_2, ("1-2", "1-1")
+        "1-2",
+        "near-straight, N first, then SB; faster than 1-1",
+        all_of(
+            is_direct("1-2"),
+            reaches(
+                "share of the early time in N",
+                "1-2",
+                lambda path: measures.normal_share(path, 0.0, EARLY_SHARE),
+                MOSTLY_SHARE,
+                MOSTLY_SHARE,
+            ),
+            reaches(
+                "share of the later time in SB",
+                "1-2",
+                lambda path: measures.mode_share(path, Mode.SB, EARLY_SHARE),
+                MOSTLY_SHARE,
+                MOSTLY_SHARE,
+            ),
+            is_less("duration over that of 1-1", measures.duration, "1-2", "1-1"),
+        ),
+        ("1-2", "1-1"),
     ),
-    Expectation("2-1", "N almost throughout, shortest path", case_2_1, ("2-1",)),
-    Expectation("2-2", "N almost throughout, path slightly outwards", case_2_2, ("2-2",)),
-    Expectation("3-1", "folded detour, mostly N", case_3_1, ("3-1",)),
-    Expectation("3-2", "near-shortest path, boosted", case_3_2, ("3-2",)),
-    Expectation("4-1", "larger polytope than 4-2 and 4-3", case_4_1, ("4-1", "4-2", "4-3")),
-    Expectation("4-2", "less energy than 4-1, J3 moves less", case_4_2, ("4-2", "4-1")),
     Expectation(
-        "4-3", "most energy of Case 4, J3 moves more than in 4-2", case_4_3, ("4-3", "4-1", "4-2")
+        "2-1",
+        "N almost throughout, shortest path",
+        all_of(is_normal("2-1"), is_direct("2-1")),
+        ("2-1",),
+    ),
+    Expectation(
+        "2-2",
+        "N almost throughout, path slightly outwards",
+        all_of(
+            is_normal("2-2"),
+            reaches(
+                "tip goes outwards by [m]",
+                "2-2",
+                measures.bulge,
+                ASIDE_DISTANCE,
+                2 * ASIDE_DISTANCE,
+            ),
+            slightly_outwards,
+        ),
+        ("2-2",),
+    ),
+    Expectation(
+        "3-1",
+        "folded detour, mostly N",
+        all_of(*is_detour("3-1"), is_normal("3-1", MOSTLY_SHARE)),
+        ("3-1",),
+    ),
+    Expectation(
+        "3-2",
+        "near-shortest path, boosted",
+        all_of(is_direct("3-2"), is_boosted("3-2", MOSTLY_SHARE)),
+        ("3-2",),
+    ),
+    Expectation(
+        "4-1",
+        "larger polytope than 4-2 and 4-3",
+        all_of(has_larger_polytope("4-1", "4-2"), has_larger_polytope("4-1", "4-3")),
+        ("4-1", "4-2", "4-3"),
+    ),
+    Expectation(
+        "4-2",
+        "less energy than 4-1, J3 moves less",
+        all_of(
+            is_less("energy over that of 4-1", measures.energy, "4-2", "4-1"),
+            is_less("J3's travel over that of 4-1", _travel_of_joint_3, "4-2", "4-1"),
+        ),
+        ("4-2", "4-1"),
+    ),
+    Expectation(
+        "4-3",
+        "most energy of Case 4, J3 moves more than in 4-2",
+        all_of(dearest_of_case_4, more_travel_than_case_4_2),
+        ("4-3", "4-1", "4-2"),
     ),
     Expectation("c5.w1", "w1 up: energy down, path longer", energy_weight, _CORNERS),
     Expectation("c5.w2", "w2 up: time down", time_weight, _CORNERS),
     Expectation(
-        "c5.zero", "almost a straight line, most energy and time", weights_of_zero, _CORNERS
+        "c5.zero",
+        "almost a straight line, most energy and time",
+        all_of(
+            lambda runs: at_most(
+                "distance from a straight line [m]",
+                measures.sideways(path_of(runs, WITHOUT_WEIGHTS)),
+                ASIDE_DISTANCE,
+                0.2,
+            ),
+            is_largest("energy", measures.energy),
+            is_largest("time", measures.duration),
+        ),
+        _CORNERS,
     ),
     Expectation(
         "c5.vmax",
         "near-shortest up to 25 mm/s, a detour above",
-        piston_speed,
+        all_of(repeats_shapes({speed_run(v): v > LAST_FAST_DIRECT for v in PISTON_SPEEDS})),
         tuple(speed_run(v) for v in PISTON_SPEEDS),
     ),
     Expectation(
         "c5.w3",
         "a detour from w3 = 16 on, near-shortest below",
-        switch_weight,
+        all_of(repeats_shapes({switch_run(w3): w3 >= FIRST_SPARING for w3 in SWITCH_WEIGHTS})),
         tuple(switch_run(w3) for w3 in SWITCH_WEIGHTS),
     ),
-    Expectation("c5.ps25", "2.5 MPa: boost only", low_pressure, _LOW),
-    Expectation("c5.ps100", "10 MPa: N only", high_pressure, _HIGH),
+    Expectation("c5.ps25", "2.5 MPa: boost only", all_of(is_boosted(_LOW[0], ONLY_SHARE)), _LOW),
+    Expectation("c5.ps100", "10 MPa: N only", all_of(is_normal(_HIGH[0], ONLY_SHARE)), _HIGH),
     Expectation(
         "c5.order",
         "2.5 and 10 MPa both above 1-1, on near-shortest paths",
-        pressure_order,
+        all_of(
+            is_less("energy of 1-1 over that at 2.5 MPa", measures.energy, "1-1", _LOW[0]),
+            is_direct(_LOW[0], "length over shortest at 2.5 MPa"),
+            is_less("energy of 1-1 over that at 10 MPa", measures.energy, "1-1", _HIGH[0]),
+            is_direct(_HIGH[0], "length over shortest at 10 MPa"),
+        ),
         ("1-1", *_LOW, *_HIGH),
     ),
     *(_energy_expectation(name) for name in PUBLISHED_ENERGY),
@@ -840,52 +684,15 @@ def records(runs: Runs) -> list[ExpectationResult]:
     return [judge_expectation(expectation, runs) for expectation in PAPER_EXPECTATIONS]
 
 
-def expectations(
-    machine: Machine,
-    jobs: int | None = None,
-    cases: Mapping[str, PaperCase] | None = None,
-) -> list[ExpectationResult]:
-    """Run all cases and sweeps of the paper for a machine and judge all expectations.
-
-    Args:
-        machine: The arm.
-        jobs: Number of threads; None takes one for each processor.
-        cases: Cases by name in place of the paper's; None takes the paper's.
-
-    Returns:
-        The judgements, in the order of `PAPER_EXPECTATIONS`.
-    """
-    return records(evaluate(machine, settings(cases), jobs))
-
-
 MISSED_PENALTY = 0.5
 """Misfit of an expectation that is just missed; one wholly missed has a misfit of 1."""
 
 
 def misfit_of(found: list[ExpectationResult]) -> float:
-    """Return the misfit of judgements, a sum over all expectations.
+    """Return how far a machine is from meeting all expectations, a sum over their judgements.
 
     An expectation adds 0 if it is met, else MISSED_PENALTY + (1 − MISSED_PENALTY) · shortfall.
     """
     return sum(
         0.0 if r.met else MISSED_PENALTY + (1.0 - MISSED_PENALTY) * r.shortfall for r in found
     )
-
-
-def misfit(
-    machine: Machine, jobs: int | None = 1, cases: Mapping[str, PaperCase] | None = None
-) -> float:
-    """Compute how far a machine is from meeting all expectations; takes some seconds.
-
-    It is used to identify machine parameters that the paper does not state.
-
-    Args:
-        machine: The arm.
-        jobs: Number of threads; None takes one for each processor.
-        cases: Cases by name in place of the paper's; None takes the paper's.
-
-    Returns:
-        0 if all expectations are met. Each missed one adds between MISSED_PENALTY (just missed) and
-        1 (wholly missed).
-    """
-    return misfit_of(expectations(machine, jobs, cases))

@@ -6,7 +6,6 @@ from dataclasses import asdict, replace
 
 import pytest
 
-from mhsb_tools.reproduction import expectations
 from mhsb_tools.reproduction.expectations import (
     MISSED_PENALTY,
     PAPER_EXPECTATIONS,
@@ -91,9 +90,3 @@ def test_the_misfit_counts_what_is_missed_and_by_how_much(runs):
         for met, shortfall in ((True, 0.0), (False, 0.0), (False, 1.0), (False, 0.5))
     ]
     assert misfit_of(found) == pytest.approx(MISSED_PENALTY + 1.0 + (MISSED_PENALTY + 1.0) / 2)
-
-
-def test_misfit_and_expectations_speak_of_the_same_runs(machine, runs, monkeypatch):
-    monkeypatch.setattr(expectations, "evaluate", lambda *_: runs)
-    assert expectations.expectations(machine) == records(runs)
-    assert expectations.misfit(machine) == misfit_of(records(runs))
