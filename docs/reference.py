@@ -101,13 +101,16 @@ def machine_file_page() -> str:
         if kind.section is not None:
             chapters += _sections(f"circuit.valves.{kind.name}", kind.section)
     sections = "\n\n".join(dict.fromkeys(chapters))
+    boosters = ", ".join(f"`{name}`" for name in schema.BOOSTER_VALUES["circuit"])
     return f"""# The machine file
 
 {GENERATED}
 [`config/mhsb_arm3.yaml`](../config/mhsb_arm3.yaml) is an example, and
 [your machine](your_machine.md) shows how to write your own. All values are in SI units. Unknown
 keys and numbers that are not finite are refused. All errors are listed at once, by path. Keys with
-a default may be left out.
+a default may be left out. A machine without booster modules (`hydraulics.modules.count: 0`) may
+also leave out `hydraulics.modules.per_mode`, `hydraulics.servo_pump`, and of `circuit`:
+{boosters}.
 
 {sections}
 """

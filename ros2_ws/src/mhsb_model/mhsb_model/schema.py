@@ -18,6 +18,7 @@ from pydantic import (
     SerializerFunctionWrapHandler,
     Tag,
     model_serializer,
+    model_validator,
 )
 
 MAX_COORDINATE, MAX_MASS, MAX_FLOW, MAX_PRESSURE = 1e4, 1e6, 1.0, 1e9
@@ -771,8 +772,59 @@ class KeepOut(Section):
     spheres: tuple[SphereZone, ...] = ()
 
 
+BOOSTER_VALUES: dict[str, dict[str, Any]] = {
+    "modules": {"per_mode": (0, 1, 2)},
+    "servo_pump": {"max_flow": 4e-6, "efficiency": 0.56},
+    "circuit": {
+        "rail_volume": 1e-5,
+        "switching_valve_flow": 6e-5,
+        "switching_valve_pressure_drop": 1e5,
+        "switching_valve_time": 0.02,
+        "servo_pump_lag": 0.02,
+        "servo_pump_flow_reserve": 1e-6,
+        "servo_pump_slew": 4e-4,
+        "servo_pump_power": 100.0,
+        "rail_bleed_flow": 1e-8,
+    },
+}
+"""Values of the keys that a file may leave out if no booster module is fitted, by section.
+
+No oil flows through these parts; the values only keep the equations of the circuit regular."""
+
+
+def _complete_booster_keys(content: Any) -> Any:
+    """Return a machine file's content with values for the booster keys that it may leave out.
+
+    Args:
+        content: Content as read from the file, not yet validated.
+
+    Returns:
+        If `hydraulics.modules.count` is 0, a copy with `BOOSTER_VALUES` for the keys left out, and
+        the main pump's pressure for `max_boost_pressure`. Otherwise, or if a section that this
+        needs is missing or no mapping, the content itself.
+    """
+    try:
+        oil = content["hydraulics"]
+        if oil["modules"]["count"] != 0:
+            return content
+        highest = {"max_boost_pressure": oil["main_pump"]["pressure"]}
+        oil = oil | {
+            "modules": BOOSTER_VALUES["modules"] | oil["modules"],
+            "servo_pump": highest | BOOSTER_VALUES["servo_pump"] | oil.get("servo_pump", {}),
+        }
+        circuit = BOOSTER_VALUES["circuit"] | content["circuit"]
+    except (KeyError, TypeError):
+        return content
+    return content | {"hydraulics": oil, "circuit": circuit}
+
+
 class MachineConfig(Section):
-    """Content of a whole machine file."""
+    """Content of a whole machine file.
+
+    With `hydraulics.modules.count: 0` it may leave out the keys of booster modules.
+    """
+
+    complete_booster_keys = model_validator(mode="before")(_complete_booster_keys)
 
     schema_version: Literal[1, 2] = Field(description="2 names the kind of each joint")
     name: str = Field(

@@ -13,6 +13,7 @@ from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_model.obstacles.zones import Zones
+from mhsb_model.schema import BOOSTER_VALUES
 
 
 @pytest.fixture
@@ -290,6 +291,50 @@ def test_the_four_joint_arm_of_the_suite_loads():
     assert arm.joint_count == 4
     assert arm.patterns.shape == (50, 4)
     assert arm.kept_joints == (2, 3)
+
+
+BOOSTER_KEYS = [
+    "hydraulics.servo_pump",
+    "hydraulics.modules.per_mode",
+    *(f"circuit.{key}" for key in BOOSTER_VALUES["circuit"]),
+]
+
+
+def without_booster_keys(content, count):
+    """Remove all keys of booster modules, and set how many are fitted."""
+    content["hydraulics"]["modules"]["count"] = count
+    for path in BOOSTER_KEYS:
+        *sections, key = path.split(".")
+        section = content
+        for name in sections:
+            section = section[name]
+        del section[key]
+
+
+def test_a_machine_without_boosters_needs_none_of_their_keys(load):
+    arm = load(lambda content: without_booster_keys(content, 0))
+    assert arm.arrays.max_boost_pressure == arm.arrays.supply_pressure
+    assert arm.patterns.shape == (1, arm.joint_count)
+    again = pickle.loads(pickle.dumps(arm)).changed(payload=1.0)
+    assert again.planning_hash == arm.planning_hash
+
+
+def test_a_machine_without_boosters_keeps_the_booster_values_that_its_file_has(load):
+    arm = load(lambda content: content["hydraulics"]["modules"].update(count=0))
+    pump, rail = arm.config.hydraulics.servo_pump, arm.config.circuit.rail_volume
+    assert (pump.max_flow, rail) != (
+        BOOSTER_VALUES["servo_pump"]["max_flow"],
+        BOOSTER_VALUES["circuit"]["rail_volume"],
+    )
+
+
+def test_a_machine_with_boosters_needs_all_their_keys(load):
+    with pytest.raises(MachineFileError) as caught:
+        load(lambda content: without_booster_keys(content, 1))
+    assert sorted(problem.partition(": ")[0] for problem in caught.value.problems) == sorted(
+        BOOSTER_KEYS
+    )
+    assert all(": is missing; add it" in problem for problem in caught.value.problems)
 
 
 def test_all_problems_are_reported_at_once(load):
