@@ -123,7 +123,11 @@ def format_report(machine: Machine) -> list[str]:
     limitation = describe_uncompensated_delay(machine)
     if limitation and "coordinated" in found["controllers"]:
         lines.append(limitation)
-    lines += _workspace_lines(found["workspace"], 2 if found["slews"] else 1)
+    lines += _workspace_lines(
+        found["workspace"],
+        2 if found["slews"] else 1,
+        has_boosters=found["hydraulics"]["booster_modules"] > 0,
+    )
     if "keep_out" in found:
         lines += _keep_out_lines(found["keep_out"])
     return lines
@@ -260,17 +264,26 @@ def _hydraulic_lines(found: dict[str, Any]) -> list[str]:
     Returns:
         Line 1: main pump [MPa, L/min], booster modules [L/min, MPa], number of mode combinations.
         Line 2: highest piston speed [mm/s], speed at which one module extends the first boosted
-        actuator [mm/s], leakage of all valves [L/min].
+        actuator [mm/s], leakage of all valves [L/min]. Without booster modules, line 1 says that N
+        is the only mode, and no speed of a module follows.
     """
     per_minute = 6e4
+    boosters, one_module = "no booster modules, all actuators are always in N", ""
+    if found["booster_modules"]:
+        boosters = (
+            f"{found['booster_modules']} booster modules of "
+            f"{found['servo_pump_flow_m3_s'] * per_minute:.3f} L/min up to "
+            f"{found['max_boost_pressure_pa'] / 1e6:.1f} MPa; "
+            f"{found['mode_patterns']} mode patterns"
+        )
+        one_module = (
+            f"one module extends actuator {found['first_boosted']} at "
+            f"{1e3 * found['speed_of_one_module_m_s']:.1f} mm/s; "
+        )
     return [
         f"main pump {found['supply_pressure_pa'] / 1e6:.2f} MPa, "
-        f"{found['main_pump_flow_m3_s'] * per_minute:.2f} L/min; {found['booster_modules']} "
-        f"booster modules of {found['servo_pump_flow_m3_s'] * per_minute:.3f} L/min "
-        f"up to {found['max_boost_pressure_pa'] / 1e6:.1f} MPa; {found['mode_patterns']} "
-        "mode patterns",
-        f"piston speed at most {1e3 * found['max_piston_speed_m_s']:.1f} mm/s; one module extends "
-        f"actuator {found['first_boosted']} at {1e3 * found['speed_of_one_module_m_s']:.1f} mm/s; "
+        f"{found['main_pump_flow_m3_s'] * per_minute:.2f} L/min; {boosters}",
+        f"piston speed at most {1e3 * found['max_piston_speed_m_s']:.1f} mm/s; {one_module}"
         f"leakage of all valves {found['leakage_m3_s'] * per_minute:.3f} L/min",
     ]
 
@@ -326,12 +339,17 @@ def _count_workspace_points(machine: Machine) -> dict[str, Any]:
         - end_link_angles: number of angles ψ of the end link that are tried at each point
         - held: points where the supply pressure P_S suffices
         - boosted: points where some actuator needs boost
-        - too_heavy: points that need more than the highest boost pressure
+        - too_heavy: points that need more than the highest boost pressure, or more than P_S if
+            there are no booster modules
         - no_posture: points without a posture within the joint limits
         - boosted_by_joint: list with the number of `boosted` points at which each joint needs boost
 
         `held`, `boosted`, `too_heavy` and `no_posture` add up to `points`.
     """
+    m = machine.arrays
+    highest = hydraulics.get_max_supply_pressure(
+        hydraulics.get_shared_hydraulics(m), m.module_count
+    )
     counts = dict.fromkeys(("held", "boosted", "too_heavy", "no_posture"), 0)
     boosted = np.zeros(machine.joint_count, dtype=int)
     nodes = _workspace_nodes(machine)
@@ -339,11 +357,11 @@ def _count_workspace_points(machine: Machine) -> dict[str, Any]:
         pressures = _find_lowest_hold_pressures(machine, x, z)
         if pressures is None:
             counts["no_posture"] += 1
-        elif pressures.max() > machine.arrays.max_boost_pressure:
+        elif pressures.max() > highest:
             counts["too_heavy"] += 1
-        elif pressures.max() > machine.arrays.supply_pressure:
+        elif pressures.max() > m.supply_pressure:
             counts["boosted"] += 1
-            boosted += pressures > machine.arrays.supply_pressure
+            boosted += pressures > m.supply_pressure
         else:
             counts["held"] += 1
     return {
@@ -361,24 +379,27 @@ def _end_link_angles(machine: Machine) -> FloatArray:
     return np.linspace(-np.pi, np.pi, count, endpoint=False)
 
 
-def _workspace_lines(found: dict[str, Any], first: int) -> list[str]:
+def _workspace_lines(found: dict[str, Any], first: int, *, has_boosters: bool) -> list[str]:
     """Format the counts of workspace points as text.
 
     Args:
         found: Counts, as `_count_workspace_points` returns them.
         first: Number of the first joint in the plane: 1, or 2 if joint 1 slews.
+        has_boosters: Whether the machine has booster modules.
 
     Returns:
-        Five lines: the number of points, then one line for each of the counts `held`, `boosted`
-        (with the count by joint), `too_heavy` and `no_posture`.
+        The number of points, then one line for each of the counts `held`, `boosted` (with the count
+        by joint), `too_heavy` and `no_posture`. The line for `boosted` is left out without booster
+        modules.
     """
     by_joint = ", ".join(f"joint {j}: {n}" for j, n in enumerate(found["boosted_by_joint"], first))
+    highest = "highest boost" if has_boosters else "supply"
     return [
         f"of {found['points']} points {found['spacing_m'] * 1e3:g} mm apart, in the posture that "
         "loads the cylinders least:",
         f"  {found['held']} are held at supply pressure",
-        f"  {found['boosted']} need boost ({by_joint})",
-        f"  {found['too_heavy']} are beyond the highest boost pressure",
+        *([f"  {found['boosted']} need boost ({by_joint})"] if has_boosters else []),
+        f"  {found['too_heavy']} are beyond the {highest} pressure",
         f"  {found['no_posture']} have no posture within the joint limits at "
         f"{found['end_link_angles']} angles of the end link",
     ]

@@ -78,6 +78,17 @@ def test_the_report_has_the_dead_time_of_machines_without_pressure_sensors(machi
     )
 
 
+def test_a_machine_without_boosters_is_not_told_of_boost(machine):
+    arm = machine.changed(module_count=0)
+    lines = check.format_report(arm)
+    assert re.search(r"no booster modules, all actuators are always in N$", "\n".join(lines), re.M)
+    assert not re.search(r"boost(?!er modules)|DB|SB|module extends|pattern", "\n".join(lines))
+    with_boosters, without = (check.facts(each)["workspace"] for each in (machine, arm))
+    assert without["boosted"] == 0
+    assert without["too_heavy"] == with_boosters["boosted"] + with_boosters["too_heavy"]
+    assert f"  {without['too_heavy']} are beyond the supply pressure" in lines
+
+
 def test_the_report_tells_each_joints_kind_of_linkage(machine, slider_crank_machine):
     for arm, kind in ((machine, "four_bar"), (slider_crank_machine, "slider_crank")):
         text = "\n".join(check.format_report(arm))
