@@ -72,6 +72,12 @@ class UsageError(ArgumentError):
     """The arguments of a command cannot be used."""
 
 
+def check_suffix(option: str, file: Path | None, suffix: str) -> None:
+    """Raise UsageError if the file that an option names does not end in a suffix, such as .png."""
+    if file is not None and file.suffix.lower() != suffix:
+        raise UsageError(f"--{option}: '{file}' must end in {suffix}")
+
+
 @dataclass(frozen=True)
 class NumberRange:
     """Range of an argument's numbers, as metadata: `Annotated[float, NumberRange(0.0, 5.0)]`.

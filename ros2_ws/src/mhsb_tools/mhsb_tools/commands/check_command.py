@@ -14,12 +14,15 @@ from mhsb_control import load_machine, measures_pressures, select_controllers
 from mhsb_control.delay_line import describe_uncompensated_delay
 from mhsb_model import command_line, hydraulics
 from mhsb_model.circuit.dead_time import compute_dead_time, compute_valve_lag
-from mhsb_model.command_line import JsonFlag
+from mhsb_model.command_line import JsonFlag, OptionalFile
+from mhsb_model.files.output_folders import make_parent_folder
 from mhsb_model.linkages import linkage
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, frozen
 from mhsb_sim.circuit.valves.registry import read_valve_sections
+from mhsb_tools.moves.operating_regions import OperatingRegions
+from mhsb_tools.moves.workspace_picture import draw_workspace_picture
 
 PSI_SAMPLES, TELESCOPE_PSI_SAMPLES = 180, 3600
 """Number of end-link angles ψ at which postures are looked for at each point.
@@ -37,16 +40,26 @@ SLEW_DRIVES = ("rack_and_pinion", "motor")
 
 def check(
     file: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[FILE]")] = None,
+    plot: OptionalFile = None,
     json_: JsonFlag = False,
 ) -> None:
     """Print a summary of a machine file: reach, moment arms, loads, boost, room left by zones.
 
     Args:
         file: Machine file (YAML, SI units); the suite's own arm when left out.
+        plot: Picture (PNG) of the workspace: reachable points, where loads need boost, zones, and
+            the arm in its start posture.
         json_: Print one JSON object, in SI units, instead of text.
+
+    Raises:
+        UsageError: `plot` does not end in .png.
     """
+    command_line.check_suffix("plot", plot, ".png")
     machine = load_machine(file)
     read_valve_sections(machine)
+    if plot is not None:
+        make_parent_folder(plot, "the picture")
+        draw_workspace_picture(machine, find_hold_regions(machine), plot)
     if json_:
         print(json.dumps(facts(machine)))
     else:
@@ -346,31 +359,49 @@ def _count_workspace_points(machine: Machine) -> dict[str, Any]:
 
         `held`, `boosted`, `too_heavy` and `no_posture` add up to `points`.
     """
-    m = machine.arrays
+    regions = find_hold_regions(machine)
+    points, reached = len(_workspace_nodes(machine)), len(regions.nodes)
+    heavy, boosted = regions.beyond_highest_boost, regions.boosted[~regions.beyond_highest_boost]
+    too_heavy, needs_boost = int(heavy.sum()), int(boosted.any(axis=1).sum())
+    return {
+        "points": points,
+        "spacing_m": machine.spacing,
+        "end_link_angles": len(_end_link_angles(machine)),
+        "held": reached - needs_boost - too_heavy,
+        "boosted": needs_boost,
+        "too_heavy": too_heavy,
+        "no_posture": points - reached,
+        "boosted_by_joint": boosted.sum(axis=0).tolist(),
+    }
+
+
+def find_hold_regions(machine: Machine) -> OperatingRegions:
+    """Find where the machine holds its load at rest, and which joints need boost for it.
+
+    At each point of the workspace grid, the posture with the lowest required pressure counts.
+
+    Args:
+        machine: The arm. If it slews, the points are in the plane that joint 1 turns.
+
+    Returns:
+        The regions, with a column for each joint in the arm's plane. Without booster modules, no
+        joint can be boosted, and `beyond_highest_boost` counts from the supply pressure on.
+    """
+    plane = machine.planar_arm
+    m = plane.arrays
     highest = hydraulics.get_max_supply_pressure(
         hydraulics.get_shared_hydraulics(m), m.module_count
     )
-    counts = dict.fromkeys(("held", "boosted", "too_heavy", "no_posture"), 0)
-    boosted = np.zeros(machine.joint_count, dtype=int)
-    nodes = _workspace_nodes(machine)
-    for x, z in nodes:
-        pressures = _find_lowest_hold_pressures(machine, x, z)
-        if pressures is None:
-            counts["no_posture"] += 1
-        elif pressures.max() > highest:
-            counts["too_heavy"] += 1
-        elif pressures.max() > m.supply_pressure:
-            counts["boosted"] += 1
-            boosted += pressures > m.supply_pressure
-        else:
-            counts["held"] += 1
-    return {
-        "points": len(nodes),
-        "spacing_m": machine.spacing,
-        "end_link_angles": len(_end_link_angles(machine)),
-        **counts,
-        "boosted_by_joint": boosted.tolist(),
-    }
+    found = [(node, _find_lowest_hold_pressures(plane, *node)) for node in _workspace_nodes(plane)]
+    reached = [(node, needed) for node, needed in found if needed is not None]
+    needed = np.array([each for _, each in reached]).reshape(-1, plane.joint_count)
+    nodes = np.array([node for node, _ in reached]).reshape(-1, 2) / plane.spacing
+    return OperatingRegions(
+        plane.spacing,
+        np.rint(nodes).astype(np.int64),
+        (needed > m.supply_pressure) & (m.module_count > 0),
+        needed.max(axis=1, initial=0.0) > highest,
+    )
 
 
 def _end_link_angles(machine: Machine) -> FloatArray:

@@ -6,7 +6,6 @@ import json
 import math
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -108,8 +107,8 @@ def plan(
             `start` or `case`, a value with its range, or more than one of `goal_tolerance`,
             `goal_segment` and `goal_box`.
     """
-    _check_suffix("plot", plot, ".png")
-    _check_suffix("csv", csv, ".csv")
+    command_line.check_suffix("plot", plot, ".png")
+    command_line.check_suffix("csv", csv, ".csv")
     base = load_machine(arm.machine)
     posture, start = move.find_start(base)
     asked = build_request(
@@ -148,12 +147,6 @@ def plan(
         return
     lines = [*case_line(asked), str(made), *point_lines(found), "", *motion_lines(made)]
     print("\n".join(lines + (explanation_lines(suite, made, seconds, area) if explain else [])))
-
-
-def _check_suffix(option: str, file: Path | None, suffix: str) -> None:
-    """Raise UsageError if the file that an option names does not end in a suffix, such as .png."""
-    if file is not None and file.suffix.lower() != suffix:
-        raise command_line.UsageError(f"--{option}: '{file}' must end in {suffix}")
 
 
 def _make_timed_plan(

@@ -31,10 +31,10 @@ from mhsb_planner.motion.limits.usage import speed_limit
 from mhsb_tools.moves.energy_flow import draw_energy_flow
 from mhsb_tools.moves.move import MoveRecord, move_of_plan
 from mhsb_tools.moves.workspace_drawing import (
-    BORDER_WIDTH,
     draw_arm,
     draw_obstacles,
     draw_workspace_axes,
+    widen_axes_to_arm,
 )
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def _draw_path(move: MoveRecord, axes: Axes) -> None:
     draw_obstacles(move.machine, axes, move.position)
     for row, style, label in ((0, "--", "arm at the start"), (-1, "-", "arm at the end")):
         draw_arm(move.machine, move.position[row], axes, linestyle=style, label=label)
-    _widen_axes_to_arm(move, axes)
+    widen_axes_to_arm(move.machine, move.position[[0, -1]], axes)
     tip = move.tip
     for begin, end, mode in mode_spans(strongest(move.modes)):
         axes.plot(*tip[begin : end + 1].T, color=PATH_COLOR[mode], linewidth=2.6)
@@ -130,25 +130,6 @@ def _draw_path(move: MoveRecord, axes: Axes) -> None:
                 path_effects=[Stroke(linewidth=3.0, foreground="white"), Normal()], zorder=5,
             )  # fmt: skip
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), fontsize=8, ncols=2)
-
-
-def _widen_axes_to_arm(move: MoveRecord, axes: Axes) -> None:
-    """Widen the axes so that the arm fits in at the start and at the end of the move.
-
-    Args:
-        move: The move.
-        axes: Axes whose limits are widened.
-    """
-    ends = [move.machine.joint_positions(move.position[k]) for k in (0, -1)]
-    low, high = (
-        np.vstack(ends).min(axis=0) - BORDER_WIDTH,
-        np.vstack(ends).max(axis=0) + BORDER_WIDTH,
-    )
-    for limits, put, least, most in (
-        (axes.get_xlim(), axes.set_xlim, low[0], high[0]),
-        (axes.get_ylim(), axes.set_ylim, low[1], high[1]),
-    ):
-        put(min(limits[0], least), max(limits[1], most))
 
 
 def _places(goals: Sequence[tuple[float, float]]) -> list[tuple[tuple[float, float], str]]:

@@ -37,8 +37,8 @@ SET_COLORS = {(0,): YELLOW, (1,): GREEN, (0, 1): PURPLE}
 
 OTHER_COLORS = (TEAL, BROWN)
 """Colours of sets of joints that the paper's figure does not have."""
-UNBOOSTABLE_LABEL = "beyond the highest boost"
-"""Label of nodes at which even the highest boost pressure is too low."""
+NO_BOOST_LABEL, UNBOOSTABLE_LABEL = "no joint needs boost", "beyond the highest boost"
+"""Labels of nodes at which no joint needs boost, and at which the highest boost is too low."""
 OUTLINE_STYLE = {"fill": False, "edgecolor": VERMILION, "linestyle": "--", "linewidth": 1.5}
 IN_PLANE: tuple[dict[str, Any], ...] = (
     {"facecolor": VERMILION, "alpha": 0.35, "label": "keep-out"},
@@ -77,7 +77,13 @@ def draw_workspace_axes(machine: Machine, axes: Axes) -> None:
     axes.set(xlabel=f"x{turns} [m]", ylabel="z [m]")
 
 
-def draw_regions(regions: OperatingRegions, axes: Axes) -> None:
+def draw_regions(
+    regions: OperatingRegions,
+    axes: Axes,
+    first_joint: int = 1,
+    no_boost_label: str = NO_BOOST_LABEL,
+    unboostable_label: str = UNBOOSTABLE_LABEL,
+) -> None:
     """Draw a square for each node, coloured by the joints that need boost there.
 
     The node is at the middle of its square. A cross marks a node at which even the highest boost
@@ -87,12 +93,15 @@ def draw_regions(regions: OperatingRegions, axes: Axes) -> None:
     Args:
         regions: The operating regions.
         axes: Axes to draw on.
+        first_joint: Number of the joint of the first column of `regions.boosted`.
+        no_boost_label: Label of nodes at which no joint needs boost.
+        unboostable_label: Label of nodes at which even the highest boost pressure is too low.
     """
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Rectangle
 
     half = regions.spacing / 2
-    for label, color, chosen in _kinds(regions):
+    for label, color, chosen in _kinds(regions, first_joint, no_boost_label):
         corners = regions.spacing * regions.nodes[chosen] - half
         squares = [Rectangle((x, z), 2 * half, 2 * half) for x, z in corners]
         look: dict[str, Any] = {"facecolor": color, "edgecolor": "white", "alpha": 0.5}
@@ -100,16 +109,20 @@ def draw_regions(regions: OperatingRegions, axes: Axes) -> None:
         axes.scatter([], [], s=110, marker="s", label=label, **look)
     if np.any(regions.beyond_highest_boost):
         x, z = regions.spacing * regions.nodes[regions.beyond_highest_boost].T
-        axes.scatter(x, z, s=12, marker="x", color=GREY, linewidth=0.8, label=UNBOOSTABLE_LABEL)
+        axes.scatter(x, z, s=12, marker="x", color=GREY, linewidth=0.8, label=unboostable_label)
 
 
-def _kinds(regions: OperatingRegions) -> list[tuple[str, str, np.ndarray]]:
+def _kinds(
+    regions: OperatingRegions, first_joint: int, no_boost_label: str
+) -> list[tuple[str, str, np.ndarray]]:
     """Group the nodes by the set of joints that need boost there.
 
     The set may be empty. Sets that no node has are left out.
 
     Args:
         regions: The operating regions. Only `boosted` is read.
+        first_joint: Number of the joint of the first column of `regions.boosted`.
+        no_boost_label: Label of the empty set.
 
     Returns:
         For each set its label, its colour, and flags of the nodes that have it, bool of shape
@@ -125,9 +138,9 @@ def _kinds(regions: OperatingRegions) -> list[tuple[str, str, np.ndarray]]:
         wanted = np.isin(np.arange(regions.boosted.shape[1]), joints)
         chosen = np.all(regions.boosted == wanted, axis=1)
         if not joints:
-            kinds.append(("no joint needs boost", PALE, chosen))
+            kinds.append((no_boost_label, PALE, chosen))
         else:
-            names = " and ".join(f"joint {j + 1}" for j in joints)
+            names = " and ".join(f"joint {j + first_joint}" for j in joints)
             needs = "needs" if len(joints) == 1 else "need"
             color = SET_COLORS.get(joints) or next(others, GREY)
             kinds.append((f"{names} {needs} boost", color, chosen))
@@ -224,3 +237,20 @@ def draw_arm(machine: Machine, q: FloatArray, axes: Axes, **style: Any) -> None:
     points = machine.joint_positions(q)
     look: dict[str, Any] = {"color": GREY, "linewidth": 3.0, "alpha": 0.7}
     axes.plot(*points.T, marker="o", markersize=5, **(look | style))
+
+
+def widen_axes_to_arm(machine: Machine, postures: FloatArray, axes: Axes) -> None:
+    """Widen the axes so that the arm fits in, with a margin of BORDER_WIDTH.
+
+    Args:
+        machine: The arm.
+        postures: Postures of the arm, shape (k, n) [rad or m].
+        axes: Axes whose limits are widened.
+    """
+    points = np.vstack([machine.joint_positions(q) for q in postures])
+    low, high = points.min(axis=0) - BORDER_WIDTH, points.max(axis=0) + BORDER_WIDTH
+    for limits, put, least, most in (
+        (axes.get_xlim(), axes.set_xlim, low[0], high[0]),
+        (axes.get_ylim(), axes.set_ylim, low[1], high[1]),
+    ):
+        put(min(limits[0], least), max(limits[1], most))

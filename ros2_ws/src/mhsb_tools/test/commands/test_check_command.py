@@ -125,6 +125,27 @@ def test_the_report_has_the_hash_that_nodes_and_estimates_files_report(machine, 
         )
 
 
+def test_the_picture_shows_the_regions_that_the_text_counts(machine):
+    heavy = machine.changed(payload=40.0)
+    for arm in (machine, heavy, heavy.changed(module_count=0)):
+        regions, counts = check.find_hold_regions(arm), check.facts(arm)["workspace"]
+        boosted = regions.boosted[~regions.beyond_highest_boost]
+        assert len(regions.nodes) == counts["points"] - counts["no_posture"]
+        assert regions.beyond_highest_boost.sum() == counts["too_heavy"]
+        assert boosted.any(axis=1).sum() == counts["boosted"]
+        assert boosted.sum(axis=0).tolist() == counts["boosted_by_joint"]
+
+
+def test_the_command_draws_the_workspace(run, tmp_path):
+    file = tmp_path / "pictures" / "workspace.png"
+    for name in ("forestry_crane", "excavator_1to14"):
+        code, _, _ = run(name, "--plot", str(file))
+        assert code == 0
+        assert file.read_bytes().startswith(b"\x89PNG")
+        file.unlink()
+    assert run("excavator", "--plot", "page.jpg")[2].endswith("must end in .png\n")
+
+
 def test_a_missing_file_is_one_sentence_and_a_failure(run):
     code, _, errors = run("nowhere.yaml")
     assert code != 0
