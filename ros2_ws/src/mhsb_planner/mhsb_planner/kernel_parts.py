@@ -1,7 +1,8 @@
 """Functions that call all kernels of the planner, in parts that separate processes can compile.
 
 A kernel (numba) is compiled for types, not for numbers, so the suite's own machine serves for all
-machines. The parts that take longest come first; the last ones use kernels of those before.
+machines. The parts that take longest come first; the last ones use kernels of those before. The
+graph search follows the step costs early, because one process then makes the step graph for both.
 `mhsb plan` compiles only the parts that its planner needs, a planner node all of them.
 """
 
@@ -137,9 +138,9 @@ def list_parts_for_rest(planner: str) -> tuple[str, ...]:
         Import paths ("module:function") in the order in which they are to be started.
     """
     return (
-        *_name_parts(compile_step_costs, compile_motion),
+        *_name_parts(compile_step_costs, compile_motion, compile_graph_search),
         *_PATH_PARTS.get(planner, ()),
-        *_name_parts(compile_graph_search, compile_polytope_areas, compile_goal_checks),
+        *_name_parts(compile_polytope_areas, compile_goal_checks),
     )
 
 
