@@ -161,7 +161,7 @@ def _add_charging(
         Energy [J] whose `servo_pumps` is larger by the charging, and whose `servo_pump_losses` is
         larger by the losses of the charging.
     """
-    charging, slipped = _charging_energy_and_slip(machine, profile.speed, profile.force, modes)
+    charging, slipped = compute_charging(machine, profile.speed, profile.force, modes)
     if charging == 0.0:
         return energy
     losses = (1.0 - machine.arrays.servo_pump_efficiency) * charging + slipped
@@ -172,34 +172,14 @@ def _add_charging(
     )
 
 
-def charging_energy(
-    machine: Machine, speed: FloatArray, force: FloatArray, modes: ModeArray
-) -> float:
-    """Compute the shaft work that servo pumps take to charge their lines before boosts.
-
-    A boost begins in a row whose mode is boosted while the mode of the row before is not. The
-    actuator's line must then be raised from the main pump's pressure. A boost that is in force in
-    the first row costs nothing.
-
-    Args:
-        machine: Machine with its circuit and servo settings.
-        speed: Piston speeds at the beginning of each row, shape (k, n) [m/s]. Further rows are
-            ignored.
-        force: Piston forces at the beginning of each row, shape (k, n) [N].
-        modes: Mode codes of each row, shape (k, n).
-
-    Returns:
-        Shaft work of the servo pumps [J].
-    """
-    return _charging_energy_and_slip(machine, speed, force, modes)[0]
-
-
-def _charging_energy_and_slip(
+def compute_charging(
     machine: Machine, speed: FloatArray, force: FloatArray, modes: ModeArray
 ) -> tuple[float, float]:
     """Compute the shaft work that charges lines before boosts, and the loss by slip in it.
 
-    A boost begins in a row whose mode is boosted while the mode of the row before is not.
+    A boost begins in a row whose mode is boosted while the mode of the row before is not. The
+    actuator's line must then be raised from the main pump's pressure. A boost that is in force in
+    the first row costs nothing.
 
     Args:
         machine: Machine with its circuit and servo settings.

@@ -8,7 +8,7 @@ from mhsb_model.hydraulics import load_pressure, required_pressure
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory, standstill
-from mhsb_planner.motion.energy import CHARGED_AHEAD, charging_energy, motion_energy
+from mhsb_planner.motion.energy import CHARGED_AHEAD, compute_charging, motion_energy
 from mhsb_planner.search.s2_step import step_costs
 
 STRETCHED = np.array([0.0, 0.0, 0.0])
@@ -195,12 +195,12 @@ def charging_by_hand(machine, j, volume):
 def test_a_line_is_charged_once_when_its_boost_begins(machine, mode, parts):
     modes = np.array([[0, 0, 0], [mode, 0, 0], [mode, 0, 0]], dtype=np.uint8)
     volume = sum(getattr(machine.config.circuit, f"{part}_volume") for part in parts)
-    work = charging_energy(machine, *stretched_out(machine, 3), modes)
+    work = compute_charging(machine, *stretched_out(machine, 3), modes)[0]
     assert work == pytest.approx(charging_by_hand(machine, 0, volume))
     slipping = machine.with_values({"hydraulics.servo_pump.slip_flow": 4e-6})
-    assert charging_energy(slipping, *stretched_out(machine, 3), modes) > 1.01 * work
-    assert charging_energy(machine, *stretched_out(machine, 2), modes[1:]) == 0.0
-    assert charging_energy(machine, *stretched_out(machine, 3), modes[::-1]) == 0.0
+    assert compute_charging(slipping, *stretched_out(machine, 3), modes)[0] > 1.01 * work
+    assert compute_charging(machine, *stretched_out(machine, 2), modes[1:])[0] == 0.0
+    assert compute_charging(machine, *stretched_out(machine, 3), modes[::-1])[0] == 0.0
 
 
 def test_the_rail_is_charged_by_the_first_that_draws_on_it(machine):
@@ -208,7 +208,7 @@ def test_the_rail_is_charged_by_the_first_that_draws_on_it(machine):
     volumes = machine.config.circuit
     first = charging_by_hand(machine, 0, volumes.line_volume + volumes.rail_volume)
     second = charging_by_hand(machine, 1, volumes.line_volume)
-    work = charging_energy(machine, *stretched_out(machine, 3), modes)
+    work = compute_charging(machine, *stretched_out(machine, 3), modes)[0]
     assert work == pytest.approx(first + second)
 
 
