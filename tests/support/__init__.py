@@ -1,1 +1,1 @@
-"""Helpers of several packages' tests: damaged messages, zones ahead of an arm, dynamics."""
+"""Helpers of several packages' tests: damaged messages, zones ahead of an arm, motions, scripts."""

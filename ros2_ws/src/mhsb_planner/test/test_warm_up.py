@@ -5,23 +5,12 @@ import sys
 
 import numpy as np
 import pytest
+from tests.support.compiled_kernels import COUNT_COMPILED
 
 from mhsb_model.machine import load_machine
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.planner import PLANNER_KINDS, Planner, warm_up
 from mhsb_planner.posture.s1_global_search import build_posture_table
-
-COUNT_COMPILED = """
-def compiled():
-    return {
-        f"{name}.{key}": len(value.signatures)
-        for name, module in sys.modules.items()
-        if name.startswith("mhsb_")
-        for key, value in vars(module).items()
-        if isinstance(value, Kernel)
-    }
-"""
-"""Definition of a function that counts the compiled versions of each kernel, for the scripts."""
 
 SCRIPT = (
     """
@@ -30,7 +19,6 @@ from contextlib import suppress
 import numpy as np
 from mhsb_model.errors import MhsbError
 from mhsb_model.files.config_files import find_config_file
-from mhsb_model.kernels.kernel import Kernel
 from mhsb_model.machine import load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
@@ -109,7 +97,6 @@ print(by_searches | by_plans | by_slews)
 PLAN_FROM_REST = (
     """
 import importlib, sys
-from mhsb_model.kernels.kernel import Kernel
 from mhsb_model.machine import load_machine
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.kernel_parts import list_parts_for_rest

@@ -3,10 +3,11 @@
 import subprocess
 import sys
 
-SCRIPT = """
-import sys
+from tests.support.compiled_kernels import COUNT_COMPILED
+
+SCRIPT = (
+    """
 import numpy as np
-from mhsb_model.kernels.kernel import Kernel
 from mhsb_model.machine import load_machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
@@ -16,16 +17,9 @@ from mhsb_sim.simulation.kernel_parts import exercise_kernels
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
 from mhsb_sim.simulation.fault_detection import SupervisionLimits
-
-def compiled():
-    return {
-        f"{name}.{key}": len(value.signatures)
-        for name, module in sys.modules.items()
-        if name.startswith("mhsb_")
-        for key, value in vars(module).items()
-        if isinstance(value, Kernel)
-    }
-
+"""
+    + COUNT_COMPILED
+    + """
 def steps(arm, seconds):
     for _ in range(round(seconds * 1e9 / arm.simulator.step_ns)):
         arm.step(0.0)
@@ -57,6 +51,7 @@ for controller in REGISTERED_CONTROLLERS:
     steps(arm, 0.1)
 print({name: count for name, count in compiled().items() if count != before.get(name)})
 """
+)
 
 
 def test_no_kernel_is_compiled_by_plans_stops_faults_and_resets():
