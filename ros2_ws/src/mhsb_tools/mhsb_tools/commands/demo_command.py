@@ -180,7 +180,10 @@ def _demo(
     with run_command_node(GoalSender) as (executor, sender):
         check_no_other_nodes(sender, executor)
         with _shown(machine) if view else nullcontext():
-            _run(sender, executor, wanted, ((*settings, *of_arm), settings), unfinished)
+            print("starting simulator, planner and recorder")
+            with run_both_nodes((*settings, *of_arm), settings) as nodes:
+                wait_for_planner_answer(sender, executor)  # before the first goal
+                _record(sender, executor, wanted, nodes, unfinished)
     print("writing the report")
     summary = write_report(unfinished / "bag", unfinished / "report", arm)
     (unfinished / "report" / "summary.json").unlink()
@@ -321,35 +324,6 @@ def finish(output: Path) -> None:
         shutil.rmtree(old) if old.is_dir() else old.unlink(missing_ok=True)
         os.replace(output / UNFINISHED_FOLDER / name, old)
     (output / UNFINISHED_FOLDER).rmdir()
-
-
-def _run(
-    sender: GoalSender,
-    executor: SingleThreadedExecutor,
-    goals: list[DemoGoal],
-    settings: tuple[tuple[str, ...], tuple[str, ...]],
-    output: Path,
-) -> None:
-    """Start simulator and planner node, then send all goals while a recorder runs.
-
-    No goal is sent before the planner has answered a test goal. Both nodes are ended before this
-    function returns.
-
-    Args:
-        sender: Node that sends goals and collects verdicts.
-        executor: Executor of that node.
-        goals: Goals to send.
-        settings: ROS parameters of the simulator and those of the planner, each as `NAME:=VALUE`.
-        output: Folder in which the recording, named `bag`, is written.
-
-    Raises:
-        ChildEndedError: A process ended or was not ready in time, the recorder does not receive
-            goals, or the planner gives no verdict on a goal.
-    """
-    print("starting simulator, planner and recorder")
-    with run_both_nodes(*settings) as nodes:
-        wait_for_planner_answer(sender, executor)
-        _record(sender, executor, goals, nodes, output)
 
 
 def _record(
