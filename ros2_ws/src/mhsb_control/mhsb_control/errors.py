@@ -9,12 +9,7 @@ from mhsb_model.errors import ArgumentError, MhsbError
 
 
 class UnknownControllerError(ArgumentError):
-    """Error: no controller is registered under the requested name.
-
-    Attributes:
-        name: The requested name.
-        valid: Names of the registered controllers.
-    """
+    """Error: no controller is registered under the requested name."""
 
     def __init__(self, name: str, valid: Iterable[str]) -> None:
         """Make the message from the requested name and the valid names.
@@ -23,18 +18,11 @@ class UnknownControllerError(ArgumentError):
             name: The requested name.
             valid: Names of the registered controllers.
         """
-        self.name = name
-        self.valid = tuple(valid)
-        super().__init__(f"there is no controller {name!r}; valid are {', '.join(self.valid)}")
+        super().__init__(f"there is no controller {name!r}; valid are {', '.join(valid)}")
 
 
 class PressureSensorsError(ArgumentError):
-    """Error: a controller reads pressures on a machine that measures none.
-
-    Attributes:
-        name: The controller.
-        suitable: Names of the registered controllers that read no pressures.
-    """
+    """Error: a controller reads pressures on a machine that measures none."""
 
     def __init__(self, name: str, machine: str, suitable: Iterable[str]) -> None:
         """Make the message from the controller, the machine and the controllers that suit it.
@@ -44,21 +32,14 @@ class PressureSensorsError(ArgumentError):
             machine: Name of the machine, which measures no pressures.
             suitable: Names of the registered controllers that read no pressures.
         """
-        self.name = name
-        self.suitable = tuple(suitable)
         super().__init__(
             f"the controller {name!r} reads pressures, which {machine} does not measure "
-            f"(imperfections.sensors.pressure: none); use {' or '.join(self.suitable)}"
+            f"(imperfections.sensors.pressure: none); use {' or '.join(suitable)}"
         )
 
 
 class EstimatesFileError(MhsbError):
-    """Error: a file of estimates cannot be used.
-
-    Attributes:
-        path: The file.
-        reason: Clause that says why, and what to do.
-    """
+    """Error: a file of estimates cannot be used."""
 
     def __init__(self, path: Path, reason: str) -> None:
         """Build the error with its sentence.
@@ -67,6 +48,4 @@ class EstimatesFileError(MhsbError):
             path: The file.
             reason: Clause that says why, and what to do.
         """
-        self.path = path
-        self.reason = reason
         super().__init__(f"estimates file {path}: {reason}")

@@ -86,7 +86,6 @@ class OutOfWorkspaceError(MhsbError):
     """A tip position lies outside the region in which the arm may be asked to work.
 
     Attributes:
-        position: The position in `base_link` [m].
         limit: Sentence that says which limit is violated.
     """
 
@@ -97,9 +96,8 @@ class OutOfWorkspaceError(MhsbError):
             position: Tip position in `base_link` [m].
             limit: Sentence that says which limit is violated.
         """
-        self.position = tuple(position)
         self.limit = limit
-        place = ", ".join(f"{value:.4g}" for value in self.position)
+        place = ", ".join(f"{value:.4g}" for value in position)
         super().__init__(f"the tip position ({place}) m is outside the workspace: {limit}")
 
 

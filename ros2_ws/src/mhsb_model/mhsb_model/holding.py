@@ -25,8 +25,6 @@ class HoldingError(MhsbError):
 
     Attributes:
         modes: Modes that the posture needs, shape (n,).
-        needed: Number of booster modules that these modes occupy.
-        fitted: Number of booster modules of the machine.
     """
 
     def __init__(self, modes: ModeArray, needed: int, fitted: int) -> None:
@@ -38,8 +36,6 @@ class HoldingError(MhsbError):
             fitted: Number of booster modules of the machine.
         """
         self.modes = modes
-        self.needed = needed
-        self.fitted = fitted
         super().__init__(
             f"to hold the posture, the mode pattern {pattern_name(modes)} needs {needed} booster "
             f"modules, {fitted} are fitted; choose a posture that the supply pressure carries"

@@ -1,4 +1,4 @@
-"""Errors of planning: each message is one sentence, and each error carries its data."""
+"""Errors of planning: each message is one sentence."""
 
 from __future__ import annotations
 
@@ -32,25 +32,16 @@ def _suggest_degrees(angles: Sequence[float]) -> str:
 
 
 class InfeasibleGoalError(MhsbError):
-    """No posture within the joint limits puts the tip at the goal.
-
-    Attributes:
-        x: Forward coordinate of the goal in the arm's plane [m].
-        z: Upward coordinate of the goal [m].
-        psi: End-link angle, or least and greatest angle, that was asked for [rad]; None: any.
-    """
+    """No posture within the joint limits puts the tip at the goal."""
 
     def __init__(self, x: float, z: float, psi: float | tuple[float, float] | None = None) -> None:
-        """Store the data and compose the message.
+        """Compose the message.
 
         Args:
             x: Forward coordinate of the goal in the arm's plane [m].
             z: Upward coordinate of the goal [m].
             psi: End-link angle, or least and greatest angle, that was asked for [rad]; None: any.
         """
-        self.x = x
-        self.z = z
-        self.psi = psi
         asked = () if psi is None else sorted(set(psi if isinstance(psi, tuple) else (psi,)))
         angle = " to ".join(f"{each:.4g}" for each in asked)
         with_psi = f" with the end link at {angle} rad" if angle else ""
@@ -61,43 +52,20 @@ class InfeasibleGoalError(MhsbError):
 
 
 class ZoneError(MhsbError):
-    """The arm would be in an obstacle at the goal, or too near to one.
-
-    Attributes:
-        goal: The goal [m].
-    """
-
-    def __init__(self, goal: Position, sentence: str) -> None:
-        """Store the goal, and use the sentence as the message.
-
-        Args:
-            goal: The goal [m].
-            sentence: The message, which names the obstacle.
-        """
-        self.goal = goal
-        super().__init__(sentence)
+    """The arm would be in an obstacle at the goal, or too near to one."""
 
 
 class NoPathError(MhsbError):
-    """Start and goal have feasible postures, but no sequence of admissible steps connects them.
-
-    Attributes:
-        start: Tip position at the start [m].
-        goal: Tip position at the goal [m].
-        obstacle_names: Names of the obstacles that steps had to keep clear of.
-    """
+    """Start and goal have feasible postures, but no sequence of admissible steps connects them."""
 
     def __init__(self, start: Position, goal: Position, among: tuple[str, ...] = ()) -> None:
-        """Store the data and compose the message.
+        """Compose the message.
 
         Args:
             start: Tip position at the start [m].
             goal: Tip position at the goal [m].
             among: Names of the obstacles that steps had to keep clear of.
         """
-        self.start = start
-        self.goal = goal
-        self.obstacle_names = among
         clear = f" clear of {', '.join(among)}" if among else ""
         super().__init__(
             f"no sequence of admissible steps leads from {place_text(start)} to {place_text(goal)}"
@@ -106,11 +74,7 @@ class NoPathError(MhsbError):
 
 
 class StartError(MhsbError):
-    """The arm is beyond joint limits at the start, and no motion leads back into them.
-
-    Attributes:
-        remarks: Which joints are beyond their limits and by how much, as a clause.
-    """
+    """The arm is beyond joint limits at the start, and no motion leads back into them."""
 
     def __init__(self, remarks: str) -> None:
         """Compose the message.
@@ -118,7 +82,6 @@ class StartError(MhsbError):
         Args:
             remarks: Clause on which joints are beyond their limits and by how much.
         """
-        self.remarks = remarks
         super().__init__(
             f"{remarks}; no motion was found that only lessens this: bring the joint back into its "
             "limits by hand or with the machine's own controls"
@@ -126,38 +89,23 @@ class StartError(MhsbError):
 
 
 class DeadlineError(MhsbError):
-    """The deadline passed before there was a result.
-
-    Attributes:
-        work: Work that did not end in time.
-    """
+    """The deadline passed before there was a result."""
 
     def __init__(self, work: str) -> None:
-        self.work = work
         super().__init__(f"{work} did not end before the deadline")
 
 
 class ExpansionLimitError(MhsbError):
-    """A search did not end within the number of states it may expand.
-
-    Attributes:
-        limit: The number of states.
-    """
+    """A search did not end within the number of states it may expand."""
 
     def __init__(self, limit: int) -> None:
-        self.limit = limit
         super().__init__(f"the search did not end within {limit} expanded states")
 
 
 class PlanningCancelledError(MhsbError):
-    """The caller no longer wants the result.
-
-    Attributes:
-        work: Work that was cancelled.
-    """
+    """The caller no longer wants the result."""
 
     def __init__(self, work: str) -> None:
-        self.work = work
         super().__init__(f"{work} was cancelled")
 
 
@@ -183,14 +131,9 @@ class RequestError(ArgumentError):
 
 
 class ClusterError(MhsbError):
-    """A cluster cannot be used.
-
-    Attributes:
-        address: Address of its scheduler.
-    """
+    """A cluster cannot be used."""
 
     def __init__(self, address: str, trouble: str) -> None:
-        self.address = address
         super().__init__(f"cluster at {address}: {trouble}")
 
 
@@ -212,42 +155,28 @@ class WorkersLostError(MhsbError):
 
 
 class TableError(MhsbError):
-    """A posture table cannot be read, written or used for a machine.
-
-    Attributes:
-        path: File of the table.
-        reason: Why not, as a clause.
-    """
+    """A posture table cannot be read, written or used for a machine."""
 
     def __init__(self, path: Path, reason: str) -> None:
-        """Store the data and compose the message.
+        """Compose the message.
 
         Args:
             path: File of the table.
             reason: Why it cannot be used, as a clause without subject.
         """
-        self.path = path
-        self.reason = reason
         super().__init__(f"posture table {path}: {reason}")
 
 
 class EmptyTableError(MhsbError):
-    """No node of a machine's grid has a posture within the joint limits, so nothing can be planned.
-
-    Attributes:
-        machine: Name of the machine.
-        nodes: Number of nodes.
-    """
+    """No node of a machine's grid has a posture within the joint limits."""
 
     def __init__(self, machine: str, nodes: int) -> None:
-        """Store the data and compose the message.
+        """Compose the message.
 
         Args:
             machine: Name of the machine.
             nodes: Number of nodes of its grid.
         """
-        self.machine = machine
-        self.nodes = nodes
         super().__init__(
             f"posture table of {machine}: none of its {nodes} nodes has a posture within the joint "
             "limits; widen joints.*.limits or workspace in the machine file, `check` shows both"

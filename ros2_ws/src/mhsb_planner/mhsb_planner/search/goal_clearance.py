@@ -73,7 +73,6 @@ def check_tip_clearance(machine: Machine, goal: Position) -> None:
         distance = beyond + margin
         where = f"{-distance:.4g} m deep in" if distance < 0.0 else f"{distance:.4g} m from"
         raise ZoneError(
-            goal,
             f"at {place_text(goal)} the tip is {where} {machine.obstacles.name(nearest)}; "
             f"a goal must leave it {margin:g} m away",
         )
@@ -103,7 +102,6 @@ def find_clear_postures(machine: Machine, x: float, z: float, posture: FloatArra
     if not clear.any():
         best = nearest[np.argmax(distance)]
         raise ZoneError(
-            (x, z),
             f"in every posture that this planner takes with the tip at ({x:.4g}, {z:.4g}) m "
             f"the arm is less than {machine.config.keep_out.margin:g} m from an obstacle, at best "
             f"from {machine.obstacles.name(best)}; give another goal",
