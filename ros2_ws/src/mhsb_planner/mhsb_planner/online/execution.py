@@ -5,7 +5,8 @@ The time of plans is the arm's clock minus the delay by which speed scaling has 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,12 @@ REASON_NS = SECOND_NS
 `plan_in_force` and `/diagnostics` come in any order.
 """
 
+STAY_TIME = SECOND_NS // 5
+"""Time for which the tip must stay at a goal that it has reached, without dead time [ns]."""
+
+STAY_DEAD_TIMES = 2.0
+"""Dead times of the machine that are added to it: the time in which a correction acts."""
+
 
 class ExecutionResult(NamedTuple):
     """Result of an execution.
@@ -66,6 +73,8 @@ class Execution:
         change_ns: Time at which the command leaves the one before, in the time of plans [ns].
         dropped_since: Time at which the arm was first seen without the plan before its end [ns],
             and the ending without a reported reason; None while the arm follows the plan.
+        distances: Times since the plan's end [ns] and distances of the measured tip from the goal
+            [m] that still count for the judgement of the arrival, in time order.
     """
 
     pending_goal: PendingGoal
@@ -75,8 +84,11 @@ class Execution:
     settings: Settings
     change_ns: int
     dropped_since: tuple[int, ExecutionResult] | None = None
+    distances: deque[tuple[int, float]] = field(default_factory=deque)
 
-    def judge(self, machine: Machine, arm_state: ArmState, now_ns: int) -> ExecutionResult | None:
+    def judge(
+        self, machine: Machine, arm_state: ArmState, now_ns: int, *, is_last: bool = False
+    ) -> ExecutionResult | None:
         """Judge by the arm's reports whether and how the execution has ended.
 
         The first of these cases that applies decides:
@@ -86,15 +98,16 @@ class Execution:
         - The arm has begun to hold more than `EARLY_NS` before the plan's end: it has dropped the
           plan. If it reports a fault, the outcome is `ABORTED` at once. Otherwise the place of the
           reference decides between `STOPPED` and `ABORTED`; this is returned `REASON_NS` later.
-        - The plan has ended: the distance of the measured tip from the goal decides.
+        - The plan has ended: the distances of the measured tip from the goal decide.
 
         Some arms do not report which plan they execute; they are assumed to follow this one. Writes
-        `dropped_since`.
+        `dropped_since` and `distances`.
 
         Args:
             machine: Machine by which the tip's place is computed.
             arm_state: Arm state.
             now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
+            is_last: Whether the tip is not waited for any longer after the plan's end.
 
         Returns:
             Outcome, sentence and cause; None while the execution goes on.
@@ -113,7 +126,7 @@ class Execution:
             return self._judge_dropped_plan(arm_state, now_ns)
         if now_ns < end_ns:
             return None
-        return self._judge_arrival(machine, arm_state, now_ns)
+        return self._judge_arrival(machine, arm_state, now_ns - end_ns, is_last)
 
     def _judge_dropped_plan(self, arm_state: ArmState, now_ns: int) -> ExecutionResult | None:
         """Judge how the execution ends if the arm holds before the plan's end.
@@ -154,37 +167,44 @@ class Execution:
         return ExecutionResult(Outcome.ABORTED, "the arm no longer follows the plan")
 
     def _judge_arrival(
-        self, machine: Machine, arm_state: ArmState, now_ns: int
+        self, machine: Machine, arm_state: ArmState, since_ns: int, is_last: bool
     ) -> ExecutionResult | None:
-        """Judge after the plan's end whether the measured tip has reached the goal or its region.
+        """Judge after the plan's end whether the measured tip stays at the goal or in its region.
 
-        The end is counted one dead time of the machine later, when the last command has acted. If
-        joint states were never measured, the goal counts as reached.
+        The end is counted one dead time of the machine later, when the last command has acted. From
+        then on the tip must stay within the settings' `reached_tolerance` for `STAY_TIME` plus
+        `STAY_DEAD_TIMES` dead times, so that a tip that passes the goal does not count. If joint
+        states were never measured, the goal counts as reached. Writes `distances`.
 
         Args:
             machine: Machine by which the tip's place is computed.
             arm_state: Arm state. Only `measured` is read.
-            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
+            since_ns: Time since the plan's end, in the time of plans [ns].
+            is_last: Whether the tip is judged now, by the distances so far.
 
         Returns:
-            None before the end. After it, `REACHED` if the tip is within the settings'
-            `reached_tolerance`. Otherwise None until `compute_settling_time` has passed since the
-            plan's end, then `ABORTED`.
+            None before the end. After it, `REACHED` once the tip has stayed. Otherwise None until
+            `compute_settling_time` has passed since the plan's end; then the largest distance in
+            the last stretch of that length decides between `REACHED` and `ABORTED`.
         """
-        goal = self.pending_goal.goal
-        since_ns = now_ns - self.command.trajectory.end_ns
-        if since_ns < round(compute_dead_time(machine) * SECOND_NS):
+        dead_ns = round(compute_dead_time(machine) * SECOND_NS)
+        if since_ns < dead_ns:
             return None
         if arm_state.measured is None:
             return ExecutionResult(Outcome.REACHED, "the plan has ended; nobody measures the tip")
-        options = self.settings.options
-        distance = options.distance_to_goal(
-            machine, goal.position, arm_state.measured.state.position
-        )
-        where = "goal" if options.goal_region is None else "goal's region"
-        sentence = f"the tip is {1e3 * distance:.2f} mm from the {where}"
-        if distance <= self.settings.reached_tolerance:
-            return ExecutionResult(Outcome.REACHED, sentence)
-        if since_ns < round(compute_settling_time(machine) * SECOND_NS):
+        options, distances = self.settings.options, self.distances
+        position = arm_state.measured.state.position
+        goal = self.pending_goal.goal.position
+        distances.append((since_ns, options.distance_to_goal(machine, goal, position)))
+        begin_ns = since_ns - STAY_TIME - round(STAY_DEAD_TIMES * dead_ns)
+        while len(distances) > 1 and distances[1][0] <= begin_ns:
+            distances.popleft()
+        largest = max(distance for _, distance in distances)
+        is_near = largest <= self.settings.reached_tolerance
+        has_stayed = is_near and distances[0][0] <= begin_ns
+        is_over = is_last or since_ns >= round(compute_settling_time(machine) * SECOND_NS)
+        if not has_stayed and not is_over:
             return None
-        return ExecutionResult(Outcome.ABORTED, sentence)
+        where = "goal" if options.goal_region is None else "goal's region"
+        sentence = f"the tip is {1e3 * largest:.2f} mm from the {where}"
+        return ExecutionResult(Outcome.REACHED if is_near else Outcome.ABORTED, sentence)

@@ -487,7 +487,7 @@ class StopSequence:
             self._report_obstacle(describe_missing_braking(stop.obstacle, result[1]))
         self._stop = None
         if execution is not None and execution.pending_goal is not stop.goal_after_stop:
-            ending = execution.judge(machine, self._arm_state, self._now_ns())
+            ending = execution.judge(machine, self._arm_state, self._now_ns(), is_last=True)
             if ending is None or ending.outcome is not Outcome.REACHED:
                 ending = ExecutionResult(Outcome.STOPPED, stop.reason)
             reports.report_end(execution.pending_goal, *ending)
