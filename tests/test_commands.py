@@ -386,7 +386,7 @@ def test_plan_keeps_out_of_several_zones_and_tells_why_a_goal_is_in_one(start_fo
     path = json.loads(around.output)["path"]
     assert not any(0.65 < x < 0.9 and 0.1 < z < 0.3 for x, z in path)
     assert inside.wait(180) != 0
-    assert "0.05 m deep in the keep-out box (0.5, 0.5) … (0.7, 0.8) m" in inside.output
+    assert "50 mm deep in the keep-out box (0.5, 0.5) … (0.7, 0.8) m" in inside.output
 
 
 def test_a_case_of_the_paper_brings_its_weights(start_fork):

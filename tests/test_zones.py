@@ -150,7 +150,7 @@ def test_zones_are_set_together_kept_clear_of_and_stopped_at(arm, setter):
     assert taken, reason
     verdict = arm.request_verdict(*UP)
     assert verdict.code is Verdict.OK, verdict.sentence
-    assert re.search(r"the arm starts 0\.0[45]\d* m deep in the keep-out box", verdict.sentence)
+    assert re.search(r"the arm starts [45]\d(\.\d)? mm deep in the keep-out box", verdict.sentence)
     assert arm.ending_of(verdict).outcome is Outcome.REACHED
 
 

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from tests.support.zones_ahead import random_zone
+from tests.support.zones_ahead import random_zone, read_distance
 
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
@@ -72,10 +72,10 @@ def is_true(sentence, deepest, rest, near):
     """Whether the sentence of an execution report says what was measured, to `near` m."""
     if sentence.endswith("the arm stops before it"):
         return deepest > 0.0
-    if found := re.search(r"its reference rests ([\d.]+) m before it", sentence):
-        return abs(rest - float(found[1])) < near
-    if found := re.search(r"comes to rest ([\d.]+) m deep in it", sentence):
-        return abs(rest + float(found[1])) < near
+    if found := re.search(r"its reference rests ([\d.]+ m?m) before it", sentence):
+        return abs(rest - read_distance(found[1])) < near
+    if found := re.search(r"comes to rest ([\d.]+ m?m) deep in it", sentence):
+        return abs(rest + read_distance(found[1])) < near
     return "comes to rest beyond it" in sentence and rest > -near
 
 

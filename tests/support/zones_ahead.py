@@ -92,20 +92,31 @@ class ZoneTrial:
             return self.ending != self.sentences[0]
         if said.endswith("the arm stops before it"):
             return self.stops_before
-        if found := re.search(r"its reference rests ([\d.]+) m before it", said):
-            return self.stops_before and abs(self.rest - float(found[1])) <= DEPTH_RESOLUTION
-        if found := re.search(r"comes to rest ([\d.]+) m deep in it", said):
+        if found := re.search(r"its reference rests ([\d.]+ m?m) before it", said):
+            return (
+                self.stops_before and abs(self.rest - read_distance(found[1])) <= DEPTH_RESOLUTION
+            )
+        if found := re.search(r"comes to rest ([\d.]+ m?m) deep in it", said):
             return (
                 self.rest < DEPTH_RESOLUTION
-                and abs(self.rest + float(found[1])) <= DEPTH_RESOLUTION
+                and abs(self.rest + read_distance(found[1])) <= DEPTH_RESOLUTION
             )
         if self.stops_before and "already" in said:
             return False
-        if found := re.search(r"beyond it, having been ([\d.]+) m deep in it", said):
-            return self.rest >= 0.0 and abs(self.deepest + float(found[1])) <= DEPTH_SAMPLING_ERROR
+        if found := re.search(r"beyond it, having been ([\d.]+ m?m) deep in it", said):
+            return (
+                self.rest >= 0.0
+                and abs(self.deepest + read_distance(found[1])) <= DEPTH_SAMPLING_ERROR
+            )
         if said.endswith("comes to rest beyond it"):
             return self.rest >= 0.0
         return False
+
+
+def read_distance(text: str) -> float:
+    """Read a distance that `format_distance` wrote, such as "9.8 mm" [m]."""
+    number, unit = text.split()
+    return float(number) * {"m": 1.0, "mm": 1e-3}[unit]
 
 
 def random_trial(

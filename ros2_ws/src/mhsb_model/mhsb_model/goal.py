@@ -10,6 +10,9 @@ from mhsb_model.types import Position
 GOAL_POSITION_TOLERANCE = 1e-4
 """Largest distance along each axis between goals that count as the same [m]."""
 
+MIN_METRES = 0.1
+"""Smallest distance that messages give in metres [m]."""
+
 
 @dataclass(frozen=True)
 class Goal:
@@ -79,3 +82,13 @@ def format_position(position: Iterable[float], number_format: str = ".4g") -> st
         number_format: Format specification of each coordinate.
     """
     return f"({', '.join(format(round(value, 9) + 0.0, number_format) for value in position)}) m"
+
+
+def format_distance(distance: float) -> str:
+    """Format a distance for messages, for instance "9.8 mm" or "0.35 m".
+
+    Args:
+        distance: Distance [m]. It is rounded to three digits, and given in mm below MIN_METRES.
+    """
+    rounded = float(f"{distance:.3g}")
+    return f"{1e3 * rounded:.3g} mm" if abs(rounded) < MIN_METRES else f"{rounded:g} m"

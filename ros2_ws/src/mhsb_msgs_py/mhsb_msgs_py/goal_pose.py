@@ -15,7 +15,7 @@ from collections.abc import Callable
 from geometry_msgs.msg import Point, Pose, PoseStamped
 from std_msgs.msg import Header
 
-from mhsb_model.goal import Goal
+from mhsb_model.goal import Goal, format_distance
 from mhsb_model.types import Position
 from mhsb_model.verdict import Verdict
 from mhsb_msgs_py import stamps
@@ -92,8 +92,8 @@ def decode(message: PoseStamped, frame_prefix: str = "", to_base: ToBase | None 
     if abs(beside) > OFF_PLANE_TOLERANCE:
         raise GoalError(
             Verdict.OUT_OF_WORKSPACE,
-            f"the goal lies {beside:g} m beside the arm's plane, where at most "
-            f"{OFF_PLANE_TOLERANCE:g} m is allowed; give 0",
+            f"the goal lies {format_distance(beside)} beside the arm's plane, where at most "
+            f"{format_distance(OFF_PLANE_TOLERANCE)} is allowed; give 0",
             goal,
         )
     if to_base is None or not flat:

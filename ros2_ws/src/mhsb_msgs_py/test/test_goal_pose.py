@@ -88,7 +88,7 @@ def test_a_goal_beside_the_plane_is_refused(message):
         codec.decode(message)
     assert refusal.value.code is Verdict.OUT_OF_WORKSPACE
     assert str(refusal.value) == (
-        "the goal lies 0.25 m beside the arm's plane, where at most 0.001 m is allowed; give 0"
+        "the goal lies 0.25 m beside the arm's plane, where at most 1 mm is allowed; give 0"
     )
 
 

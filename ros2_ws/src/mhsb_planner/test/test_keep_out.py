@@ -95,8 +95,8 @@ def test_a_goal_in_a_zone_is_refused_with_how_deep_it_is(planner, arm, kind):
     planner.change_machine(arm.changed(zones=Zones(boxes=((0.50, 0.58, 0.70, 0.80),))))
     with pytest.raises(
         ZoneError,
-        match=r"at \(0\.55, 0\.6\) m the tip is 0\.04 m deep in the keep-out box \(0\.5, 0\.58\) … "
-        r"\(0\.7, 0\.8\) m; a goal must leave it 0\.005 m away",
+        match=r"at \(0\.55, 0\.6\) m the tip is 40 mm deep in the keep-out box \(0\.5, 0\.58\) … "
+        r"\(0\.7, 0\.8\) m; a goal must leave it 5 mm away",
     ) as refused:
         planned(planner, kind)
     assert find_verdict_code(refused.value) is Verdict.ZONE
@@ -104,7 +104,7 @@ def test_a_goal_in_a_zone_is_refused_with_how_deep_it_is(planner, arm, kind):
 
 def test_a_goal_nearer_to_a_zone_than_paths_get_is_refused(planner, arm):
     planner.change_machine(arm.changed(zones=Zones(tip_circles=((0.55, 0.703, 0.1),))))
-    with pytest.raises(ZoneError, match=r"the tip is 0\.003 m from the keep-out circle of 0\.1 m"):
+    with pytest.raises(ZoneError, match=r"the tip is 3 mm from the keep-out circle of 0\.1 m"):
         planned(planner)
 
 

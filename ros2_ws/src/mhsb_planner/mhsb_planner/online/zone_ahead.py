@@ -16,6 +16,7 @@ import numpy as np
 
 from mhsb_model.braking import brake_along
 from mhsb_model.command import Command
+from mhsb_model.goal import format_distance
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.trajectory import SECOND_NS, Trajectory
@@ -142,13 +143,13 @@ class ZoneStop:
         if not self.touches_obstacle:
             return (
                 f"{obstacle} was set across the way; the arm stops at its edge: its reference "
-                f"rests {self.rest_clearance:.3f} m before it, nearer than the margin "
-                f"of {self.margin:g} m"
+                f"rests {format_distance(self.rest_clearance)} before it, nearer than the margin "
+                f"of {format_distance(self.margin)}"
             )
         where = (
             "beyond it"
             if self.rest_clearance >= 0.0
-            else f"{-self.rest_clearance:.3f} m deep in it"
+            else f"{format_distance(-self.rest_clearance)} deep in it"
         )
         if self.begin_clearance < 0.0:
             return (
@@ -156,7 +157,8 @@ class ZoneStop:
                 f"and comes to rest {where}"
             )
         if self.rest_clearance >= 0.0:
-            where = f"{where}, having been {max(0.0, -self.least_clearance):.3f} m deep in it"
+            deepest = format_distance(max(0.0, -self.least_clearance))
+            where = f"{where}, having been {deepest} deep in it"
         return (
             f"{obstacle} was set across the way; the arm stops as soon as it can, "
             f"but not before it: it comes to rest {where}"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mhsb_model.goal import format_distance
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import (
     clearances,
@@ -41,7 +42,7 @@ def describe_start_contact(machine: Machine, posture: FloatArray) -> str:
     if clearance > CONTACT_CLEARANCE:
         return ""
     return (
-        f"the arm starts {-clearance:.4g} m deep in {name}"
+        f"the arm starts {format_distance(-clearance)} deep in {name}"
         if clearance < -CONTACT_CLEARANCE
         else (f"the arm touches {name} at the start")
     )
@@ -71,10 +72,10 @@ def check_tip_clearance(machine: Machine, goal: Position) -> None:
         beyond, nearest = min((beyond, nearest), in_space)
     if beyond < 0.0:
         distance = beyond + margin
-        where = f"{-distance:.4g} m deep in" if distance < 0.0 else f"{distance:.4g} m from"
+        where = f"{format_distance(abs(distance))} {'deep in' if distance < 0.0 else 'from'}"
         raise ZoneError(
             f"at {place_text(goal)} the tip is {where} {machine.obstacles.name(nearest)}; "
-            f"a goal must leave it {margin:g} m away",
+            f"a goal must leave it {format_distance(margin)} away",
         )
 
 
@@ -103,8 +104,8 @@ def find_clear_postures(machine: Machine, x: float, z: float, posture: FloatArra
         best = nearest[np.argmax(distance)]
         raise ZoneError(
             f"in every posture that this planner takes with the tip at ({x:.4g}, {z:.4g}) m "
-            f"the arm is less than {machine.config.keep_out.margin:g} m from an obstacle, at best "
-            f"from {machine.obstacles.name(best)}; give another goal",
+            f"the arm is less than {format_distance(machine.config.keep_out.margin)} from an "
+            f"obstacle, at best from {machine.obstacles.name(best)}; give another goal",
         )
     return clear
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from benchmarks.lock_step import LockStepWorld
-from tests.support.zones_ahead import PROMISES_NOTHING, random_trial
+from tests.support.zones_ahead import PROMISES_NOTHING, random_trial, read_distance
 
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
@@ -155,7 +155,7 @@ def test_a_zone_that_no_braking_stays_clear_of_is_entered_less_far_than_by_a_pla
     end = world.arm.command.trajectory.position[-1]
     sentence = world.execution_report(stamp).sentence
     assert "the arm stops as soon as it can, but not before it: it comes to rest" in sentence
-    depth = float(re.search(r"comes to rest ([\d.]+) m deep in it$", sentence)[1])
+    depth = read_distance(re.search(r"comes to rest ([\d.]+ m?m) deep in it$", sentence)[1])
     assert depth == pytest.approx(-settings.machine.clearance(end)[0], abs=1e-3)
     begin = world.sent[0].trajectory.position[0]
     assert np.abs(end - begin).sum() < np.abs(planned.trajectory.position[-1] - begin).sum()

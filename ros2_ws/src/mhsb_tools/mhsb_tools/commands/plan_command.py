@@ -16,7 +16,7 @@ from mhsb_model import command_line
 from mhsb_model.command_line import JsonFlag, OptionalFile
 from mhsb_model.errors import MhsbError
 from mhsb_model.files.output_folders import make_parent_folder
-from mhsb_model.goal import format_position
+from mhsb_model.goal import format_distance, format_position
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import pattern_name
@@ -462,12 +462,12 @@ def area_line(area: dict[str, float | None]) -> str:
         The line without a line break. If `area_m2_s2` is None, it says only that the tip does not
         move.
     """
-    mean = area["area_m2_s2"]
-    if mean is None:
+    mean, shortfall = area["area_m2_s2"], area["area_shortfall_m"]
+    if mean is None or shortfall is None:
         return "polytope: the tip stays"
     return (
         f"polytope: {mean:.3f} m²/s² on average along the tip's path, full from "
-        f"{area['area_reference_m2_s2']:.3f} m²/s²; shortfall {area['area_shortfall_m']:.3f} m"
+        f"{area['area_reference_m2_s2']:.3f} m²/s²; shortfall {format_distance(shortfall)}"
     )
 
 

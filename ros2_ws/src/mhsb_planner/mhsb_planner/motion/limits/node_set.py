@@ -6,6 +6,7 @@ x ≥ x_min,   r_min ≤ √(x² + z²) ≤ r_max
 from __future__ import annotations
 
 from mhsb_model.arrays import MachineArrays
+from mhsb_model.goal import format_distance
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.workspace import compute_region_excess
 from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit
@@ -35,7 +36,7 @@ def measure_tip_excess(m: MachineArrays, state: LimitInputs) -> float:
 
 NODE_SET_LIMIT = StateLimit(
     name="node set",
-    describe=lambda broken: f"the tip leaves the workspace by {broken.amount:.3g} m",
+    describe=lambda broken: f"the tip leaves the workspace by {format_distance(broken.amount)}",
     measure=measure_tip_excess,
     limit=0.0,
     broken_above=TIP_TOLERANCE,
