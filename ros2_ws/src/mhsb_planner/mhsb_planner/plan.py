@@ -90,8 +90,7 @@ class Plan:
         excess = f"speed:    pistons exceed V_max by up to {100 * motion.speed_excess:.0f} %"
         return "\n".join([
             f"motion:   from {begin} to {end} in {self.duration:.2f} s",
-            f"energy:   {self.energy.paper:.1f} J "
-            f"({self.energy.series:.1f} J if computed with main pump and servo pump in series)",
+            f"energy:   {self.energy_text}",
             *([bound] if self.lower_bound > 0.0 else []),
             f"modes:    {'; '.join(f'{mode.name}: {MODE_MEANINGS[mode]}' for mode in used)}",
             *(
@@ -124,6 +123,14 @@ class Plan:
         """One sentence for each problem of the start and each excessive demand of the motion."""
         start = (self.start_problems,) if self.start_problems else ()
         return (*start, *map(str, (*self.motion.overloads, *self.cavitations)))
+
+    @property
+    def energy_text(self) -> str:
+        """Energy of the motion in both readings, each by its name [J]."""
+        return (
+            f"{self.energy.paper:.1f} J by the paper's sum, "
+            f"{self.energy.series:.1f} J with main pump and servo pumps in series"
+        )
 
     @property
     def gap(self) -> float:

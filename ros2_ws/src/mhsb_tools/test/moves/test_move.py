@@ -11,11 +11,25 @@ from mhsb_tools.moves.move import move_of_plan
 
 
 @pytest.fixture(scope="module")
-def move(machine, table):
+def plan(machine, table):
     case = paper_case("3-2")
     start = MotionState.at_rest(case.start_posture(machine))
-    plan = Planner(machine, table).plan(case.goal, start, options=PlanOptions(planner="table"))
-    return move_of_plan(machine, plan, case.goal, "Case 3-2")
+    return Planner(machine, table).plan(case.goal, start, options=PlanOptions(planner="table"))
+
+
+@pytest.fixture(scope="module")
+def move(machine, plan):
+    return move_of_plan(machine, plan, paper_case("3-2").goal, "Case 3-2")
+
+
+def test_the_picture_and_the_text_name_the_same_energies(plan, move):
+    paper, series = f"{plan.energy.paper:.1f} J", f"{plan.energy.series:.1f} J"
+    assert paper != series
+    readings = f"{paper} by the paper's sum, {series} with main pump and servo pumps in series"
+    assert f"energy:   {readings}" in str(plan)
+    assert move.energy_source.endswith(readings)
+    pumps = -move.energy["main pump"] - move.energy["servo pumps"]
+    assert f"{pumps:.1f} J" == series
 
 
 def test_it_begins_and_ends_where_the_case_does(move):
