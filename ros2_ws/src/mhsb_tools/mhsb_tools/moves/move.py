@@ -109,7 +109,7 @@ def move_of_plan(machine: Machine, plan: Plan, goal: Position, title: str) -> Mo
         supply=planned_supply(machine, profile.force, profile.speed, modes),
         chambers={"the load's, $p_L$": load_pressures(machine, profile.force, profile.speed)},
         energy=energy_of_plan(plan.energy),
-        energy_source=f"the planner's model: {plan.energy_text}",
+        energy_source="the planner's model:\n" + plan.energy_text.replace(", ", ",\n") + " (drawn)",
     )
 
 

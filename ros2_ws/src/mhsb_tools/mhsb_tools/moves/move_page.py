@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -44,8 +43,6 @@ if TYPE_CHECKING:
 LEFT_WIDTH, COLUMN_WIDTH, PAGE_HEIGHT = 5.0, 3.1, 10.4
 """Width of the left part, width of each actuator's column, and height of the page [in]."""
 PER_MM, PER_CM, PER_KN, PER_MPA = 1e3, 1e2, 1e-3, 1e-6
-TITLE_LENGTH = 66
-"""Largest number of characters in a line of the energy flow's title."""
 FORCE_SAMPLES = 161
 """Number of forces at which the limits of a region are computed."""
 RANGE_MARGIN = 0.15
@@ -71,7 +68,7 @@ def draw_move_page(move: MoveRecord, file: Path) -> None:
         )[0]
         path, flow = left.subplots(2, 1, height_ratios=(2.3, 1.0))
         _draw_path(move, path)
-        flow.set_title("\n".join(textwrap.wrap(f"energy, by {move.energy_source}", TITLE_LENGTH)))
+        flow.set_title(f"energy, by {move.energy_source}")
         draw_energy_flow(move.energy, flow)
         parts = right.subfigures(3, 1, squeeze=False, height_ratios=(1.25, 1.0, 1.0))
         top, regions, pressures = parts[:, 0]
