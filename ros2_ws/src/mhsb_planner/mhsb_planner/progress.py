@@ -19,15 +19,16 @@ class PlanProgress:
         reserve: Time to keep for turning a path into a motion [s]. It is the mean time of the
             curves tried for the first motion.
         has_motion: True if a motion has been found.
-        motions_exceed_paths: True if motions cost much more than their paths: the incumbent (best
-            plan so far) costs much more than the cheapest path, or no path has a motion.
+        min_speed_factor: Factor on V_max (allowed piston speed) below which a slower motion cannot
+            be cheaper than the incumbent (best plan so far), 0 to 1 [-]. 0: there is no incumbent,
+            or it costs much more than the cheapest path.
         log: Log of proposals.
     """
 
     deadline: Deadline = NO_DEADLINE
     reserve: float = 0.0
     has_motion: bool = False
-    motions_exceed_paths: bool = False
+    min_speed_factor: float = 0.0
     log: PlanLog = field(default_factory=PlanLog)
     _began: float = field(default_factory=now, init=False)
 

@@ -1,8 +1,9 @@
-"""Paths at lower piston speeds, for requests whose motions cost much more than their paths.
+"""Paths at lower piston speeds, for requests in which slower motions may be cheaper.
 
-A search plans each step at V_max, or as fast as pumps and pressures admit. It leaves no pressure
-for the ramps of the motion, so that the motion may need boost, or much more time than its path. A
-path that is planned for lower speeds has modes that suit them, and then costs less.
+A search plans each step at V_max, or as fast as pumps and pressures admit. Valves then take more
+pressure, which may call for boost and mode switches. It also leaves no pressure for the ramps of
+the motion, so that the motion may need boost, or much more time than its path. A path that is
+planned for lower speeds has modes that suit them. It costs less if leakage costs little.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRe
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.s2_graph import StepGraph
 
-SPEED_FACTORS = (0.5, 0.25)
+SPEED_FACTORS = (0.5, 0.25, 0.125)
 """Factors on V_max, in the order of trial [-]."""
 
 
@@ -26,10 +27,10 @@ def paths_at_falling_speeds(
 ) -> Iterator[PathProposal]:
     """Yield a planner's paths at V_max (allowed piston speed), then at lower speeds if needed.
 
-    Lower speeds are needed if there is no path (slower steps need less pressure), or if
-    `progress.motions_exceed_paths` is True (motions cost much more than their paths). The factors
-    of SPEED_FACTORS are then tried one after the other, until the deadline of the search. An error
-    at a lower speed is only logged.
+    Lower speeds are needed if there is no path (slower steps need less pressure), or if motions at
+    a lower speed may be cheaper (`progress.min_speed_factor`). The factors of SPEED_FACTORS are
+    then tried one after the other, until one is too low, or the deadline of the search. An error at
+    a lower speed is only logged.
 
     Args:
         planner: The planner.
@@ -53,7 +54,7 @@ def paths_at_falling_speeds(
     except NoPathError as error:
         refused = error
     for factor in SPEED_FACTORS:
-        is_needed = progress.motions_exceed_paths if has_path else refused is not None
+        is_needed = factor > progress.min_speed_factor if has_path else refused is not None
         if not is_needed or progress.search_deadline.has_passed:
             break
         name = f"at {factor:g} V_max"

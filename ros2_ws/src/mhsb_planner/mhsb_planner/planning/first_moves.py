@@ -110,7 +110,7 @@ def paths_from_anywhere(
         for candidate in paths_through_via_points(source, task, own):
             yield candidate
             own.reserve, own.has_motion = progress.reserve, progress.has_motion
-            own.motions_exceed_paths = progress.motions_exceed_paths
+            own.min_speed_factor = progress.min_speed_factor
             if progress.has_motion:
                 own.deadline = progress.deadline
     except MhsbError as error:
@@ -129,8 +129,8 @@ def _limit_to_direct_share(progress: PlanProgress) -> PlanProgress:
         progress: State of the planning loop. Without a deadline, the result has none either.
 
     Returns:
-        The new state, with the same log. The caller must update its `has_motion`,
-        `motions_exceed_paths` and `reserve`.
+        The new state, with the same log. The caller must update its `has_motion`, `min_speed_factor`
+        and `reserve`.
     """
     if not progress.has_deadline:
         return PlanProgress(progress.deadline, log=progress.log)

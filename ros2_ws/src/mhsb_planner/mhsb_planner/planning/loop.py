@@ -217,8 +217,7 @@ class PlanningLoop:
            variants of it are fitted, such as one with faster ramps. With a deadline, the variants
            of the first motion wait until the next path has its motion.
 
-        After step 2, `progress.motions_exceed_paths` is set. It is True if there is no incumbent,
-        or if it costs much more than the cheapest path (MIN_PATH_COST_RATIO).
+        After step 2, `progress.min_speed_factor` is set (`_compute_min_speed_factor`).
 
         Args:
             proposal: The proposal.
@@ -240,10 +239,7 @@ class PlanningLoop:
         motion = self._fit_and_keep(proposal, rules) or followed
         if path.steps > 0:
             self._cheapest_path_cost = min(self._cheapest_path_cost, path.cost)
-        incumbent_cost = math.inf if self._best is None else self._best.cost(options)
-        self.progress.motions_exceed_paths = (
-            self._cheapest_path_cost < MIN_PATH_COST_RATIO * incumbent_cost
-        )
+        self.progress.min_speed_factor = self._compute_min_speed_factor()
         if motion is not None and best is None and self.progress.has_deadline and self._best:
             cost = self._best.cost(options)
             self._postponed = PostponedVariants(proposal, motion, rules, cost)
@@ -251,6 +247,29 @@ class PlanningLoop:
         self._try_postponed_variants()
         if motion is not None:
             self._try_variants(proposal, motion, rules)
+
+    def _compute_min_speed_factor(self) -> float:
+        """Compute the factor on V_max below which a slower motion cannot be cheaper.
+
+        At the factor f, a motion takes up to 1/f times as long, and leaks as much more. It saves at
+        most the boosts and the mode switches, so it may be cheaper if
+
+            L (1/f − 1) < S    f > L / (L + S)
+
+        L is the incumbent's cost of leakage and time, S that of boosts and mode switches [-].
+
+        Returns:
+            L / (L + S) [-], 1 if S is 0. It is 0 if there is no incumbent (best plan so far), or if
+            it costs much more than the cheapest path (MIN_PATH_COST_RATIO).
+        """
+        best, options = self._best, self._task.options
+        if best is None or self._cheapest_path_cost < MIN_PATH_COST_RATIO * best.cost(options):
+            return 0.0
+        weights, energy = options.weights, best.energy
+        boosts = max(0.0, best.chosen_energy(options) - energy.main_pump)
+        saved = weights.energy * boosts + weights.switches * best.motion.schedule.switch_count
+        lost = weights.energy * energy.leakage + weights.time * best.duration
+        return lost / (lost + saved) if saved > 0.0 else 1.0
 
     def _try_postponed_variants(self) -> None:
         """Fit the postponed variants of the first motion, if there are any, and forget them.
