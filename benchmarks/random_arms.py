@@ -97,7 +97,7 @@ def draw_linkage(joint: dict[str, Any], random: np.random.Generator) -> None:
 
 
 def draw_arm(paper: Machine, random: np.random.Generator) -> Machine:
-    """Draw a random arm with three joints that turn; `MhsbError` if it breaks a rule of the schema."""
+    """Draw an arm with three joints that turn; raise MhsbError if it breaks a rule of the schema."""
     content = paper.config.model_dump(mode="json")
     values = {}
     for path, bounds in FACTORS.items():
@@ -156,9 +156,7 @@ def draw_planners(random: np.random.Generator) -> tuple[Planner, Planner, FloatA
             return Planner(arm, table), Planner(slower, table), held
 
 
-def draw_moves(
-    planner: Planner, nodes: FloatArray, random: np.random.Generator
-) -> Iterator[Move]:
+def draw_moves(planner: Planner, nodes: FloatArray, random: np.random.Generator) -> Iterator[Move]:
     """Yield MOST_DRAWS moves from a node of the posture table to another."""
     table = planner.graph.table
     for _ in range(MOST_DRAWS):
@@ -212,7 +210,8 @@ def report(file: Positional) -> None:
     ratios = {}
     for arm, rows in found.items():
         for i, row in enumerate(rows):
-            full, half = (math.inf if c is None else c for c in (row["full"]["cost"], row["half"]["cost"]))
+            costs = (row["full"]["cost"], row["half"]["cost"])
+            full, half = (math.inf if cost is None else cost for cost in costs)
             ratios[f"{arm} move {i}"] = full / half
     values = np.array(list(ratios.values()))
     dearer = {name: ratio for name, ratio in ratios.items() if ratio > ALLOWED_RATIO}

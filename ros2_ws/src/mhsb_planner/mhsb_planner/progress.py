@@ -19,9 +19,9 @@ class PlanProgress:
         reserve: Time to keep for turning a path into a motion [s]. It is the mean time of the
             curves tried for the first motion.
         has_motion: True if a motion has been found.
-        min_speed_factor: Factor on V_max (allowed piston speed) below which a slower motion cannot
-            be cheaper than the incumbent (best plan so far), 0 to 1 [-]. 0: there is no incumbent,
-            or it costs much more than the cheapest path.
+        min_speed_factor: Estimated factor on V_max (allowed piston speed) below which a slower
+            motion will not be cheaper than the incumbent (best plan so far), 0 to 1 [-]. 0: there
+            is no incumbent, or it costs much more than the cheapest path.
         log: Log of proposals.
     """
 

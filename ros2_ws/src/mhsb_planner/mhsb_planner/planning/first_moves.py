@@ -129,8 +129,8 @@ def _limit_to_direct_share(progress: PlanProgress) -> PlanProgress:
         progress: State of the planning loop. Without a deadline, the result has none either.
 
     Returns:
-        The new state, with the same log. The caller must update its `has_motion`, `min_speed_factor`
-        and `reserve`.
+        The new state, with the same log. The caller must update its `has_motion`,
+        `min_speed_factor` and `reserve`.
     """
     if not progress.has_deadline:
         return PlanProgress(progress.deadline, log=progress.log)

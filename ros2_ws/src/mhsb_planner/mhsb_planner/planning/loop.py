@@ -67,6 +67,9 @@ MIN_PATH_COST_RATIO = 0.8
 """Ratio of a path's cost to the incumbent's below which the path has no motion as cheap as it [-].
 """
 
+MIN_SLOWER_GAIN = 0.01
+"""Relative gain in cost for which slower paths are searched [-]."""
+
 ALLOWED_DELAY_SHARE = 0.1
 """Additional duration that a cheaper motion may have if another is to follow, as a share of the
 period.
@@ -217,7 +220,7 @@ class PlanningLoop:
            variants of it are fitted, such as one with faster ramps. With a deadline, the variants
            of the first motion wait until the next path has its motion.
 
-        After step 2, `progress.min_speed_factor` is set (`_compute_min_speed_factor`).
+        After step 2, `progress.min_speed_factor` is set (`_estimate_min_speed_factor`).
 
         Args:
             proposal: The proposal.
@@ -239,7 +242,7 @@ class PlanningLoop:
         motion = self._fit_and_keep(proposal, rules) or followed
         if path.steps > 0:
             self._cheapest_path_cost = min(self._cheapest_path_cost, path.cost)
-        self.progress.min_speed_factor = self._compute_min_speed_factor()
+        self.progress.min_speed_factor = self._estimate_min_speed_factor()
         if motion is not None and best is None and self.progress.has_deadline and self._best:
             cost = self._best.cost(options)
             self._postponed = PostponedVariants(proposal, motion, rules, cost)
@@ -248,28 +251,36 @@ class PlanningLoop:
         if motion is not None:
             self._try_variants(proposal, motion, rules)
 
-    def _compute_min_speed_factor(self) -> float:
-        """Compute the factor on V_max below which a slower motion cannot be cheaper.
+    def _estimate_min_speed_factor(self) -> float:
+        """Estimate the factor on V_max below which a slower motion will not be cheaper.
 
-        At the factor f, a motion takes up to 1/f times as long, and leaks as much more. It saves at
-        most the boosts and the mode switches, so it may be cheaper if
+        With f times the incumbent's speed, its path takes up to 1/f times as long, and leaks as
+        much more. It saves at most the boosts and the mode switches. So it may be cheaper if
 
             L (1/f − 1) < S    f > L / (L + S)
 
-        L is the incumbent's cost of leakage and time, S that of boosts and mode switches [-].
+        L is the cost of leakage and time during the incumbent's path, without its ramps (changes of
+        speed) [-]. S is the cost of boosts and mode switches, less the gain that is worth a search
+        (MIN_SLOWER_GAIN) [-].
 
         Returns:
-            L / (L + S) [-], 1 if S is 0. It is 0 if there is no incumbent (best plan so far), or if
-            it costs much more than the cheapest path (MIN_PATH_COST_RATIO).
+            L / (L + S) times the incumbent's largest piston speed over V_max, at most 1 [-]. 1 if S
+            is not positive. 0 if there is no incumbent (best plan so far), or if it costs much more
+            than the cheapest path (MIN_PATH_COST_RATIO).
         """
         best, options = self._best, self._task.options
-        if best is None or self._cheapest_path_cost < MIN_PATH_COST_RATIO * best.cost(options):
+        cost = math.inf if best is None else best.cost(options)
+        if best is None or self._cheapest_path_cost < MIN_PATH_COST_RATIO * cost:
             return 0.0
-        weights, energy = options.weights, best.energy
+        weights, energy, path = options.weights, best.energy, best.path
         boosts = max(0.0, best.chosen_energy(options) - energy.main_pump)
         saved = weights.energy * boosts + weights.switches * best.motion.schedule.switch_count
+        saved -= MIN_SLOWER_GAIN * cost
         lost = weights.energy * energy.leakage + weights.time * best.duration
-        return lost / (lost + saved) if saved > 0.0 else 1.0
+        if path.steps > 0:
+            lost *= min(1.0, float(path.duration.sum()) / best.duration)
+        speed = min(1.0, 1.0 + best.motion.speed_excess)
+        return speed * lost / (lost + saved) if saved > 0.0 else 1.0
 
     def _try_postponed_variants(self) -> None:
         """Fit the postponed variants of the first motion, if there are any, and forget them.

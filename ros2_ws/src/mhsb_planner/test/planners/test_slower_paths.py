@@ -26,6 +26,6 @@ def test_a_plan_at_v_max_is_not_dearer_than_one_at_half_of_it(machine, table, he
 
 
 def test_no_slower_path_is_searched_if_leakage_costs_more_than_boost_and_switches(machine, table):
-    found = plan(machine, table, 482, 419)
-    assert found.motion.schedule.switch_count == 0
+    found = plan(machine, table, 0, 31)
+    assert found.motion.schedule.switch_count > 0
     assert not any("V_max" in each.proposer for each in found.log.entries)
