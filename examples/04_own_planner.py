@@ -32,7 +32,7 @@ class StraightPlanner:
             yield PathProposal(DiscretePath.create_without_steps(tip, start, modes, 0.0))
             return
         psi, region = options.goal_psi, options.goal_region
-        goals = sample_goal_postures(machine, *task.planar_goal, psi, region=region).postures
+        goals = sample_goal_postures(machine, *task.planar_goal, psi, region=region)
         stroke = np.abs(goals.length - machine.cylinder_lengths(start)).max(axis=1)
         found = False
         for k in np.argsort(stroke)[:3]:

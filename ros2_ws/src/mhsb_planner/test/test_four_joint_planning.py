@@ -29,7 +29,7 @@ def random_postures(arm, count, seed):
 def test_goal_postures_have_their_tip_at_the_goal_and_psi_as_asked(arm):
     for psi in (None, -1.0, (-1.2, -0.9)):
         goals = sample_goal_postures(arm, *GOAL, psi)
-        angles = goals.postures.posture
+        angles = goals.posture
         assert len(angles) > 10
         for q in angles:
             assert arm.tip_position(q) == pytest.approx(GOAL, abs=1e-9)

@@ -1,16 +1,28 @@
 """Plans for arms other than the suite's own: with one more joint, and with a telescope."""
 
+import math
+
 import numpy as np
 import pytest
 
 from mhsb_model.files.config_files import find_config_file
+from mhsb_model.inverse_kinematics.tip_postures import (
+    transform_tip_to_outer_frame,
+    write_inner_angles,
+)
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState
+from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.integrated import goal_postures
 from mhsb_planner.integrated.lower_bound import MAX_CELLS_WITH_DEADLINE, bound_cost_to_goals
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
+from mhsb_planner.posture.s1_psi_intervals_3r import (
+    MAX_INTERVALS,
+    find_feasible_intervals,
+    solve_posture_at_psi,
+)
 from mhsb_planner.search.lower_bound import ENERGY_ONLY_WEIGHTS, energy_lower_bound
 from mhsb_planner.search.s2_step import compute_hydraulic_coefficients
 
@@ -98,7 +110,7 @@ def test_the_certificate_is_below_every_posture_at_the_goal_and_close_to_the_lea
                 arm, circuit, arm.cylinder_lengths(q), goals, ENERGY_ONLY_WEIGHTS
             )
             dense = arm.postures(*tip, np.linspace(-np.pi, np.pi, angles))
-            sampled = energy_lower_bound(arm, q, np.vstack([dense, goals.postures.posture]))
+            sampled = energy_lower_bound(arm, q, np.vstack([dense, goals.posture]))
             assert bound <= sampled * (1 + 1e-9)
             assert bound >= share * sampled
             lengths = arm.cylinder_lengths(q)
@@ -108,16 +120,49 @@ def test_the_certificate_is_below_every_posture_at_the_goal_and_close_to_the_lea
             assert 0.0 <= coarse <= bound * (1 + 1e-9)
 
 
-def test_inner_samples_that_are_left_out_reach_nothing(monkeypatch):
-    arm = load_machine(find_config_file("mhsb_arm4.yaml"))
+def sample_in_plain_python(arm, x, z, between):
+    """Postures, elbows and free angles as `sample_goal_postures` describes them, one by one."""
+    n, spacing = arm.joint_count, goal_postures.PSI_SPACING
+    one = between is not None and between[0] == between[1]
+    apart = spacing ** (1.0 / max(1, n - 3 if one else n - 2))
+    fewest = max(2, round(goal_postures.MIN_INTERVAL_SAMPLES ** (1.0 / (n - 2))))
+    low, high = arm.arrays.joint_min, arm.arrays.joint_max
+    samples = math.ceil(max((high - low)[: n - 3], default=0.0) / apart) + 1
+    rows = []
+    for number in range(samples ** (n - 3)):
+        q = np.zeros(n)
+        write_inner_angles(arm.arrays, number, samples, q)
+        *tip, heading = transform_tip_to_outer_frame(arm.arrays.link_length, x, z, q)
+        interval, ranges = np.empty((MAX_INTERVALS, 3)), []
+        found = find_feasible_intervals(arm.arrays, *tip, interval)
+        for elbow, least, most in interval[:found]:
+            for turn in 2 * np.pi * np.arange(-2, 3) if between else (0.0,):
+                first, last = between or (-np.inf, np.inf)
+                begin, end = max(least, first - heading + turn), min(most, last - heading + turn)
+                if begin <= end:
+                    count = max(fewest, math.ceil((end - begin) / apart) + 1)
+                    ranges.append((elbow, np.linspace(begin, end, count)))
+        if one:
+            ranges = [(elbow, np.array([between[0] - heading])) for elbow in (-1, 1)]
+        for elbow, angles in ranges:
+            for psi in angles:
+                if solve_posture_at_psi(arm.arrays, *tip, psi, int(elbow), q):
+                    rows.append((*q, elbow, *q[: n - 3], psi + heading))
+    return np.array(rows)
 
-    def all_of_them(m, x, z, samples):
-        return np.arange(samples ** (len(m.link_length) - 3))
 
-    tips = ((0.55, 0.60), (0.9, -0.2), (1.1, 0.1), (0.3, -0.3))
-    chosen = [goal_postures.sample_goal_postures(arm, *tip).postures.posture for tip in tips]
-    monkeypatch.setattr(goal_postures, "_reachable_inner_samples", all_of_them)
-    for tip, expected in zip(tips, chosen, strict=True):
-        assert np.array_equal(
-            goal_postures.sample_goal_postures(arm, *tip).postures.posture, expected
-        )
+@pytest.mark.parametrize("between", [None, (-1.0, -1.0), (-1.2, -0.9)])
+@pytest.mark.parametrize("file", ["mhsb_arm3.yaml", "mhsb_arm4.yaml"])
+def test_goal_postures_equal_those_of_a_plain_search(file, between):
+    arm, found = load_machine(find_config_file(file)), 0
+    for tip in ((0.55, 0.60), (0.9, -0.2), (1.02, 0.1), (0.3, -0.3)):
+        expected = sample_in_plain_python(arm, *tip, between)
+        if len(expected) == 0:
+            with pytest.raises(InfeasibleGoalError):
+                goal_postures.sample_goal_postures(arm, *tip, between)
+            continue
+        goals = goal_postures.sample_goal_postures(arm, *tip, between)
+        sampled = np.column_stack([goals.posture, goals.elbow, goals.free])
+        assert np.array_equal(sampled, expected)
+        found += 1
+    assert found > 0

@@ -58,8 +58,8 @@ def test_goal_postures_have_their_tip_at_the_goal(arm):
     middle = arm.end_link_angle(postures_at(arm, *GOAL).posture[0])
     for psi in (None, (middle - 0.1, middle + 0.1)):
         goals = sample_goal_postures(arm, *GOAL, psi)
-        assert len(goals.postures.posture) > 5
-        for q in goals.postures.posture:
+        assert len(goals.posture) > 5
+        for q in goals.posture:
             assert arm.tip_position(q) == pytest.approx(GOAL, abs=1e-9)
             assert np.all(arm.arrays.joint_min <= q)
             assert np.all(q <= arm.arrays.joint_max)

@@ -32,7 +32,7 @@ from mhsb_planner.integrated.refinement import (
 )
 from mhsb_planner.integrated.search_problem import CylinderPath, SearchProblem
 from mhsb_planner.search.s2_search import SEARCH_TASK
-from mhsb_planner.search.s2_step import Postures
+from mhsb_planner.search.s2_step import describe_postures
 
 MIN_RELATIVE_GAIN = 1e-3
 """Relative gap to the lower bound below which a path is not improved further. A sweep with a
@@ -240,7 +240,7 @@ def _yield_cheaper_lines(
         limit = math.inf if best is None else best.cost
         if task.goal_lower_bounds[k] >= limit or task.progress.search_deadline.has_passed:
             break
-        via = np.array([task.start_lengths, task.goals.postures.length[k]])
+        via = np.array([task.start_lengths, task.goals.length[k]])
         cost = task.price(via, limit)
         if cost < limit:
             best = task.path_to_goal(via, k, cost)
@@ -275,9 +275,7 @@ def lattice_spacings(task: SearchProblem, best: CylinderPath | None) -> list[flo
     if best is None:
         first, last = effort.max_first_spacing, effort.max_last_spacing
     else:
-        worth = np.vstack(
-            [best.waypoints, task.goals.postures.length[task.goal_lower_bounds < best.cost]]
-        )
+        worth = np.vstack([best.waypoints, task.goals.length[task.goal_lower_bounds < best.cost]])
         stroke = float(np.max(np.abs(worth - task.start_lengths)))
         last = min(
             effort.max_last_spacing, max(effort.min_spacing, stroke / effort.finest_step_count)
@@ -459,7 +457,7 @@ def create_lattice_search(
     Returns:
         A search that has expanded nothing. It uses the working memory of `task`.
     """
-    goals = Postures(*(column[goal_indices] for column in task.goals.postures))
+    goals = describe_postures(task.machine.arrays, task.goals.posture[goal_indices])
     points = _create_lattice(task, spacing)
     while points.shape.prod() > MAX_LATTICE_POINTS:
         spacing *= SPACING_GROWTH

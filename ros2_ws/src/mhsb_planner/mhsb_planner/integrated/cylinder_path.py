@@ -609,10 +609,12 @@ def compute_costs_to_go(
 
 
 @kernel
-def _find_best_patterns(
+def _compute_pieces(
     t: PathCostModel, w: PathCostBuffers, via: FloatArray, start: FloatArray
-) -> IntArray:
-    """Find the mode combination of each piece with which an admissible cylinder path costs least.
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Compute postures, mode combinations and costs of all pieces of an admissible cylinder path.
+
+    The mode combinations are those with which the path costs least.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -621,42 +623,16 @@ def _find_best_patterns(
         start: Joint positions at via[0], shape (n,) [rad or m].
 
     Returns:
-        Index into t.patterns for each piece in path order, shape (pieces,).
-    """
-    pieces = 0
-    for s in range(len(via) - 1):
-        pieces += piece_count(via[s], via[s + 1], t.max_piece_stroke)
-    parent = np.empty((pieces, len(t.patterns)), dtype=np.int64)
-    begin_path(t, w, via[0], start)
-    continue_path(t, w, via, math.inf, parent, True)
-    pattern = np.empty(pieces, dtype=np.int64)
-    pattern[-1] = np.argmin(w.value[0, :-1])
-    for k in range(pieces - 1, 0, -1):
-        pattern[k - 1] = parent[k, pattern[k]]
-    return pattern
-
-
-@kernel
-def _compute_pieces(
-    t: PathCostModel, w: PathCostBuffers, via: FloatArray, start: FloatArray
-) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Compute postures, mode combinations and costs of all pieces of an admissible cylinder path.
-
-    Args:
-        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
-        w: Working memory of the thread, overwritten.
-        via: Waypoints, shape (points, n) [m].
-        start: Joint positions at via[0], shape (n,) [rad or m].
-
-    Returns:
         Joint positions at the ends of the pieces, shape (pieces + 1, n) [rad or m]; index of the
         best mode combination of each piece, shape (pieces,); and cost of each piece, shape (pieces,
         3): duration [s], energy in the reading `paper` [J], energy in the reading `series` [J].
     """
-    pattern = _find_best_patterns(t, w, via, start)
+    pieces, patterns = 0, len(t.patterns)
+    for s in range(len(via) - 1):
+        pieces += piece_count(via[s], via[s + 1], t.max_piece_stroke)
+    parent = np.empty((pieces, patterns), dtype=np.int64)
+    every, posture = np.empty((pieces, patterns, 3)), np.empty((pieces + 1, via.shape[1]))
     begin_path(t, w, via[0], start)
-    posture = np.empty((len(pattern) + 1, via.shape[1]))
-    cost = np.empty((len(pattern), 3))
     copy_row(posture[0], start)
     length = np.empty(via.shape[1])
     here, row = 0, 0
@@ -666,10 +642,18 @@ def _compute_pieces(
             for j in range(len(length)):
                 length[j] = via[s, j] + (via[s + 1, j] - via[s, j]) * k / count
             place_posture(t.machine, w.points, 1 - here, length, here)
-            price_piece(t, w, here)
-            copy_row(cost[row], w.scratch.cost[pattern[row]])
+            _extend_by_piece(t, w, here, parent[row])
+            for p in range(patterns):
+                copy_row(every[row, p], w.scratch.cost[p])
             here, row = 1 - here, row + 1
             copy_row(posture[row], w.points.posture[here])
+    _add_holding_switches(t, w, here)
+    pattern, cost = np.empty(pieces, dtype=np.int64), np.empty((pieces, 3))
+    pattern[-1] = np.argmin(w.value[here, :-1])
+    for k in range(pieces - 1, -1, -1):
+        copy_row(cost[k], every[k, pattern[k]])
+        if k > 0:
+            pattern[k - 1] = parent[k, pattern[k]]
     return posture, pattern, cost
 
 

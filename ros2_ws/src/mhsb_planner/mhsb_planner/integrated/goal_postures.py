@@ -28,18 +28,24 @@ from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.goal_region import Angle, Region, angle_range, tip_positions
+from mhsb_planner.motion.piston_motion import compute_cylinder_lengths
 from mhsb_planner.posture.s1_psi_intervals_3r import (
     MAX_INTERVALS,
     find_feasible_intervals,
     solve_posture_at_psi,
 )
 from mhsb_planner.search.goal_clearance import check_tip_clearance, find_clear_postures
-from mhsb_planner.search.s2_step import Postures, describe_postures
 
 PSI_SPACING = math.radians(1.0)
 """Default spacing of the samples of ψ [rad]."""
 MIN_INTERVAL_SAMPLES = 8
 """Smallest number of samples of an interval of ψ; with m free coordinates its m-th root."""
+MAX_TURNS = 2
+"""Largest number of whole turns by which an admissible ψ may differ from a feasible one."""
+MAX_RANGES = (2 * MAX_TURNS + 1) * MAX_INTERVALS
+"""Largest number of admissible ranges of ψ."""
+FIRST_ROWS = 128
+"""Number of postures for which a table has room at first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +55,8 @@ class GoalPostures:
     Attributes:
         tip: Goal (x, z) [m].
         tips: Tip position of each posture, shape (count, 2) [m].
-        postures: The postures, with cylinder lengths and piston forces.
+        posture: The postures, shape (count, n) [rad or m].
+        length: Cylinder lengths in each posture, shape (count, n) [m].
         elbow: Elbow branch of each posture, ∓1, shape (count,); with telescopes the number of the
             solution (`side`) of `close_chain`, which moves two joints so that the tip is reached.
         free: Free joint coordinates of each posture as in `tip_postures`, shape (count, n - 2) [rad
@@ -61,7 +68,8 @@ class GoalPostures:
 
     tip: tuple[float, float]
     tips: FloatArray
-    postures: Postures
+    posture: FloatArray
+    length: FloatArray
     elbow: IntArray
     free: FloatArray
     free_units: FloatArray
@@ -112,11 +120,13 @@ def sample_goal_postures(
             refused = refused or error
     if refused is not None and not found:
         raise refused
-    tip, postures, elbow, free = (np.concatenate(part) for part in zip(*found, strict=True))
+    tip, posture, elbow, free = (np.concatenate(part) for part in zip(*found, strict=True))
+    posture = frozen(posture)
     return GoalPostures(
         (x, z),
         frozen(tip),
-        describe_postures(machine.arrays, postures),
+        posture,
+        frozen(compute_cylinder_lengths(machine.arrays, posture)),
         frozen(elbow),
         frozen(free),
         frozen(_free_coordinate_units(machine, between)),
@@ -270,7 +280,8 @@ def _sample_turning_chain(
     """Sample the postures of a chain of turning joints at one tip position.
 
     The inner joints, the first n − 3, are sampled on a grid. For each grid point the feasible
-    end-link angles ψ of the last three joints are sampled.
+    end-link angles ψ of the last three joints are sampled. Each interval of them gets at least
+    MIN_INTERVAL_SAMPLES^(1/(n − 2)) samples and at least 2, its ends included.
 
     Args:
         machine: The arm without a slewing joint.
@@ -279,7 +290,7 @@ def _sample_turning_chain(
         between: Least and greatest admissible ψ [rad]; None if ψ is free.
         spacing: Largest distance of two samples of ψ with three joints [rad]. With m free
             coordinates the distance is spacing^(1/m), also on the grid. ψ is no free coordinate if
-            `between` is one angle.
+            `between` is one angle, which is then the only sample.
 
     Returns:
         Postures within limits, shape (count, n) [rad]; elbow branches (sign of the second-last
@@ -287,165 +298,95 @@ def _sample_turning_chain(
         2) [rad].
     """
     a, n = machine.arrays, machine.joint_count
-    given = between is not None and between[0] == between[1]
-    apart = spacing ** (1.0 / max(1, n - 3 if given else n - 2))
+    low, high = between or (-math.inf, math.inf)
+    apart = spacing ** (1.0 / max(1, n - 3 if low == high else n - 2))
     widest = max((a.joint_max - a.joint_min)[: n - 3], default=0.0)
     samples = math.ceil(widest / apart) + 1
-    numbers = np.arange(samples ** (n - 3))
-    if n > 3 and not given:  # leaving out what reaches nothing is faster than trying it
-        numbers = _reachable_inner_samples(a, x, z, samples)
-        if len(numbers) == 0:
-            return np.empty((0, n)), np.empty(0, dtype=np.int64), np.empty((0, n - 2))
-    found = []
-    for number in numbers:
-        q = np.empty(n)
-        write_inner_angles(a, number, samples, q)
-        found.append(_sample_outer_joints(machine, x, z, q, between, apart))
-    posture, elbow, angle = (np.concatenate(part) for part in zip(*found, strict=True))
-    return posture, elbow, np.column_stack([posture[:, : n - 3], angle])
+    fewest = 1 if low == high else max(2, round(MIN_INTERVAL_SAMPLES ** (1.0 / (n - 2))))
+    table = _tabulate_postures(a, x, z, (float(low), float(high)), apart, samples, fewest)
+    return table[:, :n], table[:, n].astype(np.int64), table[:, n + 1 :]
 
 
 @kernel
-def _reachable_inner_samples(m: MachineArrays, x: float, z: float, samples: int) -> IntArray:
-    """List the angles of the inner joints with which the last three joints reach a tip position.
-
-    Args:
-        m: Numeric description of the machine.
-        x: Tip position forward [m].
-        z: Tip position upward [m].
-        samples: Number of evenly spaced angles of each of the first n − 3 joints.
-
-    Returns:
-        Numbers of the combinations of inner angles, in ascending order. `write_inner_angles` writes
-        the angles of such a number.
-    """
-    n, count = len(m.link_length), 0
-    q, interval = np.empty(n), np.empty((MAX_INTERVALS, 3))
-    numbers = np.empty(samples ** (n - 3), dtype=np.int64)
-    for number in range(len(numbers)):
-        write_inner_angles(m, number, samples, q)
-        ahead, up, _ = transform_tip_to_outer_frame(m.link_length, x, z, q)
-        if find_feasible_intervals(m, ahead, up, interval) > 0:
-            numbers[count] = number
-            count += 1
-    return numbers[:count]
-
-
-def _sample_outer_joints(
-    machine: Machine,
-    x: float,
-    z: float,
-    q: FloatArray,
-    between: tuple[float, float] | None,
-    spacing: float,
-) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Sample the postures at one tip position with the inner joints fixed.
-
-    The arm must have no telescopes.
-
-    Args:
-        machine: The arm without a slewing joint.
-        x: Tip position forward [m].
-        z: Tip position upward [m].
-        q: Posture that gives the inner joints' angles, shape (n,) [rad]; the last three are
-            ignored.
-        between: Least and greatest admissible ψ [rad]; None if ψ is free.
-        spacing: Largest distance of two samples of ψ [rad]. If `between` is one angle, it is the
-            only sample.
-
-    Returns:
-        Postures within limits, shape (count, n) [rad]; elbow branches (sign of the second-last
-        joint's angle), −1 or 1, shape (count,); and ψ, shape (count,) [rad].
-    """
-    ahead, up, heading = transform_tip_to_outer_frame(machine.arrays.link_length, x, z, q)
-    seen = None if between is None else (between[0] - heading, between[1] - heading)
-    if seen is not None and seen[0] == seen[1]:
-        elbow, angle = _both_elbows(seen[0])
-    else:
-        elbow, angle = _sample_psi_intervals(machine, ahead, up, spacing, seen)
-    postures = np.tile(q, (len(angle), 1))
-    kept = _solve_outer_joints(machine.arrays, ahead, up, elbow, angle, postures)
-    return postures[kept], elbow[kept], angle[kept] + heading
-
-
-@kernel
-def _solve_outer_joints(
+def _tabulate_postures(
     m: MachineArrays,
     x: float,
     z: float,
-    elbow: IntArray,
-    angle: FloatArray,
-    posture: FloatArray,
-) -> np.ndarray:
-    """Solve the last three joints for given elbow branches and end-link angles.
+    between: tuple[float, float],
+    apart: float,
+    samples: int,
+    fewest: int,
+) -> FloatArray:
+    """Tabulate the sampled postures of a chain of turning joints at one tip position.
+
+    Test oracle: the same samples in plain Python.
+
+    Args:
+        m: Numeric description of the machine.
+        x: Tip position forward [m].
+        z: Tip position upward [m].
+        between: Least and greatest admissible ψ [rad]; −inf and inf if ψ is free.
+        apart: Largest distance of two samples of ψ [rad].
+        samples: Number of evenly spaced angles of each of the first n − 3 joints.
+        fewest: Least number of samples in an interval of ψ.
+
+    Returns:
+        A row for each posture within limits, shape (count, 2 n - 1): posture [rad], elbow branch,
+        angles of the first n − 3 joints and ψ [rad].
+    """
+    n, count = len(m.link_length), 0
+    q, ranges = np.empty(n), np.empty((MAX_RANGES, 3))
+    table = np.empty((FIRST_ROWS, 2 * n - 1))
+    for number in range(samples ** (n - 3)):
+        write_inner_angles(m, number, samples, q)
+        ahead, up, heading = transform_tip_to_outer_frame(m.link_length, x, z, q)
+        admissible = between[0] - heading, between[1] - heading
+        for i in range(_find_psi_ranges(m, ahead, up, admissible, ranges)):
+            low, width = ranges[i, 1], ranges[i, 2] - ranges[i, 1]
+            last = max(fewest, math.ceil(width / apart) + 1) - 1
+            for k in range(last + 1):
+                psi = ranges[i, 2] if k == last else low + k * (width / last)
+                if not solve_posture_at_psi(m, ahead, up, psi, np.int64(ranges[i, 0]), q):
+                    continue
+                if count == len(table):
+                    table = np.concatenate((table, np.empty_like(table)))
+                table[count, :n], table[count, n] = q, ranges[i, 0]
+                table[count, n + 1 :], table[count, -1] = q[: n - 2], psi + heading
+                count += 1
+    return table[:count]
+
+
+@kernel
+def _find_psi_ranges(
+    m: MachineArrays, x: float, z: float, between: tuple[float, float], ranges: FloatArray
+) -> int:
+    """Find the admissible end-link angles ψ with which the last three joints reach a position.
 
     Args:
         m: Numeric description of the machine.
         x: Tip position forward in the frame of the last three joints [m].
         z: Tip position upward in the frame of the last three joints [m].
-        elbow: Elbow branches (sign of the second-last joint's angle), −1 or 1, shape (count,).
-        angle: End-link angles in the frame of the last three joints, shape (count,) [rad].
-        posture: Postures, shape (count, n) [rad]. The last three columns are written in place; the
-            others must be set.
+        between: Least and greatest admissible ψ in the same frame [rad]; ψ plus up to 2 turns in
+            either direction is admissible, too. Two equal angles: both elbow branches get this ψ,
+            whether they reach the position or not. −inf and inf if ψ is free.
+        ranges: Written in place, shape (MAX_RANGES, 3): elbow branch (sign of the second-last
+            joint's angle), least and greatest ψ [rad] of each range.
 
     Returns:
-        True for each row whose posture exists and is within the joint limits, bool, shape (count,).
+        Number of ranges.
     """
-    within = np.empty(len(angle), dtype=np.bool_)
-    for i in range(len(angle)):
-        within[i] = solve_posture_at_psi(m, x, z, angle[i], elbow[i], posture[i])
-    return within
-
-
-def _sample_psi_intervals(
-    machine: Machine, x: float, z: float, spacing: float, between: tuple[float, float] | None
-) -> tuple[IntArray, FloatArray]:
-    """Sample the end-link angles ψ at which the last three joints reach a position.
-
-    Args:
-        machine: The arm without a slewing joint.
-        x: Tip position forward in the frame of the last three joints [m].
-        z: Tip position upward in the frame of the last three joints [m].
-        spacing: Largest distance of two samples [rad]. Each feasible interval gets at least
-            MIN_INTERVAL_SAMPLES^(1/(n − 2)) samples and at least 2, its ends included.
-        between: Least and greatest admissible ψ in the same frame [rad]; None if ψ is free.
-
-    Returns:
-        Elbow branches (sign of the second-last joint's angle), −1 or 1, shape (count,), and angles
-        ψ, shape (count,) [rad]. Both are empty if no interval is feasible.
-    """
-    interval = np.empty((MAX_INTERVALS, 3))
-    fewest = max(2, round(MIN_INTERVAL_SAMPLES ** (1.0 / (machine.joint_count - 2))))
-    elbows, angles = [np.empty(0, dtype=np.int64)], [np.empty(0)]
-    for elbow, least, most in interval[: find_feasible_intervals(machine.arrays, x, z, interval)]:
-        for low, high in _intersect_psi_range(least, most, between):
-            count = max(fewest, math.ceil((high - low) / spacing) + 1)
-            elbows.append(np.full(count, int(elbow)))
-            angles.append(np.linspace(low, high, count))
-    return np.concatenate(elbows), np.concatenate(angles)
-
-
-def _intersect_psi_range(
-    low: float, high: float, between: tuple[float, float] | None
-) -> list[tuple[float, float]]:
-    """Intersect an interval of the angle ψ with a range of angles, modulo whole turns.
-
-    Args:
-        low: Lower end of the interval [rad].
-        high: Upper end of the interval [rad].
-        between: Range of admissible ψ [rad]; ψ plus up to 2 turns in either direction is
-            admissible, too. None: no restriction.
-
-    Returns:
-        Lower and upper end of each admissible part of the interval [rad]; empty if there is none.
-    """
-    if between is None:
-        return [(low, high)]
-    turns = 2.0 * math.pi * np.arange(-2, 3)
-    parts = [(max(low, between[0] + turn), min(high, between[1] + turn)) for turn in turns]
-    return [(a, b) for a, b in parts if a <= b]
-
-
-def _both_elbows(psi: float) -> tuple[IntArray, FloatArray]:
-    """Return both elbow branches, ∓1, each with the same end-link angle ψ [rad]."""
-    return np.array(ELBOW_BRANCHES, dtype=np.int64), np.full(len(ELBOW_BRANCHES), psi)
+    low, high = between
+    if low == high:
+        for i in range(len(ELBOW_BRANCHES)):
+            ranges[i, 0], ranges[i, 1], ranges[i, 2] = ELBOW_BRANCHES[i], low, high
+        return len(ELBOW_BRANCHES)
+    interval, count = np.empty((MAX_INTERVALS, 3)), 0
+    most_turns = MAX_TURNS if low > -math.inf else 0
+    for i in range(find_feasible_intervals(m, x, z, interval)):
+        for turn in range(-most_turns, most_turns + 1):
+            least = max(interval[i, 1], low + 2.0 * math.pi * turn)
+            most = min(interval[i, 2], high + 2.0 * math.pi * turn)
+            if least <= most:
+                ranges[count, 0], ranges[count, 1], ranges[count, 2] = interval[i, 0], least, most
+                count += 1
+    return count

@@ -27,9 +27,10 @@ from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.errors import ZoneError
 from mhsb_planner.integrated.goal_postures import GoalPostures, held_joints
+from mhsb_planner.motion.piston_motion import compute_cylinder_lengths
 from mhsb_planner.search.goal_clearance import find_clear_postures
 from mhsb_planner.search.lower_bound import bound_cost_between
-from mhsb_planner.search.s2_step import HydraulicCoefficients, describe_postures
+from mhsb_planner.search.s2_step import HydraulicCoefficients
 
 JOINT_SAMPLE_COUNT = 24
 """Number of even samples of a joint's range, limits included; the start position is an additional
@@ -62,8 +63,9 @@ def add_postures_near_start(
         The goal postures, the additional ones last; `goals` itself if nothing is added.
     """
     x, z = goals.tip
-    at_goal = np.any(np.all(goals.tips == goals.tip, axis=1))
-    if machine.joint_count == 3 or goals.psi_range is not None or not at_goal:
+    if machine.joint_count == 3 or goals.psi_range is not None:
+        return goals
+    if not np.any(np.all(goals.tips == goals.tip, axis=1)):
         return goals
     lengths = machine.cylinder_lengths(start)
     near = _search_near_postures(machine.arrays, circuit, start, lengths, x, z, weight)
@@ -73,12 +75,13 @@ def add_postures_near_start(
         return goals
     if len(near) == 0:
         return goals
-    postures = np.concatenate([goals.postures.posture, near])
+    posture = frozen(np.concatenate([goals.posture, near]))
     elbow, free = _elbows_and_free_coordinates(machine, near)
     return replace(
         goals,
         tips=frozen(np.concatenate([goals.tips, np.tile(goals.tip, (len(near), 1))])),
-        postures=describe_postures(machine.arrays, postures),
+        posture=posture,
+        length=frozen(compute_cylinder_lengths(machine.arrays, posture)),
         elbow=frozen(np.concatenate([goals.elbow, elbow])),
         free=frozen(np.concatenate([goals.free, free])),
     )

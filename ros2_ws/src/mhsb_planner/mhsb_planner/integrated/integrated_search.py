@@ -155,7 +155,7 @@ class IntegratedSearch:
             inadmissible.
         """
         task = self._task
-        off = np.abs(task.goals.postures.length - via[-1]).max(axis=1)
+        off = np.abs(task.goals.length - via[-1]).max(axis=1)
         route = task.path_to_goal(via, int(np.argmin(off)), task.price(via))
         if route.cost == math.inf:
             return None
@@ -278,7 +278,7 @@ def warm_up(machine: Machine) -> None:
     task = _example_problem(machine)
     x, z = task.goals.tip
     modes, weights = np.zeros(machine.joint_count, dtype=np.uint8), Weights(1.0, 1.0, 1.0)
-    psi = machine.end_link_angle(task.goals.postures.posture[0])
+    psi = machine.end_link_angle(task.goals.posture[0])
     query = PathQuery(task.start, modes, (x, z), weights, goal_psi=psi)
     search(task.machine, query, effort=task.limits)
     for part in (warm_up_pricing, warm_up_paths, warm_up_lattice, warm_up_refinement):
@@ -338,7 +338,7 @@ def warm_up_refinement(machine: Machine) -> None:
 
 def _straight_line(task: SearchProblem) -> FloatArray:
     """Return the waypoints of the straight line to the first goal posture, shape (2, n) [m]."""
-    return np.array([task.start_lengths, task.goals.postures.length[0]])
+    return np.array([task.start_lengths, task.goals.length[0]])
 
 
 def _example_problem(machine: Machine) -> SearchProblem:

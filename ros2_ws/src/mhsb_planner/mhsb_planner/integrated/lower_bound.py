@@ -359,8 +359,8 @@ def bound_cost_to_goals(
     """
     best_sampled_bound = math.inf
     if not machine.is_3r:  # a known cost lets cells be closed earlier
-        lengths = goals.postures.length
-        best_sampled_bound = float(bound_costs_between(circuit, start, lengths, weight).min())
+        bounds = bound_costs_between(circuit, start, goals.length, weight)
+        best_sampled_bound = float(bounds.min())
     cost = CostFromStart(machine.arrays, circuit, start, weight)
     return _bound_cost_to_tips(
         machine, cost, goals.tips, goals.psi_range, best_sampled_bound, most_cells

@@ -149,7 +149,7 @@ class SearchProblem:
             The problem, with its own working memory and a lower bound on the cost to each goal
             posture.
         """
-        lengths, reached = machine.cylinder_lengths(posture), goals.postures.length
+        lengths, reached = machine.cylinder_lengths(posture), goals.length
         return cls(
             machine=machine,
             cost_model=cost_model,

@@ -31,9 +31,9 @@ def near(machine, start, goal):
     goals = sample_goal_postures(machine, *goal)
     circuit = compute_hydraulic_coefficients(machine.arrays, machine.patterns)
     more = add_postures_near_start(machine, goals, start, circuit, WEIGHT)
-    count = len(goals.postures.posture)
-    np.testing.assert_array_equal(more.postures.posture[:count], goals.postures.posture)
-    return more, more.postures.posture[count:]
+    count = len(goals.posture)
+    np.testing.assert_array_equal(more.posture[:count], goals.posture)
+    return more, more.posture[count:]
 
 
 def bent(machine, start, goal, i, j, k, value):

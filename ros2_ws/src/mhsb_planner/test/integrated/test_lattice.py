@@ -147,7 +147,16 @@ def test_the_search_finds_what_dijkstra_finds_and_nothing_undercuts_the_bound(
         assert via[-1] == pytest.approx(machine.cylinder_lengths(goal))
         tip = machine.tip_position(goal)
         psi, still = np.array([[goal.sum()]]), np.zeros(1)
-        exactly = GoalPostures((tip[0], tip[1]), tip[None, :], goals, np.ones(1), psi, still, None)
+        exactly = GoalPostures(
+            (tip[0], tip[1]),
+            tip[None, :],
+            goals.posture,
+            goals.length,
+            np.ones(1),
+            psi,
+            still,
+            None,
+        )
         bound = bound_cost_to_goals(machine, t.circuit, via[0], exactly, frozen([0.5, 1.0]))
         assert bound <= expected * (1 + 1e-9)
         found += 1

@@ -59,7 +59,7 @@ def test_with_psi_given_the_bound_is_that_of_the_postures_with_it(arm, posture_w
     start, end = posture_within(arm, random), posture_within(arm, random)
     x, z = arm.tip_position(end)
     goals = sample_goal_postures(arm, x, z, psi=end.sum())
-    exact = energy_lower_bound(arm, start, goals.postures.posture)
+    exact = energy_lower_bound(arm, start, goals.posture)
     assert bound(arm, start, goals) == pytest.approx(exact, rel=1e-6)
 
 
@@ -68,7 +68,7 @@ def test_the_bound_on_time_is_the_longest_stroke_at_v_max(machine, posture_withi
     start, end = posture_within(machine, random), posture_within(machine, random)
     x, z = machine.tip_position(end)
     goals = sample_goal_postures(machine, x, z, psi=float(end.sum()))
-    stroke = np.abs(goals.postures.length - machine.cylinder_lengths(start))
+    stroke = np.abs(goals.length - machine.cylinder_lengths(start))
     expected = (stroke / machine.arrays.max_piston_speed).max(axis=1).min()
     assert bound(machine, start, goals, SECONDS) == pytest.approx(expected, rel=1e-6)
 

@@ -99,7 +99,7 @@ def least_cost(
     circuit = compute_hydraulic_coefficients(machine.arrays, machine.patterns)
     weight = np.array([weights.energy, weights.time, weights.switches])
     among = sample_goal_postures(machine, *goal, spacing=PSI_SPACING)
-    goals = add_postures_near_start(machine, among, start, circuit, weight).postures.posture
+    goals = add_postures_near_start(machine, among, start, circuit, weight).posture
     return _Lattice(pricing, start, goals, incumbent_cost).find_cheapest_path()
 
 
