@@ -127,8 +127,6 @@ def cost_model(
         The cost model.
     """
     patterns = machine.patterns
-    before = np.vstack([patterns, start_modes[None, :]])
-    switches = np.count_nonzero(before[:, None, :] != patterns[None, :, :], axis=2)
     circuit = compute_hydraulic_coefficients(machine.arrays, patterns)._replace(
         rest_speed=MAX_HELD_SPEED
     )
@@ -138,13 +136,35 @@ def cost_model(
         machine.arrays,
         circuit,
         patterns,
-        frozen(switches),
+        frozen(_count_switches(patterns, start_modes)),
         frozen(weight),
         column,
         area,
         machine.obstacles.path_rows,
         MAX_PIECE_STROKE * machine.relative_size,
     )
+
+
+@kernel
+def _count_switches(patterns: ModeArray, start_modes: ModeArray) -> IntArray:
+    """Count the actuators that change their mode from one mode combination to another.
+
+    Args:
+        patterns: Mode combinations, shape (patterns, n).
+        start_modes: Modes in force at the start, shape (n,).
+
+    Returns:
+        Counts, shape (patterns + 1, patterns). Row: combination before; the last row stands for
+        `start_modes`. Column: combination after.
+    """
+    count = len(patterns)
+    switches = np.zeros((count + 1, count), dtype=np.int64)
+    for p in range(count):
+        for j in range(len(start_modes)):
+            for before in range(count):
+                switches[before, p] += patterns[before, j] != patterns[p, j]
+            switches[count, p] += start_modes[j] != patterns[p, j]
+    return switches
 
 
 def without_leakage_cost(t: PathCostModel) -> PathCostModel:

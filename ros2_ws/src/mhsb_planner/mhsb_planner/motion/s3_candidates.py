@@ -274,9 +274,9 @@ def iterate_candidates(
     if youngest > 0.0:
         waited = (brake or standstill(start.position)).with_rest(round(youngest * SECOND_NS))
         lead_ins.append(("after a rest, ", waited))
-    boosts = _find_boost_steps(path)
     for words, lead_in in lead_ins:
         yield from _iterate_ramped(machine, path, rest, lead_in, None, rules, words)
+        boosts = _find_boost_steps(path)
         if len(boosts) > 0:
             rested, named = insert_rests(machine, path, boosts), f"{words}resting before boost, "
             shortest = replace(rules, ramp_factors=rules.ramp_factors[:1])

@@ -267,10 +267,9 @@ def _iterate_slower_motions(
     Yields:
         Motions of the pistons. Any of them may exceed the limits.
     """
-    stroke = np.abs(np.diff(compute_cylinder_lengths(machine.arrays, path.posture), axis=0)).max(
-        axis=1
-    )
-    fastest = float(np.max(stroke / _durations(path, scale)))
+    length = compute_cylinder_lengths(machine.arrays, path.posture)
+    stroke = np.abs(length[1:] - length[:-1]).max(axis=1)
+    fastest = float((stroke / _durations(path, scale)).max())
     ramp, delay = shortest_ramp(machine, fastest).scale(slower, slower), 0.0
     if coast is not None:
         ramp = max(ramp, coast.ramp, key=lambda each: each.duration)

@@ -21,9 +21,10 @@ switched too early there.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -136,10 +137,8 @@ class FittedMotion:
         stretch: Factor on the path's whole duration [-]; above 1 if the path had to be slowed.
             Inserted rests are part of the path.
         speed_excess: Greatest |v|/V_max − 1 of a piston [-]; negative if V_max is kept.
-        tip_deviation: Greatest distance of the tip from a node of the path at the time at which the
-            motion is to be there [m].
-        joint_deviation: Greatest distance of a joint from a node's posture at the time at which the
-            motion is to be there [rad or m].
+        measure_deviations: Function that computes `tip_deviation` and `joint_deviation`, for only
+            the chosen motion needs them.
         refused: Reasons why curves tried before were refused, one sentence each.
         overloads: Rests under loads beyond the highest boost pressure.
         profiles: Profiles at the trajectory's points and middles; None if they were not computed.
@@ -151,11 +150,25 @@ class FittedMotion:
     braked: bool
     stretch: float
     speed_excess: float
-    tip_deviation: float
-    joint_deviation: float
+    measure_deviations: Callable[[], tuple[float, float]]
     refused: tuple[str, ...] = ()
     overloads: tuple[Overload, ...] = ()
     profiles: Profiles | None = None
+
+    @cached_property
+    def _deviations(self) -> tuple[float, float]:
+        """Largest distances of tip [m] and joints [rad or m] from the path's nodes."""
+        return self.measure_deviations()
+
+    @property
+    def tip_deviation(self) -> float:
+        """Greatest distance of the tip from a node when the motion is to be there [m]."""
+        return self._deviations[0]
+
+    @property
+    def joint_deviation(self) -> float:
+        """Greatest distance of a joint from a node's posture at that time [rad or m]."""
+        return self._deviations[1]
 
 
 def fit_trajectory(
@@ -287,8 +300,7 @@ def fit_braking(
         braked=True,
         stretch=1.0,
         speed_excess=_speed_excess(machine, profile),
-        tip_deviation=0.0,
-        joint_deviation=0.0,
+        measure_deviations=_no_deviations,
         overloads=find_overloads(machine, trajectory.offset_ns / SECOND_NS, profile),
     )
 
@@ -541,7 +553,8 @@ def _compute_stretch(path: DiscretePath, scale: FloatArray) -> float:
     Returns:
         Mean of the factors, weighted by the durations [-].
     """
-    return float(np.average(scale, weights=np.maximum(path.duration, MIN_STEP_DURATION)))
+    weight = np.maximum(path.duration, MIN_STEP_DURATION)
+    return float((scale * weight).sum() / weight.sum())
 
 
 def _describe_refused_curve(curve: Curve) -> str:
@@ -702,11 +715,10 @@ def _assemble_motion(
     middles: MotionProfile,
     scale: FloatArray,
 ) -> FittedMotion:
-    """Assemble the result of a fit, with its deviations from the discrete path.
+    """Assemble the result of a fit.
 
-    The function computes the largest distances of tip and joints from the path's nodes at the times
-    of the nodes. It also computes the excess of piston speeds over V_max, and the overloads (rests
-    under loads that no boost can hold).
+    The function computes the excess of piston speeds over V_max, and the overloads (rests under
+    loads that no boost can hold).
 
     Args:
         machine: Machine that moves.
@@ -721,8 +733,6 @@ def _assemble_motion(
         The motion; its `refused` is empty.
     """
     path, trajectory, profile = candidate.path, scheduled.trajectory, scheduled.profile
-    at_nodes = curve.sample(curve.node_time)[0]
-    tips = machine.tip_in_base(at_nodes)
     return FittedMotion(
         trajectory,
         scheduled.schedule,
@@ -730,11 +740,35 @@ def _assemble_motion(
         candidate.lead_in is not None,
         _compute_stretch(path, scale),
         _speed_excess(machine, profile),
-        float(np.linalg.norm(tips - path.tip, axis=1).max()),
-        float(np.max(np.abs(at_nodes - path.posture))),
+        partial(_measure_deviations, machine, path, curve),
         overloads=find_overloads(machine, trajectory.offset_ns / SECOND_NS, profile),
         profiles=Profiles(profile, middles, scheduled.intervals),
     )
+
+
+def _measure_deviations(machine: Machine, path: DiscretePath, curve: Curve) -> tuple[float, float]:
+    """Compute the largest distances of a curve from a path's nodes at the times of the nodes.
+
+    Args:
+        machine: Machine that moves.
+        path: Discrete path.
+        curve: Curve that follows it.
+
+    Returns:
+        Largest distance of the tip from a node [m], and of a joint from a node's posture
+        [rad or m].
+    """
+    at_nodes = curve.sample(curve.node_time)[0]
+    tips = machine.tip_in_base(at_nodes)
+    return (
+        float(np.linalg.norm(tips - path.tip, axis=1).max()),
+        float(np.max(np.abs(at_nodes - path.posture))),
+    )
+
+
+def _no_deviations() -> tuple[float, float]:
+    """Return the deviations of a motion that follows no path: 0 for tip and joints."""
+    return 0.0, 0.0
 
 
 def _speed_excess(machine: Machine, profile: MotionProfile) -> float:

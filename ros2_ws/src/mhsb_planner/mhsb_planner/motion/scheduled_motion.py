@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -109,7 +110,7 @@ class ScheduledMotion:
         kept = keeps_dwell(time, modes, start, hold, rules)
         return cls(trajectory, profile, modes, hold, kept)
 
-    @property
+    @cached_property
     def schedule(self) -> ModeSchedule:
         """Mode schedule of the trajectory, with its stamp."""
         offset = self.trajectory.offset_ns

@@ -38,6 +38,8 @@ def describe_start_contact(machine: Machine, posture: FloatArray) -> str:
         A clause such as "the arm touches zone 1 at the start" or "the arm starts 0.1 m deep in zone
         1". Empty if the clearance is greater than CONTACT_CLEARANCE.
     """
+    if len(machine.obstacles.rows) == 0:
+        return ""
     clearance, name = machine.clearance(posture)
     if clearance > CONTACT_CLEARANCE:
         return ""
