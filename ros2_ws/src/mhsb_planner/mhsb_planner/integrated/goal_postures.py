@@ -120,7 +120,9 @@ def sample_goal_postures(
             refused = refused or error
     if refused is not None and not found:
         raise refused
-    tip, posture, elbow, free = (np.concatenate(part) for part in zip(*found, strict=True))
+    tip, posture, elbow, free = found[0]
+    if len(found) > 1:
+        tip, posture, elbow, free = (np.concatenate(part) for part in zip(*found, strict=True))
     posture = frozen(posture)
     return GoalPostures(
         (x, z),
@@ -202,7 +204,7 @@ def _sample_at_tip(
     if len(posture) == 0:
         raise InfeasibleGoalError(x, z, between)
     kept = find_clear_postures(machine, x, z, posture)
-    tip = np.tile([x, z], (int(kept.sum()), 1))
+    tip = np.full((int(kept.sum()), 2), (x, z))
     return tip, posture[kept], elbow[kept], free[kept]
 
 

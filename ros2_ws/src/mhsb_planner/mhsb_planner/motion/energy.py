@@ -103,7 +103,6 @@ def motion_energy(
     machine: Machine,
     trajectory: Trajectory,
     schedule: ModeSchedule,
-    profiles: Profiles | None = None,
 ) -> Energy:
     """Compute the energy of a trajectory in the modes of its schedule, leakage included.
 
@@ -113,24 +112,32 @@ def motion_energy(
     Args:
         machine: Machine with its payload and hydraulics.
         trajectory: Joint trajectory.
-        schedule: Modes over time.
-        profiles: Profiles (piston speeds and forces) at the trajectory's points and middles, and
-            the modes between the points. These modes are used instead of `schedule`, and can change
-            at the points only. None computes the profiles; mode switches may then lie anywhere.
+        schedule: Modes over time; they may change anywhere.
 
     Returns:
         Energy of the motion [J]. The field `paper` follows the published model. All other fields
         count main pump and servo pumps in series, and include the charging of lines before boosts.
         All fields are zero if there is only one point.
     """
-    edges = (
-        trajectory.offset_ns
-        if profiles is not None
-        else _find_interval_limits(trajectory, schedule)
-    )
+    edges = _find_interval_limits(trajectory, schedule)
     if len(edges) < 2:
         return ZERO_ENERGY
-    points, middles, modes = profiles or _profiles(machine, trajectory, schedule, edges)
+    return energy_of_profiles(machine, edges, _profiles(machine, trajectory, schedule, edges))
+
+
+def energy_of_profiles(machine: Machine, edges: IntArray, profiles: Profiles) -> Energy:
+    """Compute the energy of a motion from its profiles.
+
+    Args:
+        machine: Machine with its payload and hydraulics.
+        edges: Times in ascending order between which motion and modes are smooth, shape (k,) [ns].
+        profiles: Profiles (piston speeds and forces) at these times and at the middles between
+            them, and the modes between them.
+
+    Returns:
+        Energy as by `motion_energy` [J].
+    """
+    points, middles, modes = profiles
     energy = _integrate_power(
         machine.arrays,
         (edges[1:] - edges[:-1]) / SECOND_NS,

@@ -301,11 +301,40 @@ def find_first_violation(
     machine: Machine,
     trajectory: Trajectory,
     schedule: ModeSchedule,
-    ends: EndValues | None = None,
     deadline: Deadline = NO_DEADLINE,
-    middles: MotionProfile | None = None,
 ) -> Violation | None:
     """Find the first limit that a trajectory breaks under its mode schedule.
+
+    Args:
+        machine: Machine with its obstacles.
+        trajectory: Joint trajectory of k points.
+        schedule: Modes over time. They must change at the trajectory's points only.
+        deadline: Instant at which the work is given up.
+
+    Returns:
+        Broken limit, time from the trajectory's start [s], and value less limit in the limit's
+        unit. None if no limit is broken.
+
+    Raises:
+        DeadlineError: The deadline passed.
+    """
+    modes = schedule.modes_at_many(trajectory.offset_ns[:-1] + schedule.stamp_ns)
+    profile = motion_profile(machine, *trajectory.points)
+    ends, middles = (
+        EndValues.from_profile(machine, profile, modes),
+        middle_profile(machine, trajectory),
+    )
+    return find_violation_between(machine, trajectory, ends, middles, deadline)
+
+
+def find_violation_between(
+    machine: Machine,
+    trajectory: Trajectory,
+    ends: EndValues,
+    middles: MotionProfile,
+    deadline: Deadline,
+) -> Violation | None:
+    """Find the first limit that a trajectory breaks at or between its points.
 
     The limits concern booster modules, joint positions, the tip's workspace, pumps and valves, and
     pressures. Intervals between points are skipped if bounds prove that they keep all these. All
@@ -315,12 +344,11 @@ def find_first_violation(
     Args:
         machine: Machine with its obstacles.
         trajectory: Joint trajectory of k points.
-        schedule: Modes over time. They must change at the trajectory's points only.
         ends: Quantities that the limits bound, at the ends of the intervals between the points,
-            with modes that are used instead of the schedule. None computes them.
-        deadline: Instant at which the work is given up.
+            with the modes in force there.
         middles: Profile (piston speeds and forces) at the middles of the intervals, by
-            `middle_profile`; None computes it.
+            `middle_profile`.
+        deadline: Instant at which the work is given up.
 
     Returns:
         Broken limit, time from the trajectory's start [s], and value less limit in the limit's
@@ -331,10 +359,6 @@ def find_first_violation(
     """
     m, time = machine.arrays, trajectory.offset_ns / SECOND_NS
     points = trajectory.points
-    if ends is None:
-        modes = schedule.modes_at_many(trajectory.offset_ns[:-1] + schedule.stamp_ns)
-        ends = EndValues.from_profile(machine, motion_profile(machine, *points), modes)
-    middles = middles or middle_profile(machine, trajectory)
     middle = LimitValues.from_profile(machine, middles, ends.modes)
     quantities = ends.begin.values, middle.values, ends.end.values
     doubtful = _find_unproven_intervals(m, time, *points, *quantities)

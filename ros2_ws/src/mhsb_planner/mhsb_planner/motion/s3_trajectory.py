@@ -21,10 +21,10 @@ switched too early there.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
@@ -37,12 +37,13 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import tip_position
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
+from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MAX_DURATION_NS, SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import FloatArray, ModeArray, as_frozen, frozen
 from mhsb_model.workspace import compute_workspace_excess
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.motion import s3_clearance, s3_limits
-from mhsb_planner.motion.energy import motion_energy
+from mhsb_planner.motion.energy import Energy, energy_of_profiles, motion_energy
 from mhsb_planner.motion.limits.joint_range import (
     JOINT_TOLERANCE,
     compute_outward_excess,
@@ -63,7 +64,12 @@ from mhsb_planner.motion.s3_candidates import (
     compute_furthest_travel,
     iterate_candidates,
 )
-from mhsb_planner.motion.s3_limits import EndValues, find_first_violation, middle_profile
+from mhsb_planner.motion.s3_limits import (
+    EndValues,
+    find_first_violation,
+    find_violation_between,
+    middle_profile,
+)
 from mhsb_planner.motion.s3_polynomial import MIN_STEP_DURATION
 from mhsb_planner.motion.s3_slowing import (
     USAGE_RESERVE,
@@ -129,46 +135,80 @@ class FitError(MhsbError):
 class FittedMotion:
     """A trajectory and its mode schedule, both with stamp 0, and the record of the fit.
 
+    What only the chosen motion needs is computed when it is first read.
+
     Attributes:
-        trajectory: Joint trajectory.
-        schedule: Modes over time.
+        machine: Machine that moves.
+        scheduled: Trajectory with its modes and its profile.
         method: Kind of curve after the braking.
         braked: True if the motion begins with braking.
         stretch: Factor on the path's whole duration [-]; above 1 if the path had to be slowed.
             Inserted rests are part of the path.
-        speed_excess: Greatest |v|/V_max − 1 of a piston [-]; negative if V_max is kept.
-        measure_deviations: Function that computes `tip_deviation` and `joint_deviation`, for only
-            the chosen motion needs them.
+        followed: Discrete path and the curve that follows it; None if the motion has no path.
         refused: Reasons why curves tried before were refused, one sentence each.
-        overloads: Rests under loads beyond the highest boost pressure.
         profiles: Profiles at the trajectory's points and middles; None if they were not computed.
     """
 
-    trajectory: Trajectory
-    schedule: ModeSchedule
+    machine: Machine
+    scheduled: ScheduledMotion
     method: FitMethod
     braked: bool
     stretch: float
-    speed_excess: float
-    measure_deviations: Callable[[], tuple[float, float]]
+    followed: tuple[DiscretePath, Curve] | None = None
     refused: tuple[str, ...] = ()
-    overloads: tuple[Overload, ...] = ()
     profiles: Profiles | None = None
 
+    @property
+    def trajectory(self) -> Trajectory:
+        """Joint trajectory."""
+        return self.scheduled.trajectory
+
+    @property
+    def schedule(self) -> ModeSchedule:
+        """Modes over time."""
+        return self.scheduled.schedule
+
     @cached_property
-    def _deviations(self) -> tuple[float, float]:
-        """Largest distances of tip [m] and joints [rad or m] from the path's nodes."""
-        return self.measure_deviations()
+    def energy(self) -> Energy:
+        """Energy of the motion, leakage included."""
+        if self.profiles is None:
+            return motion_energy(self.machine, self.trajectory, self.schedule)
+        return energy_of_profiles(self.machine, self.trajectory.offset_ns, self.profiles)
+
+    @cached_property
+    def speed_excess(self) -> float:
+        """Greatest |v|/V_max − 1 of a piston [-]; negative if V_max is kept."""
+        speed = self.scheduled.profile.speed
+        fastest = np.maximum(speed.max(axis=0), -speed.min(axis=0))
+        return float((fastest / self.machine.arrays.max_piston_speed).max()) - 1.0
+
+    @cached_property
+    def overloads(self) -> tuple[Overload, ...]:
+        """Rests under loads beyond the highest boost pressure."""
+        time = self.trajectory.offset_ns / SECOND_NS
+        return find_overloads(self.machine, time, self.scheduled.profile)
+
+    @cached_property
+    def _nodes_passed(self) -> FloatArray:
+        """Posture of the curve when it is to be at each node of the path [rad or m]."""
+        assert self.followed is not None
+        curve = self.followed[1]
+        return curve.sample(curve.node_time)[0]
 
     @property
     def tip_deviation(self) -> float:
         """Greatest distance of the tip from a node when the motion is to be there [m]."""
-        return self._deviations[0]
+        if self.followed is None:
+            return 0.0
+        tips = self.machine.tip_in_base(self._nodes_passed)
+        return float(np.linalg.norm(tips - self.followed[0].tip, axis=1).max())
 
     @property
     def joint_deviation(self) -> float:
         """Greatest distance of a joint from a node's posture at that time [rad or m]."""
-        return self._deviations[1]
+        if self.followed is None:
+            return 0.0
+        return float(np.max(np.abs(self._nodes_passed - self.followed[0].posture)))
 
 
 def fit_trajectory(
@@ -292,17 +332,7 @@ def fit_braking(
     """
     rules, motion = rules or FitRules(), brake.shifted(-brake.stamp_ns)
     scheduled = ScheduledMotion.create(machine, motion, modes, None, rules.switching)
-    trajectory, profile = scheduled.trajectory, scheduled.profile
-    return FittedMotion(
-        trajectory,
-        scheduled.schedule,
-        FitMethod.BRAKING,
-        braked=True,
-        stretch=1.0,
-        speed_excess=_speed_excess(machine, profile),
-        measure_deviations=_no_deviations,
-        overloads=find_overloads(machine, trajectory.offset_ns / SECOND_NS, profile),
-    )
+    return FittedMotion(machine, scheduled, FitMethod.BRAKING, braked=True, stretch=1.0)
 
 
 def warm_up(machine: Machine) -> None:
@@ -386,8 +416,8 @@ def _fit_each(
                 machine, machine.arrays, modes, candidate, FitRules(), NO_DEADLINE
             )
             if isinstance(motion, FittedMotion):
-                for known in (motion.profiles, None):
-                    motion_energy(machine, motion.trajectory, motion.schedule, known)
+                motion_energy(machine, motion.trajectory, motion.schedule)
+                _ = motion.energy, motion.overloads, motion.tip_deviation
 
 
 def _check_continuity(path: DiscretePath, start: MotionState, brake: Trajectory | None) -> None:
@@ -423,6 +453,9 @@ def _check_holding(machine: Machine, posture: FloatArray) -> None:
     Raises:
         FitError: There are too few booster modules for the actuators whose loads need boost.
     """
+    m = machine.arrays
+    if m.modules_per_mode[Mode.DB] * machine.joint_count <= m.module_count:
+        return
     try:
         holding_modes(machine, machine.piston_forces(posture))
     except HoldingError as error:
@@ -525,11 +558,18 @@ def _fit_candidate(
         needed, most = USAGE_RESERVE * used, float(used.max())
         stuck, before = most == before, most
         if USAGE_RESERVE * most <= (ACCEPTED_LIMIT_USE if stuck else 1.0):
-            schedule = scheduled.schedule
             middles = middle_profile(machine, trajectory)
-            violation = find_first_violation(machine, trajectory, schedule, ends, deadline, middles)
+            violation = find_violation_between(machine, trajectory, ends, middles, deadline)
             if violation is None:
-                return _assemble_motion(machine, candidate, curve, scheduled, middles, scale)
+                return FittedMotion(
+                    machine,
+                    scheduled,
+                    candidate.method,
+                    lead_in is not None,
+                    _compute_stretch(path, scale),
+                    (path, curve),
+                    profiles=Profiles(profile, middles, scheduled.intervals),
+                )
             scaling = violation.limit.time_scaling
             if scaling not in candidate.stretchable or violation.time < time[first]:
                 return violation
@@ -705,81 +745,3 @@ def _compute_overrun(
     """
     beyond = compute_furthest_travel(start, position) - furthest
     return float(np.max(beyond * np.abs(machine.moment_arms(start.position))))
-
-
-def _assemble_motion(
-    machine: Machine,
-    candidate: CurveCandidate,
-    curve: Curve,
-    scheduled: ScheduledMotion,
-    middles: MotionProfile,
-    scale: FloatArray,
-) -> FittedMotion:
-    """Assemble the result of a fit.
-
-    The function computes the excess of piston speeds over V_max, and the overloads (rests under
-    loads that no boost can hold).
-
-    Args:
-        machine: Machine that moves.
-        candidate: Curve that was tried, with its path. The result states its method and whether it
-            has a lead-in, a motion before the curve such as braking.
-        curve: The curve at its final scale.
-        scheduled: The curve's trajectory, with lead-in and rests, and its modes.
-        middles: Profile at the middles between the trajectory's points.
-        scale: Final factor on the duration of each step of the path, shape (k,) [-].
-
-    Returns:
-        The motion; its `refused` is empty.
-    """
-    path, trajectory, profile = candidate.path, scheduled.trajectory, scheduled.profile
-    return FittedMotion(
-        trajectory,
-        scheduled.schedule,
-        candidate.method,
-        candidate.lead_in is not None,
-        _compute_stretch(path, scale),
-        _speed_excess(machine, profile),
-        partial(_measure_deviations, machine, path, curve),
-        overloads=find_overloads(machine, trajectory.offset_ns / SECOND_NS, profile),
-        profiles=Profiles(profile, middles, scheduled.intervals),
-    )
-
-
-def _measure_deviations(machine: Machine, path: DiscretePath, curve: Curve) -> tuple[float, float]:
-    """Compute the largest distances of a curve from a path's nodes at the times of the nodes.
-
-    Args:
-        machine: Machine that moves.
-        path: Discrete path.
-        curve: Curve that follows it.
-
-    Returns:
-        Largest distance of the tip from a node [m], and of a joint from a node's posture
-        [rad or m].
-    """
-    at_nodes = curve.sample(curve.node_time)[0]
-    tips = machine.tip_in_base(at_nodes)
-    return (
-        float(np.linalg.norm(tips - path.tip, axis=1).max()),
-        float(np.max(np.abs(at_nodes - path.posture))),
-    )
-
-
-def _no_deviations() -> tuple[float, float]:
-    """Return the deviations of a motion that follows no path: 0 for tip and joints."""
-    return 0.0, 0.0
-
-
-def _speed_excess(machine: Machine, profile: MotionProfile) -> float:
-    """Compute by how much the fastest piston passes its V_max.
-
-    Args:
-        machine: Machine with the V_max of each piston.
-        profile: Profile of a motion, with the piston speeds.
-
-    Returns:
-        Greatest |v|/V_max − 1 over pistons and instants [-]; negative if V_max is kept.
-    """
-    fastest = np.maximum(profile.speed.max(axis=0), -profile.speed.min(axis=0))
-    return float((fastest / machine.arrays.max_piston_speed).max()) - 1.0

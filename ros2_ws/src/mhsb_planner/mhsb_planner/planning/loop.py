@@ -20,7 +20,6 @@ from mhsb_model.trajectory import Trajectory, standstill
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import DeadlineError
 from mhsb_planner.motion.cavitation import find_cavitations
-from mhsb_planner.motion.energy import motion_energy
 from mhsb_planner.motion.s3_state_to_rest import Steering
 from mhsb_planner.motion.s3_trajectory import (
     FitError,
@@ -506,11 +505,10 @@ class PlanningLoop:
         """
         machine, area, shortfall = self._machine, self._task.area, 0.0
         deadline.check("the comparison of motions")
-        energy = motion_energy(machine, motion.trajectory, motion.schedule, motion.profiles)
         if area.weight > 0.0:
             along = area_along_motion(machine, motion.trajectory, motion.schedule, deadline)
             shortfall = along.compute_area_loss(area.reference)
-        return Plan(path, motion, energy, machine, area_shortfall=shortfall)
+        return Plan(path, motion, motion.energy, machine, area_shortfall=shortfall)
 
     def _set_refused(self, refused: tuple[str, ...]) -> None:
         """Replace the incumbent's list of reasons why curves were refused.
