@@ -28,13 +28,13 @@ from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.goal_region import Angle, Region, angle_range, tip_positions
-from mhsb_planner.motion.piston_motion import compute_cylinder_lengths
 from mhsb_planner.posture.s1_psi_intervals_3r import (
     MAX_INTERVALS,
     find_feasible_intervals,
     solve_posture_at_psi,
 )
 from mhsb_planner.search.goal_clearance import check_tip_clearance, find_clear_postures
+from mhsb_planner.search.s2_step import describe_postures
 
 PSI_SPACING = math.radians(1.0)
 """Default spacing of the samples of ψ [rad]."""
@@ -123,12 +123,12 @@ def sample_goal_postures(
     tip, posture, elbow, free = found[0]
     if len(found) > 1:
         tip, posture, elbow, free = (np.concatenate(part) for part in zip(*found, strict=True))
-    posture = frozen(posture)
+    posture, length, _ = describe_postures(machine.arrays, posture)
     return GoalPostures(
         (x, z),
         frozen(tip),
         posture,
-        frozen(compute_cylinder_lengths(machine.arrays, posture)),
+        length,
         frozen(elbow),
         frozen(free),
         frozen(_free_coordinate_units(machine, between)),

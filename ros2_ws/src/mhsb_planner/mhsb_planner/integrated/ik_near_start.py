@@ -27,10 +27,9 @@ from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.errors import ZoneError
 from mhsb_planner.integrated.goal_postures import GoalPostures, held_joints
-from mhsb_planner.motion.piston_motion import compute_cylinder_lengths
 from mhsb_planner.search.goal_clearance import find_clear_postures
 from mhsb_planner.search.lower_bound import bound_cost_between
-from mhsb_planner.search.s2_step import HydraulicCoefficients
+from mhsb_planner.search.s2_step import HydraulicCoefficients, describe_postures
 
 JOINT_SAMPLE_COUNT = 24
 """Number of even samples of a joint's range, limits included; the start position is an additional
@@ -75,13 +74,14 @@ def add_postures_near_start(
         return goals
     if len(near) == 0:
         return goals
-    posture = frozen(np.concatenate([goals.posture, near]))
+    every = np.concatenate([goals.posture, near])
+    posture, length, _ = describe_postures(machine.arrays, every)
     elbow, free = _elbows_and_free_coordinates(machine, near)
     return replace(
         goals,
         tips=frozen(np.concatenate([goals.tips, np.tile(goals.tip, (len(near), 1))])),
         posture=posture,
-        length=frozen(compute_cylinder_lengths(machine.arrays, posture)),
+        length=length,
         elbow=frozen(np.concatenate([goals.elbow, elbow])),
         free=frozen(np.concatenate([goals.free, free])),
     )
