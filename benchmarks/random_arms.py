@@ -97,7 +97,7 @@ def draw_linkage(joint: dict[str, Any], random: np.random.Generator) -> None:
 
 
 def draw_arm(paper: Machine, random: np.random.Generator) -> Machine:
-    """Draw an arm with three turning joints; raise MhsbError if it breaks a rule of the schema."""
+    """Draw an arm with three joints that turn; raise MhsbError if it breaks a rule of files."""
     content = paper.config.model_dump(mode="json")
     values = {}
     for path, bounds in FACTORS.items():
