@@ -127,10 +127,10 @@ class ZoneStop:
 
             - The arm touches nothing and has passed the obstacle already.
             - It touches nothing and stops before the obstacle.
-            - It stops nearer to the obstacle than the margin. Distance and margin are stated [m].
-            - It was in an obstacle at the command's stamp. The depth at rest is stated [m]. If it
+            - It stops nearer to the obstacle than the margin. Distance and margin are stated.
+            - It was in an obstacle at the command's stamp. The depth at rest is stated. If it
                 rests beyond the obstacle, the sentence says so.
-            - It cannot stop before the obstacle. The depth at rest is stated [m]. If it rests
+            - It cannot stop before the obstacle. The depth at rest is stated. If it rests
                 beyond, the greatest depth on the way is stated.
         """
         if not self.touches_obstacle and self.passed_clearance < 0.0:

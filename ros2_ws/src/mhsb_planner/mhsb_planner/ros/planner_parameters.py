@@ -124,8 +124,8 @@ GOAL_PARAMETERS = (
     NodeParameter(
         "reached_tolerance",
         REACHED_TOLERANCE,
-        "how near the measured tip must come to the goal, or its region, within 1 s of the plan's "
-        "end [m]",
+        "how near the measured tip must come to the goal, or its region, and stay, soon after the "
+        "plan's end (docs/contracts.md) [m]",
         (1e-4, 2.0),
     ),
     NodeParameter(
