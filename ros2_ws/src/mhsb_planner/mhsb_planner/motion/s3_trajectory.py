@@ -146,7 +146,7 @@ class FittedMotion:
             Inserted rests are part of the path.
         followed: Discrete path and the curve that follows it; None if the motion has no path.
         refused: Reasons why curves tried before were refused, one sentence each.
-        profiles: Profiles at the trajectory's points and middles; None if they were not computed.
+        middles: Profile at the middles between the trajectory's points; None: it was not computed.
     """
 
     machine: Machine
@@ -156,7 +156,7 @@ class FittedMotion:
     stretch: float
     followed: tuple[DiscretePath, Curve] | None = None
     refused: tuple[str, ...] = ()
-    profiles: Profiles | None = None
+    middles: MotionProfile | None = None
 
     @property
     def trajectory(self) -> Trajectory:
@@ -171,9 +171,10 @@ class FittedMotion:
     @cached_property
     def energy(self) -> Energy:
         """Energy of the motion, leakage included."""
-        if self.profiles is None:
+        if self.middles is None:
             return motion_energy(self.machine, self.trajectory, self.schedule)
-        return energy_of_profiles(self.machine, self.trajectory.offset_ns, self.profiles)
+        profiles = Profiles(self.scheduled.profile, self.middles, self.scheduled.intervals)
+        return energy_of_profiles(self.machine, self.trajectory.offset_ns, profiles)
 
     @cached_property
     def speed_excess(self) -> float:
@@ -328,7 +329,7 @@ def fit_braking(
         rules: Settings; only the rules for switching have an effect. None means the defaults.
 
     Returns:
-        Motion with stamp 0, method BRAKING, stretch 1 and deviations 0. Its `profiles` is None.
+        Motion with stamp 0, method BRAKING, stretch 1 and deviations 0. Its `middles` is None.
     """
     rules, motion = rules or FitRules(), brake.shifted(-brake.stamp_ns)
     scheduled = ScheduledMotion.create(machine, motion, modes, None, rules.switching)
@@ -505,17 +506,16 @@ def _fit_candidate(
     """Compute the motion of one curve, slowed until it keeps every limit.
 
     The curve is refused if it passes a joint limit, misses a via point, moves a piston farther than
-    braking and path need, or switches an actuator again too soon. Its steps become longer if V_max,
-    valves, pumps, or the limits of joint acceleration and jerk are exceeded. With `slows_pieces` of
-    the candidate, only the steps around the violation become longer, else all.
+    braking and path need, or switches an actuator again too soon. If it exceeds V_max, valves,
+    pumps, or limits of joint acceleration and jerk, its steps become longer: all, or with
+    `candidate.slows_pieces` those around the violation.
 
     Pressures, obstacles and the times between points are checked last. The curve is also refused if
     slowing cannot mend a violation, or if the path would become too slow.
 
     Args:
         machine: Machine with joint limits that are widened so that they contain the start.
-        limits: Arrays of the machine with the limits of the machine file. A joint that starts
-            beyond them must not move further out.
+        limits: Arrays with the machine file's limits. A joint beyond one must not go further out.
         modes: Modes in force at the start, and time since each actuator's last switch.
         candidate: Curve to try, with its path.
         rules: Settings of the fit.
@@ -561,15 +561,9 @@ def _fit_candidate(
             middles = middle_profile(machine, trajectory)
             violation = find_violation_between(machine, trajectory, ends, middles, deadline)
             if violation is None:
-                return FittedMotion(
-                    machine,
-                    scheduled,
-                    candidate.method,
-                    lead_in is not None,
-                    _compute_stretch(path, scale),
-                    (path, curve),
-                    profiles=Profiles(profile, middles, scheduled.intervals),
-                )
+                stretch = _compute_stretch(path, scale)
+                fit = candidate.method, lead_in is not None, stretch, (path, curve)
+                return FittedMotion(machine, scheduled, *fit, middles=middles)
             scaling = violation.limit.time_scaling
             if scaling not in candidate.stretchable or violation.time < time[first]:
                 return violation
