@@ -25,6 +25,7 @@ from mhsb_planner.posture.s1_global_search import build_posture_table, postures_
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.integrated import integrated_search
+from mhsb_model.braking import cut_before
 from mhsb_model.trajectory import MotionState
 from mhsb_planner import planner as planning
 from mhsb_planner.deadline import Deadline
@@ -69,6 +70,12 @@ for options in (
     for x, z in ((0.60, 0.30), (0.61, 0.31)):
         start = MotionState.at_rest(q)
         plan = planner.plan((x, z), start, options=options, deadline=Deadline.after(3600.0))
+        motion = plan.motion.trajectory
+        halfway = motion.duration_ns // 2
+        remainder = cut_before(motion, halfway)
+        moving = motion.sample(halfway)
+        planner.plan((x, z), moving, options=options, remainder=remainder)
+        planner.plan((x, z + 0.02), moving, options=options, remainder=remainder)
 out = table.posture[graph.grid.node_at(0.95, 0.0), 0]  # stretched: lifting takes boost
 for options in (planning.PlanOptions(planner=kind) for kind in planning.PLANNER_KINDS):
     plan = planner.plan((0.85, 0.40), MotionState.at_rest(out), options=options)

@@ -17,7 +17,7 @@ import numpy as np
 
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
-from mhsb_model.types import FloatArray
+from mhsb_model.types import FloatArray, as_frozen
 from mhsb_planner.motion.piston_motion import convert_to_joints
 from mhsb_planner.motion.s3_ramps import RAMP_TIME_STEP, evaluate_ramp
 
@@ -80,7 +80,8 @@ class RampedMotion:
             Joint positions [rad or m], velocities [rad/s or m/s] and accelerations
             [rad/s² or m/s²], of shape (k, n).
         """
-        return convert_to_joints(self.machine.arrays, *self.sample_pistons(time), self.start)
+        pistons = self.sample_pistons(time)
+        return convert_to_joints(self.machine.arrays, *pistons, as_frozen(self.start))
 
     def sample_pistons(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Compute the piston motion at given times.

@@ -23,7 +23,7 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import MotionState, Trajectory
-from mhsb_model.types import FloatArray
+from mhsb_model.types import FloatArray, as_frozen
 from mhsb_planner.motion.piston_motion import (
     compute_cylinder_lengths,
     convert_to_joints,
@@ -123,7 +123,7 @@ class SteeredMotion:
         pistons = _sample_pistons(
             time, self.length, self.speed, self.acceleration, self.jerk, self.phase
         )
-        return convert_to_joints(self.machine.arrays, *pistons, self.start)
+        return convert_to_joints(self.machine.arrays, *pistons, as_frozen(self.start))
 
 
 def compute_steered_motion(

@@ -77,7 +77,7 @@ from mhsb_planner.motion.s3_slowing import (
     spread_over_steps,
 )
 from mhsb_planner.motion.s3_state_to_rest import Steering
-from mhsb_planner.motion.s4_mode_schedule import N, StartModes, keeps_dwell
+from mhsb_planner.motion.s4_mode_schedule import N, StartModes
 from mhsb_planner.motion.scheduled_motion import ScheduledMotion
 from mhsb_planner.motion.trajectory_points import join_trajectories, sample_curve
 from mhsb_planner.motion.via_check import describe_first_missed
@@ -305,11 +305,9 @@ def fit_remainder(
     motion = fit_braking(machine, remainder, modes, rules)
     if motion.speed_excess > rules.max_excess:
         raise FitError((f"a piston would pass V_max by {100 * motion.speed_excess:.3g} %",))
-    offset, schedule = motion.trajectory.offset_ns, motion.schedule
-    at_points = schedule.modes_at_many(offset[:-1])
-    if not keeps_dwell(offset / SECOND_NS, at_points, modes, schedule.modes[-1], rules.switching):
+    if not motion.scheduled.keeps_dwell:
         raise FitError((f"an actuator is switched twice within {rules.switching.min_dwell:g} s",))
-    violation = find_first_violation(machine, motion.trajectory, schedule, deadline=deadline)
+    violation = find_first_violation(machine, motion.trajectory, motion.schedule, deadline)
     if violation is not None:
         raise FitError((str(violation),))
     return replace(motion, method=FitMethod.CONTINUED, braked=False)
@@ -360,6 +358,7 @@ def warm_up_moving_starts(machine: Machine) -> None:
     path = _example_path(machine)
     middle = path.posture[0]
     moving = MotionState(middle, 0.1 * middle, middle)
+    machine.moment_arms(middle)
     coast = compute_coasting(machine, moving)
     ways: list[tuple[Trajectory | None, Coasting | Steering, FitRules]] = [
         (coast.trajectory, coast, FitRules.create_following()),
