@@ -50,6 +50,9 @@ A client may ask before the node has discovered that it listens for responses. R
 0.1 s, and gives the response up. On a busy machine discovery can take longer.
 """
 
+UNSENT_RESPONSE = "failed to send response"
+"""Words of rclpy's warning that a client cannot receive a response yet."""
+
 Execution = Callable[[], Coroutine[Any, Any, None]]
 """Coroutine function that executes a callback whose input has been taken."""
 
@@ -270,10 +273,11 @@ def _send_response(node: Node, service: Service, response: Any, header: Any, att
         attempts: Number of attempts that are left, at least 1.
     """
     try:
-        with warnings.catch_warnings(record=True) as unmatched:
+        with warnings.catch_warnings(record=True) as told:  # other threads may warn meanwhile
             warnings.simplefilter("always")
             service.send_response(response, header)
-        reason = str(unmatched[-1].message) if unmatched else ""
+        sentences = [str(each.message) for each in told]
+        reason = next((each for each in sentences if UNSENT_RESPONSE in each), "")
     except (RCLError, InvalidHandle) as error:  # such as: the service was destroyed
         attempts, reason = 1, str(error)
     if not reason:
