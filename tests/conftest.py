@@ -64,8 +64,16 @@ class Observer(GoalSender):
         return {bytes(each.endpoint_gid) for each in found}
 
     def until(self, condition: Callable[[], bool], timeout: float = 15.0) -> None:
-        """Serve until the condition holds; fails where it does not in time [s]."""
-        assert spin_until(self.executor_of_tests, condition, timeout), f"not within {timeout} s"
+        """Serve until the condition holds; fails where it does not in time [s].
+
+        The failure says what was heard last of verdicts, hand-overs and executions.
+        """
+        assert spin_until(self.executor_of_tests, condition, timeout), (
+            f"not within {timeout} s, in force {self.in_force_ns}",
+            list(self.verdicts.values())[-2:],
+            self.hand_overs[-2:],
+            list(self.executions.values())[-2:],
+        )
 
     def serve(self, duration: float) -> None:
         """Serve for some time [s]."""

@@ -115,8 +115,10 @@ def test_an_excavator_replans_past_a_post_that_is_set_up_while_it_runs(excavator
 
     # Past it to the left; on the way, to another place behind it.
     arm.references.clear()
-    assert arm.request_verdict(*left).code is Verdict.OK
-    arm.until(lambda: arm.references[-1].state.velocity.any())
+    verdict = arm.request_verdict(*left)
+    assert verdict.code is Verdict.OK, verdict.sentence
+    arm.until_in_force(verdict)
+    arm.until(lambda: any(each.state.velocity.any() for each in arm.references))
     verdict = arm.request_verdict(1.9, 1.6, 0.3)
     assert verdict.code is Verdict.OK, verdict.sentence
     assert arm.ending_of(verdict).outcome is Outcome.REACHED

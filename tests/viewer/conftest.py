@@ -22,6 +22,9 @@ SIZE = tuple(map(int, os.environ.get("MHSB_VIEWER_SIZE", "860x560").split("x")))
 """Of the window [px]; a small one, since processors draw it, not a graphics card."""
 
 START_TIMEOUT = 20.0  # s
+PAGE_TIMEOUT = 60.0
+"""Time within which a page shows what a test waits for [s]; processors draw it."""
+
 FEWER_FRAMES = """
 window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 100);
 window.cancelAnimationFrame = clearTimeout;
@@ -96,7 +99,7 @@ class Page:
         """All that can be read in the page."""
         return str(self.evaluate("document.body.innerText"))
 
-    def until(self, script: str, timeout: float = 20.0) -> Any:
+    def until(self, script: str, timeout: float = PAGE_TIMEOUT) -> Any:
         """Wait until an expression is true, and give its value; fails where it is not in time."""
         end = time.monotonic() + timeout
         while not (value := self.evaluate(script)):
@@ -104,7 +107,7 @@ class Page:
             time.sleep(0.1)
         return value
 
-    def until_says(self, words: str, timeout: float = 20.0) -> None:
+    def until_says(self, words: str, timeout: float = PAGE_TIMEOUT) -> None:
         """Wait until words can be read in the page."""
         self.until(f"document.body.innerText.includes({json.dumps(words)})", timeout)
 
