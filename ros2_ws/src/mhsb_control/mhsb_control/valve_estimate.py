@@ -14,6 +14,14 @@ The valve is inverted by
 
     |x| = |u| (1 − o)/(g G) + o min(|u|/u_s, 1),    o = b/(g + b).
 
+An estimate of g outside its limits is moved to the limit along the covariance P (x is the vector of
+the estimates):
+
+    x ← x − P e (g − g_limit)/P_gg,    e = (1, 0, 0, 0)
+
+So a piston that creeps, because its valve has hardly crossed its overlap, shows overlap and not a
+valve without gain.
+
 A parameter without data keeps its standard deviation. A piston may be commanded to move while its
 reference rests, or not move although its reference does. If it moves less than commanded, that
 indicates overlap; the present estimate of g is then kept. An opening that passes no flow only shows
@@ -23,7 +31,8 @@ because a slow valve or a late command delays the piston, too.
 
 Source: J.-J. Slotine, W. Li, Applied Nonlinear Control, Section 8.7 (least squares with integrated
 regressors); G. Tao, P. Kokotović, Adaptive Control of Plants with Unknown Dead-zones (the smooth
-inverse).
+inverse); D. Simon, Kalman filtering with state constraints, IET Control Theory and Applications 4,
+2010 (projection onto a limit).
 """
 
 from __future__ import annotations
@@ -142,7 +151,7 @@ class ValveSettings(Record):
     30 % smaller and larger, N = 5: RMS error −3.8 and −12.1 % (mhsb_arm3), −0.9 and +3.0 %
     (excavator; overshoot −1.73 and −1.11 MPa)."""
     min_gain: float = 0.5
-    """Smallest g that the inverse uses [-], above 0 … 1.
+    """Smallest estimate of g [-], above 0 … 1.
 
     A piston that moved less than this share of its prediction is stopped by overlap.
     Origin: plausibility; half of the smallest valve gain in config/variations.yaml would be 0.4.
@@ -150,7 +159,7 @@ class ValveSettings(Record):
     30 % smaller and larger, N = 5: RMS error +8.1 and −2.9 % (mhsb_arm3), +0.3 and +0.4 %
     (excavator)."""
     max_gain: float = 1.6
-    """Largest g that the inverse uses [-], 1 … 10.
+    """Largest estimate of g [-], 1 … 10.
 
     Origin: plausibility; config/variations.yaml has a valve gain of up to 1.2.
 
@@ -217,7 +226,7 @@ class EstimatedValve(Record):
     min_driving_pressure: float
     """Least `driving_pressure` for evidence by a piston that stands still [Pa]."""
     gain: float
-    """Estimate g, limited to `min_gain` … `max_gain`."""
+    """Estimate g, within `min_gain` … `max_gain`."""
     opening: float
     """Opening x of the last step; 0 if the servo did not set it freely."""
     delayed_opening: float
@@ -493,6 +502,9 @@ def evaluate_valve_window(
     if not follows:
         covariance[k, k] = max(covariance[k, k], missing)
     valve.gain = min(max(estimate[0], settings.min_gain), settings.max_gain)
+    excess = (estimate[0] - valve.gain) / covariance[0, 0]
+    for i in range(len(estimate)):
+        estimate[i] -= excess * covariance[i, 0]
     for i in range(2):
         lap = max(estimate[1 + i], 0.0)
         valves.overlap[j, i] = min(lap / (valve.gain + lap), settings.max_overlap)

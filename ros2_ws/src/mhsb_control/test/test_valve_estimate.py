@@ -74,6 +74,14 @@ def test_gain_and_both_overlaps_are_learnt_from_motions_both_ways(
     assert np.all(deviation[1:3] < 0.005)
 
 
+@pytest.mark.parametrize("overlap", [0.16, 0.24])
+def test_a_creeping_piston_shows_overlap_and_not_a_valve_without_gain(overlap: float) -> None:
+    openings = -overlap - np.linspace(0.011, 0.021, 60)
+    valves = moved(1.0, (overlap, overlap), openings)
+    assert valves.estimate[0, 0] >= SETTINGS.min_gain
+    assert valves.overlap[0, 1] == pytest.approx(overlap, rel=0.15)
+
+
 @pytest.mark.parametrize("overlap", [0.1, 0.25, 0.45])
 def test_a_shut_valve_is_opened_until_its_piston_moves(overlap: float) -> None:
     """A piston 5 mm behind is demanded 50 mm/s; its reference moves at 3 mm/s."""
