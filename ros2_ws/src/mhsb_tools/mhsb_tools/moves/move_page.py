@@ -189,7 +189,8 @@ def _draw_modes(move: MoveRecord, axes: Axes) -> None:
 def draw_mode_bars(move: MoveRecord, axes: Axes) -> None:
     """Draw a bar for each actuator over time, in the colours of its modes.
 
-    Every mode gets a label, so that the caller can add a complete legend; no legend is drawn here.
+    Every mode that the machine has gets a label, so that the caller can add a complete legend; no
+    legend is drawn here.
 
     Args:
         move: The move.
@@ -200,11 +201,16 @@ def draw_mode_bars(move: MoveRecord, axes: Axes) -> None:
         for begin, end, mode in mode_spans(move.modes[:, j]):
             since, until = move.time[begin], move.time[end]
             axes.broken_barh([(since, until - since)], (j - 0.4, 0.8), color=MODE_COLOR[mode])
-    for mode in Mode:
+    for mode in available_modes(move.machine):
         axes.broken_barh([], (0, 0), color=MODE_COLOR[mode], label=mode.name)
     axes.set_yticks(range(n), [f"actuator {j + 1}" for j in range(n)])
     axes.set_ylim(n - 0.4, -0.6)
     axes.grid(visible=False)
+
+
+def available_modes(machine: Machine) -> list[Mode]:
+    """Return the modes for which the machine has booster modules enough, in the order of `Mode`."""
+    return [mode for mode in Mode if mode in machine.patterns]
 
 
 def mode_spans(mode: ModeArray) -> Iterator[tuple[int, int, Mode]]:
@@ -258,18 +264,21 @@ def mode_limits(
 def _draw_regions(move: MoveRecord, panels: np.ndarray) -> None:
     """Draw for each actuator which speeds and forces its modes allow, and the move in this plane.
 
-    A coloured area shows the piston speeds that a mode allows at each force. The move is a line
-    that has the colours of its modes. The figure gets a legend below the panels.
+    A coloured area shows the piston speeds that a mode allows at each force, for each mode that the
+    machine has. The move is a line that has the colours of its modes. The figure gets a legend
+    below the panels.
 
     Args:
         move: The move.
         panels: Axes, one for each actuator: piston speed [mm/s] as x, piston force [kN] as y.
             Limits and titles are set.
     """
+    modes = available_modes(move.machine)
+    drawn = [mode for mode in (Mode.N, Mode.SB, Mode.DB) if mode in modes]  # DB lies within SB
     for j, axes in enumerate(panels):
         low, high = _range_with_margin(move.force[:, j], 400.0)
         forces = np.linspace(min(low, 0.0), max(high, 0.0), FORCE_SAMPLES)
-        for mode in (Mode.N, Mode.SB, Mode.DB):  # DB's narrower region is drawn on top of SB's
+        for mode in drawn:
             slow, fast = (PER_MM * each for each in mode_limits(move.machine, j, mode, forces))
             axes.fill_betweenx(PER_KN * forces, slow, fast, color=_pale(mode), linewidth=0)
             for limit in (slow, fast):
@@ -288,7 +297,7 @@ def _draw_regions(move: MoveRecord, panels: np.ndarray) -> None:
         axes.axvline(0.0, color=GREY, linewidth=0.6)
         axes.set(xlabel="piston speed [mm/s]", title=f"actuator {j + 1}: operating region")
     panels[0].set_ylabel("cylinder force [kN]")
-    for mode in Mode:
+    for mode in modes:
         panels[0].fill_betweenx([], [], [], color=_pale(mode), label=f"possible in {mode.name}")
     panels[0].plot([], [], color=BLACK, linewidth=2.0, label="the move")
     figure = panels[0].get_figure(root=False)

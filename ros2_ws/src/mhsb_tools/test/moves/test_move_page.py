@@ -69,6 +69,19 @@ def test_regions_have_a_legend_and_nothing_else_has_the_colours_of_boosted_modes
     assert not boosted & others
 
 
+def test_a_machine_without_boosters_has_no_other_modes_on_its_page(move):
+    alone = replace(
+        move, machine=move.machine.changed(module_count=0), modes=np.zeros_like(move.modes)
+    )
+    figure = Figure()
+    *regions, bars = figure.subplots(1, 4)
+    move_page._draw_regions(alone, np.array(regions))
+    move_page.draw_mode_bars(alone, bars)
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert legend == ["possible in N", "the move"]
+    assert bars.get_legend_handles_labels()[1] == ["N"]
+
+
 def test_spans_cover_all_instants_once():
     mode = np.array([0, 0, 1, 1, 1, 0, 2], dtype=np.uint8)
     assert list(mode_spans(mode)) == [(0, 2, Mode.N), (2, 5, Mode.DB), (5, 6, Mode.N)]
