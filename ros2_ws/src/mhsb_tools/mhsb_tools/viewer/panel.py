@@ -167,8 +167,7 @@ class Panel:
             box.on_update(
                 lambda _: actions.show_abilities(self._velocities.value, self._regions.value)
             )
-        self._gizmo.on_update(lambda _: self._on_drag())
-        self._gizmo.on_drag_end(lambda _: self._go())
+        self._gizmo.on_update(lambda event: self._on_drag(ended=event.phase == "end"))
         for number in self._numbers.values():
             number.on_update(lambda event: self._on_edit() if event.client else None)
 
@@ -221,11 +220,17 @@ class Panel:
         """Send the goal that the fields show."""
         self._actions.send_goal(*(float(number.value) for number in self._numbers.values()))
 
-    def _on_drag(self) -> None:
-        """Copy the position of the dragged goal into the fields, rounded to 1 mm."""
+    def _on_drag(self, *, ended: bool) -> None:
+        """Copy the position of the dragged goal into the fields, rounded to 1 mm.
+
+        Args:
+            ended: True if the user has released the goal. It is then sent.
+        """
         for axis, at in zip("xyz", self._gizmo.position, strict=True):
             if axis in self._numbers:
                 self._numbers[axis].value = round(float(at), 3)
+        if ended:
+            self._go()
 
     def _on_edit(self) -> None:
         """Move the goal in the scene to the position that the fields show."""
