@@ -207,7 +207,7 @@ REPORTED_MEASURES = {
 
 REPORTED_QUANTILES = (0.5, 0.95, 1.0)
 """Median, 95 % quantile and worst of each quantity."""
-SIGNIFICANT_DIGITS = 6
+QUANTILE_DECIMALS = 6
 """Number of decimals to which quantiles are rounded."""
 
 
@@ -239,7 +239,7 @@ def summarize(records: Sequence[DrawRecord], lost: float) -> dict[str, Any]:
             values = [v for record in own if (v := getattr(record, field)) is not None]
             if values:
                 quantiles = factor * np.quantile(values, REPORTED_QUANTILES)
-                found[name][measure] = np.round(quantiles, SIGNIFICANT_DIGITS).tolist()
+                found[name][measure] = np.round(quantiles, QUANTILE_DECIMALS).tolist()
     return found
 
 
