@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from io import BytesIO
 from typing import Any
 
@@ -19,6 +20,8 @@ from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from mcap.writer import MCAP0_MAGIC
+
+from mhsb_tools.recording import bag_format
 
 FILE_MAGIC = MCAP0_MAGIC
 """Bytes with which an MCAP file begins and ends."""
@@ -98,7 +101,8 @@ def parse_record(opcode: int, content: bytes | memoryview) -> Any:
         content: Content of the record, without opcode and length.
 
     Returns:
-        The record, of a class of `mcap.records`.
+        The record, of a class of `mcap.records`. A ROS message definition that is not UTF-8 is
+        damaged, and is replaced by what `with_known_text` gives.
 
     Raises:
         StructureError: The fields do not fill the content exactly, or a text is not in UTF-8. Or a
@@ -115,10 +119,44 @@ def parse_record(opcode: int, content: bytes | memoryview) -> Any:
         raise StructureError("a record is longer than its fields")
     if isinstance(record, Schema) and record.id == 0:
         raise StructureError("a schema has the id 0")
+    if isinstance(record, Schema) and not _is_usable_text(record):
+        record = with_known_text(record)
     counts = record.channel_message_counts if isinstance(record, records.Statistics) else None
     if counts is not None and sum(counts.values()) != record.message_count:
         raise StructureError("the statistics contradict themselves")
     return record
+
+
+def _is_usable_text(schema: Schema) -> bool:
+    """Return whether the text of a schema can be used as it is.
+
+    Args:
+        schema: The schema.
+
+    Returns:
+        False if it is a ROS message definition (encoding `ros2msg`) that is not UTF-8. Schemas of
+        other encodings may be binary, so the result is True.
+    """
+    if schema.encoding != bag_format.SCHEMA_ENCODING:
+        return True
+    try:
+        schema.data.decode()
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+def with_known_text(schema: Schema) -> Schema:
+    """Return a schema with the text that ROS has for its type in place of its own.
+
+    Args:
+        schema: The schema, of which name and id are kept.
+
+    Returns:
+        The schema; its text is empty if the type is unknown here.
+    """
+    known = bag_format.known_definition(schema.name)
+    return replace(schema, encoding=bag_format.SCHEMA_ENCODING, data=known.encode())
 
 
 def parse_definition(opcode: int, content: bytes | memoryview) -> Schema | Channel:

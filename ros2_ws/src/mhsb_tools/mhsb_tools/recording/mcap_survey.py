@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,6 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Schema
 
-from mhsb_tools.recording import bag_format
 from mhsb_tools.recording.data_file import DataFile
 from mhsb_tools.recording.mcap_chunk import Chunk
 from mhsb_tools.recording.mcap_records import (
@@ -26,6 +25,7 @@ from mhsb_tools.recording.mcap_records import (
     RECORD_HEADER,
     StructureError,
     parse_definition,
+    with_known_text,
 )
 from mhsb_tools.recording.mcap_structure import PLACE_OF_A_RECORD, RecordFrame
 from mhsb_tools.recording.mcap_walk import MAX_CHUNK_KEYS, Damage, McapWalk, Piece, Summary
@@ -270,9 +270,8 @@ class Survey:
 
         Args:
             others: Schemas and channels to choose from.
-            trust_text: True keeps each schema's text that can be decoded. Any other text is
-                replaced by the definition that ROS has here for the type; it becomes empty if ROS
-                does not know the type.
+            trust_text: True keeps each schema's text. False replaces it by the definition that ROS
+                has here for the type; it becomes empty if ROS does not know the type.
         """
         held = self.definitions
         for channel_id in self.counts.keys() & others.channels.keys():
@@ -280,9 +279,7 @@ class Survey:
         for channel_id in self.counts.keys() & held.channels.keys():
             schema = others.schemas.get(held.channels[channel_id].schema_id)
             if schema is not None:
-                held.add(
-                    schema if trust_text and _is_usable_text(schema) else _with_known_text(schema)
-                )
+                held.add(schema if trust_text else with_known_text(schema))
 
     def _remove_found_losses(self) -> None:
         """Remove entries of `lost` whose messages were found elsewhere in the file.
@@ -440,38 +437,6 @@ class Survey:
         if damage.messages != 0:
             part = file.read(damage.begin, min(damage.end - damage.begin, MAX_CHUNK_SIZE))
             find_definitions(part, self._damaged_definitions)
-
-
-def _is_usable_text(schema: Schema) -> bool:
-    """Return whether the text of a schema can be used as it is.
-
-    Args:
-        schema: The schema.
-
-    Returns:
-        False if it is a ROS message definition (encoding `ros2msg`) that is not UTF-8. Schemas of
-        other encodings may be binary, so the result is True.
-    """
-    if schema.encoding != bag_format.SCHEMA_ENCODING:
-        return True
-    try:
-        schema.data.decode()
-    except UnicodeDecodeError:
-        return False
-    return True
-
-
-def _with_known_text(schema: Schema) -> Schema:
-    """Return a schema from a damaged part with the text that ROS has for its type.
-
-    Args:
-        schema: The schema, of which name and id are kept.
-
-    Returns:
-        The schema; its text is empty if the type is unknown here.
-    """
-    known = bag_format.known_definition(schema.name)
-    return replace(schema, encoding=bag_format.SCHEMA_ENCODING, data=known.encode())
 
 
 def find_definitions(part: bytes, found: Definitions) -> None:

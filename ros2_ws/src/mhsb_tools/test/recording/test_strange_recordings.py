@@ -13,6 +13,8 @@ import lz4.frame
 import pytest
 import yaml
 import zstandard
+from mcap.opcode import Opcode
+from mcap.records import Schema
 from mcap.writer import CompressionType, Writer
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
@@ -24,7 +26,12 @@ from mhsb_tools.recording import bag_format
 from mhsb_tools.recording.bag_format import BagContents, BagError, BagTopic
 from mhsb_tools.recording.bag_reader import read_recording
 from mhsb_tools.recording.bag_repair import repair_recording
-from mhsb_tools.recording.mcap_records import MAX_CHUNK_SIZE
+from mhsb_tools.recording.mcap_records import (
+    MAX_CHUNK_SIZE,
+    RECORD_HEADER,
+    parse_definition,
+    serialize_record,
+)
 from mhsb_tools.recording.recording import check_order
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -401,3 +408,16 @@ def test_strange_quality_of_service_does_not_stop_a_repair(tmp_path, qos):
     [topic] = whole["topics_with_message_count"]
     assert topic["topic_metadata"]["offered_qos_profiles"] == []
     assert repair_recording(bag).is_complete
+
+
+@pytest.mark.parametrize(
+    ("type_name", "begin"), [("sensor_msgs/msg/JointState", b"std_msgs/Header"), ("a/msg/B", b"")]
+)
+def test_a_message_definition_that_is_no_text_is_replaced_by_that_of_its_type(type_name, begin):
+    """A file without checksums does not show that its bytes have changed."""
+    damaged = Schema(7, b"string\xa4] name", "ros2msg", type_name)
+    content = serialize_record(damaged)[RECORD_HEADER.size :]
+    found = parse_definition(Opcode.SCHEMA, content)
+    assert (found.id, found.name, found.encoding) == (7, type_name, "ros2msg")
+    assert found.data[: len(begin)] == begin
+    assert bool(found.data) is bool(begin)
