@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import os
 import re
 import signal
 import subprocess
@@ -485,6 +486,16 @@ def test_an_unknown_subcommand_is_answered_with_the_nearest_or_with_all(told):
     code, output = told("mhsb_tools", "mhsb", "--verbose")
     assert code == 2
     assert ", ".join(SUBCOMMAND_TABLE) in output
+
+
+@pytest.mark.parametrize("text", ["--help", "--version", "--completion"])
+def test_a_reader_of_mhsb_who_goes_away_ends_it_without_a_word(text):
+    read, write = os.pipe()
+    os.close(read)
+    mhsb = [sys.executable, "-P", "-m", "mhsb_tools.executables", "mhsb", text]
+    with os.fdopen(write, "wb") as output:
+        run = subprocess.run(mhsb, stdout=output, stderr=subprocess.PIPE, timeout=120)
+    assert (run.returncode, run.stderr) == (141, b"")
 
 
 @pytest.mark.parametrize(

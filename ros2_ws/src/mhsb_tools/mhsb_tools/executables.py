@@ -96,24 +96,36 @@ def mhsb() -> int:
     unknown name, an error with the nearest name is printed to standard error.
 
     Returns:
-        The exit code of the subcommand; 0 if only a text was printed, EXIT_USAGE for an unknown
-        name.
+        The exit code of the subcommand or of printing the text; EXIT_USAGE for an unknown name.
     """
     name, *arguments = sys.argv[1:] or ["--help"]
-    if name in ("-h", "--help"):
-        print(_describe_subcommands())
-    elif name == "--version":
-        print(f"mhsb {__version__}")
-    elif name == "--completion":
-        print(COMPLETION_FILE.read_text(encoding="utf-8"), end="")
-    elif name in SUBCOMMAND_TABLE:
+    if name in SUBCOMMAND_TABLE:
         return _start(name, arguments)
-    else:
-        near = difflib.get_close_matches(name, SUBCOMMAND_TABLE, 1)
-        hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(SUBCOMMAND_TABLE)}"
-        print(f"mhsb: no subcommand '{name}'; {hint}", file=sys.stderr)
-        return EXIT_USAGE
-    return 0
+    if name in ("-h", "--help"):
+        return _print_text(_describe_subcommands())
+    if name == "--version":
+        return _print_text(f"mhsb {__version__}")
+    if name == "--completion":
+        return _print_text(COMPLETION_FILE.read_text(encoding="utf-8").rstrip())
+    near = difflib.get_close_matches(name, SUBCOMMAND_TABLE, 1)
+    hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(SUBCOMMAND_TABLE)}"
+    print(f"mhsb: no subcommand '{name}'; {hint}", file=sys.stderr)
+    return EXIT_USAGE
+
+
+def _print_text(text: str) -> int:
+    """Print a text as the output of a command, with a command's errors and exit codes.
+
+    Returns:
+        The exit code, for example 141 if the reader of the output has closed it.
+    """
+    from mhsb_model.command_line import run  # takes longer to load than all else here
+
+    def show() -> None:
+        """Print the text."""
+        print(text)
+
+    return run(show, [], name="mhsb")
 
 
 def _describe_subcommands() -> str:
