@@ -26,7 +26,9 @@ LONGEST_WAIT = 2.0
 """Longest time for which a goal waits for a state, a receiver of plans, or an arm at rest [s]."""
 
 CONFIRMATION_TIMEOUT = 0.1
-"""Time after a plan's change after which an unconfirmed plan counts as not taken [s]."""
+"""Time after a plan's change after which an unconfirmed plan counts as not taken [s]. The arm must
+have sent a state after that time.
+"""
 
 AHEAD_NS = SECOND_NS // 10
 """Largest time by which the last sent stamp may be ahead of the time of plans [ns]."""
@@ -274,12 +276,15 @@ class HandOver:
 
         Returns:
             True if it was sent more than `LONGEST_WAIT` ago in real time. Also True if it was sent
-            more than `CONFIRMATION_TIMEOUT` ago in real time and left the command before it that
-            long ago, too.
+            more than `CONFIRMATION_TIMEOUT` ago in real time, and the arm has sent a state more
+            than that after the command left the one before it. While the arm is silent, its
+            confirmation may be late, too.
         """
-        waited = self._clock.steady_time() - sent.sent_at
-        grace = self._arm_state.clock_estimator.convert_duration(CONFIRMATION_TIMEOUT)
-        late = (now_ns - sent.change_ns) / SECOND_NS
+        now, estimator = self._clock.steady_time(), self._arm_state.clock_estimator
+        waited = now - sent.sent_at
+        silence = estimator.convert_duration(estimator.time_since_last_stamp(now))
+        grace = estimator.convert_duration(CONFIRMATION_TIMEOUT)
+        late = (now_ns - sent.change_ns) / SECOND_NS - silence
         return waited > LONGEST_WAIT or (late > grace and waited > CONFIRMATION_TIMEOUT)
 
     def give_up(self, sent: UnconfirmedPlan, reason: HandOverReason) -> None:

@@ -202,6 +202,17 @@ def test_a_confirmation_that_comes_late_counts_all_the_same(world):
     world.check_that_each_goal_was_answered_once()
 
 
+def test_a_plan_is_not_given_up_while_the_arm_is_silent(world):
+    stamp = world.send_goal(*UP)
+    world.pass_time_until(lambda: world.sent)
+    world.arm.frozen = True
+    world.pass_time(0.5)
+    assert world.life.unconfirmed_command is world.sent[-1]
+    world.arm.frozen = False
+    assert world.execution_report(stamp).outcome is Outcome.REACHED
+    assert len(world.sent) == 1
+
+
 def test_the_lead_falls_again_when_load_ends(world):
     def lead_after(goals: int) -> float:
         for k in range(goals):
