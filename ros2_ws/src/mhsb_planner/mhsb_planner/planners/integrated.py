@@ -30,8 +30,7 @@ from mhsb_planner.planners.path_planner import (
 from mhsb_planner.planners.schedule import (
     Proposer,
     ProposerSet,
-    schedule_for_deadline,
-    schedule_without_deadline,
+    schedule_proposers,
     take_turns,
 )
 from mhsb_planner.planners.table import TablePlanner
@@ -71,8 +70,7 @@ class IntegratedPlanner:
         """Yield paths of the integrated search and, in between, of other searches for comparison.
 
         The other searches are those of the baselines (table and fixed-joint planner) and variants
-        of the integrated search. The order depends on whether there is a deadline
-        (`planners.schedule`).
+        of the integrated search. `planners.schedule` decides the order.
 
         Args:
             graph: Step graph (steps between postures) of the posture table; provides machine and
@@ -89,12 +87,7 @@ class IntegratedPlanner:
         """
         search = _create_search(graph.machine, task, progress, task.area)
         proposers = self._create_proposers(search, graph, task, progress)
-        streams, weighs_area = task.options.period > 0.0, task.area.weight > 0.0
-        if progress.has_deadline and not (weighs_area or streams):
-            schedule = schedule_for_deadline(proposers, progress)
-        else:
-            schedule = schedule_without_deadline(proposers, progress, all_at_once=weighs_area)
-        yield from take_turns(schedule, progress, proposers.own)
+        yield from take_turns(schedule_proposers(proposers, progress), progress, proposers.own)
 
     def _create_proposers(
         self, search: IntegratedSearch, graph: StepGraph, task: PathRequest, progress: PlanProgress
@@ -108,7 +101,8 @@ class IntegratedPlanner:
         - If energy has a weight and goals have no `period`: a search in which each second costs
           more.
         - If the manipulability loss has a weight: a search without it. This one and the one before
-          then come before the baselines.
+          then count as baselines, and all baselines have an early turn, because the integrated
+          search takes long.
         - If there is a goal region: the whole planner for the request without the region. It comes
           last, and ensures that the region does not make the plan more expensive.
 
@@ -130,13 +124,14 @@ class IntegratedPlanner:
             for each in self.baselines
         ]
         later: list[Proposer] = []
+        early_count = 1
         if options.weights.energy > 0.0 and options.period == 0.0:
             paths = compare(_path_with_time_price(machine, task, progress))
             later.append(Proposer(f"{self.name} with a price on time", paths))
         if task.area.weight > 0.0:
             paths = compare(_path_without_area(machine, task, progress))
             baselines = [Proposer(f"{self.name} without area", paths), *later, *baselines]
-            later = []
+            later, early_count = [], len(baselines)
         if options.goal_region is not None:
             paths = self._paths_to_goal_alone(graph, task, progress)
             later.append(Proposer(f"{self.name} to the goal alone", paths))
@@ -146,6 +141,7 @@ class IntegratedPlanner:
             baselines,
             later,
             task.slew_demand.time,
+            early_count,
         )
 
     def _paths_to_goal_alone(

@@ -16,6 +16,13 @@ from mhsb_planner.plan_log import ProposalOutcome
 from mhsb_planner.planners.path_planner import PathProposal
 from mhsb_planner.progress import PlanProgress
 
+EARLY_OWN_TURNS = 2
+"""Number of turns of the integrated search before the first turn of a baseline.
+
+The first turn gives a straight line. The second gives its refinement, which on `mhsb_arm3` brings
+most of what longer searches save, in one to three milliseconds.
+"""
+
 
 class Proposer:
     """Named source of proposals, one at each turn.
@@ -109,6 +116,7 @@ class ProposerSet:
         later: Proposers that follow after all others.
         slew_time: Least time that the slew needs [s]. `without_leakage` has its turns after the
             first path of `own` that takes less.
+        early_count: Number of baselines that have a turn right after the first turns of `own`.
     """
 
     own: Proposer
@@ -116,70 +124,21 @@ class ProposerSet:
     baselines: Sequence[Proposer]
     later: Sequence[Proposer]
     slew_time: float
-
-    def turns_without_leakage(self) -> Iterator[Proposer]:
-        """Yield the proposer `without_leakage` until it has ended, if the slew outlasts the path.
-
-        The slew must take longer than the path of the last turn of `own`. The motion then lasts as
-        long as the slew, whatever the path, so leakage costs the same on each. Otherwise nothing is
-        yielded.
-        """
-        last = self.own.last
-        if last is not None and last.path.duration.sum() < self.slew_time:
-            yield from _until_end(self.without_leakage)
-
-    def remaining_turns(self) -> Iterator[Proposer]:
-        """Yield baselines and later proposers, each until its end."""
-        for proposer in (*self.baselines, *self.later):
-            yield from _until_end(proposer)
+    early_count: int = 1
 
 
-def schedule_without_deadline(
-    proposers: ProposerSet, progress: PlanProgress, *, all_at_once: bool
-) -> Iterator[Proposer]:
-    """Yield proposers (sources of paths) in an order that finds good paths before a first motion.
+def schedule_proposers(proposers: ProposerSet, progress: PlanProgress) -> Iterator[Proposer]:
+    """Yield proposers (sources of paths) in the order of their turns.
 
-    The integrated search has one turn after the other until it has ended. After each turn follow:
-
-    1. The search without leakage, until it has ended, if the slew takes longer than the path that
-       the turn gave. Leakage then costs the same on each path.
-    2. The next baseline (planner to compare with), until it has ended. This needs one of three
-       conditions: the turn gave no path; there is no motion yet; half of the time until the
-       deadline is over.
-
-    At the end come the remaining baselines, then the proposers in `proposers.later`.
-
-    Args:
-        proposers: The proposers.
-        progress: State of the planning loop; read between the turns.
-        all_at_once: True: all baselines come after the first turn of the integrated search, without
-            these conditions. This suits a search that takes long.
-
-    Yields:
-        The proposer whose turn it is.
-    """
-    own, left = proposers.own, list(proposers.baselines)
-    while not own.has_ended:
-        yield own
-        yield from proposers.turns_without_leakage()
-        is_due = own.last is None or not progress.has_motion or progress.is_half_over
-        count = len(left) if all_at_once else int(is_due)
-        for proposer in left[:count]:
-            yield from _until_end(proposer)
-        left = left[count:]
-    yield from proposers.remaining_turns()
-
-
-def schedule_for_deadline(proposers: ProposerSet, progress: PlanProgress) -> Iterator[Proposer]:
-    """Yield proposers (sources of paths) in an order that finds a first motion early.
-
-    1. The integrated search has one turn, then the first baseline (planner to compare with).
-    2. The integrated search has one turn after the other until it has ended. If half of the time is
-       over without a motion, the baselines have turns until there is a motion.
-    3. The baselines come until each has ended, then the later proposers.
+    1. The integrated search has EARLY_OWN_TURNS turns.
+    2. Each of the first `early_count` baselines (planners to compare with) has one turn.
+    3. The integrated search has one turn after the other until it has ended. If half of the time
+       is over without a motion, the baselines have turns until there is one.
+    4. The baselines, then the later proposers, have turns until each has ended.
 
     The search without leakage comes as soon as the integrated search has given a path that takes
-    less time than the slew. Leakage then costs the same on each path.
+    less time than the slew. The motion then lasts as long as the slew, whatever the path, so
+    leakage costs the same on each.
 
     Args:
         proposers: The proposers.
@@ -188,18 +147,20 @@ def schedule_for_deadline(proposers: ProposerSet, progress: PlanProgress) -> Ite
     Yields:
         The proposer whose turn it is.
     """
-    own = proposers.own
-    yield own
-    yield proposers.baselines[0]
-    yield from proposers.turns_without_leakage()
+    own, turns = proposers.own, 0
     while not own.has_ended:
         yield own
+        turns += 1
+        if own.last is not None and own.last.path.duration.sum() < proposers.slew_time:
+            yield from _until_end(proposers.without_leakage)
+        if turns == EARLY_OWN_TURNS:
+            yield from proposers.baselines[: proposers.early_count]
         if not progress.has_motion and progress.is_half_over:
             for proposer in proposers.baselines:
                 while not (proposer.has_ended or progress.has_motion):
                     yield proposer
-        yield from proposers.turns_without_leakage()
-    yield from proposers.remaining_turns()
+    for proposer in (*proposers.baselines, *proposers.later):
+        yield from _until_end(proposer)
 
 
 def schedule_in_turn(

@@ -37,15 +37,17 @@ from mhsb_planner.planning.motion_rules import (
     describe_rules,
     fit_rules,
     following_rules,
-    yield_variant_rules,
+    list_variant_rules,
 )
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.manipulability_loss import area_along_motion
 
-MIN_MOTION_COST_RATIO = 0.85
+MIN_MOTION_COST_RATIO = 0.92
 """Smallest expected ratio of a motion's cost to its path's cost without switches [-]. A path is
-skipped if this ratio times its cost without switches exceeds the incumbent's cost.
+skipped if this ratio times its cost without switches exceeds the incumbent's cost. The smallest
+ratio in 3,254 motions on 165 random moves of five machines was 0.934. A smaller value fits more
+motions that cost more than the incumbent.
 """
 
 NEAR_BEST_COST_FACTOR = 1.03
@@ -302,8 +304,9 @@ class PlanningLoop:
         """Fit variants of a motion to its path, and keep each that beats the incumbent.
 
         The incumbent is the best plan so far. Variants are motions by other rules, such as faster
-        ramps (`yield_variant_rules`). A variant that becomes the incumbent also lists the reasons
-        why curves were refused for the first motion.
+        ramps (`list_variant_rules`). Of each group of variants, those after the first that becomes
+        the incumbent are not fitted. That one also lists the reasons why curves were refused for
+        the first motion.
 
         Args:
             proposal: Proposal with the path.
@@ -314,13 +317,15 @@ class PlanningLoop:
             DeadlineError: The deadline of the plan passed.
         """
         path, may_follow = proposal.path, self._may_follow_instead(proposal.path, rules)
-        for other in yield_variant_rules(
+        for group in list_variant_rules(
             path, motion, rules, self._task.options, may_follow=may_follow
         ):
-            before = self._best
-            if self._fit_and_keep(proposal, other) is not None and self._best is not before:
-                assert self._best is not None
-                self._set_refused(motion.refused + self._best.motion.refused)
+            for other in group:
+                before = self._best
+                if self._fit_and_keep(proposal, other) is not None and self._best is not before:
+                    assert self._best is not None
+                    self._set_refused(motion.refused + self._best.motion.refused)
+                    break
 
     def _may_follow_instead(self, path: DiscretePath, rules: FitRules) -> bool:
         """Return whether a path may be followed although the rules ask for a polynomial.

@@ -6,7 +6,6 @@ piston speeds, and each change of speed is a ramp (`motion.s3_trajectory`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 from mhsb_planner.motion.s3_trajectory import (
@@ -20,8 +19,9 @@ from mhsb_planner.planners.registry import get_planner
 from mhsb_planner.search.discrete_path import DiscretePath
 
 FASTER_RAMP_FACTORS = (0.72, 0.85)
-"""Factors on the duration of the shortest ramps that are tried in addition. The shortest ramps
-leave half of the acceleration and jerk to a simultaneous ramp; without one, ramps may be faster.
+"""Factors on the duration of the shortest ramps that are tried in addition, the second if the first
+gives no cheaper motion. The shortest ramps leave half of the acceleration and jerk to a
+simultaneous ramp; without one, ramps may be faster.
 """
 
 LAST_RAMP_FACTOR = 0.72
@@ -29,8 +29,10 @@ LAST_RAMP_FACTOR = 0.72
 may be shorter than the others.
 """
 
-SLOWER_RAMP_FACTORS = (1.5, 2.2, 3.4)
-"""Factors on the duration of the shortest ramps that are tried if inertia calls for boost."""
+SLOWER_RAMP_FACTORS = (1.5, 2.2)
+"""Factors on the duration of the shortest ramps that are tried if inertia calls for boost, the
+second if the first gives no cheaper motion.
+"""
 
 VARIED_STRETCH = 1.2
 """Largest stretch in time of a motion with other ramps; a longer one is seldom cheaper."""
@@ -77,22 +79,22 @@ def following_rules(rules: FitRules) -> FitRules:
     )
 
 
-def yield_variant_rules(
+def list_variant_rules(
     path: DiscretePath,
     motion: FittedMotion,
     rules: FitRules,
     options: PlanOptions,
     *,
     may_follow: bool,
-) -> Iterator[FitRules]:
-    """Yield rules for variants of a motion (other motions along its path), which may be cheaper.
+) -> list[tuple[FitRules, ...]]:
+    """List rules for variants of a motion (other motions along its path), which may be cheaper.
 
-    - A motion with ramps, from rest: ramps shortened by each of FASTER_RAMP_FACTORS. If time has a
-      weight, also the last ramp alone.
+    - A motion with ramps, from rest: ramps shortened by FASTER_RAMP_FACTORS. If time has a weight,
+      also the last ramp alone.
     - A polynomial that was slowed to keep V_max (allowed piston speed): following the path, if
       `may_follow` is True.
-    - A followed path with more mode switches than planned: ramps lengthened by each of
-      SLOWER_RAMP_FACTORS, since inertia called for boost.
+    - A followed path with more mode switches than planned: ramps lengthened by SLOWER_RAMP_FACTORS,
+      since inertia called for boost.
 
     Ramps are not varied if goals follow each other with a period.
 
@@ -103,23 +105,24 @@ def yield_variant_rules(
         options: Options of the plan.
         may_follow: Whether the path may be followed instead of a polynomial.
 
-    Yields:
-        Rules for further fits.
+    Returns:
+        Groups of rules for further fits. In a group, rules are alternatives in the order of trial:
+        once one has given a cheaper motion, the remaining ones need not be tried.
     """
     followed = following_rules(rules)
     varied = replace(followed, stepped=False, max_stretch=VARIED_STRETCH)
     stays = options.period == 0.0  # for a moving goal there is no time
+    groups: list[tuple[FitRules, ...]] = []
     if stays and motion.method == FitMethod.RAMPED and not motion.braked:
-        for faster in FASTER_RAMP_FACTORS:
-            yield replace(varied, ramp_factors=(faster,))
+        groups.append(tuple(replace(varied, ramp_factors=(f,)) for f in FASTER_RAMP_FACTORS))
         if options.weights.time > 0.0:
-            yield replace(varied, last_ramp_factor=LAST_RAMP_FACTOR)
+            groups.append((replace(varied, last_ramp_factor=LAST_RAMP_FACTOR),))
     if motion.method == FitMethod.POLYNOMIAL:
         if motion.stretch > 1.0 and not rules.polynomial_only and may_follow:
-            yield followed
+            groups.append((followed,))
     elif stays and motion.schedule.switch_count > path.switches:
-        for slower in SLOWER_RAMP_FACTORS:
-            yield replace(varied, ramp_factors=(slower,))
+        groups.append(tuple(replace(varied, ramp_factors=(f,)) for f in SLOWER_RAMP_FACTORS))
+    return groups
 
 
 def describe_rules(rules: FitRules) -> str:

@@ -9,9 +9,8 @@ from mhsb_planner.planners.path_planner import PathProposal
 from mhsb_planner.planners.schedule import (
     Proposer,
     ProposerSet,
-    schedule_for_deadline,
     schedule_in_turn,
-    schedule_without_deadline,
+    schedule_proposers,
     take_turns,
 )
 from mhsb_planner.progress import PlanProgress
@@ -57,57 +56,54 @@ def turns(schedule, progress, main=None, motion_at=None):
     return " ".join(names)
 
 
-def proposers(own, *, leak_free=(), slew_time=0.0):
+def proposers(own, *, leak_free=(), slew_time=0.0, early_count=1):
     return ProposerSet(
         scripted("own", *own),
         scripted("leakfree", *leak_free),
         [scripted("table", 1, 1), scripted("fixed", 1)],
         [scripted("later", 1)],
         slew_time,
+        early_count,
     )
 
 
 @pytest.mark.parametrize(
-    ("own", "motion_at", "all_at_once", "order"),
+    ("own", "early_count", "order"),
     [
-        ((1, 1, 1), 1, False, "own own own table table fixed later"),
-        ((1, 1, 1), None, False, "own table table own fixed own later"),
-        ((1, None, 1), 1, False, "own table table own fixed later"),
-        ((1, 1), 1, True, "own table table fixed own later"),
+        ((1, 1, 1, 1), 1, "own own table own own table fixed later"),
+        ((1, None, 1), 1, "own table own table fixed later"),
+        ((1,), 1, "own table table fixed later"),
+        ((1, 1, 1), 2, "own own table fixed own table later"),
     ],
-    ids=["with a motion", "without any motion", "own search pauses", "weak bounds"],
+    ids=["usual", "own search pauses", "own search ends early", "own search takes long"],
 )
-def test_without_deadline_a_baseline_has_its_turns_when_the_own_search_does_not_help(
-    own, motion_at, all_at_once, order
+def test_baselines_have_a_turn_after_two_of_the_own_search_and_the_rest_after_its_end(
+    own, early_count, order
 ):
     progress = PlanProgress(NO_DEADLINE)
-    schedule = schedule_without_deadline(proposers(own), progress, all_at_once=all_at_once)
-    # the pause at the end of the own search lets one more baseline in, which then comes anyway
-    assert turns(schedule, progress, motion_at=motion_at) == order
+    schedule = schedule_proposers(proposers(own, early_count=early_count), progress)
+    assert turns(schedule, progress, motion_at=1) == order
 
 
-def test_with_a_deadline_the_quickest_baseline_has_one_turn_second():
-    progress = PlanProgress(Deadline.after(3600.0))
-    schedule = schedule_for_deadline(proposers((1, 1, 1)), progress)
-    assert turns(schedule, progress, motion_at=1) == "own table own own table fixed later"
+@pytest.mark.parametrize(
+    ("seconds", "order"),
+    [
+        (3600.0, "own own table own own table fixed later"),
+        (-1.0, "own table table own own own fixed later"),
+    ],
+    ids=["with time", "with half of the time gone"],
+)
+def test_with_half_of_the_time_gone_baselines_propose_until_there_is_a_motion(seconds, order):
+    progress = PlanProgress(Deadline.after(seconds))
+    schedule = schedule_proposers(proposers((1, 1, 1, 1)), progress)
+    assert turns(schedule, progress, motion_at=3) == order
 
 
-def test_with_half_of_the_time_gone_baselines_propose_until_there_is_a_motion():
-    progress = PlanProgress(Deadline.after(-1.0))
-    schedule = schedule_for_deadline(proposers((1, 1, 1)), progress)
-    assert turns(schedule, progress, motion_at=4) == "own table own table own fixed later"
-
-
-@pytest.mark.parametrize("deadline", [NO_DEADLINE, Deadline.after(3600.0)])
-def test_leakage_is_left_out_after_the_first_own_path_that_is_shorter_than_the_slew(deadline):
-    progress = PlanProgress(deadline)
+def test_leakage_is_left_out_after_the_first_own_path_that_is_shorter_than_the_slew():
+    progress = PlanProgress()
     every = proposers((3, 1, 1), leak_free=(1, 1), slew_time=2.0)
-    if deadline is NO_DEADLINE:
-        schedule, first = schedule_without_deadline(every, progress, all_at_once=False), "own"
-    else:
-        schedule, first = schedule_for_deadline(every, progress), "own table"
-    order = turns(schedule, progress, motion_at=1)
-    assert order.startswith(f"{first} own leakfree leakfree own table")
+    order = turns(schedule_proposers(every, progress), progress, motion_at=1)
+    assert order == "own own leakfree leakfree table own table fixed later"
 
 
 def test_zones_give_the_quick_ones_every_turn_until_there_is_a_motion_and_then_every_second():
@@ -134,7 +130,7 @@ def test_a_failure_is_logged_with_its_reason_and_others_go_on():
 def test_the_main_proposer_s_failure_ends_the_plan():
     progress = PlanProgress()
     every = proposers((1, FAILS))
-    schedule = schedule_for_deadline(every, progress)
+    schedule = schedule_proposers(every, progress)
     with pytest.raises(NoPathError):
         turns(schedule, progress, every.own)
     assert [entry.proposer for entry in progress.log.entries] == ["own"]
