@@ -129,7 +129,7 @@ class InverseCurve:
         self.known_speed = 0.0
 
     def command_at(self, speed: float) -> float:
-        """Return the command for a speed ≥ 0 [m/s]: the dead band at 0.
+        """Return the command for a speed ≥ 0 [m/s]; for speed 0 it is the dead band.
 
         Beyond the last knot the curve goes on straight. A command above 1 means that the speed is
         out of reach.
@@ -141,7 +141,7 @@ class InverseCurve:
     def speeds_at(self, commands: FloatArray) -> FloatArray:
         """Return the speeds [m/s] that commands ≥ 0 cause.
 
-        They are 0 within the dead band, and at most that of the last knot.
+        A speed is 0 within the dead band, and at most the speed of the last knot.
         """
         return np.interp(commands, self.commands, self.speeds)
 

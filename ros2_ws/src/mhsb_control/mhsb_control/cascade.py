@@ -277,7 +277,7 @@ class ControlAxis(Record):
     integral_limit: float
     """Limit of |w| [m/s]."""
     friction: float
-    """Friction at the reference speed, by the machine file [N]."""
+    """Friction at the reference speed, computed from the machine file [N]."""
     friction_share: float
     """Factor on that friction which the feedforward contained in the last step."""
     is_saturated: float
@@ -297,7 +297,7 @@ class ControlAxis(Record):
     target_ahead: float
     """Line pressure needed at point PREVIEW_POINT [Pa]."""
     leakage: float
-    """Leakage of the valve at the line pressure, by the machine file [m³/s]."""
+    """Leakage of the valve at the line pressure, computed from the machine file [m³/s]."""
     commanded_flow: float
     """Flow that the piston is commanded to take, behind the valve's lag [m³/s]."""
     line_flow: float
@@ -332,7 +332,7 @@ class ServoArguments(NamedTuple):
     ]  # [n] valves and join valves of the circuit, with their commands
     modules: Records[ModuleState]  # [m] booster modules of the circuit, with their commands
     linkage: FloatArray  # [n, LINKAGE_WIDTH] parameters of the linkages
-    chain: Chain  # links and payload by the machine file
+    chain: Chain  # links and payload of the machine file
     load: LoadEstimate  # estimates of payload and friction
     gains: Records[SharedGains]  # [1]
     axes: Records[ControlAxis]  # [n]
@@ -543,10 +543,10 @@ def compute_reference_forces(s: ServoArguments, payload: float) -> None:
     """Compute lengths, piston speeds and forces of the reference, now and ahead.
 
     The force is the torque of inverse dynamics over the moment arm, without friction. If commands
-    act at once, nothing is computed for later ones, and the rate of the force stays 0. The force
-    that a closed valve would have to hold is that of gravity, or the whole force if the whole force
-    is smaller in magnitude. `max_speed_at_rest` is the speed of `rest_speed` at the joint if the
-    reference has no speed now and at the preview point. Otherwise it is inf.
+    act at once, nothing is computed for later times, and the rate of the force stays 0. A closed
+    valve would have to hold the force of gravity, or the whole force if it is smaller in magnitude.
+    `max_speed_at_rest` is inf unless the reference has no speed now and at the preview point. It is
+    then the piston speed at which the joint moves with `rest_speed`.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Reads `reference`,
@@ -754,7 +754,7 @@ def set_supply_targets(
 def joins_rail(j: int, modes: ModeArray, module_home: IntArray, serves: IntArray) -> bool:
     """Return whether actuator j draws oil from the shared rail.
 
-    It does so if its mode is SB, or if a spare or a module of another line serves it.
+    It draws from the rail if its mode is SB, or if a spare or a module of another line serves it.
 
     Args:
         j: Index of the actuator.

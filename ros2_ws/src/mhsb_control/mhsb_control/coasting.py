@@ -59,16 +59,16 @@ def compute_coasting_limit(
 
     The condition is checked from the time on at which a command sent now acts; before it, nothing
     can be changed. The times are the coming points of the reference, `spacing` apart, and
-    COASTING_SAMPLES − 1 even times before the first of them. These earlier times matter, since the
-    pressure peaks when the pump has slowed down to the drawn flow.
+    COASTING_SAMPLES − 1 evenly spaced times before the first of them. The earlier times matter,
+    since the pressure peaks when the pump has slowed down to the drawn flow.
 
     Args:
         volume: V, oil drawn from the line up to each point, float64[points], [m³]. Element k
             belongs to the time k times `spacing`. Element 0 is the volume that the present flow
             would draw up to point 1. Up to point 1, V is taken as quadratic in time.
         coasting: V_c, delivered volume per flow, float64[COASTING_SAMPLES + points − 1], [s]. The
-            first COASTING_SAMPLES times are even from 0 to before point 1, the others are points 1,
-            2, ….
+            first COASTING_SAMPLES times are evenly spaced from 0 to before point 1, the others are
+            points 1, 2, ….
         capacity: C, capacity of the line [m³/Pa].
         rises: Allowed pressure rise Δp at present, and from point PREVIEW_POINT on [Pa]. In between
             Δp is linear in time.

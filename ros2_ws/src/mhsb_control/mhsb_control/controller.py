@@ -155,8 +155,8 @@ class Controller(Protocol):
 class LearningController(Protocol):
     """A controller that learns delay and inverse curves of each actuator.
 
-    They are kept over a restart of the servo, and in an estimates file. `isinstance` and
-    `issubclass` look only for the two methods.
+    What it has learnt is kept over a restart of the servo, and in an estimates file. `isinstance`
+    and `issubclass` look only for the two methods.
     """
 
     def get_learnt(self) -> dict[str, ActuatorResponse]:

@@ -2,7 +2,7 @@
 
     drawn = Q − q_leak − c C ṗ,        τ ḋ = (drawn − commanded) − d
 
-Q is the measured flow of the pumps, C the capacity of the line by the machine file, and c the
+Q is the measured flow of the pumps, C the line's capacity computed from the machine file, and c the
 estimated factor on it (`mhsb_control/line_estimate`). The commanded flow is A_dir |u|, delayed by
 the lag with which commands act. d is the observed excess; a negative d is a shortfall. τ is
 `observation_delay`.

@@ -256,10 +256,10 @@ class LagCompensatedAxis:
         """Return whether a resting piston is left alone at a position error [m].
 
         A correction begins beyond `rest_error` and ends where the error changes its sign. If the
-        valve's curve is known, a further correction begins only after twice the delay. The ratio of
-        real to predicted motion at rest is updated: it is doubled if the new correction has the
-        other direction, because the one before went too far, and otherwise becomes a little
-        smaller. The first correction after a motion leaves it as it is.
+        valve's curve is known, the next correction begins only after twice the delay. A new
+        correction updates the ratio of real to predicted motion at rest. If the correction before
+        it went too far, so that the direction changes, the ratio is doubled. Otherwise the ratio
+        becomes a little smaller. The first correction after a motion does not change the ratio.
         """
         if self.speed != 0.0:
             return error * self.speed <= 0.0

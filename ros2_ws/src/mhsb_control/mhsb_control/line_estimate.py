@@ -6,9 +6,9 @@ feed them. Its balance of oil is
     ∫ Q dt − Σ A_dir |ΔL| = c Σ C Δp + Σ λ_j ∫ q_leak(p_j) dt
 
 Q is the flow of the pumps by their measured speed, less their slip [m³/s]. C is the capacity of
-lines, rail and the chambers behind open valves, by the machine file [m³/Pa]. A_dir is the area of a
-cylinder's inlet and q_leak a valve's leakage, both by the file. c is the file's bulk modulus over
-the true one, equal for all oil. λ_j is the factor on the leakage of valve j.
+lines, rail and the chambers behind open valves, computed from the machine file [m³/Pa]. A_dir is
+the area of a cylinder's inlet and q_leak a valve's leakage, both by the file. c is the file's bulk
+modulus over the true one, equal for all oil. λ_j is the factor on the leakage of valve j.
 
 A single line gives one balance; the rail with all lines joined to it gives another. A Kalman filter
 updates c and λ window by window. Both follow slow random walks, so that a parameter without data
@@ -222,9 +222,9 @@ def update_line_estimates(s: ServoArguments, lines: LineEstimates, settings: Lin
 
     - The balance of a line alone. A pump must feed the line, and its join valve (to the rail) must
       be shut.
-    - The balance of the rail with all lines joined to it. Those have an open join valve and a
-      pressure within `joined_drop` of the rail's. A pump must feed the rail or one of these lines.
-      No join valve may be partly open, or open at a larger pressure difference.
+    - The balance of the rail with all lines joined to it. A joined line has an open join valve and
+      a pressure within `joined_drop` of the rail's. A pump must feed the rail or one of these
+      lines. No join valve may be partly open, or open at a larger pressure difference.
 
     A full window updates the estimates in two cases:
 
@@ -237,7 +237,7 @@ def update_line_estimates(s: ServoArguments, lines: LineEstimates, settings: Lin
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `leakage` of all axes in place:
-            the leakage by the machine file at the present pressure [m³/s].
+            the machine file's leakage at the present pressure [m³/s].
         lines: Estimates and balances, updated in place.
         settings: Tuned numbers.
     """
@@ -341,8 +341,8 @@ def accumulate_balance(
     Args:
         lines: Estimates and balances of n lines. Reads `intake`, the oil that each line and the
             rail take in this step. Updates record k of `balances` and row k of `row` in place. This
-            row has the amounts that the estimated factors multiply, both by the machine file: oil
-            taken by compression, then the leakage of each valve [m³].
+            row has the amounts that the estimated factors multiply, both computed from the machine
+            file: oil taken by compression, then the leakage of each valve [m³].
         k: Index of the balance. k < n is the balance of line k alone, n that of the rail with its
             joined lines.
         members: Lines of the balance, bit j for line j; 0 discards the window.
@@ -402,14 +402,14 @@ def compute_line_intake(
 ) -> None:
     """Compute the oil that a line takes in a step, by compression, leakage and its piston.
 
-    Compression is the line's capacity (by the machine file) times its pressure rise. If the
-    reference moves the piston, it includes that of the chamber that the supply fills: the cap side
+    Compression is the line's capacity (from the machine file) times its pressure rise. If the
+    reference moves the piston, compression includes the chamber that the supply fills: the cap side
     if the reference extends, the rod side if it retracts. The piston then takes the oil that it
     sweeps.
 
     Args:
-        axis: State of the cylinder's control axis. Writes `leakage` in place: the leakage by the
-            machine file at the present line pressure [m³/s].
+        axis: State of the cylinder's control axis. Writes `leakage` in place: the machine file's
+            leakage at the present line pressure [m³/s].
         cylinder: Areas of the cylinder.
         sensor: Measured length [m] and pressures [Pa] of the actuator.
         c: Constants of the circuit.
@@ -442,8 +442,8 @@ def update_line_filter(
 
         oil = row · (c, λ_1, …, λ_n) + noise
 
-    c is a factor on the oil's compressibility by the machine file, and λ_j one on the leakage of
-    valve j. Parameters with a coefficient other than 0 first gain the variance of their random
+    c is a factor on the machine file's compressibility of the oil, and λ_j a factor on the leakage
+    of valve j. Parameters with a coefficient other than 0 first gain the variance of their random
     walk, the square of `compressibility_drift` or `leakage_drift`. c is limited to
     `min_compressibility` … `max_factor`, and each λ to `min_leakage` … `max_factor`.
 

@@ -4,7 +4,7 @@ While an actuator moves steadily, with F the measured force of its cylinder and 
 
     r F − τ(m̂) − r φ̂ f(v) = Y δm + r f(v) δφ,        Y = g (x_tip − x_joint)
 
-τ is the torque for the estimated payload m̂, f the friction by the machine file, and φ̂ the
+τ is the torque for the estimated payload m̂, f the friction from the machine file, and φ̂ the
 estimated factor on it. δm and δφ are the errors of these estimates. All actuators inform on δm,
 each one on its own δφ. A Kalman filter processes the means of short windows. m and φ follow slow
 random walks, so that a parameter without data keeps its standard deviation.
@@ -128,7 +128,7 @@ def build_load_estimate(
 ) -> LoadEstimate:
     """Return the initial estimates of the load: the payload of the file, and friction factors 1.
 
-    A friction factor multiplies the friction of an actuator by the machine file.
+    A friction factor multiplies the friction of an actuator that follows from the machine file.
 
     Args:
         payload: Payload of the machine file [kg].
@@ -179,7 +179,7 @@ def accumulate_load_window(
         steady: Whether the motion is steady. If not, the window is discarded.
         torque: Measured torque less the torque expected by the present estimates of payload and
             friction [N m].
-        friction: Friction torque by the machine file [N m].
+        friction: Friction torque of the machine file [N m].
         settings: Tuned numbers.
 
     Returns:
@@ -219,7 +219,7 @@ def update_load_filter(
             place.
         j: Index of the actuator.
         torque: Mean of the measured torque less the expected one [N m].
-        friction: Mean of the friction torque by the machine file [N m].
+        friction: Mean of the friction torque of the machine file [N m].
         settings: Tuned numbers.
     """
     covariance, carried, estimate = load.covariance, load.gain_work, load.estimate

@@ -114,7 +114,7 @@ class PumpDynamics(Record):
     largest_change: float
     """Largest change of flow in a step [m³/s]."""
     file_theta: float
-    """θ by the machine file."""
+    """θ that follows from the machine file."""
     theta: float
     """Estimate of θ."""
     lag: float

@@ -56,7 +56,7 @@ class ServoLoop:
                 begin with the machine file alone.
 
         Raises:
-            ArgumentError: There are estimates, but the controller keeps none.
+            ArgumentError: `learnt` is given, but the controller does not learn.
             UnknownControllerError: No controller has this name.
             MachineFileError: The controller's gains in the machine's file are wrong.
             PressureSensorsError: The controller reads pressures that the machine does not measure.
@@ -148,11 +148,11 @@ class ServoLoop:
 
         The modes in force come from the schedule; the mode guard changes them if needed. The
         prepared modes, by which the controller charges lines, also contain boost that the schedule
-        begins within `preview`. That boost is left out if not enough modules are free.
+        begins within `preview`. If not enough modules are free, the boost ahead is left out.
 
-        There is one exception. An actuator does not join the shared rail early while another one is
-        about to leave it, since the rail's pressure would reach that one. Until then it is in DB,
-        in which its own pump charges its line.
+        There is one exception. An actuator does not join the shared rail early while another
+        actuator is about to leave the rail, because the rail's pressure would reach the leaving
+        actuator. Until then the joining actuator is in DB, in which its own pump charges its line.
 
         Written are `self.modes` (modes in force), and three arrays of `signals`: `modes` (prepared
         modes), `modes_ahead` (modes at the end of `preview`) and `serves`.

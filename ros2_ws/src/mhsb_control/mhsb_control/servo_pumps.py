@@ -566,9 +566,10 @@ def feeds_rail(
 def compute_rail_demand(s: ServoArguments, p: PumpState, pending: float) -> float:
     """Compute the flow that all pumps on the rail together are to feed into it.
 
-    It is the flow that is drawn from the rail plus the charging flow (`compute_pump_demand`). The
-    drawn flow is that of the joined lines, plus that through closing or throttled join valves. It
-    is reduced by the flow by which pistons were observed to draw less than commanded.
+    The result is the flow that is drawn from the rail plus the charging flow
+    (`compute_pump_demand`). The drawn flow is the sum of the flows into joined lines and through
+    closing or throttled join valves. Pistons may have drawn less than commanded; this shortfall is
+    subtracted.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo.

@@ -97,19 +97,19 @@ def update_rate(
 
         s̈ = ω² (s_req − s) − 2 ω ṡ
 
-    s is the rate, s_req the requested one, and ω is `rate_bandwidth`. With the limit m of
-    `max_slowing`, |s̈| stays within m/`slowing_time`, ṡ within −m … `max_recovery` m, and s within
-    0 … 1. Where s is limited, ṡ becomes 0.
-    A requested rate of 1 is reached at once from above 1 − NEARLY_FULL, and one of 0 from below
-    NEARLY_NONE. The delay of the reference behind the plan grows by (1 − s) times the step. If the
-    plan has ended, the rate becomes 1 at once, and the delay decreases by the step, down to 0.
+    s is the rate, s_req the requested rate, and ω is `rate_bandwidth`. With m = `max_slowing`, |s̈|
+    stays within m/`slowing_time`, ṡ within −m … `max_recovery` m, and s within 0 … 1. If s reaches
+    a limit, ṡ becomes 0. If s_req is 1 and s above 1 − NEARLY_FULL, s becomes 1 at once. If s_req
+    is 0 and s below NEARLY_NONE, s becomes 0 at once. The delay of the reference behind the plan
+    grows by (1 − s) times the step. If the plan has ended, the rate becomes 1 at once, and the
+    delay decreases by the step, down to 0.
 
     Args:
         scaling: State of the speed scaling. Writes `rate` (s), `change` (ṡ) [1/s] and `delay` [ns]
             in place.
         requested_rate: Requested rate, 0 (standstill) … 1 (full speed).
         step: Control period [s].
-        max_slowing: Largest −ṡ [1/s].
+        max_slowing: Largest decrease m of the rate per second [1/s].
         settings: Tuned numbers.
     """
     before, goal = scaling.rate, requested_rate

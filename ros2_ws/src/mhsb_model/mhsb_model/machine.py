@@ -418,8 +418,8 @@ class Machine:
     def with_values(self, values: Mapping[str, Any]) -> Machine:
         """Return a copy of the machine as if its machine file had other values.
 
-        The copy has no `shadows`, and its `arrays.external_leakage` is 0. Only a machine from
-        `planar_arm` or `make_planar_arm_with_shadows` has other values.
+        The copy has no `shadows`, and its `arrays.external_leakage` is 0. Only machines from
+        `planar_arm` and `make_planar_arm_with_shadows` have shadows or external leakage.
 
         Args:
             values: New values by their paths, for instance `{"joints.0.link.mass": 5.0}`.

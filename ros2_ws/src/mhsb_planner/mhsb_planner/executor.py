@@ -254,7 +254,7 @@ class _LocalExecutor(ThreadPoolExecutor):
     def _start_process(self) -> None:
         """Start a process for the calling thread.
 
-        It replaces the thread's process before, if that has crashed.
+        If the thread's process has crashed, the new one replaces it.
         """
         spawn = multiprocessing.get_context("spawn")
         process = ProcessPoolExecutor(

@@ -1,9 +1,9 @@
 """Loads that drive a piston faster than its inlet chamber fills, so that the chamber cavitates.
 
-A matched servo valve lets as much oil into the inlet chamber as leaves the other one only up to a
-certain load. That load does not depend on the piston speed (`hydraulics.cavitates`). Such loads are
-not a limit of a motion: the anti-cavitation valves fill the chamber from the tank. The servo has
-less stiffness during that time.
+A matched servo valve (with equal metering edges) fills the inlet chamber as fast as the other
+chamber empties, but only up to a certain load. That load does not depend on the piston speed
+(`hydraulics.cavitates`). Such loads are not a limit of a motion: the anti-cavitation valves fill
+the chamber from the tank. The servo has less stiffness during that time.
 """
 
 from __future__ import annotations

@@ -251,8 +251,8 @@ def _close_with_revolute_joints(
     """Close the chain with two revolute joints, while all other joints stay where they are.
 
     The links from joint i to joint j form a rigid body of the length D₁. The links from joint j to
-    the tip form one of the length D₂. t is the distance from joint i to the tip, and γ the angle
-    between both bodies:
+    the tip form a second rigid body, of the length D₂. t is the distance from joint i to the tip,
+    and γ the angle between both bodies:
 
         cos γ = (t² − D₁² − D₂²)/(2 D₁ D₂),   γ = side · acos(cos γ)
 

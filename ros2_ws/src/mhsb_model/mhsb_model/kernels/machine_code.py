@@ -21,7 +21,7 @@ def store_machine_code_alone(dispatcher: Any) -> None:
 
     Files are then smaller and load faster. Other kernels cannot be linked with these versions,
     since the stored bitcode defines empty functions under their names. Nothing changes if numba
-    lacks the attributes that this takes.
+    lacks the necessary attributes.
 
     Args:
         dispatcher: Numba dispatcher that caches on disk, changed in place. Only Python may call its

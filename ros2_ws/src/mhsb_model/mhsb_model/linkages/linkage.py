@@ -81,8 +81,8 @@ def evaluate_linkage_at_cosine(
 ) -> tuple[float, float, float]:
     """Compute cylinder length, moment arm and its slope from cosine and sine of the angle.
 
-    It is for callers that already have cosine and sine. The linkage must be a slider-crank or a
-    four-bar; the result for telescopes and slews would be wrong.
+    Use it if cosine and sine are known already. The linkage must be a slider-crank or a four-bar;
+    the result for telescopes and slews would be wrong.
 
     Args:
         linkage: Numbers of the linkage, from `build_linkage_row`, float64[LINKAGE_WIDTH].
@@ -171,7 +171,7 @@ def find_joint_angle(
 def moment_arm_range(linkage: FloatArray, lower: float, upper: float) -> tuple[float, float]:
     """Return the least and the largest moment arm, with their signs, within the joint limits.
 
-    They are those on a grid of positions at most 0.1° apart, or 1.7 mm for a telescope.
+    The search is over a grid of positions at most 0.1° apart, or 1.7 mm for a telescope.
 
     Args:
         linkage: Numbers of the linkage, from `build_linkage_row`, float64[LINKAGE_WIDTH].

@@ -354,8 +354,8 @@ def tip_clearance_in_space(
     Returns:
         Least clearance [m] and the index of its row; inf and −1 if no row counts. The clearance is
         the signed distance of the point from the zone, minus the radius in column RADIUS_COLUMN.
-        That is the radius of the last link, or 0 in a row for the tip alone. In
-        `Obstacles.path_rows` both include a margin.
+        This column has the radius of the last link, or 0 in a row for the tip alone. In
+        `Obstacles.path_rows` a margin is added in both cases.
     """
     least, nearest = math.inf, -1
     for k in range(len(rows)):

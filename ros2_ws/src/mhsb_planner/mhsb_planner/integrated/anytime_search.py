@@ -185,9 +185,9 @@ def yield_straight_paths(task: SearchProblem) -> Iterator[CylinderPath | None]:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
 
     Yields:
-        A line that is cheaper than all lines before. None, so that the caller can try something
-        else, after the first FIRST_LINES trials if they gave no line. A second None at the end of
-        the first round if it gave no line.
+        Lines, each cheaper than all lines before. None is yielded after the first FIRST_LINES
+        trials if they gave no line, and again at the end of the first round if it gave no line. The
+        caller can then try something else.
     """
     numbers = np.arange(len(task.goal_lower_bounds))
     sparse = numbers % STRAIGHT_GOAL_STRIDE == 0

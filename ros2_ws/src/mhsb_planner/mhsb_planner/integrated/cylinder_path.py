@@ -170,8 +170,8 @@ def _count_switches(patterns: ModeArray, start_modes: ModeArray) -> IntArray:
 def without_leakage_cost(t: PathCostModel) -> PathCostModel:
     """Return a copy of the cost model in which leakage and the slip of servo pumps cost nothing.
 
-    It suits a slew that takes longer than the path. Leakage and slip then cost the same on each
-    path.
+    The copy suits a slew that takes longer than the path: leakage and slip then cost the same on
+    each path.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.

@@ -143,8 +143,8 @@ def _free_coordinate_units(machine: Machine, between: tuple[float, float] | None
     are the positions of all joints but the last two turning ones, which close the chain.
 
     The unit is 1 rad for an angle, and the joint's range divided by π [m] for a telescope. 0 means
-    that the coordinate must not change. If `between` is given, this is so for ψ, and with
-    telescopes for all coordinates, because each would change ψ.
+    that the coordinate must not change. If `between` is given, the unit is 0 for ψ. With telescopes
+    it is then 0 for all coordinates, because each would change ψ.
 
     Args:
         machine: The arm without a slewing joint.

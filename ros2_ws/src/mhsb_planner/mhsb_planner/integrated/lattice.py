@@ -569,7 +569,7 @@ def _step_to_goal(
     k: int,
     rule: SearchRule,
 ) -> None:
-    """Price the step from a lattice point to a goal posture and record it if it is the cheapest.
+    """Price the step from a lattice point to a goal posture; record the cheapest path to the goal.
 
     Args:
         problem: Cost model, lattice and goals.

@@ -75,9 +75,9 @@ def convert_to_joints(
         q = L⁻¹(length),  q̇ = v/r,  q̈ = (v̇ − r′ q̇²)/r
 
     L⁻¹ is the joint position that belongs to a cylinder length, v the piston speed, r = dL/dq the
-    moment arm and r′ its slope. Each position is found from the one before. Beyond the joint limits
-    the linkage is continued as a straight line. A motion that passes the limits therefore gives
-    positions beyond them.
+    moment arm and r′ its slope. The search for each position begins at the previous position.
+    Beyond the joint limits the linkage is continued as a straight line. A motion that passes the
+    limits therefore gives positions beyond them.
 
     Args:
         m: Arrays of the machine.

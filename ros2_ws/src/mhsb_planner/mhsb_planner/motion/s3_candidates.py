@@ -197,7 +197,8 @@ class CurveCandidate:
             any other refuses it.
         slows_pieces: True if only the steps around a violation become longer, False if all do.
         max_stretch: Largest stretch as a multiple of `stretch` [-]; None means that of the rules.
-        only_after_thrust_lack: True if the curve is tried only if the one before lacked pressure.
+        only_after_thrust_lack: True if the curve is tried only if the previous curve lacked
+            pressure.
     """
 
     path: DiscretePath
@@ -295,7 +296,7 @@ def iterate_candidates(
 
 
 def _find_boost_steps(path: DiscretePath) -> IntArray:
-    """Find the steps of a path, but the first, in which an actuator is boosted that was not before.
+    """Find the steps of a path, except the first, in which an actuator's boost begins.
 
     Args:
         path: Discrete path. Only `modes` is read.
@@ -318,7 +319,7 @@ def _iterate_ramped(
 ) -> Iterator[CurveCandidate]:
     """Yield curves that follow a discrete path, with slower and slower changes of speed (ramps).
 
-    Each curve but the first is to be tried only if the one before lacked pressure. All may be
+    Each curve but the first is to be tried only if the previous curve lacked pressure. All may be
     slowed if valves or pumps cannot follow. The last curve from rest may also be slowed if pressure
     lacks.
 
@@ -363,14 +364,15 @@ def _create_polynomial(
 ) -> CurveCandidate:
     """Create the published polynomial (one of degree 6 per joint) as a curve to try.
 
-    From a moving start, the polynomial may not be slowed further after its first trial, and no
-    joint may go farther in its initial direction than while braking or on the path.
+    Two rules hold for a moving start. The polynomial must not be slowed further after its first
+    trial. No joint may go farther in its initial direction than it goes while braking or on the
+    path.
 
     Args:
         path: Discrete path.
         start: State of the joints at the start.
-        brake: Motion that brings a moving start to rest; None at rest. The polynomial gets half of
-            its duration to reach the path's first node.
+        brake: Motion that brings a moving start to rest; None at rest. The polynomial reaches the
+            path's first node after half the duration of this motion.
 
     Returns:
         Curve. It is slowed from the first trial on if the path lasts less than SHORTEST_MOVE.

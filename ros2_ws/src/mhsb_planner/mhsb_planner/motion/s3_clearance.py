@@ -35,7 +35,7 @@ REST_SPEED_LIMIT = 1e-9
 
 @dataclass(frozen=True)
 class Contact:
-    """First contact of a motion with an obstacle, or an approach so close that one is possible.
+    """First contact of a motion with an obstacle, or first possible contact.
 
     Attributes:
         time: Time from the start of the motion [s].
@@ -51,9 +51,9 @@ class Contact:
 def find_first_contact(machine: Machine, trajectory: Trajectory) -> Contact | None:
     """Find the first contact of a trajectory with an obstacle.
 
-    An approach so close that a contact cannot be excluded is taken as one. A motion that starts in
-    an obstacle, or nearer to it than START_LEEWAY, may leave it. On the way out it may get nearer
-    or deeper by at most START_LEEWAY.
+    An approach so close that a contact cannot be excluded counts as a contact. A motion that starts
+    in an obstacle, or nearer to it than START_LEEWAY, may leave the obstacle. On the way out its
+    clearance (negative inside) may fall by at most START_LEEWAY.
 
     Args:
         machine: Machine with its obstacles. They count without the margin that discrete paths keep.
@@ -77,8 +77,8 @@ def find_contact_ahead(machine: Machine, trajectory: Trajectory, now_ns: int) ->
 
     The check begins at the trajectory's last point at or before the given time. If this time is
     before the trajectory, the check begins at the first point. If it is after the end, nothing is
-    left to check. Obstacles count without margin. An obstacle in which the arm is at the beginning
-    of the check may be left.
+    left to check. Obstacles count without margin. If the arm is in an obstacle when the check
+    begins, it may leave that obstacle.
 
     Args:
         machine: Machine with its obstacles.
@@ -161,9 +161,9 @@ def _first_contact(
 ) -> tuple[float, float, int]:
     """Find the first contact of a joint motion with an obstacle by conservative advancement.
 
-    An approach so close that a contact cannot be excluded is taken as one. An obstacle may be left
-    if the start is in it, or nearer to it than START_LEEWAY. Until the clearance first exceeds
-    START_LEEWAY, the motion may get nearer or deeper by at most START_LEEWAY.
+    An approach so close that a contact cannot be excluded counts as a contact. A motion may leave
+    an obstacle if the start is in it, or nearer to it than START_LEEWAY. Until the clearance first
+    exceeds START_LEEWAY, it may fall by at most START_LEEWAY.
 
     Test oracle: clearances at instants 0.2 ms apart.
 

@@ -101,8 +101,7 @@ class SteeredMotion:
     def breaks(self) -> FloatArray:
         """Times from 0 to the end of the motion between which the jerk is constant [s].
 
-        Times less than RAMP_TIME_STEP after the time before are dropped, and so are times less than
-        RAMP_TIME_STEP before the end.
+        Times less than RAMP_TIME_STEP after the previous time, or before the end, are dropped.
         """
         kept, last = [0.0], self.end - RAMP_TIME_STEP
         for time in np.unique(np.cumsum(self.phase, axis=1)).tolist():

@@ -191,14 +191,14 @@ class FittedMotion:
 
     @cached_property
     def _nodes_passed(self) -> FloatArray:
-        """Posture of the curve when it is to be at each node of the path [rad or m]."""
+        """Postures at the times planned for the nodes of the path, shape (nodes, n) [rad or m]."""
         assert self.followed is not None
         curve = self.followed[1]
         return curve.sample(curve.node_time)[0]
 
     @property
     def tip_deviation(self) -> float:
-        """Greatest distance of the tip from a node when the motion is to be there [m]."""
+        """Greatest distance of the tip from a path node at the node's planned time [m]."""
         if self.followed is None:
             return 0.0
         tips = self.machine.tip_in_base(self._nodes_passed)
@@ -206,7 +206,7 @@ class FittedMotion:
 
     @property
     def joint_deviation(self) -> float:
-        """Greatest distance of a joint from a node's posture at that time [rad or m]."""
+        """Greatest distance of a joint from a node's posture at the node's time [rad or m]."""
         if self.followed is None:
             return 0.0
         return float(np.max(np.abs(self._nodes_passed - self.followed[0].posture)))
@@ -421,7 +421,7 @@ def _fit_each(
 
 
 def _check_continuity(path: DiscretePath, start: MotionState, brake: Trajectory | None) -> None:
-    """Check that start, braking motion and path meet, each at the end of the one before.
+    """Check that the braking motion begins at the start, and the path where the braking ends.
 
     Args:
         path: Discrete path; it must have a step.
@@ -514,7 +514,8 @@ def _fit_candidate(
 
     Args:
         machine: Machine with joint limits that are widened so that they contain the start.
-        limits: Arrays with the machine file's limits. A joint beyond one must not go further out.
+        limits: Arrays with the machine file's limits. A joint beyond a limit must not go further
+            out.
         modes: Modes in force at the start, and time since each actuator's last switch.
         candidate: Curve to try, with its path.
         rules: Settings of the fit.

@@ -261,10 +261,11 @@ def _interval_modes(
 ) -> ModeArray:
     """Compute the modes of all actuators between the instants of a motion.
 
-    First it is determined for each actuator when it needs boost. Short times in which boost would
-    only hold a load are left to the closed valve. Then boost and shared boost (SB) begin earlier by
-    the lead, and get their least length. Last, boost is reduced where too few booster modules are
-    fitted. It is the kernel of `interval_modes`. The tests check its result against each rule.
+    First the times are determined at which each actuator needs boost. Short times in which boost
+    would only hold a load are left to the closed valve. Then boost and shared boost (SB) begin
+    earlier by the lead, and get their least length. Last, boost is reduced where too few booster
+    modules are fitted. It is the kernel of `interval_modes`. The tests check its result against
+    each rule.
 
     Args:
         m: Arrays of the machine.
@@ -364,8 +365,8 @@ def _determine_needs(
     """Determine an actuator's need for boost and its flow at each instant.
 
     An actuator needs boost if the main pump's pressure is too low for its speed and load. As a
-    reserve, both are multiplied by NEED_FACTOR. At speeds up to MAX_HELD_SPEED the pressure must
-    suffice to hold the load.
+    reserve, speed and load are multiplied by NEED_FACTOR. At speeds up to MAX_HELD_SPEED the
+    pressure must suffice to hold the load.
 
     Args:
         m: Arrays of the machine.

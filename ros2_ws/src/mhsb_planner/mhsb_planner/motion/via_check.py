@@ -19,7 +19,8 @@ The tip must pass the point at no more than the tolerance."""
 def describe_first_missed(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> str:
     """Describe the first via point (point that the tip must pass) that a motion misses.
 
-    The points must be passed in order. The search for each begins where the one before was passed.
+    The points must be passed in order. The search for a point begins where the previous point was
+    passed.
 
     Args:
         tip: Tip positions in time order, shape (k, 2 or 3) [m]; between them the tip is taken to
@@ -66,7 +67,7 @@ def _count_passed(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> tuple[int, 
 
     Returns:
         Number of points passed, and least distance of the tip from the next point [m]; 0 if all are
-        passed. The search for a point begins in the segment in which the one before was passed.
+        passed. The search for a point begins in the segment in which the previous point was passed.
     """
     first = 0
     for count, (*point, tolerance) in enumerate(passing):

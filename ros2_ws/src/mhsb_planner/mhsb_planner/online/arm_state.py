@@ -67,7 +67,7 @@ class ArmClockEstimator:
             steady_time: Time of receipt by the steady clock [s].
 
         Returns:
-            False if the stamp is earlier than the one before. True otherwise, also after a jump
+            False if the stamp is earlier than the previous stamp. True otherwise, also after a jump
             ahead.
         """
         went_back = self._last is not None and stamp_ns < self._last[1]

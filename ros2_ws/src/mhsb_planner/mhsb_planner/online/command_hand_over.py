@@ -126,7 +126,7 @@ class HandOver:
     def choose_braking_horizon(self, tries: int, settings: Settings) -> float:
         """Return the commit horizon of a braking command by the arm's clock [s].
 
-        The commit horizon is the time from the stamp to the begin of braking. The estimated
+        The commit horizon is the time from the stamp to the beginning of braking. The estimated
         transport time is multiplied by `LATE_PLAN_FACTOR`^`tries`, and the product is limited to
         `lead_min` … `lead_max` of the settings. The result is converted to the arm's clock, and the
         machine's dead time is added.
@@ -142,7 +142,7 @@ class HandOver:
     def convert_horizon(self, seconds: float, settings: Settings) -> float:
         """Convert a commit horizon from real time to the arm's clock, and add the dead time.
 
-        The servo must know a plan one dead time before the plan leaves the one before it.
+        The servo must know a new plan one dead time before the new plan leaves the plan in force.
 
         Args:
             seconds: Commit horizon in real time [s].

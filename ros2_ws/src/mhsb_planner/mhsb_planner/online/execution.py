@@ -70,7 +70,7 @@ class Execution:
         target: Place where the command leads: the goal, or a little ahead of a moving goal.
         plan: Summary of the command as the goal's verdict states it.
         settings: Settings of the plan; a later goal at the same place needs the same settings.
-        change_ns: Time at which the command leaves the one before, in the time of plans [ns].
+        change_ns: Time at which the command leaves the previous command, in the time of plans [ns].
         dropped_since: Time at which the arm was first seen without the plan before its end [ns],
             and the ending without a reported reason; None while the arm follows the plan.
         distances: Times since the plan's end [ns] and distances of the measured tip from the goal

@@ -628,8 +628,8 @@ class GoalLifecycle:
         """Handle the arm's report of its last stop, and end the goals that came before it.
 
         A stop is ignored if it was reported before, or if this planner has called for it. Otherwise
-        goals end as stopped that were received before this report, up to a short time after the
-        stop (`StopSequence.find_void_time`). If the arm executes a plan for such a goal, it is
+        all goals that were received before this report end as stopped, up to a short time after the
+        stop (`StopSequence.find_void_time`). If the arm executes a plan for such a goal, the arm is
         stopped again.
 
         Args:
@@ -718,7 +718,7 @@ class GoalLifecycle:
     def _handle_refused_command(
         self, sent: UnconfirmedPlan, reason: HandOverReason, sentence: str
     ) -> None:
-        """Handle that the arm has not taken a command and goes on with the one before.
+        """Handle that the arm has not taken a command and goes on with the previous command.
 
         After a braking command or a void plan (withdrawn after it was sent), the stop takes its
         next step. After another plan the first of these cases decides:

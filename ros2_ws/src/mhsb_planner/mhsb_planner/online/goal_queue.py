@@ -158,7 +158,7 @@ class GoalQueue:
     def withdraw(self, pending_goal: PendingGoal) -> None:
         """Take a goal out of the queue.
 
-        It no longer waits. If a plan for it is being made, the answer will be ignored.
+        The goal no longer waits. If a plan for it is being made, the answer will be ignored.
 
         Args:
             pending_goal: The goal; nothing happens if it is not in the queue.

@@ -119,8 +119,8 @@ class GoalStream:
     ) -> Goal:
         """Move a goal on along the stream's velocity, to the place where a plan for it should end.
 
-        This is its place after the commit horizon (time until the plan takes over), one period and
-        the dead time. The first two together count at most `MAX_LOOKAHEAD_TIME`.
+        The place is that of the goal after the commit horizon (time until the plan takes over), one
+        period and the dead time. The first two together count at most `MAX_LOOKAHEAD_TIME`.
 
         Args:
             goal: The goal that was received last.

@@ -35,7 +35,7 @@ class PendingGoal:
         has_verdict: Whether it has got its verdict and was accepted.
         attempts: Number of plans that were sent for it.
         plan_stamp_ns: Stamp of the last of these plans [ns]; 0 without one.
-        lead_ms: Time from receipt of the goal to where that plan leaves the one before [ms].
+        lead_ms: Time from receipt of the goal to where that plan leaves the previous plan [ms].
         horizon_factor: Factor on the commit horizon; grows with each plan that came too late.
         late_plans_at_longest_horizon: Number of times that even the longest commit horizon was too
             short.

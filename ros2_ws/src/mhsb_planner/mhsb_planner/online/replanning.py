@@ -171,7 +171,7 @@ class Replanner:
             in_force: Command that is braked.
             now_ns: Earliest stamp of the result, by the clock of the old stamp [ns]. The stamp may
                 come a few milliseconds later.
-            commit_horizon: Time from the stamp to the begin of braking [s]. The result repeats
+            commit_horizon: Time from the stamp to the beginning of braking [s]. The result repeats
                 `in_force` during this time.
 
         Returns:

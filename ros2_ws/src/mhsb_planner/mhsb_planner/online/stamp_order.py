@@ -93,9 +93,9 @@ class StampOrder:
     def _has_several_publishers(self, steady_time: float) -> bool:
         """Store the time of a step back, and return whether the ROS graph shows several publishers.
 
-        A step back is a stamp earlier than the one before. With one publisher, `publisher_conflict`
-        is cleared. With several, it is set if the previous step back was at most `DECIDED_AFTER`
-        ago.
+        A step back is a stamp earlier than the previous stamp. With one publisher,
+        `publisher_conflict` is cleared. With several, it is set if the previous step back was at
+        most `DECIDED_AFTER` ago.
 
         Args:
             steady_time: Time of receipt of this stamp by the steady clock [s].

@@ -47,7 +47,7 @@ MAX_BRAKING_COMMANDS = 3
 """Number of braking commands that are sent before the arm's own ~/stop is called."""
 
 BRAKING_TIMEOUT = 1.0
-"""Time after the begin of a stop for which braking commands are sent [s].
+"""Time after the beginning of a stop for which braking commands are sent [s].
 
 After it the arm's own ~/stop is called.
 """

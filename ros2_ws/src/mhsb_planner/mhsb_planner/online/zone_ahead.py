@@ -215,7 +215,7 @@ def make_braking_for_obstacle(
         machine: Machine with the zones in force.
         in_force: Command that the arm executes; it still moves.
         now_ns: Earliest stamp of the result, by the clock of plans [ns].
-        commit_horizon: Time from the stamp to the begin of braking [s]. The result repeats
+        commit_horizon: Time from the stamp to the beginning of braking [s]. The result repeats
             `in_force` during this time.
         since_ns: Time at which the obstacle was set, by the same clock [ns]. The result's
             `passed_clearance` is the least clearance from then to its stamp. A negative value means

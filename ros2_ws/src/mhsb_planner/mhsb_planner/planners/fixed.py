@@ -38,9 +38,9 @@ class FixedPlanner:
             progress: State of the planning loop, with the time limit of the search.
 
         Yields:
-            The first path found: to the goal, or else to another position of the goal region (all
-            positions that are accepted). Then the cheapest path to any position of the region, if
-            it is another one.
+            First a path to the goal itself or, if there is none, to another position of the goal
+            region. Then the cheapest path to any position of the region, if it differs from the
+            first path.
 
         Raises:
             MhsbError: There is no path, or none in time.

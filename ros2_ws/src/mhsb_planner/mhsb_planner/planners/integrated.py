@@ -81,12 +81,12 @@ class IntegratedPlanner:
     ) -> ProposerSet:
         """Create the proposers (sources of paths) for a request.
 
-        None does any work before its first turn. There is one for the integrated search, one for
-        the same search without leakage, and one for each baseline (planner to compare with). Others
-        are added:
+        A proposer does no work before its first turn. There is one for the integrated search, one
+        for the same search without leakage, and one for each baseline (planner to compare with).
+        Others are added:
 
-        - If the manipulability loss has a weight: a search without it. It counts as a baseline, and
-          all baselines have an early turn, because the integrated search takes long.
+        - If the manipulability loss has a weight: a search without this weight. It counts as a
+          baseline. All baselines then have an early turn, because the integrated search takes long.
         - If there is a goal region: the whole planner for the request without the region. It comes
           last, and ensures that the region does not make the plan more expensive.
 
@@ -200,7 +200,8 @@ def _paths_without_leakage(
 ) -> Iterator[PathProposal]:
     """Yield the paths of an integrated search that ignores leakage when it compares paths.
 
-    It suits a slew that takes longer than the path. Leakage then costs the same on each path.
+    This search suits a slew that takes longer than the path: leakage then costs the same on each
+    path.
 
     Args:
         machine: The planar arm (without the slewing joint).

@@ -239,9 +239,9 @@ def _sample_psi(m: MachineArrays, tip: tuple[float, float]) -> _PsiSamples:
 
     Returns:
         The intervals, and for each sample its posture, whether it is valid, and the inputs of the
-        polytope area; ψ itself is not stored. Samples are in the order of the intervals, interval
-        ends included, and ψ rises as −cos t between them. Two samples are at most 1 /
-        SAMPLES_PER_TURN turns apart. No samples if no posture is within joint limits.
+        polytope area; ψ itself is not stored. Samples are in the order of the intervals. Within an
+        interval ψ rises as −cos t, both ends included. Two samples are at most 1 / SAMPLES_PER_TURN
+        turns apart. No samples if no posture is within joint limits.
     """
     interval = np.empty((MAX_INTERVALS, 3))
     intervals = find_feasible_intervals(m, tip[0], tip[1], interval)

@@ -63,9 +63,10 @@ class GoalSender(Node):
 
     @property
     def is_matched(self) -> bool:
-        """True if goals are received, also by a node that publishes verdicts.
+        """True if goals have a subscriber, and a node both receives goals and publishes verdicts.
 
-        A recorder receives goals, too, and a planner that is not ready publishes verdicts only.
+        Such a node is a planner that is ready. A recorder only receives goals, and a planner that
+        is not ready only publishes verdicts.
         """
         planners = self.get_publishers_info_by_topic(self._status.topic_name)
         receivers = self.get_subscriptions_info_by_topic(self._goals.topic_name)

@@ -416,9 +416,9 @@ class PlannerNode(Node):
     def _on_estimates(self, message: JointState) -> None:
         """Take the payload that the arm has estimated, and plan with it if the parameters say so.
 
-        An accurate estimate replaces the one before if it differs enough (`choose_payload`). If the
-        parameter `payload_from` is `estimate`, plans use it from now on, and this is logged. If
-        planning refuses this payload, the one before is kept.
+        An accurate estimate replaces the previous estimate if it differs enough (`choose_payload`).
+        If the parameter `payload_from` is `estimate`, plans use it from now on, and this is logged.
+        If planning refuses this payload, the previous payload is kept.
 
         Args:
             message: Message of `estimates`. One that cannot be used is logged and dropped.

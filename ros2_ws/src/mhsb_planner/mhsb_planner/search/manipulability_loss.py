@@ -210,8 +210,8 @@ def area_along_motion(
         deadline: Instant at which the work is given up.
 
     Returns:
-        Straight distance of the tip in each part [m]. Area of each part in the modes in force at
-        the middle of its time [m²/s²]; its posture is the mean of the postures at both ends.
+        Straight distance of the tip in each part [m]. Area of each part [m²/s²], in the mean of the
+        postures at both ends of the part, and in the modes in force at the middle of its time.
 
     Raises:
         DeadlineError: The deadline passed.

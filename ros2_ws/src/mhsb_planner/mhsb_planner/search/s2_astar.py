@@ -254,10 +254,10 @@ def _relax_steps(
 ) -> None:
     """Record every step that leads to a state more cheaply than the path known so far.
 
-    At equal cost a path with fewer steps counts as cheaper. The arm can also reach the state from
-    the cheapest known state of the same posture, by mode switches there. The step is not recorded
-    if that way costs less, or as much with no more steps. Otherwise the state enters the open list,
-    or its place there is updated.
+    At equal cost a path with fewer steps counts as cheaper. There is a second way to the state:
+    mode switches in the cheapest known state of the same posture. The step is not recorded if the
+    second way costs less, or if it costs the same and has no more steps. Otherwise the state enters
+    the open list, or its place in the list is updated.
 
     Args:
         open_list: Open list and records of all states. Written in place.

@@ -521,7 +521,7 @@ def _describe_hold(
 ) -> None:
     """Treat a slow joint as held at rest if its load must be held in boost.
 
-    This is so if the main pump's pressure P_S cannot hold the load, but the highest boost pressure
+    It must if the main pump's pressure P_S cannot hold the load, but the highest boost pressure
     can. Otherwise nothing changes.
 
     Args:

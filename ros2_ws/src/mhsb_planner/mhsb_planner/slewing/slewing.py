@@ -457,8 +457,9 @@ class SlewingPaths:
     def _convert_to_plane(self, task: PathRequest) -> tuple[PathRequest, float]:
         """Convert a path request of the whole arm into one for the arm without its slew.
 
-        Oil and least time that the slew needs become the request's slew demand. `brake` is None,
-        because the motion of the whole arm includes coming to rest from a moving start.
+        The slew demand of the result has the oil and the least time that the slew needs. The
+        result's `brake` is None, because the motion of the whole arm contains the braking of a
+        moving start.
 
         Args:
             task: Path request of the whole arm.

@@ -39,12 +39,12 @@ def audit_elements(
     counters: FloatArray,
     volume: CircuitVolumes,
 ) -> None:
-    """Add the energy that flows into each element of the circuit in a substep to its counter.
+    """Add to each element's counter the energy that flows into the element in a substep.
 
-    It is flow times pressure drop times duration, with the mean values of the substep. Energies in
-    and out are therefore equal at every node (Tellegen's theorem). For a servo pump, shaft energy
-    and losses are added instead. The net oil that returns to the tank, and its energy at tank
-    pressure, are counted, too.
+    This energy is flow times pressure drop times duration, with the mean values of the substep.
+    Energies in and out are therefore equal at every node (Tellegen's theorem). For a servo pump,
+    shaft energy and losses are added instead. The net oil that returns to the tank, and its energy
+    at tank pressure, are counted, too.
 
     Args:
         net: Elements of this substep, CircuitElement, each with its two nodes, its flow [m³/s] and
@@ -148,7 +148,7 @@ def audit_node(
     """Add the energy and oil that a node has stored in a substep.
 
     The oil C (after − before) counts as compression. The rest of the inflow counts as oil that
-    fills the vapour cavity. It is negative if the cavity grows.
+    fills the vapour cavity; the rest is negative if the cavity grows.
 
     Args:
         capacity: Capacity C of the node, oil volume per pressure [m³/Pa].

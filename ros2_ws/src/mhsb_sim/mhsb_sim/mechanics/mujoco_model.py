@@ -134,7 +134,7 @@ def _add_link(
         offset: Distance of the joint along the parent's x axis [m].
         index: Index k of the joint, from 0. The body is named `link_<k + 1>`, its joint `joint_<k +
             1>`.
-        joint: Joint and link by the machine file.
+        joint: Joint and link of the machine file.
         size: Size of the arm relative to the paper's, for drawn shapes.
 
     Returns:
@@ -186,7 +186,7 @@ def _draw_platform(body: mujoco.MjsBody, platform: Platform) -> None:
 
     Args:
         body: Body of the platform.
-        platform: Platform by the machine file.
+        platform: Platform of the machine file.
     """
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -229,7 +229,7 @@ def _add_pins(
         body: Body of the link after the joint.
         offset: Distance of the joint along the parent's x axis [m].
         index: Index of the actuator, from 0; k is one more.
-        linkage: Linkage by the machine file.
+        linkage: Linkage of the machine file.
     """
     if not isinstance(linkage, SliderCrank | FourBar):
         return

@@ -216,7 +216,7 @@ class SupplyLoss:
     closes_valves = False
 
     def __init__(self, machine: Machine) -> None:
-        """Store the names of the actuators, and the main pump's pressure P_S by the machine file.
+        """Store the names of the actuators, and the main pump's pressure P_S of the machine file.
 
         Args:
             machine: The machine.
@@ -267,10 +267,10 @@ class Saturation:
         self._looks = np.zeros(len(self._names))
 
     def evaluate(self, sample: ArmSample) -> Finding:
-        """Update for how long each command has been saturated, and return the longest time.
+        """Update the time for which each command has been saturated, and return the longest.
 
-        A command is saturated from `full_command_share` on. One unsaturated sample resets its time
-        to 0. Each call counts as WATCH_PERIOD_NS, so it must come once in that period.
+        A command is saturated if it is at least `full_command_share`. One unsaturated sample resets
+        its time to 0. Each call counts as WATCH_PERIOD_NS, so it must come once in that period.
 
         Args:
             sample: State of the arm.

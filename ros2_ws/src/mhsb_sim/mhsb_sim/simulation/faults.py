@@ -122,8 +122,8 @@ def _parse_fault(word: str, machine: Machine) -> Fault:
         kind has none.
 
     Raises:
-        FaultError: There is no such kind. Or its place is missing or not valid. Or its value is
-            out of range, or the kind has none.
+        FaultError: The kind is unknown, the place is missing or not valid, the value is out of
+            range, or a value is given for a kind without values.
     """
     name, place, value = (*word.split(":", 2), "", "")[:3]
     kind = FAULT_KINDS.get(name)

@@ -635,7 +635,7 @@ class Simulator:
         self._control()
 
     def _open_valves(self) -> None:
-        """Let the servo act, restore the relief settings and open the isolating valves."""
+        """Let the servo act, restore the chambers' relief pressures, open isolating valves."""
         self._circuit.actuators["relief"] = self.plant.chamber_reliefs
         self._circuit.actuators["isolating_command"] = 0.0
         self._control = self._servo.step
@@ -659,7 +659,7 @@ class Simulator:
     ) -> None:
         """Follow a trajectory from now on; reference and modes are updated at once.
 
-        The begin is recorded for `reference_at`, in the time of plans (simulated time minus the
+        The start is recorded for `reference_at`, in the time of plans (simulated time minus the
         delay of slowed plans).
 
         Args:

@@ -63,7 +63,7 @@ def joint_excess(m: MachineArrays, q: FloatArray) -> FloatArray:
 
 @kernel(borrows=True)
 def compute_outward_excess(m: MachineArrays, position: FloatArray) -> float:
-    """Compute how far a motion takes a joint beyond its limits, or farther beyond than before.
+    """Compute how far a motion takes a joint beyond its limits, or farther out than it was before.
 
     A joint that starts beyond a limit may return, but must not move outwards again. Let e_k be the
     distance of a joint beyond its limits at instant k, negative within them. The result is the
