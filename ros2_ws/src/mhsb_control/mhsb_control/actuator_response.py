@@ -239,7 +239,7 @@ class InverseCurve:
         self.covariance += share * (self._prior - self.covariance)
 
     def _keep_increasing(self) -> None:
-        """Raise the first command to 0 at least, and each other by a least step above the last."""
+        """Raise the first command to 0 at least, and each other a least step above the previous."""
         offset = np.concatenate([[0.0], np.cumsum(self._min_steps)])
         above = np.maximum.accumulate(self.commands - offset)
         self.commands = np.maximum(above, 0.0) + offset

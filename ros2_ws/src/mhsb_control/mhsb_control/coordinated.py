@@ -624,8 +624,8 @@ def may_leave_early(
 
     Three conditions must hold. Another boosted line on the rail needs a pressure that is higher by
     more than `joined_drop`. The mode of the line at the preview point is not SB. One pump can
-    supply its flow; while it is still joined, `early_leave_flow_share` of a pump's flow must
-    suffice.
+    supply the line's flow; while the line is still joined, `early_leave_flow_share` of a pump's
+    flow must suffice.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo.

@@ -380,7 +380,7 @@ def compute_reserves(g: GovernorState) -> None:
 
     An actuator has to lift its load back if it has yielded to the load, and the tip error is above
     `lift_error_ratio` usual errors. Its present need is then at least the holding pressure plus
-    `lifting_pressure`. A slew carries no weight: what it yields to is inertia.
+    `lifting_pressure`. A slew carries no weight and yields to inertia only.
 
     Results for each actuator:
 
@@ -552,9 +552,9 @@ def compute_tip_errors(
     """Compute the distance of the tip from its reference, in total and without the part ahead.
 
     The total is |J Δq|, to first order in the deviations Δq of the joints, with the Jacobian J of
-    the tip. If joint 1 slews, it includes the direction across the arm's plane. If J Δq has a
-    component along the reference's velocity, the tip is ahead by this part. The second distance
-    leaves it out, since slowing the plan would not reduce it.
+    the tip. If joint 1 slews, the total includes the direction across the arm's plane. If J Δq has
+    a component along the reference's velocity, the tip is ahead by this part. The second distance
+    leaves this part out, since slowing the plan would not reduce it.
 
     Args:
         c: Links of the arm.

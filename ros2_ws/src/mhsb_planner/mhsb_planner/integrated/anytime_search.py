@@ -336,7 +336,7 @@ def _lattice_cost_models(t: PathCostModel, best: CylinderPath | None) -> tuple[P
     """Return the two cost models by which a lattice is searched one after the other.
 
     In the first model a slow cylinder needs no boost to hold a load. If there is no incumbent, mode
-    switches cost nothing in it, either.
+    switches also cost nothing in the first model.
 
     Args:
         t: Cost model of the search problem.

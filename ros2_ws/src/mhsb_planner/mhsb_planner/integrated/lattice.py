@@ -473,10 +473,10 @@ def _relax_step(
 ) -> bool:
     """Record a step to a state if it is cheaper than all paths known to the state.
 
-    A state is a lattice point and the mode combination of arrival. The arm can also reach the
-    target from the cheapest other state of its point, by mode switches there. The step is dropped
-    if that costs no more. Otherwise the target gets the cost and the parent. It enters the open
-    list, or its place there is updated.
+    A state is a lattice point and the mode combination of arrival. There is a second way to the
+    target: mode switches in the cheapest other state of its point. The step is dropped if the
+    second way costs no more. Otherwise the target gets the cost and the parent. It enters the open
+    list, or its place in the list is updated.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.

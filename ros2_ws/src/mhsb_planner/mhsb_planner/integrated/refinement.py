@@ -101,7 +101,7 @@ def sweep_waypoints(
     strides: Strides,
     deadline: Deadline = NO_DEADLINE,
 ) -> float:
-    """Run one sweep of a compass search over all waypoints of a cylinder path but the start.
+    """Run one sweep of a compass search over all waypoints of a cylinder path except the start.
 
     The sweep tries to move each inner waypoint along each cylinder by a stride, and keeps what
     makes the path cheaper. The last waypoint moves by changes of the goal posture. A path with the

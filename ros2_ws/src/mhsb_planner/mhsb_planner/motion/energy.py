@@ -184,7 +184,7 @@ def compute_charging(
 ) -> tuple[float, float]:
     """Compute the shaft work that charges lines before boosts, and the loss by slip in it.
 
-    A boost begins in a row whose mode is boosted while the mode of the row before is not. The
+    A boost begins in a row whose mode is boosted if the mode of the previous row is not. The
     actuator's line must then be raised from the main pump's pressure. A boost that is in force in
     the first row costs nothing.
 
@@ -447,7 +447,7 @@ def _compute_charging_work(
 ) -> tuple[float, float]:
     """Compute the hydraulic work that charges supply lines before boosts; slip is the only loss.
 
-    A boost begins in a row whose mode is boosted while the mode of the row before is not. The
+    A boost begins in a row whose mode is boosted if the mode of the previous row is not. The
     actuator's line of the volume V is then raised by Δp to the boosted pressure. With the bulk
     modulus β, the flow Q into cylinder and valve, and the time T:
 

@@ -125,7 +125,7 @@ def _determine_limits(
     """Determine the acceleration and jerk that braking pistons may have.
 
     Each limit is the larger of the machine's limit and the trajectory's own peak on the same
-    stretch of its path. To this, `slack` times the machine's limit is added.
+    stretch of its path. `slack` times the machine's limit is added to each.
 
     Args:
         machine: Machine whose limits apply.

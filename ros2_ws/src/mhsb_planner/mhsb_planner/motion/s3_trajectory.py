@@ -470,7 +470,8 @@ def _are_equal(one: FloatArray, other: FloatArray) -> bool:
 def _widen_limits_to(machine: Machine, posture: FloatArray) -> Machine:
     """Return a copy of the machine whose joint limits and workspace are widened to include a start.
 
-    Joints may then be as far outside as at the start. The caller must check that they only return.
+    Joints may then be as far outside their limits as at the start. The caller must check that such
+    joints only move back.
 
     Args:
         machine: Machine with the limits of its file.

@@ -609,8 +609,8 @@ class GoalLifecycle:
 
         Args:
             difference: The difference in one sentence; empty if the files agree. None if the arm
-                does not report its machine. None counts as agreement; it is logged if nothing was
-                known before.
+                does not report its machine. None counts as agreement, which is logged if nothing
+                was known before.
         """
         if difference is None and not self.arm_state.is_machine_known:
             self._outbox.warn(

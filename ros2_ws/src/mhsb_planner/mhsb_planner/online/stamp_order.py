@@ -41,9 +41,9 @@ class StampOrder:
         """Begin without a stamp.
 
         Args:
-            several_publishers: Asks the ROS graph. It returns a sentence that names the publishers
-                if there are several, otherwise an empty one. It is called at each step back of the
-                stamps.
+            several_publishers: Function that asks the ROS graph. It returns a sentence that names
+                the publishers if there are several, otherwise an empty text. It is called at each
+                step back of the stamps.
         """
         self.publisher_conflict = ""
         self._several_publishers = several_publishers

@@ -207,9 +207,8 @@ def make_braking_for_obstacle(
     """Make the command that brakes along the path in force for an obstacle ahead.
 
     Take the softest braking that touches nothing and rests at least the machine's margin away from
-    every obstacle. If there is none, compare the least clearances on the way and take the braking
-    with the greatest, usually the hardest. Among equal ones, the greatest clearance at rest
-    decides.
+    every obstacle. If there is none, take the braking whose least clearance on the way is greatest,
+    usually the hardest. If several have this clearance, the greatest clearance at rest decides.
 
     Args:
         machine: Machine with the zones in force.
@@ -219,7 +218,8 @@ def make_braking_for_obstacle(
             `in_force` during this time.
         since_ns: Time at which the obstacle was set, by the same clock [ns]. The result's
             `passed_clearance` is the least clearance from then to its stamp. A negative value means
-            that the arm has been in an obstacle. If the arm is clear now, it has passed that one.
+            that the arm has been in an obstacle. If the arm is clear now, it has passed that
+            obstacle.
 
     Returns:
         The command with its clearances.

@@ -157,9 +157,9 @@ def expand(
     A state is a workspace node and the mode pattern of arrival. The first call expands the start.
     Steps that leave a posture are priced with `cost_model` when they are needed for the first time,
     and appended to `edges`. A state is useless if mode switches from another state of the same
-    posture reach it as cheaply. A useless state is not put on the open list. If it becomes useless
-    while it is on the list, it is taken from there but not expanded; it counts towards `limit`. The
-    caller holds the lock `PricedSteps.guard()`.
+    posture reach it as cheaply. A useless state is not put on the open list. A state that becomes
+    useless while it is on the list is taken from the list but not expanded; it still counts towards
+    `limit`. The caller holds the lock `PricedSteps.guard()`.
 
     Test oracle: scipy.sparse.csgraph.dijkstra on the same graph.
 

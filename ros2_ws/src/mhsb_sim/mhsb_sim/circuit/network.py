@@ -198,8 +198,7 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
         substep: Length of a substep [s].
 
     Returns:
-        The circuit, without oil flow, vapour or energy counted. The tank alone has another
-        pressure, its own.
+        The circuit, without oil flow, vapour or energy counted. Only the tank is at tank pressure.
     """
     arrays = machine.arrays
     actuator_count, module_count = machine.joint_count, arrays.module_count
@@ -655,8 +654,8 @@ def solve_pressure_changes(circuit: Circuit, count: int) -> None:
 def apply_pressure_changes(circuit: Circuit) -> None:
     """Apply the pressure changes of a substep, and count what each node has stored.
 
-    No pressure falls below the vapour pressure. There vapour fills the missing volume, the cavity
-    of the node.
+    No pressure falls below the vapour pressure. At vapour pressure, vapour fills the volume that
+    the oil leaves: the cavity of the node.
 
     Args:
         circuit: The circuit. Reads the pressure changes in `nodes[0]`. Writes pressures, cavities

@@ -148,7 +148,8 @@ def _rotate_in_plane(x: float, z: float, angle: float) -> FloatArray:
 def _build_barrel(machine: Machine, j: int, parent_pin: FloatArray, rod_end: FloatArray) -> Bar:
     """Build the barrel of a cylinder, from the parent pin towards the rod's end.
 
-    Its length is BARREL_SHARE of the shorter one of the cylinder lengths at the two joint limits.
+    The barrel's length is BARREL_SHARE of the cylinder's length at the joint limit where it is
+    shorter.
 
     Args:
         machine: The machine.

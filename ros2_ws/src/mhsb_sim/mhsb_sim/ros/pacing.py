@@ -74,7 +74,7 @@ class Pacer:
     def restart(self, clock_ns: int, sim_ns: int) -> None:
         """Make the present the reference instant, at which there is no lag.
 
-        The caller does so after a change of `factor` or a reset.
+        To be called after a change of `factor` and after a reset.
 
         Args:
             clock_ns: Present time of the steady clock [ns].

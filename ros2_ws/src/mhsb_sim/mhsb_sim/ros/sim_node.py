@@ -330,7 +330,7 @@ class SimNode(Node):
     # --- Reports ---------------------------------------------------------------------------------
 
     def _save_estimates(self) -> None:
-        """Keep what the servo has learnt, unless a fault may have spoilt it; write it to its file.
+        """Store what the servo has learnt, also in its file, unless a fault may have spoilt it.
 
         If the file cannot be written, a warning is logged.
         """
