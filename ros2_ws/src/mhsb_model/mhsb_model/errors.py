@@ -68,7 +68,7 @@ class MachineFileError(MhsbError):
         super().__init__(f"machine file {source}: " + "; ".join(self._list_problems()))
 
     def format_lines(self) -> list[str]:
-        """Format the message with a line for each listed problem; a single one has no own line."""
+        """Format the message: one line for a single problem, else a title and a line for each."""
         listed = self._list_problems()
         if len(listed) == 1:
             return [str(self)]

@@ -489,8 +489,8 @@ def update_boost_request(
     - Boost (mode DB) is requested once the reserve has been below `boost_below` for `boost_after`.
     - The request ends (mode N) once the reserve has been above `release_above` for `release_after`.
 
-    While the plan boosts the actuator itself, `keep_below` takes the place of both thresholds, and
-    a request ends at once.
+    While the plan itself boosts the actuator, both thresholds are `keep_below`, and a request ends
+    as soon as the reserve is above it.
 
     Args:
         actuator: State of the governor for one actuator. Writes `requested_mode` and

@@ -253,10 +253,9 @@ def _yield_cheaper_lines(
 def lattice_spacings(task: SearchProblem, best: CylinderPath | None) -> list[float]:
     """Return the spacings of the lattices, in a decreasing geometric sequence.
 
-    With an incumbent (cheapest path so far) the spacings depend on a stroke: the largest change of
-    a cylinder's length from the start to any of certain postures. These are the waypoints of the
-    incumbent, and the goal postures whose lower bound is below the incumbent's cost. The other
-    names are fields of `SearchLimits`:
+    With an incumbent (cheapest path so far) the spacings depend on `stroke`: the largest change of
+    a cylinder's length from the start to the incumbent's waypoints and to all goal postures whose
+    lower bound is below the incumbent's cost. The other names are fields of `SearchLimits`:
 
         last = min(max_last_spacing, max(min_spacing, stroke / finest_step_count))
         first = min(max_first_spacing, max(last, stroke / 3))

@@ -89,8 +89,8 @@ def sample_goal_postures(
     The postures at a tip position have m = n − 2 free coordinates, one less if ψ must have one
     value. For m = 1 successive samples differ by at most `spacing`, and the ends of each feasible
     interval are among them. For larger m the distance is spacing^(1/m). With k tip positions,
-    `spacing` is first multiplied by k. Both limit the number of samples. Postures that come too
-    near to obstacles are dropped, and so are tip positions without any posture.
+    `spacing` is first multiplied by k. Both rules limit the number of samples. Postures that come
+    too near to obstacles are dropped, and so are tip positions without any posture.
 
     Args:
         machine: The arm without a slewing joint.
@@ -282,8 +282,8 @@ def _sample_turning_chain(
     """Sample the postures of a chain of turning joints at one tip position.
 
     The inner joints, the first n − 3, are sampled on a grid. For each grid point the feasible
-    end-link angles ψ of the last three joints are sampled. Each interval of them gets at least
-    MIN_INTERVAL_SAMPLES^(1/(n − 2)) samples and at least 2, its ends included.
+    end-link angles ψ of the last three joints are sampled. Each interval of ψ gets at least
+    MIN_INTERVAL_SAMPLES^(1/(n − 2)) samples and at least 2, both ends included.
 
     Args:
         machine: The arm without a slewing joint.

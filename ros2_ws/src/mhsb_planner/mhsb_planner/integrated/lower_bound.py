@@ -273,7 +273,7 @@ def _branch_and_bound_of_chain(
     best_sampled_bound: float,
     most_cells: int,
 ) -> Interval:
-    """Bound the cost to any goal posture of a chain of any kind from below.
+    """Compute a lower bound on the cost to every goal posture, for a chain of any kind.
 
     A cell holds an interval for each free coordinate. Best-first branch and bound halves the cell
     of the least bound along its widest side. It stops at a cell whose bound is at least

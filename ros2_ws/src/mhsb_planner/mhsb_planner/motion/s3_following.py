@@ -211,8 +211,8 @@ def compute_followed_path(
 
     Each change of the piston speeds is a ramp (smooth change). Motions with longer and longer ramps
     are tried until one keeps the limits. The first has the shortest ramps for the fastest step,
-    times `ramp_factor`. From a moving start, the path first begins while the pistons still come to
-    rest, and only then after they have.
+    times `ramp_factor`. If the start moves, motions whose path begins while the pistons still come
+    to rest are tried first, then motions whose path begins from rest.
 
     Args:
         machine: Machine that moves.

@@ -289,11 +289,11 @@ class GoalLifecycle:
     ) -> PlanRequest:
         """Build the request for a plan to a goal.
 
-        The arm counts as moving until the trajectory of `start` has ended. Its commit horizon (time
+        The arm counts as moving until the trajectory of `start` has ended. The commit horizon (time
         until the new plan takes over) then covers planning, transport, confirmation and the
-        machine's dead time. For an arm at rest it does not cover planning, because the plan is
-        stamped when it is ready. The deadline is the same in both cases: the horizon of a moving
-        arm without its part for transport. The target of a moving goal is extrapolated.
+        machine's dead time. For an arm at rest the horizon does not cover planning, because the
+        plan is stamped when it is ready. The deadline is the same in both cases: the horizon of a
+        moving arm without its part for transport. The target of a moving goal is extrapolated.
 
         Args:
             pending_goal: The goal.

@@ -482,7 +482,7 @@ class Simulator:
         """Decelerate along the path of the plan in force, then hold; no effect without a plan.
 
         While the arm decelerates, the modes that the servo last prepared stay in force. At the end
-        it gets modes that hold its load there.
+        the arm gets modes that hold its load there.
         """
         now = self.plan_time_ns
         if not self._reference.executes_plan(self._time_ns):
