@@ -157,8 +157,8 @@ class InverseCurve:
     def restore(self, learnt: DirectionResponse) -> None:
         """Begin with a curve from an estimates file.
 
-        Between its knots it is interpolated. Errors of the knots are taken to be correlated as
-        initially, and to be no larger.
+        The curve is interpolated between its knots. The errors of the knots get the file's standard
+        deviations, at most those of a new curve, and the correlations of a new curve.
 
         Args:
             learnt: The curve.
@@ -178,7 +178,7 @@ class InverseCurve:
             speed: Measured speed ≥ 0 [m/s].
             command: Command, 0 … 1.
             weight: Weight of the pair, above 0 … 1: 1 if it is independent of earlier pairs, less
-                if its window overlaps theirs.
+                if its window overlaps the windows of earlier pairs.
             spread: Change of the command within the window, which makes the pair uncertain.
         """
         share = self._shares(speed)

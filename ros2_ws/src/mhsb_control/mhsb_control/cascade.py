@@ -678,9 +678,10 @@ def compute_supply_need(
 ) -> float:
     """Compute the supply pressure that an actuator needs in boost.
 
-    It is the greatest of three pressures plus the supply margin, limited to the range from P_S to
-    the maximum boost pressure. p_L is the load pressure, and m(v) the drop over the fully open
-    valve at the speed v. `inertia_margin` is the part of the boost margin that inertia may use up.
+    The result is the greatest of three pressures plus the supply margin, limited to the range from
+    P_S to the maximum boost pressure. p_L is the load pressure, and m(v) the drop over the fully
+    open valve at the speed v. `inertia_margin` is the part of the boost margin that inertia may use
+    up.
 
         p_L(F_hold)                      holding
         p_L(F_hold) + m(v)               moving the held load

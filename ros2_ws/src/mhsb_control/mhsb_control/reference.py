@@ -73,7 +73,7 @@ class ReferencePreview:
 
         Args:
             values: Array that `update` writes in place, float64[points, 3, n]: positions,
-                velocities and accelerations of n joints at even times from now on.
+                velocities and accelerations of n joints at evenly spaced times from now on.
             preview: Time from now to point `PREVIEW_POINT` [s].
             command_values: Array that `update` writes in place as `values`, float64[k, 3, n], but
                 at the times `command_times`; None for none.

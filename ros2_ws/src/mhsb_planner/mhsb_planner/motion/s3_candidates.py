@@ -330,7 +330,8 @@ def _iterate_ramped(
         lead_in: Motion before the curve, such as braking; None if there is none.
         coast: Motion by which a moving start comes to rest. None if the curve begins at rest.
         rules: Settings of the fit, with the factors `ramp_factors`.
-        words: Beginning of the curves' names. If the start coasts, another beginning is used.
+        words: Beginning of the curves' names. With `coast`, the names say that the arm sets out at
+            once.
 
     Yields:
         One curve for each factor of `ramp_factors`.

@@ -265,8 +265,8 @@ class EndValues(NamedTuple):
 
         Returns:
             Largest quantity of a limit with TimeScaling.SPEED at the ends of each interval, shape
-            (k,) [-]. Up to 1 the limits are kept. A longer duration divides it. inf means that no
-            duration keeps them.
+            (k,) [-]. Up to 1 the limits are kept. If an interval lasts f times as long, its share
+            is divided by f. inf means that no duration keeps the limits.
         """
         limits = [each for each in STATE_LIMITS if each.time_scaling is TimeScaling.SPEED]
         uses = [end.of(each) for each in limits for end in (self.begin, self.end)]

@@ -71,9 +71,9 @@ def fit_polynomial(
 ) -> PolynomialCurve:
     """Fit one polynomial per joint to a discrete path, from a start to rest at the path's end.
 
-    Position and velocity at both ends are met exactly; for a moving start its acceleration, too.
-    The free coefficients fit the positions and velocities of the path at CHECK_INSTANTS by least
-    squares.
+    Position and velocity at both ends are met exactly, and so is the acceleration of a moving
+    start. The free coefficients fit the positions and velocities of the path at CHECK_INSTANTS by
+    least squares.
 
     Args:
         path: Discrete path.
