@@ -53,7 +53,7 @@ GOAL_TRANSITIONS: dict[str, dict[GoalState, Transition]] = {
     "nothing is in the way of planning": {
         GoalState.WAITING: Transition(GoalState.PLANNING, action="a plan is requested"),
     },
-    "nobody says for 2 s where the arm is": {
+    "no state of the arm is received for 2 s": {
         GoalState.WAITING: Transition(GoalState.ENDED, Verdict.NO_STATE),
     },
     "a newer goal comes": {

@@ -50,11 +50,11 @@ def goal(
     Exit code 0: accepted (with --wait: reached), 1: refused, superseded or not reached, 3: no
     answer in time. While the planner does not know where the arm is (NO_STATE), the goal is sent
     again until the timeout. Tolerance and angle range are set as parameters of the planner and stay
-    until they are changed (goal_tolerance, goal_psi_min, goal_psi_max). Others are goal_segment and
-    goal_box.
+    until they are changed (goal_tolerance, goal_psi_min, goal_psi_max). The parameters goal_segment
+    and goal_box of the planner admit other goals.
 
     Args:
-        place: Forward, to the left and up from the base [m]; without Y that is 0.
+        place: X forward, Y to the left and Z up from the base [m]; Y is 0 if it is left out.
         tolerance: Distance from the goal at which the tip may end as well [m]; 0 for the exact
             goal.
         psi_range: Least and greatest angle of the end link at the goal [rad]; a whole turn, such as

@@ -58,7 +58,7 @@ def compose_diagnostics(
     status = DiagnosticStatus(
         level=bytes([Level.OK if known and not warnings else Level.WARN]),
         name=PLANNER_STATUS,
-        message=warnings or ("ready" if known else "nobody says where the arm is"),
+        message=warnings or ("ready" if known else "no state of the arm is received"),
         hardware_id=PLANNER_NODE,
         values=[
             KeyValue(key="verdicts_given", value=str(outbox.verdict_count)),

@@ -107,7 +107,7 @@ class Case:
 
 EVENTS = {
     "nothing is in the way of planning": Case.become_reachable,
-    "nobody says for 2 s where the arm is": Case.freeze,
+    "no state of the arm is received for 2 s": Case.freeze,
     "a newer goal comes": lambda case: case.add_goal(2, DOWN),
     "the plan is ready": lambda case: case.answer(
         lambda request: request.make_plan(case.world.replanner)

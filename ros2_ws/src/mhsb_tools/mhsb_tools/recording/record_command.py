@@ -153,7 +153,7 @@ class RecordCommand:
 
     output: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """new folder of the recording"""
-    duration: Annotated[float | None, tyro.conf.arg(metavar="S"), NumberRange(-1e9, 1e9)] = None
+    duration: Annotated[float | None, tyro.conf.arg(metavar="S"), NumberRange(1e-3, 1e9)] = None
     """stop by itself after this time [s, wall clock]"""
     repair: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """complete this damaged recording instead of recording; the damaged files are kept beside it"""
@@ -168,14 +168,12 @@ class RecordCommand:
             The exit code 0, after a recording and after a repair.
 
         Raises:
-            UsageError: Not exactly one of `output` and `repair` is given, or `duration` is not
-                above 0 or is given with `repair`.
+            UsageError: Not exactly one of `output` and `repair` is given, or `duration` is given
+                with `repair`.
             BagError: The recording cannot be written or repaired.
         """
         if (self.output is None) == (self.repair is None):
             raise UsageError("give either --output DIR or --repair DIR; see mhsb record --help")
-        if self.duration is not None and self.duration <= 0:
-            raise UsageError(f"--duration is {self.duration:g} s; it must be above 0")
         if self.duration is not None and self.repair is not None:
             raise UsageError(
                 f"--duration {self.duration:g} has no effect: with --repair nothing is recorded; "

@@ -140,7 +140,7 @@ def test_a_killed_recorder_leaves_a_recording_that_repair_completes(
         (
             ["--output", "{bag}", "--duration", "-2"],
             2,
-            "mhsb record: --duration is -2 s; it must be above 0",
+            "mhsb record: --duration must be from 0.001 to 1e+09 (is -2.0)",
         ),
     ],
 )
