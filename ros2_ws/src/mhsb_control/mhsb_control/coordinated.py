@@ -357,23 +357,26 @@ def compute_speed_gain(
     pressures: tuple[float, float, float],
     smallest: float,
 ) -> tuple[float, float]:
-    """Compute the piston speed per opening of the file's valve, and the damping by its flow.
+    """Compute the piston speed per valve opening, and the damping by the valve's flow.
+
+    The valve is that of the machine file.
 
         G = K [A β/V_A S(Δp_A) + a β/V_B S(Δp_B)]/k_h
         κ = |x| K [(A β/V_A)² S'(Δp_A) + (a β/V_B)² S'(Δp_B)]/k_h
 
-    β/V_A and β/V_B are the stiffnesses of the oil in the two chambers [Pa/m³]. S(Δp) is √Δp, linear
-    below the laminar pressure, and Δp the drop over the edge.
+    x is the valve opening and k_h the stiffness of the oil [N/m]. β/V_A and β/V_B are the
+    stiffnesses of the oil in the two chambers [Pa/m³]. Δp is the pressure drop over a metering edge
+    of the valve. S(Δp) is √Δp, but linear below the laminar pressure.
 
     Args:
         axis: State of the cylinder's control axis, with the demanded speed and stiffnesses.
         cylinder: Areas and flow coefficient K of the cylinder's valve.
         c: Constants of the circuit.
         pressures: Pressures of the line, the cap side and the rod side [Pa].
-        smallest: Flow at an edge that is assumed at least [m³/s].
+        smallest: Lower bound on K S(Δp), the flow through a fully open edge [m³/s].
 
     Returns:
-        G [m/s], and κ/|x| [1/s], the rate at which the force decays per opening.
+        G [m/s], and κ/|x| [1/s]: the rate κ at which the force decays, divided by the opening.
     """
     line, cap_pressure, rod_pressure = pressures
     k = cylinder.valve_coefficient

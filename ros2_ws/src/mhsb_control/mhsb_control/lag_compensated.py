@@ -346,14 +346,16 @@ class LagCompensatedController:
     settings: ClassVar[LagCompensationSettings] = LagCompensationSettings()
 
     def __init__(self, machine: Machine, signals: ServoSignals, gains: LagCompensatedGains) -> None:
-        """Build the control law of each actuator; its curve follows from the machine file's valve.
+        """Build the control law of each actuator.
 
-        The assumed speeds at the full command are those without load at the main pump's pressure.
+        The law starts with a curve of piston speed over command that follows from the valve of the
+        machine file. At the full command it assumes the speed of an unloaded piston that is
+        supplied with the main pump's pressure.
 
         Args:
             machine: The machine as declared in its file (the real one may differ).
             signals: Arrays that the controller reads and writes in each step.
-            gains: Gains of its section of the machine file.
+            gains: Gains of this controller, from its section of the machine file.
         """
         arrays, step = machine.arrays, machine.config.simulation.step
         self._signals, self._arrays, self._gains = signals, arrays, gains

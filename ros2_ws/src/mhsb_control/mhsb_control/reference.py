@@ -170,7 +170,7 @@ class ReferencePreview:
             time_ns: Present time of the servo [ns].
 
         Returns:
-            True if the row of the mode schedule has changed since the last call, now or at point
+            True if other modes are scheduled than at the last call, either for now or for point
             `PREVIEW_POINT`. Always True at the first call after `follow`.
         """
         now, ahead = self._rows

@@ -85,7 +85,7 @@ class ServoLoop:
                 None to begin with the machine file alone.
 
         Raises:
-            ArgumentError: There are responses, but the controller keeps none.
+            ArgumentError: Responses are given, but the controller does not learn any.
         """
         self.signals.command_times[:] = 0.0
         self.controller = self._make_controller(learnt)

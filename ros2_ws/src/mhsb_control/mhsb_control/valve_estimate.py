@@ -398,12 +398,13 @@ def accumulate_valve_window(
     """Add one step of a valve to its window, and update the estimate if the window is full.
 
     A window is discarded if the valve saturates, is shut or opens against the motion, or if the
-    reference reverses, starts or stops. If the reference rests, the sign of the opening gives the
-    direction. `evaluate_valve_window` evaluates a full window.
+    reference reverses, starts or stops. A window in which the reference rests throughout is used:
+    the sign of the opening then gives the direction. `evaluate_valve_window` evaluates a full
+    window.
 
     Args:
-        valves: Estimates, updated in place. After an update also `gain` and `overlap` within their
-            limits.
+        valves: Estimates, updated in place. An update also writes `gain` and `overlap`, clipped to
+            their limits.
         j: Index of the valve.
         speed: v_ref, piston speed of the reference [m/s].
         length: Measured cylinder length [m].

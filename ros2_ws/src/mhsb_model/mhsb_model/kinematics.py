@@ -177,8 +177,8 @@ def joint_positions(m: MachineArrays, q: FloatArray) -> FloatArray:
         q: Joint positions, shape (n,) [rad or m].
 
     Returns:
-        (x, z), shape (n + 1, 2) [m]. Row j is the joint with index j; row 0 is the origin, row n
-        the tip. If joint 1 slews, rows 0 and 1 are both the origin.
+        (x, z), shape (n + 1, 2) [m]. The first row is joint 1, at the origin; the last row is the
+        tip. If joint 1 slews, the first two rows are both the origin.
     """
     points = np.zeros((len(q) + 1, 2))
     angle = 0.0

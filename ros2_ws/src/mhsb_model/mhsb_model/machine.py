@@ -709,8 +709,9 @@ class Machine:
     def curve_limits(self) -> CurveLimits:
         """Position, speed, acceleration and jerk limits of a received trajectory, for each joint.
 
-        They are derived from payload, supply pressure and joint ranges of the machine file, even if
-        this machine was `changed`: the arm that receives the trajectory knows only its file.
+        They are derived from payload, supply pressure and joint ranges of the machine file, also
+        for a copy with other values (made by `changed`). The arm that receives the trajectory knows
+        only its file.
         """
         arrays = make_machine_arrays(self.config)._replace(**self._own_file_rating._asdict())
         rated = Machine(self.config, arrays)

@@ -14,8 +14,9 @@ PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 def find_config_file(name: str) -> Path:
     """Return the path of a file in the suite's config folder.
 
-    It is first looked for in `config` beside this package's modules, which a checkout and a pip
-    installation have. Then it is looked for in the share folder of the installed ROS package.
+    It is first looked for in the folder `config` beside this package's modules. A checkout and a
+    pip installation have that folder. Then it is looked for in the share folder of the installed
+    ROS package.
 
     Args:
         name: Path relative to the config folder, such as `mhsb_arm3.yaml` or `views/mhsb.rviz`.

@@ -401,10 +401,10 @@ def has_prismatic_joint(m: MachineArrays) -> bool:
 
 @kernel(borrows=True)
 def find_closing_joints(m: MachineArrays) -> tuple[int, int]:
-    """Return the indices of the last two revolute joints, which close a chain with telescopes.
+    """Return the indices of the last two revolute joints, which bring the tip to a given place.
 
-    Only prismatic joints come between them and after them. So the links between them form one
-    straight line, and the links from the second one on form another.
+    Only prismatic joints come between these two and after them. So the links between the two form
+    one straight line, and the links from the second joint on form another.
 
     Args:
         m: Planar machine (without a slewing joint).
@@ -438,7 +438,7 @@ def solve_posture_with_held_joints(
         moved: Indices i < j of the two joints that move.
         held_positions: Positions of all other joints in joint order, float64[n - 2], [rad or m].
         side: Selects one of up to two solutions, −1 or 1. `find_closure_side` returns the one that
-            a posture has. If both joints slide, there is only 1.
+            a posture has. If both joints slide, the only valid side is 1.
         q: Posture, float64[n], overwritten in place, even if there is no solution [rad or m].
 
     Returns:

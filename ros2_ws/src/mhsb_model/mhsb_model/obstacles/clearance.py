@@ -534,10 +534,10 @@ def move_is_clear(
 ) -> bool:
     """Return whether the arm keeps clear of all obstacles during a move.
 
-    D is an upper bound on how far any point of the arm moves in a part of the move. A part is
-    proven clear if the clearances at both of its ends add up to at least D. The move is halved
-    until all parts are proven clear. A part with D up to MIN_PART_TRAVEL is not halved further;
-    clear ends are then enough. So an accepted move enters no obstacle by more than
+    The move is halved again and again until all of its parts are proven clear. A part is proven
+    clear if the clearances at both of its ends add up to at least D. D is an upper bound on how far
+    any point of the arm moves in this part. A part with D up to MIN_PART_TRAVEL is not halved
+    further; clear ends are then enough. So an accepted move enters no obstacle by more than
     MIN_PART_TRAVEL/2.
 
     If the arm starts in an obstacle, it may leave the obstacle but not move deeper into it.

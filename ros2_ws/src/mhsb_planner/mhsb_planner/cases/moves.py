@@ -60,10 +60,11 @@ def case_moves(machine: Machine) -> dict[str, Move]:
 
 
 def random_position(machine: Machine, random: np.random.Generator) -> Position:
-    """Draw a random point of the workspace of the machine file; the arm may not reach it.
+    """Draw a random point of the workspace of the machine file, within the arm's reach or not.
 
     In the arm's plane, the point is uniform over an area. The area lies between two radii around
-    the origin and beyond a least x. If the arm slews, the slew angle is uniform over its range.
+    the origin, and x is not below a minimum. If the arm slews, the slew angle is uniform over its
+    range.
 
     Args:
         machine: The machine.

@@ -231,8 +231,9 @@ def place_posture(
 ) -> None:
     """Write the posture that has given cylinder lengths into points[i].
 
-    If no joint position within the limits has its cylinder's length, the joint gets the limit whose
-    length is nearer. Row i of `points.length` has the given lengths in any case.
+    If no position of a joint within its limits gives the wanted cylinder length, the joint is
+    placed at the limit that comes nearer to it. Row i of `points.length` has the given lengths in
+    any case.
 
     Args:
         m: Numeric description of the machine.

@@ -126,11 +126,11 @@ def _search_near_postures(
 ) -> FloatArray:
     """Find goal postures near the start: the best of each of many curves of postures.
 
-    There is a curve for each pair of joints and each third joint. The third joint takes
-    JOINT_SAMPLE_COUNT evenly spaced positions from limit to limit, and its start position. The pair
-    brings the tip to the goal; both solutions belong to the curve. All other joints keep their
-    start positions. The best posture is the one with the least lower bound on the cost from the
-    start.
+    There is a curve for each combination of a pair of joints with a third joint. The third joint
+    takes JOINT_SAMPLE_COUNT evenly spaced positions from limit to limit, and its start position.
+    The pair brings the tip to the goal; both solutions belong to the curve. All other joints keep
+    their start positions. The best posture is the one with the least lower bound on the cost from
+    the start.
 
     Test oracle: the same search in plain Python.
 

@@ -520,10 +520,10 @@ def _price_step_to(
 ) -> bool:
     """Price a step and record it in every admissible mode combination.
 
-    The step leads from w.points[0] to w.points[1]. If it leads to a goal posture, the switches to
-    the modes that hold the arm there are included. In each combination the step is dropped if the
-    cost of the path to the target, plus the lower bound on the cost from there to a goal, reaches
-    the cost limit.
+    The step leads from w.points[0] to w.points[1]. The price of a step to a goal posture includes
+    the switches to the modes that hold the arm at the goal. In each combination the step is dropped
+    if the cost of the path to the target, plus the lower bound on the cost from there to a goal,
+    reaches the cost limit.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -664,9 +664,8 @@ def expand(
         f: Open list and state records, changed in place; the last state is the goal.
         known: Data of the lattice points that the search has reached, changed in place.
         rule: Cost limit, heuristic weight, and whether each point is reached only once.
-        limit: Largest number of states to take from the open list in this call. A taken state is
-            not expanded if a mode switch from another state of the same point reaches it more
-            cheaply.
+        limit: Largest number of states to take from the open list in this call. A state is taken
+            but not expanded if another state of the same point and a mode switch cost less.
 
     Returns:
         SEARCH_PAUSED after `limit` states, GOAL_FOUND, or SEARCH_EXHAUSTED if there is no path

@@ -67,7 +67,7 @@ def remove_waypoints(
     cost: float,
     deadline: Deadline = NO_DEADLINE,
 ) -> tuple[FloatArray, float]:
-    """Remove the waypoints without which a cylinder path costs no more.
+    """Remove inner waypoints of a cylinder path as long as this does not raise its cost.
 
     The inner waypoints are tried one after the other: the path is priced without the waypoint.
 

@@ -393,9 +393,9 @@ def _compute_powers(
         inertia: Piston forces from inertia, which add to those of gravity, shape (n,) [N].
         modes: Mode codes, shape (n,).
         own: Working memory, shape (n,), overwritten: boosted supply pressure of each actuator [Pa].
-        power: Powers in the order of the fields of `Energy`, shape (7,) [W]. Written in place: all
-            pumps by the published energy model (`paper`), main pump, shafts of the servo pumps,
-            losses of the servo pumps, leakage, work on the loads, oil to the tank.
+        power: Powers in the order of the fields of `Energy`, shape (7,) [W], written in place.
+            These are: all pumps by the published energy model (`paper`), main pump, shafts of the
+            servo pumps, losses of the servo pumps, leakage, work on the loads, oil to the tank.
     """
     oil, efficiency = get_shared_hydraulics(m), m.servo_pump_efficiency
     valve, cap, rod = m.valve_coefficient, m.cap_area, m.rod_area

@@ -715,7 +715,8 @@ def _compute_shortest_run(
 ) -> float:
     """Compute the least time between two mode switches of the same actuator.
 
-    The time from the last switch before the first instant counts, too.
+    The time between an actuator's last switch before the first instant and its next switch counts,
+    too.
 
     Args:
         time: Instants in ascending order, shape (k,) [s].

@@ -403,9 +403,9 @@ class ArmState:
             steady_time: Present time by the steady clock [s].
 
         Returns:
-            Position, velocity and acceleration of all joints: the reference if it was received at
-            most `OLDEST_STATE` ago, otherwise the measured state if that was. None if both are
-            older or missing.
+            Position, velocity and acceleration of all joints. This is the reference if it was
+            received at most `OLDEST_STATE` ago. Otherwise it is the measured state, if this was
+            received so recently. None if both are older or missing.
         """
         for heard in (self.reference, self.measured):
             if heard is not None and self.is_fresh(heard, steady_time):

@@ -154,7 +154,8 @@ class GoalLifecycle:
 
         Returns:
             The first state that applies, in this order: `ENDED`; `STOPPING` or `EXECUTING`;
-            `PLANNING`; `WAITING`; `REVOKED` or `UNCONFIRMED` (a plan was sent, without an answer).
+            `PLANNING`; `WAITING`; `REVOKED` (a stop has made its plan void); `UNCONFIRMED` (its
+            plan was sent, and the arm has not answered).
         """
         if pending_goal.has_ended:
             return GoalState.ENDED

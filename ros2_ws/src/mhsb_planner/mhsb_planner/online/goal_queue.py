@@ -237,8 +237,8 @@ class GoalQueue:
         """Choose the target of a plan for a goal, and return it with the goal's period.
 
         A moving goal is extrapolated (`GoalStream.extrapolate`). If the goal has stopped, or its
-        `needs_exact_place` is set, the target is its exact place. A stopped goal keeps its period,
-        so that it is planned for as a moving goal: another posture is not chosen.
+        `needs_exact_place` is set, the target is its exact place. A stopped goal keeps its period.
+        The planner then still keeps the posture near the present one, as for a moving goal.
 
         Args:
             pending_goal: The goal.
@@ -247,8 +247,8 @@ class GoalQueue:
             dead_time: Dead time of the machine in real time [s].
 
         Returns:
-            Target, and period of the goal: median time between its last messages [s]. If these give
-            no velocity, target and period are the goal itself and 0.
+            Target, and period of the goal: median time between its last messages [s]. If its last
+            messages give no velocity, the target is the goal itself and the period 0.
         """
         stream, goal, now = self.stream, pending_goal.goal, self._clock.steady_time()
         if not any(stream.velocity):

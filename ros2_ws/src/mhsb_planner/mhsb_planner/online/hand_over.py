@@ -33,18 +33,18 @@ class HandOverTimes:
 
 
 def choose_hand_over_times(in_force: Command, now_ns: int, commit_horizon_ns: int) -> HandOverTimes:
-    """Choose stamp and change of a command that takes over from another one.
+    """Choose when a command takes over from another one: its stamp and its change.
 
-    The new command begins at its stamp by repeating the old one, and leaves it at its change. The
-    change comes `commit_horizon_ns` after the stamp. Two trajectory points closer than
-    `MIN_POINT_SPACING_NS` make the quintic between them inaccurate. So the stamp is chosen in
+    From its stamp on, the new command repeats the old one. The change is the time at which it
+    leaves the old one. It comes `commit_horizon_ns` after the stamp. Two trajectory points closer
+    than `MIN_POINT_SPACING_NS` make the quintic between them inaccurate. So the stamp is chosen in
     steps:
 
     1. The stamp is `now_ns`, but at least `MIN_POINT_SPACING_NS` after the old stamp.
     2. If an old point follows the stamp by less than this spacing, the stamp moves to that point.
     3. If an old point precedes the change by less than this spacing, stamp and change are delayed.
 
-    Steps 2 and 3 are repeated until both hold.
+    Steps 2 and 3 are repeated until no point is too near to stamp and change.
 
     Args:
         in_force: Command that is to be replaced. Only `trajectory` is read.

@@ -91,11 +91,11 @@ class StampOrder:
         return Order.BACK
 
     def _has_several_publishers(self, steady_time: float) -> bool:
-        """Store the time of a step back, and return whether the ROS graph shows several publishers.
+        """Return whether the ROS graph shows several publishers, after a stamp that went back.
 
-        A step back is a stamp earlier than the previous stamp. With one publisher,
-        `publisher_conflict` is cleared. With several, it is set if the previous step back was at
-        most `DECIDED_AFTER` ago.
+        A stamp went back if it is earlier than the stamp before it. The time of this event is
+        stored. With one publisher, `publisher_conflict` is cleared. With several, it is set if the
+        previous such event was at most `DECIDED_AFTER` ago.
 
         Args:
             steady_time: Time of receipt of this stamp by the steady clock [s].

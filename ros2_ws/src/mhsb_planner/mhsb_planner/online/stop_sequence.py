@@ -236,13 +236,13 @@ class StopSequence:
     def find_void_time(self, stop_ns: int, received_at: float | None) -> float | None:
         """Return the time up to which goals are void, after the arm's report of its last stop.
 
-        A goal is void if it was received before the report and at most `OLD_STOP` after the stop. A
-        stop that this planner called for (~/stop) makes no goal void: each call explains one
-        report, if the last call is at most `OWN_REPORT` ago.
+        A goal is void if it was received before the report, and not later than `OLD_STOP` after the
+        stop. A stop that this planner called for (~/stop) makes no goal void. After n calls, the
+        next n reports count as answers to them, unless the last call is more than `OWN_REPORT` ago.
 
-        A stop that was more than `LATE_REPORT` old when its report came shows that this process was
-        suspended. Goals that came meanwhile may wait unread. The receipt of the report is then
-        taken to be `LATE_REPORT` in the future.
+        If the report came more than `LATE_REPORT` after its stop, this process was suspended, and
+        goals that came meanwhile may still be unread. The report then counts as received
+        `LATE_REPORT` later than now, so that these goals are void, too.
 
         Args:
             stop_ns: Time of the stop by the arm's clock [ns]; 0 means never.

@@ -97,10 +97,11 @@ class PlanOptions:
 
         Raises:
             RequestError: A rule is broken. Angles and via points must be finite. Angles must be at
-                most WIDEST_ANGLE in magnitude, the least of a range first. `via_tolerance` must be
-                above 0 and at most MAX_REGION_SIZE. No weight, `area_weight` included, may exceed
-                HIGHEST_WEIGHT, and at least one must not be 0. `area_weight` must not be negative.
-                `max_speed_excess` must be from 0 to HIGHEST_SPEED_EXCESS.
+                most WIDEST_ANGLE in magnitude. A range must begin with its lower end.
+                `via_tolerance` must be above 0 and at most MAX_REGION_SIZE. No weight,
+                `area_weight` included, may exceed HIGHEST_WEIGHT, and at least one must not be 0.
+                `area_weight` must not be negative. `max_speed_excess` must be from 0 to
+                HIGHEST_SPEED_EXCESS.
         """
         check_angle(self.goal_psi)
         for point in self.via:

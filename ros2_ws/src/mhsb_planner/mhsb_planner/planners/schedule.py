@@ -55,8 +55,8 @@ class Proposer:
         At the end of the source, `has_ended` becomes True.
 
         Returns:
-            The proposal, with the name of this proposer if it names none. None if the proposer
-            pauses before long work, or has ended.
+            The proposal. A proposal without a proposer's name gets the name of this one. None if
+            the proposer pauses before long work, or has ended.
 
         Raises:
             MhsbError: The source has failed. The error is stored in `error`, `last` becomes None,

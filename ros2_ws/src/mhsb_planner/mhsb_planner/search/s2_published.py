@@ -118,10 +118,11 @@ class PublishedSearch:
         """Return the states and steps of the path that the search has found.
 
         Returns:
-            Numbers of the states between start and goal, shape (k - 1,): node · patterns + pattern.
-            Numbers of the k steps, shape (k,), which refer to three lists. The first step is a row
-            of `Query.from_start`, the last a row of `Query.to_goal`, each other one a row of the
-            graph's edges. The only step of a path with one step is a row of `Query.from_start`.
+            Numbers of the states between start and goal, shape (k - 1,). A state has the number
+            node · P + p, with its mode pattern p (one mode for each actuator) of P patterns. Row
+            numbers of the k steps, shape (k,). That of the first step is a row of
+            `Query.from_start`, also if it is the only step. That of the last step is a row of
+            `Query.to_goal`. Those in between are rows of the graph's edges.
         """
         link = self._best_edge[self._goal]
         states, steps = [], [link.step]

@@ -231,8 +231,8 @@ def steps_from_start(
     The nodes are the corners of the start's grid cell, and `rings` further rings around them. If
     the goal lies in the same cell, the steps from the start to the goal come after these. A step is
     inadmissible if the tip leaves the workspace or the arm comes too near to an obstacle. It is
-    also inadmissible if a joint that needs boost is not boosted. Mode patterns that boost further
-    joints are admissible only if a node has no other admissible pattern.
+    also inadmissible if a joint that needs boost is not boosted. A mode pattern that also boosts a
+    joint without need is admissible only if a node has no other admissible pattern.
 
     Args:
         graph: Graph whose nodes are reached.

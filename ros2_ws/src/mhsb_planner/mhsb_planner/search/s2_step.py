@@ -188,10 +188,11 @@ def compute_hydraulic_coefficients(m: MachineArrays, patterns: ModeArray) -> Hyd
         patterns: Mode patterns (one mode for each actuator), shape (patterns, n).
 
     Returns:
-        Pressures, leakages and the main pump's flow; area, valve drop and largest speed by mode of
-        each cylinder and direction; and the boosted joints of each pattern. Three fields are 0, and
-        the caller may replace them. `rest_speed` 0 means that held cylinders never need boost.
-        `other_oil` and `other_time` 0 mean that nothing moves besides the n joints.
+        Pressures, leakages and the main pump's flow. For each cylinder and direction: the area, the
+        valve drop, and the largest speed in each mode. For each pattern: the boosted joints. Three
+        fields are 0, and the caller may replace them. `rest_speed` 0 means that held cylinders
+        never need boost. `other_oil` and `other_time` 0 mean that nothing moves besides the n
+        joints.
     """
     n = len(m.cap_area)
     area = np.empty((n, 2))
@@ -666,8 +667,8 @@ def _compute_energies(
         pattern: Mode of each joint, shape (n,).
         move: Columns STROKE_COLUMN to LEAKAGE_COLUMN of each joint's move, shape (n, MOVE_WIDTH).
         duration: Duration of the move [s].
-        rail: Supply pressure of the shared rail [Pa], and additional leakage of each valve at this
-            pressure [m³/s].
+        rail: Supply pressure of the shared rail [Pa], and the leakage of each valve at this
+            pressure beyond its leakage at P_S [m³/s].
 
     Returns:
         Energy by the published model (`paper`) and energy with main pump and servo pump in series
@@ -708,8 +709,9 @@ def middle_forces(
         m: Arrays of the machine, with its payload.
         start: Joint positions that the moves leave, shape (n,) [rad or m].
         end: Joint positions, shape (postures, n) [rad or m].
-        first: Row of `end` that the first move reaches; further moves reach the following rows.
+        first: Row of `end` that the first move reaches. Move k reaches row `first` + k.
         force: Forces, positive if they resist extension, shape (moves, n) [N]. Written in place.
+            Its length is the number of moves.
     """
     middle = np.empty(len(start))
     for k in range(len(force)):

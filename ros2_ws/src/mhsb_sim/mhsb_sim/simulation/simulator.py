@@ -481,7 +481,8 @@ class Simulator:
     def stop(self) -> None:
         """Decelerate along the path of the plan in force, then hold; no effect without a plan.
 
-        While the arm decelerates, the modes that the servo last prepared stay in force. At the end
+        While the arm decelerates, it keeps the modes for which the servo has last prepared the
+        circuit. At the end
         the arm gets modes that hold its load there.
         """
         now = self.plan_time_ns

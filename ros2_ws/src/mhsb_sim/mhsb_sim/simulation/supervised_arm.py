@@ -112,8 +112,8 @@ class SupervisedArm:
         nothing.
 
         Args:
-            wall: Present time of the steady clock [s]. It limits how long a trajectory may wait for
-                its mode schedule, or the mode schedule for its trajectory.
+            wall: Present time of the steady clock [s], by which a trajectory waits for its mode
+                schedule for a limited time, and a mode schedule for its trajectory.
         """
         if self.halted:
             return

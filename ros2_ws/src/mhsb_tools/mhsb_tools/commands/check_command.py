@@ -384,8 +384,8 @@ def find_hold_regions(machine: Machine) -> OperatingRegions:
         machine: The arm. If it slews, the points are in the plane that joint 1 turns.
 
     Returns:
-        The regions, with a column for each joint in the arm's plane. Without booster modules, no
-        joint can be boosted, and `beyond_highest_boost` counts from the supply pressure on.
+        The regions, with a column for each joint in the arm's plane. Without booster modules,
+        `beyond_highest_boost` has all points at which a joint needs more than the supply pressure.
     """
     plane = machine.planar_arm
     m = plane.arrays

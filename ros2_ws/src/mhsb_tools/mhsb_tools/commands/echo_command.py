@@ -44,7 +44,8 @@ def echo(
     Args:
         topic: Name of the topic, such as plan_status.
         once: Print one message and end.
-        timeout: How long to wait for a publisher, and with --once as long again for a message [s].
+        timeout: How long to wait for a publisher [s]; with --once, the limit of the wait for a
+            message, too.
         json: Print each message as a JSON object on one line.
     """
     try:

@@ -169,14 +169,15 @@ def _make_timed_plan(
         goal: Tip position at the goal, (x, z) or (x, y, z) [m].
         posture: Posture at the start, shape (n,) [rad or m].
         options: Options of the plan.
-        ranges: Ranges of supply pressure [Pa] and V_max (piston speed for planning) [m/s], in which
-            those of least cost are chosen. None keeps the machine's value.
+        ranges: Ranges of supply pressure [Pa] and of V_max (piston speed for planning) [m/s]. The
+            pressure and the speed of least cost are chosen in them. None keeps the machine's value.
         silent: True hides the progress bar, which is shown only if there is a range.
         log: Log of the first planning, filled in place; not used if there is a range.
 
     Returns:
         The plan. The operating point (supply pressure and V_max) of least cost, with all points
-        that were examined; None if there is no range. The times of the stages and in `total` [s].
+        that were examined; None if there is no range. The times of the stages, and under the key
+        `total` the time of all [s].
 
     Raises:
         MhsbError: No plan was found.

@@ -57,19 +57,20 @@ def compare(
 ) -> None:
     """Plan the moves of Cases 1 to 4 and random ones by every planner, and simulate all of them.
 
-    Arms that slew have random moves only. Every motion follows its path, whichever planner found
-    it. Energy models tell what the same moves would take with other supplies: constant pressure,
-    load sensing, pump control (docs/studies.md). Writes DIR/records.json (energies in J, times in
-    s, errors in mm), DIR/summary.json, DIR/supplies.md and DIR/proportions.png.
+    Arms that slew have random moves only. Motions of all planners are made by the same method: they
+    follow their paths with ramps. Energy models tell what the same moves would take with other
+    supplies: constant pressure, load sensing, pump control (docs/studies.md). Writes
+    DIR/records.json (energies in J, times in s, errors in mm), DIR/summary.json, DIR/supplies.md
+    and DIR/proportions.png.
 
     Args:
         output: Folder for records, summary and figure.
         machine: Machine file (YAML); the suite's own arm when left out.
         weights: Weights of energy [1/J], time [1/s] and mode switches.
         moves: Number of random moves between nodes of the grid.
-        truths: Number of these for which the ground truth is searched, too, which takes seconds
-            each. When left out, 10, or all if there are fewer.
-        work: Who does the work.
+        truths: Number of random moves for which the ground truth is searched, too; each takes
+            seconds. When left out, 10, or all moves if there are fewer.
+        work: Processes or computers that do the work.
         json_: Print summary.json instead of text.
     """
     sought = min(DEFAULT_TRUTHS, moves) if truths is None else truths

@@ -138,9 +138,9 @@ class _Pricing:
         Args:
             machine: The arm.
             weights: Weights of the cost.
-            rest_speed: A cylinder counts as resting at speeds up to this one [m/s]. It is then
-                priced as boosted if the main pump's pressure P_S does not carry its load. With 0,
-                no cylinder counts as resting.
+            rest_speed: Speed up to which a cylinder counts as resting [m/s]. A resting cylinder is
+                priced as boosted if the main pump's pressure P_S does not carry its load. 0
+                switches this rule off.
         """
         m, self.rest_speed = machine.arrays, rest_speed
         self.m = m

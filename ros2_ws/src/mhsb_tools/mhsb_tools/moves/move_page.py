@@ -189,8 +189,8 @@ def _draw_modes(move: MoveRecord, axes: Axes) -> None:
 def draw_mode_bars(move: MoveRecord, axes: Axes) -> None:
     """Draw a bar for each actuator over time, in the colours of its modes.
 
-    Every mode that the machine has gets a label, so that the caller can add a complete legend; no
-    legend is drawn here.
+    No legend is drawn here. All modes of the machine are labelled, so that the caller can add a
+    complete legend.
 
     Args:
         move: The move.

@@ -301,10 +301,10 @@ class _Search:
         """Improve a point by compass search; new points are stored.
 
         In each step, the cost of the eight neighbours at a distance of one stride is computed. If
-        the cheapest of them is cheaper than the point, the search moves there. Otherwise, and after
-        `MAX_REFINEMENT_MOVES` moves, the stride is halved. The search ends when the stride would
-        have to be halved more than `STRIDE_HALVINGS` times. It ends at once if there is no plan at
-        the point.
+        the cheapest of them is cheaper than the point, the search moves there. The stride is halved
+        if none is cheaper, or after `MAX_REFINEMENT_MOVES` moves with the same stride. The search
+        ends when the stride would have to be halved more than `STRIDE_HALVINGS` times. It ends at
+        once if there is no plan at the point.
 
         Args:
             point: Supply pressure P_S [Pa] and V_max (piston speed for planning) [m/s] to begin

@@ -63,7 +63,8 @@ def _messages(bag: BagFolder, names: dict[str, Topic]) -> Iterator[RecordedMessa
 
     Args:
         bag: Data files, and the number of messages that the metadata state. The caller must have
-            checked `bag.problem`: without metadata there is no number, and the end is an error.
+            checked `bag.problem`: without metadata the number is None, and an error is raised after
+            the last message.
         names: Topics to yield, by their absolute names.
 
     Yields:

@@ -289,8 +289,8 @@ class McapCopy:
 
         Args:
             definition: Schema or channel with the ids of the damaged file.
-            schema_ids: New schema ids by old ones, for the schema of a channel. An id without an
-                entry stays.
+            schema_ids: New id of each schema by its id in the damaged file. A channel's schema id
+                is replaced by it; without an entry the schema id stays.
 
         Returns:
             The id.

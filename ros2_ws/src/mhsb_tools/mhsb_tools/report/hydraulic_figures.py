@@ -102,10 +102,10 @@ def _draw_modules(run: EvaluatedRecording, axes: Axes) -> None:
 def draw_pressures(run: EvaluatedRecording, path: Path) -> None:
     """Draw each actuator's chamber and supply pressures [MPa] over time, and write the figure.
 
-    There is a panel for each actuator. A dashed line marks the main pump's pressure P_S. The relief
-    pressures of supply line and chambers are lines too; if one is beyond the axis, the panel's
-    title names it. Coloured bands mark times in a boosted mode, vertical lines the times at which
-    plans took over.
+    There is a panel for each actuator. A dashed line marks the main pump's pressure P_S. Further
+    lines mark the relief pressures of the pump line and of the chambers; if one is beyond the axis,
+    the panel's title names it. Coloured bands mark times in a boosted mode, vertical lines the
+    times at which plans took over.
 
     Args:
         run: The evaluated recording.

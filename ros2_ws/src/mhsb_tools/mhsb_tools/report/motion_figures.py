@@ -125,7 +125,7 @@ def draw_tip_error(run: EvaluatedRecording, path: Path) -> None:
 def compute_goal_distance(run: EvaluatedRecording) -> tuple[IntArray, FloatArray]:
     """Compute the distance of the measured tip from its goal at each time.
 
-    The goal is the one of the plan that took over last. Times before the first plan took over are
+    At each time, the goal is that of the plan in force. Times before the first plan took over are
     left out.
 
     Args:

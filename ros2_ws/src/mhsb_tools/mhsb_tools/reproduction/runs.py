@@ -129,7 +129,7 @@ class Runs:
         return self.runs[name]
 
     def by_published_search(self, scale: float = DEFAULT_HEURISTIC_SCALE) -> Runs:
-        """Select the runs of the published search, and rename them as if they were exact.
+        """Select the runs of the published search, under the names of the exact search's runs.
 
         Args:
             scale: Scale of the heuristic [1/m].

@@ -44,10 +44,10 @@ class EnergyPart:
 
 
 def energy_elements(planned: Energy, simulated: dict[str, float]) -> list[EnergyPart]:
-    """List planned and simulated energy of each part of a motion's energy.
+    """List the parts of a motion's energy, each as planned and as simulated.
 
     Args:
-        planned: Energy by the planner's model of the motion that the servo followed.
+        planned: Energy that the planner's model gives for the motion that the servo followed.
         simulated: Energy by circuit element, as `Simulator.energies` [J].
 
     Returns:
