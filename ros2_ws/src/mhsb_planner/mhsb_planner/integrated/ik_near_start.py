@@ -68,11 +68,11 @@ def add_postures_near_start(
         return goals
     lengths = machine.cylinder_lengths(start)
     near = _search_near_postures(machine.arrays, circuit, start, lengths, x, z, weight)
+    if len(near) == 0:
+        return goals
     try:
         near = near[find_clear_postures(machine, x, z, near)]
     except ZoneError:  # the sampled postures remain
-        return goals
-    if len(near) == 0:
         return goals
     every = np.concatenate([goals.posture, near])
     posture, length, _ = describe_postures(machine.arrays, every)

@@ -8,6 +8,7 @@ import pytest
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.inverse_kinematics.tip_postures import solve_posture
 from mhsb_model.machine import Machine, load_machine
+from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.integrated.goal_postures import sample_goal_postures
 from mhsb_planner.integrated.ik_near_start import JOINT_SAMPLE_COUNT, add_postures_near_start
 from mhsb_planner.integrated.integrated_search import search
@@ -122,3 +123,9 @@ def test_a_short_way_along_a_joints_limit_is_found(arm):
     path = search(arm, PathQuery(start, modes, (0.0, -1.05), ENERGY_OPTIMAL))
     bound = bound_energy_to_goal(arm, start, (0.0, -1.05))
     assert path.energy.sum() < 1.02 * bound  # 1.33 times by the samples alone
+
+
+def test_among_zones_nothing_is_added_if_no_posture_near_the_start_reaches_the_goal(arm):
+    machine = arm.changed(zones=Zones(circles=((0.80, 0.25, 0.08),)))
+    _, added = near(machine, np.array([-0.827, -0.131, 0.588, 0.524]), (0.0, 0.4))
+    assert len(added) == 0
