@@ -131,7 +131,7 @@ def _build_valve_estimates(name: str, j: int, valves: ValveEstimates) -> tuple[E
         Estimates of valve gain and overlap, the mean of both directions.
     """
     gain, laps = valves.estimate[j, 0], valves.estimate[j, 1:3]
-    own = valves.covariance[j, :3, :3]
+    own = valves.covariance[j, :3, j, :3]
     # the mean of both overlaps o = b/(g + b), its variance to first order
     slopes = np.array([-np.mean(laps / (gain + laps) ** 2), *(0.5 * gain / (gain + laps) ** 2)])
     lap, lap_variance = float(np.mean(laps / (gain + laps))), slopes @ own @ slopes

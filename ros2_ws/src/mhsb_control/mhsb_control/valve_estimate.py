@@ -9,30 +9,42 @@ speed per opening [m/s] of the machine file's valve at the measured pressures. F
 force and k_h the oil's stiffness by the file. A valve with g times the file's gain and the overlap
 o passes the share g (|x| − o)/(1 − o) of full flow, so that b = g o/(1 − o). Each direction has an
 overlap of its own, b₊ in extension and b₋ in retraction. Oil of another bulk modulus has
-c = β/β_true. A Kalman filter updates g, b₊, b₋, c window by window; they follow slow random walks.
-The valve is inverted by
+c = β/β_true. A Kalman filter updates g, b₊, b₋, c of all valves window by window; they follow slow
+random walks. The valve is inverted by
 
     |x| = |u| (1 − o)/(g G) + o min(|u|/u_s, 1),    o = b/(g + b).
+
+The valves of a machine are of one make. Both overlaps of each valve are therefore a common one plus
+a deviation of their own, so that before any data all have the correlation ρ:
+
+    b_i = b₀ + d_i,    Var b₀ = ρ σ²,    Var d_i = (1 − ρ) σ²
+
+What one valve shows of its overlap is expected of the others, until these have moved, too.
 
 An estimate of g outside its limits is moved to the limit along the covariance P (x is the vector of
 the estimates):
 
-    x ← x − P e (g − g_limit)/P_gg,    e = (1, 0, 0, 0)
+    x ← x − P e (g − g_limit)/P_gg,    e has 1 at g, else 0
 
 So a piston that creeps, because its valve has hardly crossed its overlap, shows overlap and not a
 valve without gain.
 
 A parameter without data keeps its standard deviation. A piston may be commanded to move while its
-reference rests, or not move although its reference does. If it moves less than commanded, that
-indicates overlap; the present estimate of g is then kept. An opening that passes no flow only shows
-that the overlap is larger. While the reference moves, the estimate of the overlap rises to such an
-opening, and its standard deviation grows to the rise. Several windows in sequence must show it,
-because a slow valve or a late command delays the piston, too.
+reference rests, or not move although its reference does. If it moves less than commanded, its
+overlap is at least what explains this. Such a lower bound is no measurement: it does not make the
+estimate more certain. The overlaps move along P to the bound, by Δb for the overlap i, and g and c
+are kept:
+
+    b_m ← b_m + P_mi/P_ii Δb,    P_ii ← max(P_ii, Δb²)
+
+While the reference moves, several windows in sequence must show an unlikely lag, because a slow
+valve or a late command delays the piston, too.
 
 Source: J.-J. Slotine, W. Li, Applied Nonlinear Control, Section 8.7 (least squares with integrated
 regressors); G. Tao, P. Kokotović, Adaptive Control of Plants with Unknown Dead-zones (the smooth
 inverse); D. Simon, Kalman filtering with state constraints, IET Control Theory and Applications 4,
-2010 (projection onto a limit).
+2010 (projection onto a limit); A. Gelman et al., Bayesian Data Analysis, Chapter 5 (quantities with
+a common part).
 """
 
 from __future__ import annotations
@@ -100,12 +112,10 @@ class ValveSettings(Record):
     30 % smaller and larger, N = 5: RMS error −8.3 and −5.4 % (mhsb_arm3), −4.8 and −0.6 %
     (excavator; overshoot −0.13 and −2.51 MPa)."""
     overlap_correlation: float = 0.9
-    """Correlation of b₊ and b₋ before anything is measured, 0 … 1.
+    """ρ: correlation of all overlaps of a machine before anything is measured, 0 … 1.
 
-    What one direction shows of its overlap is then expected of the other. Origin: chosen; with 0
-    each direction has to stall before its overlap is known, with 0.99 unequal overlaps are learnt
-    slowly. 3 sequences of mhsb_arm3 with a hidden overlap of 25 % had an RMS error of 1.6 mm/m with
-    0 and 0.9 mm/m with 0.9."""
+    Origin: chosen; with 0 each valve has to stall in each direction before its overlap is known,
+    with 0.99 unequal overlaps are learnt slowly."""
     compressibility_deviation: float = 0.3
     """Initial standard deviation of c [-], above 0 … 2.
 
@@ -266,7 +276,8 @@ class ValveEstimates(NamedTuple):
 
     records: Records[EstimatedValve]  # [n]
     estimate: FloatArray  # [n, 4] g, b₊, b₋, c
-    covariance: FloatArray  # [n, 4, 4] covariance of these
+    covariance: FloatArray  # [n, 4, n, 4] covariance of these
+    work: FloatArray  # [n, 4] working memory
     overlap: FloatArray  # [n, 2] overlaps o that the inverse uses, extending and retracting
     # [n, d + 1] openings x of the last steps, see `build_delay_lines`
     openings: FloatArray
@@ -306,6 +317,8 @@ def build_valve_estimates(
 
         g = 1,   b = o/(1 − o) for each direction,   c = 1
 
+    The overlaps of all valves have a part of their variance in common, see the module's text.
+
     Args:
         records: Records of the valves, by `build_valve_records`. Writes `gain` in place.
         overlap: Array of the result's field `overlap`, float64[n, 2]. Written in place.
@@ -326,14 +339,15 @@ def build_valve_estimates(
         *np.hypot(settings.overlap_deviation, settings.declared_overlap_share * missing),
         settings.compressibility_deviation,
     ]
-    covariance = np.diag(np.square(deviations))
-    covariance[1, 2] = covariance[2, 1] = (
-        settings.overlap_correlation * deviations[1] * deviations[2]
-    )
+    share = math.sqrt(settings.overlap_correlation)
+    common = np.tile(np.multiply(deviations, [0.0, share, share, 0.0]), count)
+    covariance = np.outer(common, common)
+    np.fill_diagonal(covariance, np.tile(np.square(deviations), count))
     return ValveEstimates(
         records=records,
         estimate=np.tile([1.0, *missing, 1.0], (count, 1)),
-        covariance=np.tile(covariance, (count, 1, 1)),
+        covariance=covariance.reshape(count, 4, count, 4),
+        work=np.zeros((count, 4)),
         overlap=overlap,
         openings=build_delay_lines(count, step),
         settings=create_record(settings),
@@ -444,26 +458,23 @@ def accumulate_valve_window(
 def evaluate_valve_window(
     valves: ValveEstimates, j: int, length: float, force: float, stiffness: float
 ) -> None:
-    """Update the estimates a, b and c of a valve from a full window, or discard the window.
+    """Update the estimates by a full window of a valve, or discard the window.
 
-    If the piston moved at least the share `min_stroke_share` of the reference's stroke, the window
-    updates g, c and the b of its direction by the balance of the module's text. If the piston moved
-    less, or if the reference rests, the window is used only if the piston moved at least
-    `min_stroke_lag` less than the estimates predict. Its balance takes the flow without overlap as
-    known.
+    If the piston moved at least the share `min_stroke_share` of the reference's stroke, the Kalman
+    filter uses the balance of the module's text. If the piston moved less, or if the reference
+    rests, the window is used only if the piston moved at least `min_stroke_lag` less than the
+    estimates predict. The overlap of its direction then rises to what explains this.
 
     The window's noise has three parts: `length_deviation`, the share `stroke_deviation` of the
     stroke, and the stroke that belongs to the distance of the spool from its command.
 
     If the reference moves and the piston lags its prediction by more than `surprise` standard
     deviations, in `min_surprises` windows in sequence, the most likely cause is overlap. The
-    variance of b is then raised to the square of the opening that is missing, and that of the other
-    direction by as much, with `overlap_correlation`. If the piston stood still, b keeps this
-    variance, because the overlap may be larger than the opening.
+    overlap then rises to what explains the lag, too.
 
     Args:
-        valves: Estimates, updated in place: `surprises` of the valve, and after an update g, b₊,
-            b₋, c, `gain` and `overlap` within their limits.
+        valves: Estimates, updated in place: `surprises` of the valve, and after an update all g,
+            b₊, b₋, c, `gain` and `overlap` within their limits.
         j: Index of the valve.
         length: Measured cylinder length at the end of the window [m].
         force: Measured cylinder force at the end of the window [N].
@@ -473,7 +484,7 @@ def evaluate_valve_window(
     moves, k = valve.moves == 1, 1 if valve.sign > 0.0 else 2
     way = valve.sign * (length - valve.length)
     squeezed = valve.sign * (force - valve.force) / stiffness
-    estimate, covariance = valves.estimate[j], valves.covariance[j]
+    estimate, own = valves.estimate[j], valves.covariance[j]
     gain_integral, opened = valve.gain_integral, valve.opening_integral
     passed, s = estimate[0] * opened, opened - gain_integral
     lag = passed + estimate[k] * s - estimate[3] * squeezed - way
@@ -483,74 +494,104 @@ def evaluate_valve_window(
     if not follows and (lag < max(-way, 0.0) + least or (moves and not drives)):
         valve.surprises = 0
         return
-    y, p = (way, opened) if follows else (way - passed, 0.0)
     unsettled = (estimate[0] + estimate[k]) * valve.lag_integral
-    noise = math.hypot(math.hypot(valve.length_deviation, settings.stroke_deviation * y), unsettled)
-    spread = covariance[k, k] * s * s + covariance[0, 0] * p * p + noise * noise
+    noise = math.hypot(valve.length_deviation, settings.stroke_deviation * way)
+    noise = math.hypot(noise, unsettled)
+    spread = own[k, j, k] * s * s + own[0, j, 0] * opened * opened + noise * noise
     surprising = drives and moves and lag * lag > settings.surprise**2 * spread
     surprising = surprising and way < settings.min_gain * (way + lag)
     valve.surprises = valve.surprises + 1 if surprising else 0
     if 0 < valve.surprises < settings.min_surprises:
         return
-    missing = (lag / s) ** 2 if surprising else 0.0
-    raised = max(missing - covariance[k, k], 0.0)
-    shared = settings.overlap_correlation * raised
-    for i in range(1, 3):
-        covariance[i, i] += raised
-        covariance[i, 3 - i] += shared
-    row = (p, s if k == 1 else 0.0, s if k == 2 else 0.0, -squeezed)
-    update_valve_filter(estimate, covariance, y, row, noise, settings)
-    if not follows:
-        covariance[k, k] = max(covariance[k, k], missing)
-    valve.gain = min(max(estimate[0], settings.min_gain), settings.max_gain)
-    excess = (estimate[0] - valve.gain) / covariance[0, 0]
-    for i in range(len(estimate)):
-        estimate[i] -= excess * covariance[i, 0]
-    for i in range(2):
-        lap = max(estimate[1 + i], 0.0)
-        valves.overlap[j, i] = min(lap / (valve.gain + lap), settings.max_overlap)
+    if surprising or not follows:
+        raise_overlap(valves, j, k, -lag / s)
+    else:
+        row = (opened, s if k == 1 else 0.0, s if k == 2 else 0.0, -squeezed)
+        update_valve_filter(valves, j, way, row, noise)
+    apply_estimates(valves)
+
+
+@kernel(borrows=True)
+def raise_overlap(valves: ValveEstimates, j: int, k: int, rise: float) -> None:
+    """Raise the estimate of an overlap, and those of all overlaps that are correlated with it.
+
+        b_m ← b_m + P_mi/P_ii Δb,    P_ii ← max(P_ii, Δb²)
+
+    Args:
+        valves: Estimates. Writes `estimate` and `covariance` (P) in place.
+        j: Index of the valve.
+        k: Position of the overlap b_i among the valve's estimates, 1 extending or 2 retracting.
+        rise: Δb, rise of this overlap [-].
+    """
+    estimate, own = valves.estimate, valves.covariance[j, k]
+    variance = own[j, k]
+    for m in range(len(estimate)):
+        for i in range(1, 3):
+            estimate[m, i] += rise * own[m, i] / variance
+    own[j, k] = max(variance, rise * rise)
+
+
+@kernel(borrows=True)
+def apply_estimates(valves: ValveEstimates) -> None:
+    """Move all gains into their limits, and set the gains and overlaps that the inverses use.
+
+    Args:
+        valves: Estimates. Writes `estimate`, `gain` and `overlap` in place.
+    """
+    settings, estimate = valves.settings[0], valves.estimate
+    for j in range(len(estimate)):
+        valve, own = valves.records[j], valves.covariance[j, 0]
+        valve.gain = min(max(estimate[j, 0], settings.min_gain), settings.max_gain)
+        excess = (estimate[j, 0] - valve.gain) / own[j, 0]
+        for m in range(len(estimate)):
+            for i in range(4):
+                estimate[m, i] -= excess * own[m, i]
+    for j in range(len(estimate)):
+        gain = valves.records[j].gain
+        for i in range(2):
+            lap = max(estimate[j, 1 + i], 0.0)
+            valves.overlap[j, i] = min(lap / (gain + lap), settings.max_overlap)
 
 
 @kernel(borrows=True)
 def update_valve_filter(
-    estimate: FloatArray,
-    covariance: FloatArray,
+    valves: ValveEstimates,
+    j: int,
     y: float,
     row: tuple[float, float, float, float],
     noise: float,
-    settings: ValveSettings,
 ) -> None:
-    """Update g, b₊, b₋, c from the balance of a window, by a Kalman filter.
+    """Update the estimates of all valves from the balance of one valve's window.
 
         y = p g + s₊ b₊ + s₋ b₋ + f c + noise
 
-    The variances first grow by their random walks.
+    It is a step of a Kalman filter. The variances of the valve first grow by their random walks.
 
     Args:
-        estimate: g, b₊, b₋, c, float64[4]. Written in place.
-        covariance: Their covariance, float64[4, 4]. Written in place.
+        valves: Estimates. Writes `estimate`, `covariance` and `work` in place.
+        j: Index of the valve.
         y: Stroke of the window [m].
         row: Coefficients p, s₊, s₋, f [m].
         noise: Standard deviation of the noise [m].
-        settings: Tuned numbers.
     """
+    estimate, covariance, settings = valves.estimate, valves.covariance, valves.settings[0]
     gain_drift, lap_drift = settings.gain_drift, settings.overlap_drift
     drift = (gain_drift, lap_drift, lap_drift, settings.compressibility_drift)
+    own, carried, count = covariance[j], valves.work, len(estimate)
     p, up, down, f = row
     for i in range(4):
-        covariance[i, i] += drift[i] * drift[i]
-    c = covariance
-    carried = (
-        c[0, 0] * p + c[0, 1] * up + c[0, 2] * down + c[0, 3] * f,
-        c[1, 0] * p + c[1, 1] * up + c[1, 2] * down + c[1, 3] * f,
-        c[2, 0] * p + c[2, 1] * up + c[2, 2] * down + c[2, 3] * f,
-        c[3, 0] * p + c[3, 1] * up + c[3, 2] * down + c[3, 3] * f,
-    )
+        own[i, j, i] += drift[i] * drift[i]
+    for m in range(count):
+        for i in range(4):
+            carried[m, i] = own[0, m, i] * p + own[1, m, i] * up + own[2, m, i] * down
+            carried[m, i] += own[3, m, i] * f
     spread, away = noise * noise, y
     for i in range(4):
-        spread += row[i] * carried[i]
-        away -= row[i] * estimate[i]
-    for i in range(4):
-        estimate[i] += carried[i] / spread * away
-        for k in range(4):
-            covariance[i, k] -= carried[i] * carried[k] / spread
+        spread += row[i] * carried[j, i]
+        away -= row[i] * estimate[j, i]
+    for m in range(count):
+        for i in range(4):
+            estimate[m, i] += carried[m, i] / spread * away
+            for n in range(count):
+                for k in range(4):
+                    covariance[m, i, n, k] -= carried[m, i] * carried[n, k] / spread

@@ -12,21 +12,20 @@ from mhsb_control.valve_estimate import (
     update_valve_filter,
 )
 from mhsb_model.circuit.elements import metered_opening
-from mhsb_model.records import create_record, create_records
+from mhsb_model.records import create_records
 
 STEP, SPEED_GAIN, STIFFNESS = 1e-3, 0.1, 1e7
 CROSSING_SPEED, LENGTH_DEVIATION, DRIVING_PRESSURE = 3e-4, 3e-6, 4e5
 SETTINGS = ValveSettings()
-RECORD = create_record(SETTINGS)[0]
 
 
-def build_valve(declared: tuple[float, float] = (0.0, 0.0)) -> ValveEstimates:
-    """Return the initial estimates of a single valve."""
-    records = create_records(EstimatedValve, 1)
+def build_valve(declared: tuple[float, float] = (0.0, 0.0), count: int = 1) -> ValveEstimates:
+    """Return the initial estimates of a single valve, or of several."""
+    records = create_records(EstimatedValve, count)
     records["moving_speed"], records["crossing_speed"] = 1e-3, CROSSING_SPEED
     records["length_deviation"] = LENGTH_DEVIATION
     records["min_driving_pressure"] = DRIVING_PRESSURE
-    return build_valve_estimates(records, np.zeros((1, 2)), declared)
+    return build_valve_estimates(records, np.zeros((count, 2)), declared)
 
 
 def hold_opening(valve: np.void, opening: float) -> None:
@@ -44,8 +43,21 @@ def moved(
     gain: float, overlap: tuple[float, float], openings: np.ndarray, softness: float = 1.0
 ) -> ValveEstimates:
     """A valve after windows at these openings, while its cylinder's force rises by 2 N a step."""
-    valves, length, force = build_valve(), 0.5, 0.0
-    valve = valves.records[0]
+    valves = build_valve()
+    move(valves, 0, gain, overlap, openings, softness)
+    return valves
+
+
+def move(
+    valves: ValveEstimates,
+    j: int,
+    gain: float,
+    overlap: tuple[float, float],
+    openings: np.ndarray,
+    softness: float = 1.0,
+) -> None:
+    """Move one of several valves."""
+    length, force, valve = 0.5, 0.0, valves.records[j]
     for opening in openings:
         speed = gain * SPEED_GAIN * metered_opening(opening, overlap[0 if opening > 0.0 else 1])
         for _ in range(SETTINGS.window_steps + 1):
@@ -53,8 +65,7 @@ def moved(
             hold_opening(valve, opening)
             length += speed * STEP - softness * 2.0 / STIFFNESS
             force += 2.0
-            accumulate_valve_window(valves, 0, speed, length, force, STIFFNESS, STEP)
-    return valves
+            accumulate_valve_window(valves, j, speed, length, force, STIFFNESS, STEP)
 
 
 @pytest.mark.parametrize(
@@ -68,7 +79,7 @@ def test_gain_and_both_overlaps_are_learnt_from_motions_both_ways(
     valves = moved(gain, overlap, openings)
     laps = np.array(overlap)
     truth = np.array([gain, *(gain * laps / (1.0 - laps)), 1.0])
-    deviation = np.sqrt(np.diag(valves.covariance[0]))
+    deviation = np.sqrt(np.diag(valves.covariance[0, :, 0]))
     assert np.all(np.abs(valves.estimate[0] - truth) < 2.0 * deviation)
     assert deviation[0] < 0.05
     assert np.all(deviation[1:3] < 0.005)
@@ -118,7 +129,7 @@ def test_a_declared_overlap_is_crossed_from_the_first_step_on() -> None:
     valve["speed_gain"] = SPEED_GAIN
     opening = invert(valve, valves.overlap[0], speed)
     assert SPEED_GAIN * metered_opening(opening, overlap) == pytest.approx(speed)
-    deviation = np.sqrt(valves.covariance[0, 1, 1]) * (1.0 - overlap)
+    deviation = np.sqrt(valves.covariance[0, 1, 0, 1]) * (1.0 - overlap)
     assert deviation == pytest.approx(SETTINGS.declared_overlap_share * overlap, rel=0.05)
 
 
@@ -138,9 +149,42 @@ def test_what_one_direction_shows_of_its_overlap_is_expected_of_the_other() -> N
     assert retracting == pytest.approx(SETTINGS.overlap_correlation * extending, abs=0.02)
 
 
+def test_what_one_valve_shows_of_its_overlap_is_expected_of_the_others() -> None:
+    """It moves only if it is opened beyond its overlap, and its piston is commanded to follow."""
+    for openings in (np.random.default_rng(1).uniform(0.15, 0.4, 80), np.linspace(0.01, 0.1, 80)):
+        valves = build_valve(count=3)
+        move(valves, 1, 1.0, (0.1, 0.1), openings)
+        assert valves.overlap[1, 0] == pytest.approx(0.1, abs=0.01)
+        expected = SETTINGS.overlap_correlation * valves.overlap[1, 0]
+        assert valves.overlap[[0, 2]] == pytest.approx(expected, abs=0.02)
+
+
+def test_valves_with_unequal_overlaps_learn_their_own() -> None:
+    """They take turns, with openings near their overlaps."""
+    valves, random, overlaps = build_valve(count=2), np.random.default_rng(1), (0.05, 0.25)
+    for _ in range(5):
+        for j, overlap in enumerate(overlaps):
+            openings = random.choice([-1.0, 1.0], 20) * (overlap + random.uniform(0.02, 0.2, 20))
+            move(valves, j, 1.0, (overlap, overlap), openings)
+    for j, overlap in enumerate(overlaps):
+        assert valves.overlap[j] == pytest.approx(overlap, abs=0.01)
+
+
+def test_an_opening_without_flow_does_not_make_its_overlap_more_certain() -> None:
+    """The piston rests at ever larger openings, while its reference creeps."""
+    valves, before = build_valve(), build_valve().covariance
+    valve = valves.records[0]
+    for opening in np.minimum(np.linspace(0.01, 0.25, 400), 0.2):
+        valve["speed_gain"], valve["driving_pressure"] = SPEED_GAIN, 1e6
+        hold_opening(valve, opening)
+        accumulate_valve_window(valves, 0, 5e-4, 0.5, 1000.0, STIFFNESS, STEP)
+    assert valves.overlap[0, 0] == pytest.approx(0.2, abs=0.02)
+    assert valves.covariance[0, 1, 0, 1] >= before[0, 1, 0, 1]
+
+
 def test_at_one_opening_gain_and_overlap_are_not_told_apart() -> None:
     valves = moved(0.8, (0.03, 0.03), np.full(80, 0.1))
-    assert np.sqrt(valves.covariance[0, 0, 0]) > 0.05
+    assert np.sqrt(valves.covariance[0, 0, 0, 0]) > 0.05
     valve = valves.records[0]
     speed = 0.8 * SPEED_GAIN * metered_opening(0.1, 0.03)
     assert invert(valve, valves.overlap[0], speed) == pytest.approx(0.1, rel=0.02)
@@ -181,26 +225,30 @@ def test_the_inverse_opens_a_valve_with_overlap_as_far_as_is_demanded(demand: fl
 
 
 def test_the_update_is_kalmans() -> None:
-    """Oracle: the matrix form of the filter."""
-    random = np.random.default_rng(2)
-    estimate, covariance = np.array([1.0, 0.0, 0.0, 1.0]), np.diag([0.02, 4e-4, 4e-4, 0.1])
-    wanted, spread = estimate.copy(), covariance.copy()
-    s = SETTINGS
+    """Oracle: the matrix form of the filter of two valves, with a common part of all overlaps."""
+    random, s, count = np.random.default_rng(2), SETTINGS, 2
+    valves = build_valve(count=count)
+    wanted = np.tile([1.0, 0.0, 0.0, 1.0], count)
+    laps = np.tile([False, True, True, False], count)
+    deviation = np.where(laps, s.overlap_deviation, s.gain_deviation)
+    deviation[3::4] = s.compressibility_deviation
+    correlation = np.where(np.outer(laps, laps), s.overlap_correlation, 0.0)
+    np.fill_diagonal(correlation, 1.0)
+    spread = correlation * np.outer(deviation, deviation)
     drift = s.gain_drift, s.overlap_drift, s.overlap_drift, s.compressibility_drift
-    for _ in range(20):
-        row, y = random.normal(0.0, 5e-4, 4), random.normal(0.0, 5e-4)
+    for j in random.integers(0, count, 20):
+        own, y = random.normal(0.0, 5e-4, 4), random.normal(0.0, 5e-4)
         noise = np.hypot(LENGTH_DEVIATION, s.stroke_deviation * y)
-        update_valve_filter(estimate, covariance, y, tuple(row), noise, RECORD)
-        spread = spread + np.diag(np.square(drift))
-        gain = (
-            spread
-            @ row
-            / (row @ spread @ row + LENGTH_DEVIATION**2 + (s.stroke_deviation * y) ** 2)
-        )
+        update_valve_filter(valves, j, y, tuple(own), noise)
+        row, walk = np.zeros(4 * count), np.zeros(4 * count)
+        row[4 * j : 4 * j + 4], walk[4 * j : 4 * j + 4] = own, drift
+        spread = spread + np.diag(np.square(walk))
+        gain = spread @ row / (row @ spread @ row + noise**2)
         wanted = wanted + gain * (y - row @ wanted)
         spread = spread - np.outer(gain, row @ spread)
-    np.testing.assert_allclose(estimate, wanted, rtol=1e-9)
-    np.testing.assert_allclose(covariance, spread, rtol=1e-6, atol=1e-15)
+    np.testing.assert_allclose(valves.estimate.ravel(), wanted, rtol=1e-9)
+    found = valves.covariance.reshape(4 * count, 4 * count)
+    np.testing.assert_allclose(found, spread, rtol=1e-6, atol=1e-15)
 
 
 def test_a_spool_follows_its_command_by_the_delay_and_its_lag() -> None:

@@ -83,6 +83,22 @@ def test_an_arm_with_a_plan_comes_closer_to_it_or_says_why_it_is_held(
     check_run(machine, motion, np.random.default_rng(fresh_seed))
 
 
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [
+        ("mhsb_arm3", 5106),
+        ("excavator", 30119),
+        ("forestry_crane", 60144),
+        ("forestry_crane", 70026),
+    ],
+)
+def test_motions_that_a_hidden_overlap_has_stopped_go_on(
+    name: str, seed: int, motion: Motion
+) -> None:
+    machine = load_machine(find_config_file(f"{name}.yaml"))
+    check_run(machine, motion, np.random.default_rng(seed))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 def test_from_ten_thousand_states_nothing_freezes(
