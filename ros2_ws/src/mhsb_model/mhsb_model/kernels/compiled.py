@@ -105,7 +105,7 @@ def create_dispatcher(
         dispatcher.enable_caching()
         if not is_inner:
             store_machine_code_alone(dispatcher)
-    return SharedDispatcher(dispatcher)
+    return SharedDispatcher(dispatcher, is_inner=is_inner)
 
 
 @contextmanager

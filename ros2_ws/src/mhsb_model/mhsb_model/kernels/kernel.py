@@ -36,21 +36,16 @@ class Kernel:
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Call the compiled function; the first call for new argument types compiles it.
 
-        If a compiled version cannot be stored on disk, this is logged, and the version is used from
-        memory.
+        A version is compiled, or loaded from the disk, while its file lock is held. So other
+        processes wait instead of compiling it too. If it cannot be stored on disk, this is logged,
+        and it is used from memory.
         """
-        try:
-            return self._run(*arguments, **named)
-        except OSError as error:  # a further version is compiled, but could not be stored
-            self.compiled.log_failed_storing(error)
-            return self._run(*arguments, **named)
+        return self._run(*arguments, **named)
 
     def _run_first(self, *arguments: Any, **named: Any) -> Any:
         """Run the first call; later calls then go straight to numba's dispatcher.
 
-        The version is compiled, or loaded from the disk, while its file lock is held. So other
-        processes wait instead of compiling it too. If NUMBA_DISABLE_JIT is set, the plain function
-        runs instead.
+        If NUMBA_DISABLE_JIT is set, the plain function runs instead.
 
         Args:
             *arguments: Positional arguments of the call.
@@ -60,11 +55,7 @@ class Kernel:
             Result of the function.
         """
         compiled = self.compiled
-        if compiled is self.py_func:
-            self._run = self.py_func
-        else:
-            compiled.prepare_call(arguments)
-            self._run = compiled.dispatcher
+        self._run = self.py_func if compiled is self.py_func else compiled.dispatcher
         return self._run(*arguments, **named)
 
     @cached_property
@@ -104,7 +95,7 @@ class Kernel:
         Returns:
             Entry point of the compiled version, callable from Python.
         """
-        return self.compiled.compile(types)
+        return self.compiled.dispatcher.compile(types)
 
     @property
     def signatures(self) -> list:

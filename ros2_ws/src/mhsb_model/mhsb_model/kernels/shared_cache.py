@@ -20,7 +20,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
-from numba import errors, typeof
+from numba import errors
 
 from mhsb_model.kernels.cache_folder import LOGGED_VARIABLE
 
@@ -44,44 +44,25 @@ class SharedDispatcher:
     _storing_has_failed = False
     """Whether storing has failed in this process, common to all kernels."""
 
-    def __init__(self, dispatcher: Any) -> None:
+    def __init__(self, dispatcher: Any, *, is_inner: bool) -> None:
         """Wrap a dispatcher, and delete damaged files of its cache folder.
 
         A file is damaged if its hash differs from the recorded one.
 
         Args:
-            dispatcher: Numba dispatcher. If it has no cache folder, nothing is checked.
+            dispatcher: Numba dispatcher, changed in place. If it has no cache folder, nothing is
+                checked. Unless `is_inner`, its method `compile` then holds the kernel's file lock.
+                Numba calls this method for each new version, so calls lock nothing else.
+            is_inner: Whether only other kernels call it. They call `run_locked`.
         """
         self.dispatcher = dispatcher
         path = dispatcher.stats.cache_path
         self._folder = Path(path) if path else None
         if self._folder:
             self._check_versions(self._folder)
-
-    def prepare_call(self, arguments: tuple) -> None:
-        """Compile or load the version for a call's arguments under the kernel's file lock.
-
-        The lock is released before the actual call, so that no other process waits for that.
-
-        Args:
-            arguments: Positional arguments of the call. Nothing happens if there are fewer than the
-                function has parameters: numba then compiles at the call, without the lock.
-        """
-        if len(arguments) == self.dispatcher.py_func.__code__.co_argcount:
-            self.compile(tuple(map(typeof, arguments)))
-
-    def compile(self, types: tuple) -> Any:
-        """Compile the version for some argument types, or load it from the cache.
-
-        The kernel's file lock is held meanwhile.
-
-        Args:
-            types: Numba types of all arguments.
-
-        Returns:
-            Entry point of the version, callable from Python.
-        """
-        return self.run_locked(lambda: self.dispatcher.compile(types))
+            if not is_inner:
+                compile_version = dispatcher.compile
+                dispatcher.compile = lambda types: self.run_locked(lambda: compile_version(types))
 
     def run_locked(self, compile_version: Callable[[], Version]) -> Version:
         """Run a function that compiles or loads a version, while the kernel's file lock is held.

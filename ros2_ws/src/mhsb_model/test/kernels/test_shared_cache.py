@@ -45,6 +45,18 @@ CALL = "import kernels; print(kernels.sum_of_both(2.0), sorted(kernels.compiled)
 ALL = "20.0 ['square', 'sum_of_both', 'twice']\n"
 NOTHING = "20.0 []\n"
 
+VERSIONS = """
+import numpy as np
+
+import kernels
+
+kinds = float, int, complex, np.float32, np.int32, np.int8, np.uint8, np.uint16
+numbers = [kind(2) for kind in kinds]
+for number in numbers[{first}:] + numbers[:{first}]:
+    assert kernels.square(number) == 4
+print(len(kernels.compiled))
+"""
+
 
 LINK = """
 from kernels import kernel, sum_of_both, twice
@@ -122,6 +134,18 @@ def test_processes_that_need_a_kernel_at_once_compile_it_once(start):
     assert all(errors == "" for _, errors in printed)
     compiled = [name for output, _ in printed for name in output.split(" ", 1)[1].split("'")[1::2]]
     assert sorted(compiled) == ["square", "sum_of_both", "twice"]
+
+
+def test_processes_that_need_several_versions_of_a_kernel_at_once_compile_each_once(
+    source, tmp_path
+):
+    programs = [VERSIONS.format(first=first) for first in (0, 2, 4, 6)]
+    children = [started(source, tmp_path / "cache", program) for program in programs]
+    printed = [child.communicate() for child in children]
+    assert all(errors == "" for _, errors in printed)
+    assert sum(int(output) for output, _ in printed) == 8
+    for program in programs:
+        assert started(source, tmp_path / "cache", program).communicate() == ("0\n", "")
 
 
 @pytest.mark.parametrize(
