@@ -64,13 +64,11 @@ def move(any_planner):
     below, above = start - a.joint_min, a.joint_max - start
     j = int(np.argmin(np.minimum(below, above) / machine.radian_equivalents))
     start[j] = a.joint_max[j] if above[j] < below[j] else a.joint_min[j]
-    goal, kinds = tuple(goal.tolist()), []
-    for kind in PLANNER_KINDS:
-        with suppress(InfeasibleGoalError):  # not with the joints that `fixed` keeps
-            any_planner.plan(goal, MotionState.at_rest(start), options=PlanOptions(planner=kind))
-            kinds.append(kind)
-    assert kinds
-    return Move(start, goal, j, tuple(kinds))
+    goal, kinds = tuple(goal.tolist()), set(PLANNER_KINDS) - {"fixed"}
+    with suppress(InfeasibleGoalError):  # not with the joints that `fixed` keeps
+        any_planner.plan(goal, MotionState.at_rest(start), options=PlanOptions(planner="fixed"))
+        kinds.add("fixed")
+    return Move(start, goal, j, tuple(sorted(kinds)))
 
 
 def excesses(machine, trajectory):
