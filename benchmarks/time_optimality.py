@@ -34,12 +34,13 @@ from mhsb_model.hydraulics import (
     get_shared_hydraulics,
     valve_margin,
 )
+from mhsb_model.kinematics import compute_cylinder_lengths
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.cases.moves import Move
 from mhsb_planner.motion.limits.usage import speed_limit
-from mhsb_planner.motion.piston_motion import compute_cylinder_lengths, convert_to_joints
+from mhsb_planner.motion.piston_motion import convert_to_joints
 from mhsb_planner.planner import Plan, Planner, PlanOptions
 from mhsb_planner.search.s2_search import Weights
 

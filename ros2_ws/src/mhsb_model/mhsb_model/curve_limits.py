@@ -70,6 +70,11 @@ class CurveLimits:
     jerk: FloatArray
 
     @cached_property
+    def rates(self) -> FloatArray:
+        """Limits of speed, acceleration and jerk (rows) of each joint, shape (3, n)."""
+        return np.stack([self.speed, self.acceleration, self.jerk])
+
+    @cached_property
     def for_planning(self) -> CurveLimits:
         """Limits that plans keep, a bit tighter than those that an arm accepts.
 

@@ -59,8 +59,7 @@ def holding_modes(machine: Machine, force: FloatArray) -> ModeArray:
         HoldingError: These modes need more booster modules than the machine has.
     """
     m = machine.arrays
-    modes = _holding_modes(m, np.asarray(force, dtype=np.float64))
-    needed = int(m.modules_per_mode[modes].sum())
+    modes, needed = _holding_modes(m, np.asarray(force, dtype=np.float64))
     if needed > m.module_count:
         raise HoldingError(modes, needed, m.module_count)
     return modes
@@ -88,7 +87,7 @@ def choose_stop_modes(machine: Machine, force: FloatArray, in_force: ModeArray) 
 
 
 @kernel
-def _holding_modes(m: MachineArrays, force: FloatArray) -> ModeArray:
+def _holding_modes(m: MachineArrays, force: FloatArray) -> tuple[ModeArray, int]:
     """Choose the mode in which each cylinder holds its load, whatever modules that takes.
 
     The mode is N (fed by the main pump alone) if the main pump's pressure holds the load. Otherwise
@@ -99,9 +98,11 @@ def _holding_modes(m: MachineArrays, force: FloatArray) -> ModeArray:
         force: Piston forces, positive if they resist extension, shape (n,) [N].
 
     Returns:
-        Modes, uint8 of shape (n,). They may need more booster modules than the machine has.
+        Modes, uint8 of shape (n,), and the number of booster modules that they need. It may be more
+        than the machine has.
     """
-    modes = np.empty(len(force), dtype=np.uint8)
+    modes, needed = np.empty(len(force), dtype=np.uint8), 0
     for j in range(len(force)):
         modes[j] = Mode.DB if needs_boost(m, j, force[j], 0.0) else Mode.N
-    return modes
+        needed += m.modules_per_mode[modes[j]]
+    return modes, needed

@@ -7,6 +7,7 @@ evaluate exactly the same curve.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -58,7 +59,12 @@ class MotionState:
     def at_rest(cls, position: FloatArray) -> MotionState:
         """Return the state at a position [rad or m] with zero velocity and acceleration."""
         position = np.asarray(position, dtype=np.float64)
-        return cls(position, np.zeros_like(position), np.zeros_like(position))
+        return cls(position, np.zeros(position.shape), np.zeros(position.shape))
+
+    @cached_property
+    def is_moving(self) -> bool:
+        """True if a velocity or an acceleration is not 0."""
+        return bool(self.velocity.any() or self.acceleration.any())
 
 
 @dataclass(frozen=True, eq=False)

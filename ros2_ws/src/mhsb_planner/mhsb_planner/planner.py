@@ -107,6 +107,9 @@ class Planner:
         self.machine = machine
         """Machine for which plans are made."""
         self.graph = StepGraph(machine.planar_arm, table)
+        self._settled_in_n = StartModes.create_settled(
+            np.full(machine.joint_count, Mode.N, dtype=np.uint8)
+        )
 
     def change_machine(self, machine: Machine) -> None:
         """Plan for a changed machine from now on.
@@ -307,7 +310,7 @@ class Planner:
                 raise RequestError("via", tuple(point), rule)
         for name in ("position", "velocity", "acceleration"):
             value = np.asarray(getattr(start, name))
-            if value.shape != (n,) or not np.isfinite(value).all():
+            if value.shape != (n,) or not all(map(math.isfinite, value.tolist())):
                 rule = f"must be {n} finite numbers, one for each joint"
                 raise RequestError(f"start {name}", value.tolist(), rule)
         if options.area_weight > 0.0 and not get_planner(options.planner).weighs_area:
@@ -342,7 +345,7 @@ class Planner:
         Returns:
             The ways; [None] if the start is at rest.
         """
-        if not (start.velocity.any() or start.acceleration.any()):
+        if not start.is_moving:
             return [None]
         coast = compute_coasting(self.machine, start)
         stops: list[Trajectory | Coasting | Steering | None] = []
@@ -396,7 +399,6 @@ class Planner:
         Returns:
             The request. Its departure is the posture at rest to which `brake` leads, or the start.
         """
-        modes = modes or StartModes.create_settled(np.full(self.machine.joint_count, Mode.N))
         area = area_term(options.area_weight, self.graph.table)
         departure = start.position
         if brake is not None:
@@ -407,7 +409,9 @@ class Planner:
                 MAX_POSTURE_TURN_RATE * options.period,
             )
             options = replace(options, goal_psi=(psi - turn, psi + turn))
-        return PathRequest(goal, start, modes, brake, departure, options, area)
+        return PathRequest(
+            goal, start, modes or self._settled_in_n, brake, departure, options, area
+        )
 
 
 def warm_up(planner: Planner, kinds: Iterable[str] | None = None) -> None:

@@ -162,7 +162,7 @@ def compute_slowing_factor(limits: CurveLimits, trajectory: Trajectory) -> float
         Factor k > 1, inf if the numbers overflow. If the trajectory already keeps all three limits,
         the result is 0 (not 1).
     """
-    excess = _compute_excesses(limits, trajectory)[EXCESS_ROW].max(axis=1)
+    excess = _compute_excesses(limits, trajectory)[EXCESS_ROW].max(axis=1).tolist()
     powers = {Quantity.SPEED: 1, Quantity.ACCELERATION: 2, Quantity.JERK: 3}
     beyond = [(1.0 + excess[each]) ** (1.0 / n) for each, n in powers.items() if excess[each] > 0.0]
     return max(beyond, default=0.0)
@@ -189,7 +189,7 @@ def _compute_excesses(limits: CurveLimits, trajectory: Trajectory) -> FloatArray
         trajectory.points,
         limits.lower,
         limits.upper,
-        np.stack([limits.speed, limits.acceleration, limits.jerk]),
+        limits.rates,
         found,
     )
     return found
@@ -278,7 +278,7 @@ def _find_excesses(
                 (position[k, j], velocity[k, j], acceleration[k, j]),
                 (position[k + 1, j], velocity[k + 1, j], acceleration[k + 1, j]),
             )
-            if not _record_overflow(piece, worst):
+            if not _keeps_limits(piece, low, high, rates) and not _record_overflow(piece, worst):
                 _check_piece(piece, breaks, low, high, rates, worst)
 
 
@@ -320,6 +320,29 @@ def _write_control_values(
         q1,
         q1 - 0.2 * h * v1,
         q1 - 0.2 * h * (speed[3] + speed[4]),
+    )
+
+
+@kernel(borrows=True)
+def _keeps_limits(piece: QuinticPiece, low: float, high: float, rate_limits: FloatArray) -> bool:
+    """Return whether the control values of a piece prove that it keeps all limits.
+
+    Args:
+        piece: Piece of the joint's curve.
+        low: Lower limit of the position in this piece [rad or m].
+        high: Upper limit of the position in this piece [rad or m].
+        rate_limits: Limits of speed, acceleration and jerk of the joint, float64[3].
+
+    Returns:
+        True if all control values are finite and within the limits; rates below them.
+    """
+    for value in piece.position:
+        if not low <= value <= high:
+            return False
+    return (
+        _find_largest_magnitude(piece.speed) < rate_limits[0]
+        and _find_largest_magnitude(piece.acceleration) < rate_limits[1]
+        and _find_largest_magnitude(piece.jerk) < rate_limits[2]
     )
 
 

@@ -189,9 +189,8 @@ def yield_straight_paths(task: SearchProblem) -> Iterator[CylinderPath | None]:
         trials if they gave no line, and again at the end of the first round if it gave no line. The
         caller can then try something else.
     """
-    numbers = np.arange(len(task.goal_lower_bounds))
-    sparse = numbers % STRAIGHT_GOAL_STRIDE == 0
-    order = _sort_by_lower_bound(task, numbers[sparse])
+    count = len(task.goal_lower_bounds)
+    order = _sort_by_lower_bound(task, np.arange(0, count, STRAIGHT_GOAL_STRIDE))
     best: CylinderPath | None = None
     for part in (order[:FIRST_LINES], order[FIRST_LINES:]):
         for line in _yield_cheaper_lines(task, part, best):
@@ -200,10 +199,10 @@ def yield_straight_paths(task: SearchProblem) -> Iterator[CylinderPath | None]:
         if best is None:
             yield None
     if best is not None:
-        beside = np.abs(numbers - best.goal_index) < STRAIGHT_GOAL_STRIDE
-        yield from _yield_cheaper_lines(
-            task, _sort_by_lower_bound(task, numbers[~sparse & beside]), best
-        )
+        first, last = (best.goal_index + side * (STRAIGHT_GOAL_STRIDE - 1) for side in (-1, 1))
+        beside = np.arange(max(0, first), min(count, last + 1))
+        beside = beside[beside % STRAIGHT_GOAL_STRIDE > 0]
+        yield from _yield_cheaper_lines(task, _sort_by_lower_bound(task, beside), best)
 
 
 def _sort_by_lower_bound(task: SearchProblem, numbers: IntArray) -> IntArray:
@@ -241,9 +240,10 @@ def _yield_cheaper_lines(
         if task.goal_lower_bounds[k] >= limit or task.progress.search_deadline.has_passed:
             break
         via = np.array([task.start_lengths, task.goals.length[k]])
-        cost = task.price(via, limit)
+        pieces = task.compute_pieces(via) if best is None else None  # the first path is converted
+        cost = task.price(via, limit) if pieces is None else pieces.cost
         if cost < limit:
-            best = task.path_to_goal(via, k, cost)
+            best = task.path_to_goal(via, k, cost, pieces)
             yield best
 
 
@@ -531,7 +531,7 @@ def refine(
     )
     if len(via) == 2:
         via = via[0] + np.linspace(0.0, 1.0, 4)[:, None] * (via[1] - via[0])
-    route = replace(best, waypoints=via, cost=task.price(via))
+    route = replace(best, waypoints=via, cost=task.price(via), pieces=None)
     effort, last = task.limits, task.cost_model.max_piece_stroke
     rough = MAX_COARSE_PIECE_STROKE * task.machine.relative_size
     for stride in effort.stride_shares[:-1]:
@@ -578,7 +578,7 @@ def _sweep_with_stride(
         cost = sweep_waypoints(rough, w, path, cost, strides, until)
         counts = cost if piece == t.max_piece_stroke else task.price(via, route.cost)
         if counts < route.cost:
-            route = replace(route, waypoints=via.copy(), free=free.copy(), cost=counts)
+            route = replace(route, waypoints=via.copy(), free=free.copy(), cost=counts, pieces=None)
         if counts > route.cost or cost > (1.0 - MIN_RELATIVE_GAIN) * before:
             break
     return route

@@ -14,6 +14,7 @@ motion. The switches to the modes that hold the arm at the end of the path are c
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import needs_boost
 from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import tip_position, tip_positions
+from mhsb_model.kinematics import tip_position
 from mhsb_model.linkages.linkage import find_joint_angle
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
@@ -67,6 +68,11 @@ BOOST_RESERVE = 30e3
 
 Boost reduces the area, and a motion follows its path too loosely to avoid boost by a smaller
 margin.
+"""
+
+CACHED_MACHINE_COUNT = 4
+"""Number of machines whose coefficients are kept [-]: one at V_max, and one for each lower speed
+that is tried.
 """
 
 MIDDLE_POINT = 2
@@ -126,10 +132,7 @@ def cost_model(
     Returns:
         The cost model.
     """
-    patterns = machine.patterns
-    circuit = compute_hydraulic_coefficients(machine.arrays, patterns)._replace(
-        rest_speed=MAX_HELD_SPEED
-    )
+    patterns, circuit = machine.patterns, _compute_held_coefficients(machine)
     if area.weight > 0.0:
         circuit = circuit._replace(boost_margin=circuit.boost_margin + BOOST_RESERVE)
     return PathCostModel(
@@ -143,6 +146,22 @@ def cost_model(
         machine.obstacles.path_rows,
         MAX_PIECE_STROKE * machine.relative_size,
     )
+
+
+@lru_cache(maxsize=CACHED_MACHINE_COUNT)
+def _compute_held_coefficients(machine: Machine) -> HydraulicCoefficients:
+    """Compute the hydraulic coefficients with which slow cylinders count as held.
+
+    The result is kept for later calls with the same machine object.
+
+    Args:
+        machine: The arm without a slewing joint.
+
+    Returns:
+        Coefficients whose `rest_speed` is MAX_HELD_SPEED.
+    """
+    circuit = compute_hydraulic_coefficients(machine.arrays, machine.patterns)
+    return circuit._replace(rest_speed=MAX_HELD_SPEED)
 
 
 @kernel
@@ -201,7 +220,6 @@ class PathCostBuffers(NamedTuple):
     shortfall: FloatArray
 
 
-@kernel
 def new_path_cost_buffers(t: PathCostModel) -> PathCostBuffers:
     """Allocate the working memory in which cylinder paths are priced by a cost model.
 
@@ -629,13 +647,32 @@ def compute_costs_to_go(
     return ahead
 
 
-@kernel
-def _compute_pieces(
-    t: PathCostModel, w: PathCostBuffers, via: FloatArray, start: FloatArray
-) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Compute postures, mode combinations and costs of all pieces of an admissible cylinder path.
+class PathPieces(NamedTuple):
+    """Pieces of an admissible cylinder path in the mode combinations with which it costs least.
 
-    The mode combinations are those with which the path costs least.
+    Attributes:
+        cost: Cost of the path [-].
+        tip: Tip positions at the ends of the pieces, shape (pieces + 1, 2) [m].
+        posture: Joint positions at the ends of the pieces, shape (pieces + 1, n) [rad or m].
+        pattern: Index of the mode combination of each piece, shape (pieces,).
+        price: Cost of each piece, shape (pieces, 3): duration [s], energy in the reading `paper`
+            [J], energy in the reading `series` [J].
+    """
+
+    cost: float
+    tip: FloatArray
+    posture: FloatArray
+    pattern: IntArray
+    price: FloatArray
+
+
+@kernel
+def compute_pieces(
+    t: PathCostModel, w: PathCostBuffers, via: FloatArray, start: FloatArray
+) -> tuple[float, FloatArray, FloatArray, IntArray, FloatArray]:
+    """Compute the pieces of a cylinder path in the mode combinations with which it costs least.
+
+    The cost is that of `price_path`, with the same rounding.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -644,18 +681,19 @@ def _compute_pieces(
         start: Joint positions at via[0], shape (n,) [rad or m].
 
     Returns:
-        Joint positions at the ends of the pieces, shape (pieces + 1, n) [rad or m]; index of the
-        best mode combination of each piece, shape (pieces,); and cost of each piece, shape (pieces,
-        3): duration [s], energy in the reading `paper` [J], energy in the reading `series` [J].
+        Fields of `PathPieces` in their order. If the path is inadmissible, the cost is inf and the
+        arrays are undefined.
     """
     pieces, patterns = 0, len(t.patterns)
     for s in range(len(via) - 1):
         pieces += piece_count(via[s], via[s + 1], t.max_piece_stroke)
     parent = np.empty((pieces, patterns), dtype=np.int64)
     every, posture = np.empty((pieces, patterns, 3)), np.empty((pieces + 1, via.shape[1]))
+    pattern, price = np.empty(pieces, dtype=np.int64), np.empty((pieces, 3))
+    tip, length = np.empty((pieces + 1, 2)), np.empty(via.shape[1])
     begin_path(t, w, via[0], start)
     copy_row(posture[0], start)
-    length = np.empty(via.shape[1])
+    tip[0, 0], tip[0, 1] = tip_position(t.machine, start)
     here, row = 0, 0
     for s in range(len(via) - 1):
         count = piece_count(via[s], via[s + 1], t.max_piece_stroke)
@@ -663,52 +701,48 @@ def _compute_pieces(
             for j in range(len(length)):
                 length[j] = via[s, j] + (via[s + 1, j] - via[s, j]) * k / count
             place_posture(t.machine, w.points, 1 - here, length, here)
-            _extend_by_piece(t, w, here, parent[row])
+            if _extend_by_piece(t, w, here, parent[row]) == math.inf:
+                return math.inf, tip, posture, pattern, price
             for p in range(patterns):
                 copy_row(every[row, p], w.scratch.cost[p])
             here, row = 1 - here, row + 1
             copy_row(posture[row], w.points.posture[here])
-    _add_holding_switches(t, w, here)
-    pattern, cost = np.empty(pieces, dtype=np.int64), np.empty((pieces, 3))
+            tip[row, 0], tip[row, 1] = tip_position(t.machine, posture[row])
+    cost = _add_holding_switches(t, w, here)
     pattern[-1] = np.argmin(w.value[here, :-1])
     for k in range(pieces - 1, -1, -1):
-        copy_row(cost[k], every[k, pattern[k]])
+        copy_row(price[k], every[k, pattern[k]])
         if k > 0:
             pattern[k - 1] = parent[k, pattern[k]]
-    return posture, pattern, cost
+    return cost, tip, posture, pattern, price
 
 
 def to_discrete_path(
     t: PathCostModel,
-    w: PathCostBuffers,
-    via: FloatArray,
+    pieces: PathPieces,
     cost: float,
-    start: FloatArray,
     start_modes: ModeArray,
     statistics: SearchStatistics,
 ) -> DiscretePath:
-    """Convert a cylinder path to a discrete path, one step for each piece, in the best modes.
+    """Convert a cylinder path to a discrete path, one step for each piece.
 
     Args:
-        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
-        w: Working memory of the thread, overwritten.
-        via: Waypoints of an admissible path, shape (points, n) [m].
+        t: Cost model by which the pieces were computed.
+        pieces: Pieces of the path.
         cost: Cost of the path, stored as it is.
-        start: Joint positions at via[0], shape (n,) [rad or m].
         start_modes: Modes in force at the start, shape (n,).
         statistics: Statistics of the search, stored as they are.
 
     Returns:
         The discrete path.
     """
-    posture, pattern, of_step = _compute_pieces(t, w, via, start)
     return DiscretePath(
-        tip=tip_positions(t.machine, posture),
-        posture=posture,
-        modes=t.patterns[pattern],
-        duration=of_step[:, DURATION_COLUMN],
-        energy=of_step[:, ENERGY_PAPER_COLUMN],
-        energy_series=of_step[:, ENERGY_SERIES_COLUMN],
+        tip=pieces.tip,
+        posture=pieces.posture,
+        modes=t.patterns[pieces.pattern],
+        duration=pieces.price[:, DURATION_COLUMN],
+        energy=pieces.price[:, ENERGY_PAPER_COLUMN],
+        energy_series=pieces.price[:, ENERGY_SERIES_COLUMN],
         cost=cost,
         start_modes=start_modes,
         statistics=statistics,

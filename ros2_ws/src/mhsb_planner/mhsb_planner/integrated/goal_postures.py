@@ -24,6 +24,7 @@ from mhsb_model.inverse_kinematics.tip_postures import (
     write_inner_angles,
 )
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.kinematics import compute_cylinder_lengths
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.errors import InfeasibleGoalError
@@ -34,7 +35,6 @@ from mhsb_planner.posture.s1_psi_intervals_3r import (
     solve_posture_at_psi,
 )
 from mhsb_planner.search.goal_clearance import check_tip_clearance, find_clear_postures
-from mhsb_planner.search.s2_step import describe_postures
 
 PSI_SPACING = math.radians(1.0)
 """Default spacing of the samples of ψ [rad]."""
@@ -123,12 +123,12 @@ def sample_goal_postures(
     tip, posture, elbow, free = found[0]
     if len(found) > 1:
         tip, posture, elbow, free = (np.concatenate(part) for part in zip(*found, strict=True))
-    posture, length, _ = describe_postures(machine.arrays, posture)
+    posture = frozen(posture)
     return GoalPostures(
         (x, z),
         frozen(tip),
         posture,
-        length,
+        frozen(compute_cylinder_lengths(machine.arrays, posture)),
         frozen(elbow),
         frozen(free),
         frozen(_free_coordinate_units(machine, between)),
@@ -203,9 +203,10 @@ def _sample_at_tip(
     posture, elbow, free = sampled(machine, x, z, between, spacing)
     if len(posture) == 0:
         raise InfeasibleGoalError(x, z, between)
-    kept = find_clear_postures(machine, x, z, posture)
-    tip = np.full((int(kept.sum()), 2), (x, z))
-    return tip, posture[kept], elbow[kept], free[kept]
+    if len(machine.obstacles.path_rows) > 0:
+        kept = find_clear_postures(machine, x, z, posture)
+        posture, elbow, free = posture[kept], elbow[kept], free[kept]
+    return np.full((len(posture), 2), (x, z)), posture, elbow, free
 
 
 def _sample_telescopic_chain(

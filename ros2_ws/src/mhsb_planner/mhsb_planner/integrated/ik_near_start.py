@@ -22,6 +22,7 @@ from mhsb_model.inverse_kinematics.tip_postures import (
 )
 from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.kinematics import compute_cylinder_lengths
 from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, frozen
@@ -29,7 +30,7 @@ from mhsb_planner.errors import ZoneError
 from mhsb_planner.integrated.goal_postures import GoalPostures, held_joints
 from mhsb_planner.search.goal_clearance import find_clear_postures
 from mhsb_planner.search.lower_bound import bound_cost_between
-from mhsb_planner.search.s2_step import HydraulicCoefficients, describe_postures
+from mhsb_planner.search.s2_step import HydraulicCoefficients
 
 JOINT_SAMPLE_COUNT = 24
 """Number of even samples of a joint's range, limits included; the start position is an additional
@@ -74,14 +75,13 @@ def add_postures_near_start(
         near = near[find_clear_postures(machine, x, z, near)]
     except ZoneError:  # the sampled postures remain
         return goals
-    every = np.concatenate([goals.posture, near])
-    posture, length, _ = describe_postures(machine.arrays, every)
+    posture = frozen(np.concatenate([goals.posture, near]))
     elbow, free = _elbows_and_free_coordinates(machine, near)
     return replace(
         goals,
         tips=frozen(np.concatenate([goals.tips, np.tile(goals.tip, (len(near), 1))])),
         posture=posture,
-        length=length,
+        length=frozen(compute_cylinder_lengths(machine.arrays, posture)),
         elbow=frozen(np.concatenate([goals.elbow, elbow])),
         free=frozen(np.concatenate([goals.free, free])),
     )

@@ -24,8 +24,9 @@ from mhsb_planner.goal_region import Region, is_goal_met
 from mhsb_planner.integrated import anytime_search, ik_near_start
 from mhsb_planner.integrated.anytime_search import SearchWork
 from mhsb_planner.integrated.cylinder_path import (
+    PathPieces,
+    compute_pieces,
     cost_model,
-    price_path,
     to_discrete_path,
     without_leakage_cost,
 )
@@ -94,7 +95,7 @@ class IntegratedSearch:
             goal_region,
             query.goal_psi,
             machine.tip_position(posture),
-            machine.end_link_angle(posture),
+            0.0 if query.goal_psi is None else machine.end_link_angle(posture),
             SAME_POINT,
             SAME_POINT,
         )
@@ -178,17 +179,15 @@ class IntegratedSearch:
         Returns:
             The discrete path with the statistics of the search.
         """
-        task, cost = self._task, best.cost
-        if task.cost_model is not self._terms:
-            cost = float(
-                price_path(self._terms, task.buffers, best.waypoints, task.start, math.inf)
-            )
+        task, leaks = self._task, self._task.cost_model is self._terms
+        pieces = best.pieces if leaks else None
+        if pieces is None:
+            found = compute_pieces(self._terms, task.buffers, best.waypoints, task.start)
+            pieces = PathPieces(*found)
         return to_discrete_path(
             self._terms,
-            task.buffers,
-            best.waypoints,
-            cost,
-            task.start,
+            pieces,
+            best.cost if leaks else pieces.cost,
             self._modes,
             SearchStatistics(
                 work.expanded, work.priced, self._elapsed, task.progress.search_deadline.has_passed
@@ -306,9 +305,8 @@ def warm_up_paths(machine: Machine) -> None:
     task = _example_problem(machine)
     _ = task.lower_bound
     modes, statistics = np.zeros(machine.joint_count, dtype=np.uint8), SearchStatistics(0, 0, 0.0)
-    to_discrete_path(
-        task.cost_model, task.buffers, _straight_line(task), 0.0, task.start, modes, statistics
-    )
+    pieces = task.compute_pieces(_straight_line(task))
+    to_discrete_path(task.cost_model, pieces, pieces.cost, modes, statistics)
 
 
 def warm_up_lattice(machine: Machine) -> None:

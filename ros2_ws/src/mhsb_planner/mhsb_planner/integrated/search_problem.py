@@ -11,6 +11,8 @@ from mhsb_model.types import FloatArray
 from mhsb_planner.integrated.cylinder_path import (
     PathCostBuffers,
     PathCostModel,
+    PathPieces,
+    compute_pieces,
     new_path_cost_buffers,
     price_path,
 )
@@ -63,6 +65,8 @@ class SearchLimits:
         Args:
             scale: Size of the arm relative to the paper's arm.
         """
+        if scale == 1.0:
+            return self
         return replace(
             self,
             max_first_spacing=scale * self.max_first_spacing,
@@ -90,6 +94,7 @@ class CylinderPath:
         free: Free joint coordinates of the posture at the end, shape (n - 2,), as in
             `tip_postures`; refinement may have changed them.
         cost: Cost w₁ E + w₂ T + w₃ switches + w₄ M with the best modes.
+        pieces: Pieces of the path, if they were computed with its cost; None otherwise.
     """
 
     waypoints: FloatArray
@@ -97,6 +102,7 @@ class CylinderPath:
     elbow: int
     free: FloatArray
     cost: float
+    pieces: PathPieces | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,9 +198,23 @@ class SearchProblem:
         """
         return float(price_path(self.cost_model, self.buffers, via, self.start, limit))
 
-    def path_to_goal(self, via: FloatArray, k: int, cost: float) -> CylinderPath:
-        """Create the cylinder path to goal posture k from its waypoints and cost."""
-        return CylinderPath(via, k, int(self.goals.elbow[k]), self.goals.free[k], cost)
+    def compute_pieces(self, via: FloatArray) -> PathPieces:
+        """Compute the pieces of a cylinder path from the start to rest, in the best modes.
+
+        Args:
+            via: Waypoints (cylinder lengths), shape (points, n) [m]; the first is the start.
+
+        Returns:
+            The pieces; their cost is that of `price`. If it is inf, the arrays are undefined.
+        """
+        return PathPieces(*compute_pieces(self.cost_model, self.buffers, via, self.start))
+
+    def path_to_goal(
+        self, via: FloatArray, k: int, cost: float, pieces: PathPieces | None = None
+    ) -> CylinderPath:
+        """Create the cylinder path to goal posture k from its waypoints, cost and pieces."""
+        elbow, free = int(self.goals.elbow[k]), self.goals.free[k]
+        return CylinderPath(via, k, elbow, free, cost, pieces)
 
 
 def max_bound_cells(progress: PlanProgress) -> int:

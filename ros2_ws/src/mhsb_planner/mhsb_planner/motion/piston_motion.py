@@ -6,31 +6,13 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.linkages.linkage import cylinder_length, evaluate_linkage, find_joint_angle
+from mhsb_model.linkages.linkage import evaluate_linkage, find_joint_angle
 from mhsb_model.types import FloatArray
 
 MAX_TAYLOR_STEP = 1e-5
 """Largest second step of a joint angle for which the two-term Taylor series is accepted [rad].
 
 With a smaller step the error is below rounding."""
-
-
-@kernel
-def compute_cylinder_lengths(m: MachineArrays, posture: FloatArray) -> FloatArray:
-    """Compute the lengths of all cylinders in k postures.
-
-    Args:
-        m: Arrays of the machine.
-        posture: Joint positions, shape (k, n) [rad or m].
-
-    Returns:
-        Cylinder lengths, shape (k, n) [m].
-    """
-    length = np.empty(posture.shape)
-    for k in range(len(posture)):
-        for j in range(posture.shape[1]):
-            length[k, j] = cylinder_length(m.linkage[j], posture[k, j])
-    return length
 
 
 @kernel

@@ -61,14 +61,19 @@ class RampedMotion:
         """Time at which the last ramp is over [s]."""
         return float(self.breaks[-1])
 
-    @cached_property
+    @property
     def breaks(self) -> FloatArray:
         """Times from 0 to the end of the motion between which the jerk is constant, shape (m,) [s].
 
         Times less than `RAMP_TIME_STEP` apart are merged. Ramps whose changes of speed are mere
         rounding are left out.
         """
-        return _find_breaks(self.ramp_begin, self.change, self.rise, self.blend)
+        return self._breaks_and_peaks[0]
+
+    @cached_property
+    def _breaks_and_peaks(self) -> tuple[FloatArray, float, float]:
+        """Breaks [s], and largest piston acceleration [m/s²] and jerk [m/s³]."""
+        return _find_breaks_and_peaks(self.ramp_begin, self.change, self.rise, self.blend)
 
     def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Compute the joint motion at given times.
@@ -96,15 +101,10 @@ class RampedMotion:
             time, self.length, self.speed, self.ramp_begin, self.change, self.rise, self.blend
         )
 
-    @cached_property
+    @property
     def peaks(self) -> tuple[float, float]:
-        """Largest acceleration and jerk of a piston, as fractions of the machine's limits [-].
-
-        They follow from the accelerations at the times `breaks`, between which the acceleration is
-        linear.
-        """
-        m, time = self.machine.arrays, self.breaks
-        acceleration, jerk = _find_peaks(time, self.sample_pistons(time)[2])
+        """Largest acceleration and jerk of a piston, as fractions of the machine's limits [-]."""
+        m, (_, acceleration, jerk) = self.machine.arrays, self._breaks_and_peaks
         return acceleration / m.max_piston_acceleration, jerk / m.max_piston_jerk
 
     @property
@@ -181,27 +181,6 @@ def _find_breaks(
 
 
 @kernel
-def _find_peaks(time: FloatArray, acceleration: FloatArray) -> tuple[float, float]:
-    """Compute the largest acceleration and jerk of pistons with piecewise linear acceleration.
-
-    Args:
-        time: Strictly increasing times, shape (k,) [s].
-        acceleration: Piston accelerations at these times, linear between them, shape (k, n) [m/s²].
-
-    Returns:
-        Largest absolute acceleration [m/s²] and jerk [m/s³] over all pistons.
-    """
-    highest = steepest = 0.0
-    for k in range(len(time)):
-        for j in range(acceleration.shape[1]):
-            highest = max(highest, abs(acceleration[k, j]))
-            if k > 0:
-                change = acceleration[k, j] - acceleration[k - 1, j]
-                steepest = max(steepest, abs(change) / (time[k] - time[k - 1]))
-    return highest, steepest
-
-
-@kernel
 def _sample_pistons(
     time: FloatArray,
     start: FloatArray,
@@ -261,3 +240,35 @@ def _sample_pistons(
             length[k, j] += constant * time[k] - behind
             velocity[k, j] += constant
     return length, velocity, acceleration
+
+
+@kernel
+def _find_breaks_and_peaks(
+    at: FloatArray, change: FloatArray, rise: FloatArray, blend: FloatArray
+) -> tuple[FloatArray, float, float]:
+    """Compute the breaks of a ramped motion, and its largest acceleration and jerk.
+
+    Between two breaks the acceleration is linear. The largest acceleration is therefore at a break.
+
+    Args:
+        at: Time at which each ramp begins, shape (c,) [s].
+        change: Change of the piston speeds in each ramp, shape (c, n) [m/s].
+        rise: Time T₁ of each ramp, from the beginning of the acceleration to the beginning of its
+            decrease, shape (c,) [s].
+        blend: Time T₂ of each ramp, in which the acceleration builds up, and in which it decreases,
+            shape (c,) [s].
+
+    Returns:
+        Times between which the jerk is constant, ascending from 0 [s]. Largest absolute
+        acceleration [m/s²] and jerk [m/s³] over all pistons.
+    """
+    time, still = _find_breaks(at, change, rise, blend), np.zeros(change.shape[1])
+    _, _, acceleration = _sample_pistons(time, still, still, at, change, rise, blend)
+    highest = steepest = 0.0
+    for k in range(len(time)):
+        for j in range(acceleration.shape[1]):
+            highest = max(highest, abs(acceleration[k, j]))
+            if k > 0:
+                change = acceleration[k, j] - acceleration[k - 1, j]
+                steepest = max(steepest, abs(change) / (time[k] - time[k - 1]))
+    return time, highest, steepest

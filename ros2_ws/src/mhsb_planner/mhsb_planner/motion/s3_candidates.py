@@ -13,12 +13,12 @@ from typing import Literal, Protocol
 
 import numpy as np
 
+from mhsb_model.kinematics import compute_cylinder_lengths
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_planner.motion.limits.limit import TimeScaling
-from mhsb_planner.motion.piston_motion import compute_cylinder_lengths
 from mhsb_planner.motion.resting import insert_rests
 from mhsb_planner.motion.s3_blend_in import Coasting
 from mhsb_planner.motion.s3_following import compute_followed_path
@@ -116,6 +116,12 @@ TrajectoryKind = Literal["polynomial", "followed"]
 TRAJECTORY_KINDS: tuple[TrajectoryKind, ...] = ("polynomial", "followed")
 
 
+FOLLOWED_SPEED_EXCESS = 1.001 * USAGE_RESERVE - 1.0
+"""Largest |v|/V_max − 1 of a piston on a followed path [-]. It covers only the reserve of
+stretching and rounding.
+"""
+
+
 class FitMethod(StrEnum):
     """Method by which a trajectory was made from a discrete path."""
 
@@ -168,13 +174,8 @@ class FitRules:
 
     @classmethod
     def create_following(cls) -> FitRules:
-        """Create rules for a motion that follows its path with piston speeds within V_max.
-
-        Returns:
-            Rules without polynomials. Their `max_excess` covers only the reserve of stretching and
-            rounding.
-        """
-        return cls(trajectory="followed", max_excess=1.001 * USAGE_RESERVE - 1.0)
+        """Create rules for a motion that follows its path with piston speeds within V_max."""
+        return cls(trajectory="followed", max_excess=FOLLOWED_SPEED_EXCESS)
 
 
 @dataclass(frozen=True, eq=False)

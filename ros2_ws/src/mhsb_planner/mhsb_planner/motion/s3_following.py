@@ -21,9 +21,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.kinematics import compute_cylinder_lengths
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
-from mhsb_planner.motion.piston_motion import compute_cylinder_lengths
 from mhsb_planner.motion.ramped_motion import RampedMotion
 from mhsb_planner.motion.s3_blend_in import Coasting
 from mhsb_planner.motion.s3_polynomial import MIN_STEP_DURATION
@@ -41,6 +41,38 @@ They are tried in this order.
 
 MAX_SLOWING_ROUNDS = 6
 """Number of times that ramps are made slower before the last result is taken."""
+
+
+class PistonPath(NamedTuple):
+    """Discrete path of k steps as a path of the pistons.
+
+    Attributes:
+        machine: Machine that moves.
+        start: Joint positions at the first node, shape (n,) [rad or m].
+        length: Cylinder lengths at the nodes, shape (k + 1, n) [m].
+        duration: Duration of each step, at least MIN_STEP_DURATION, shape (k,) [s].
+    """
+
+    machine: Machine
+    start: FloatArray
+    length: FloatArray
+    duration: FloatArray
+
+    @classmethod
+    def create(cls, machine: Machine, path: DiscretePath, scale: FloatArray | float) -> PistonPath:
+        """Compute the cylinder lengths and the durations of a path.
+
+        Args:
+            machine: Machine that moves.
+            path: Discrete path.
+            scale: Factor on the durations of all steps, or of each step, shape (k,) [-].
+
+        Returns:
+            The path of the pistons.
+        """
+        length = compute_cylinder_lengths(machine.arrays, path.posture)
+        duration = scale * np.maximum(path.duration, MIN_STEP_DURATION)
+        return cls(machine, path.posture[0], length, duration)
 
 
 class PathBeginning(NamedTuple):
@@ -65,23 +97,19 @@ FROM_REST = PathBeginning()
 
 
 def smooth_path(
-    machine: Machine,
-    path: DiscretePath,
+    path: PistonPath,
     ramp: Ramp,
-    scale: FloatArray | float,
     beginning: PathBeginning = FROM_REST,
     last_ramp_factor: float = 1.0,
 ) -> RampedMotion:
-    """Smooth the piston motion of a discrete path: each change of speed becomes a ramp.
+    """Smooth a path of the pistons: each change of speed becomes a ramp.
 
     A ramp changes the speeds within limited acceleration and jerk. The times between changes of
     speed are rounded up to multiples of RAMP_TIME_STEP.
 
     Args:
-        machine: Machine that moves.
-        path: Discrete path.
+        path: Path of the pistons.
         ramp: Ramp of all changes of speed.
-        scale: Factor on the durations of all steps, or of each step, shape (k,) [-].
         beginning: When and with which ramp the path begins. Its coasting (motion by which a moving
             start comes to rest) is added to the motion along the path.
         last_ramp_factor: Factor on the times of the last ramp [-]. The time of its middle stays.
@@ -89,11 +117,10 @@ def smooth_path(
     Returns:
         Motion of the pistons. It begins at the path's first posture, or where the coasting begins.
     """
-    length = compute_cylinder_lengths(machine.arrays, path.posture)
+    machine, start, length, duration = path
     coast, delay, first_ramp = beginning
-    due = _durations(path, scale)
     at, change, rise, blend, node_time = _place_ramps(
-        length, due, delay, *ramp, *(first_ramp or ramp)
+        length, duration, delay, *ramp, *(first_ramp or ramp)
     )
     if last_ramp_factor != 1.0:
         before = Ramp(float(rise[-1]), float(blend[-1]))
@@ -101,25 +128,26 @@ def smooth_path(
         at[-1] += 0.5 * (before.duration - ending.duration)
         rise[-1], blend[-1] = ending
     rest = np.zeros(length.shape[1])
-    own = RampedMotion(
-        machine, path.posture[0], length[0], rest, at, change, rise, blend, node_time
-    )
+    own = RampedMotion(machine, start, length[0], rest, at, change, rise, blend, node_time)
     return own if coast is None else coast.motion.superpose(own)
 
 
-def _durations(path: DiscretePath, scale: FloatArray | float) -> FloatArray:
-    """Return the durations of a path's steps, multiplied by a scale.
-
-    A shorter step is first lengthened to MIN_STEP_DURATION.
+@kernel
+def find_highest_speed(length: FloatArray, duration: FloatArray) -> float:
+    """Find the highest piston speed in the steps of a path.
 
     Args:
-        path: Discrete path of k steps. Only `duration` is read.
-        scale: Factor on the durations of all steps, or of each step, shape (k,) [-].
+        length: Cylinder lengths at the nodes, shape (k + 1, n) [m].
+        duration: Durations of the steps, shape (k,) [s].
 
     Returns:
-        Durations, shape (k,) [s].
+        Speed [m/s].
     """
-    return scale * np.maximum(path.duration, MIN_STEP_DURATION)
+    highest = 0.0
+    for k in range(len(duration)):
+        for j in range(length.shape[1]):
+            highest = max(highest, abs(length[k + 1, j] - length[k, j]) / duration[k])
+    return highest
 
 
 @kernel
@@ -226,7 +254,8 @@ def compute_followed_path(
         First motion within the limits. If there is none, the last one tried; its
         `keeps_dynamic_limits` is False.
     """
-    tried = _iterate_slower_motions(machine, path, ramp_factor, coast, scale, last_ramp_factor)
+    pistons = PistonPath.create(machine, path, scale)
+    tried = _iterate_slower_motions(pistons, ramp_factor, coast, last_ramp_factor)
     motion = next(tried)
     while not motion.keeps_dynamic_limits:
         slowed = next(tried, None)
@@ -237,14 +266,9 @@ def compute_followed_path(
 
 
 def _iterate_slower_motions(
-    machine: Machine,
-    path: DiscretePath,
-    slower: float,
-    coast: Coasting | None,
-    scale: FloatArray | float,
-    last: float,
+    path: PistonPath, slower: float, coast: Coasting | None, last: float
 ) -> Iterator[RampedMotion]:
-    """Yield motions along a discrete path, with longer and longer ramps (smooth changes of speed).
+    """Yield motions along a path, with longer and longer ramps (smooth changes of speed).
 
     For a moving start, the first motions begin the path while the pistons still come to rest:
 
@@ -257,35 +281,31 @@ def _iterate_slower_motions(
     longer by what the motion before exceeded the limits of acceleration and jerk.
 
     Args:
-        machine: Machine that moves.
-        path: Discrete path.
+        path: Path of the pistons.
         slower: Factor on the duration of the shortest ramps [-].
         coast: Motion by which a moving start comes to rest. None if the start is at rest.
-        scale: Factor on the durations of all steps, or of each step, shape (k,) [-].
         last: Further factor on the duration of the last ramp [-].
 
     Yields:
         Motions of the pistons. Any of them may exceed the limits.
     """
-    length = compute_cylinder_lengths(machine.arrays, path.posture)
-    stroke = np.abs(length[1:] - length[:-1]).max(axis=1)
-    fastest = float((stroke / _durations(path, scale)).max())
-    ramp, delay = shortest_ramp(machine, fastest).scale(slower, slower), 0.0
+    fastest = find_highest_speed(path.length, path.duration)
+    ramp, delay = shortest_ramp(path.machine, fastest).scale(slower, slower), 0.0
     if coast is not None:
         ramp = max(ramp, coast.ramp, key=lambda each: each.duration)
         rise, delay = coast.ramp.rise, coast.stop_time + coast.ramp.duration
         even = ramp.align_with(coast.ramp)
         at_once = PathBeginning(coast, coast.stop_time)
         sharing_ramp = at_once._replace(ramp=coast.ramp)
-        yield smooth_path(machine, path, even, scale, sharing_ramp, last)
+        yield smooth_path(path, even, sharing_ramp, last)
         for longer in RAMP_DURATION_FACTORS:
             slow = ramp.scale(longer, longer)
-            yield smooth_path(machine, path, slow, scale, at_once, last)
+            yield smooth_path(path, slow, at_once, last)
         for later in (round_up_to_time_step(0.5 * rise), rise):
             begun = PathBeginning(coast, coast.stop_time + later)
-            yield smooth_path(machine, path, ramp, scale, begun, last)
+            yield smooth_path(path, ramp, begun, last)
     for _ in range(MAX_SLOWING_ROUNDS):
-        motion = smooth_path(machine, path, ramp, scale, PathBeginning(coast, delay), last)
+        motion = smooth_path(path, ramp, PathBeginning(coast, delay), last)
         yield motion
         acceleration, jerk = (max(1.0, peak) for peak in motion.peaks)
         ramp = ramp.scale(acceleration, max(1.0, jerk / acceleration))

@@ -54,6 +54,7 @@ CHECK_TASK = "checking the trajectory"
 
 # Kernels take the numbers of the limits as tuples, in the order of the registry.
 _LIMIT_COUNT = len(STATE_LIMITS)
+_SCALES_WITH_SPEED = tuple(each.time_scaling is TimeScaling.SPEED for each in STATE_LIMITS)
 _LIMIT = tuple(each.limit for each in STATE_LIMITS)
 _BROKEN_ABOVE = tuple(each.broken_above for each in STATE_LIMITS)
 _PROVEN_BELOW = tuple(each.proven_below for each in STATE_LIMITS)
@@ -180,7 +181,7 @@ def _measure_ends(
     inertia: FloatArray,
     tip: FloatArray,
     modes: ModeArray,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute the quantities that the limits bound, at both ends of k intervals.
 
     It is the kernel of `EndValues.from_profile`. Each interval has its own modes, so a point
@@ -197,12 +198,17 @@ def _measure_ends(
 
     Returns:
         Quantities at the beginnings and at the ends, both of shape (limits, k) in the order of
-        `STATE_LIMITS`.
+        `STATE_LIMITS`. And the `speed_uses` of `EndValues`, shape (k,).
     """
     begin, end = np.empty((_LIMIT_COUNT, len(modes))), np.empty((_LIMIT_COUNT, len(modes)))
     scratch = np.empty(speed.shape[1])
     _fill_ends(m, LimitInputs(position, speed, force, inertia, tip, modes, scratch), begin, end)
-    return begin, end
+    uses = np.zeros(len(modes))
+    for i in range(_LIMIT_COUNT):
+        if _SCALES_WITH_SPEED[i]:
+            for k in range(len(modes)):
+                uses[k] = max(uses[k], begin[i, k], end[i, k])
+    return begin, end, uses
 
 
 @kernel(borrows=True)
@@ -235,11 +241,15 @@ class EndValues(NamedTuple):
         begin: Quantities at the beginnings.
         end: Quantities at the ends.
         modes: Mode codes of the intervals, shape (k, n).
+        speed_uses: Share of the limits on speed that each interval uses: largest quantity of a
+            limit with TimeScaling.SPEED at its ends, shape (k,) [-]. Up to 1 the limits are kept. A
+            longer duration divides it. inf means that no duration keeps them.
     """
 
     begin: LimitValues
     end: LimitValues
     modes: ModeArray
+    speed_uses: FloatArray
 
     @classmethod
     def from_profile(cls, machine: Machine, profile: MotionProfile, modes: ModeArray) -> EndValues:
@@ -255,23 +265,10 @@ class EndValues(NamedTuple):
             the modes.
         """
         p = profile
-        begin, end = _measure_ends(
+        begin, end, speed_uses = _measure_ends(
             machine.arrays, p.position, p.speed, p.force, p.inertia, p.tip, modes
         )
-        return cls(LimitValues(begin), LimitValues(end), modes)
-
-    def compute_speed_uses(self) -> FloatArray:
-        """Compute the share of the limits on speed that each interval uses.
-
-        Returns:
-            Largest quantity of a limit with TimeScaling.SPEED at the ends of each interval, shape
-            (k,) [-]. Up to 1 the limits are kept. If an interval lasts f times as long, its share
-            is divided by f. inf means that no duration keeps the limits.
-        """
-        limits = [each for each in STATE_LIMITS if each.time_scaling is TimeScaling.SPEED]
-        uses = [end.of(each) for each in limits for end in (self.begin, self.end)]
-        largest: FloatArray = np.max(uses, axis=0)
-        return largest
+        return cls(LimitValues(begin), LimitValues(end), modes, speed_uses)
 
 
 def keeps_position_limits(machine: Machine, trajectory: Trajectory) -> bool:

@@ -87,7 +87,7 @@ def fit_polynomial(
     """
     node_time = stretch * (delay + node_times(path))
     duration = float(node_time[-1])
-    moving = bool(start.velocity.any() or start.acceleration.any())
+    moving = start.is_moving
     boundary = _compute_boundary_polynomial(start, path.posture[-1], duration, moving)
     position, velocity = _interpolate_path(path, start, node_time, CHECK_INSTANTS * duration)
     wanted = np.vstack([position, velocity * duration])

@@ -106,7 +106,7 @@ def shortest_ramp(machine: Machine, speed: float = math.inf) -> Ramp:
         The ramp.
     """
     m = machine.arrays
-    speed = min(speed, float(m.max_piston_speed.max()))
+    speed = min(speed, max(m.max_piston_speed.tolist()))
     acceleration, jerk = (
         RAMP_LIMIT_SHARE * m.max_piston_acceleration,
         RAMP_LIMIT_SHARE * m.max_piston_jerk,

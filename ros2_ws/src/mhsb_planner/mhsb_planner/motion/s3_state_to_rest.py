@@ -21,14 +21,11 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.kinematics import compute_cylinder_lengths
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import MotionState, Trajectory
 from mhsb_model.types import FloatArray, as_frozen
-from mhsb_planner.motion.piston_motion import (
-    compute_cylinder_lengths,
-    convert_to_joints,
-    convert_to_pistons,
-)
+from mhsb_planner.motion.piston_motion import convert_to_joints, convert_to_pistons
 from mhsb_planner.motion.s3_ramps import RAMP_TIME_STEP
 from mhsb_planner.search.discrete_path import DiscretePath
 

@@ -47,7 +47,6 @@ from mhsb_planner.motion.energy import Energy, energy_of_profiles, motion_energy
 from mhsb_planner.motion.limits.joint_range import (
     JOINT_TOLERANCE,
     compute_outward_excess,
-    joint_excess,
 )
 from mhsb_planner.motion.limits.limit import TimeScaling, Violation
 from mhsb_planner.motion.motion_profile import MotionProfile, Profiles
@@ -142,9 +141,8 @@ class FittedMotion:
         scheduled: Trajectory with its modes and its profile.
         method: Kind of curve after the braking.
         braked: True if the motion begins with braking.
-        stretch: Factor on the path's whole duration [-]; above 1 if the path had to be slowed.
-            Inserted rests are part of the path.
         followed: Discrete path and the curve that follows it; None if the motion has no path.
+        scale: Factor on the duration of each step of the path, shape (k,) [-].
         refused: Reasons why curves tried before were refused, one sentence each.
         middles: Profile at the middles between the trajectory's points; None: it was not computed.
     """
@@ -153,8 +151,8 @@ class FittedMotion:
     scheduled: ScheduledMotion
     method: FitMethod
     braked: bool
-    stretch: float
     followed: tuple[DiscretePath, Curve] | None = None
+    scale: FloatArray | float = 1.0
     refused: tuple[str, ...] = ()
     middles: MotionProfile | None = None
 
@@ -167,6 +165,14 @@ class FittedMotion:
     def schedule(self) -> ModeSchedule:
         """Modes over time."""
         return self.scheduled.schedule
+
+    @cached_property
+    def stretch(self) -> float:
+        """Factor on the path's whole duration [-]; above 1 if the path had to be slowed.
+
+        Inserted rests are part of the path. Without a path it is 1.
+        """
+        return 1.0 if self.followed is None else _compute_stretch(self.followed[0], self.scale)
 
     @cached_property
     def energy(self) -> Energy:
@@ -259,7 +265,7 @@ def fit_trajectory(
     limits, machine = machine.arrays, _widen_limits_to(machine, start.position)
     rules = rules or FitRules()
     refused: list[str] = []
-    least = rules.min_duration / float(np.sum(path.duration))
+    least = rules.min_duration / float(path.duration.sum())
     lacked = False
     for kind in iterate_candidates(machine, path, start, brake, coast, modes, rules):
         if kind.only_after_thrust_lack and not lacked:
@@ -331,7 +337,7 @@ def fit_braking(
     """
     rules, motion = rules or FitRules(), brake.shifted(-brake.stamp_ns)
     scheduled = ScheduledMotion.create(machine, motion, modes, None, rules.switching)
-    return FittedMotion(machine, scheduled, FitMethod.BRAKING, braked=True, stretch=1.0)
+    return FittedMotion(machine, scheduled, FitMethod.BRAKING, braked=True)
 
 
 def warm_up(machine: Machine) -> None:
@@ -434,7 +440,7 @@ def _check_continuity(path: DiscretePath, start: MotionState, brake: Trajectory 
     """
     if len(path.duration) == 0:
         raise ValueError("a path without steps needs no trajectory")
-    if brake is None and (start.velocity.any() or start.acceleration.any()):
+    if brake is None and start.is_moving:
         raise ValueError("a moving start needs a braking motion")
     if brake is not None and not _are_equal(brake.position[0], start.position):
         raise ValueError("the braking motion must begin at the start")
@@ -464,7 +470,8 @@ def _check_holding(machine: Machine, posture: FloatArray) -> None:
 
 def _are_equal(one: FloatArray, other: FloatArray) -> bool:
     """Return whether two postures are equal within SAME_POSTURE."""
-    return bool(np.max(np.abs(one - other)) <= SAME_POSTURE)
+    pairs = zip(one.tolist(), other.tolist(), strict=True)
+    return all(abs(a - b) <= SAME_POSTURE for a, b in pairs)
 
 
 def _widen_limits_to(machine: Machine, posture: FloatArray) -> Machine:
@@ -481,9 +488,9 @@ def _widen_limits_to(machine: Machine, posture: FloatArray) -> Machine:
         A machine that admits the start. If the start is inside the limits, the same object.
     """
     arrays = machine.arrays
-    x, z = tip_position(arrays, posture)
-    if max(float(joint_excess(arrays, posture)), compute_workspace_excess(arrays, x, z)) <= 0.0:
+    if _compute_excess(arrays, posture) <= 0.0:
         return machine
+    x, z = tip_position(arrays, posture)
     radius = math.hypot(x, z)
     widened = arrays._replace(
         joint_min=frozen(np.minimum(arrays.joint_min, posture)),
@@ -493,6 +500,24 @@ def _widen_limits_to(machine: Machine, posture: FloatArray) -> Machine:
         max_radius=max(arrays.max_radius, radius),
     )
     return replace(machine, arrays=widened)
+
+
+@kernel(borrows=True)
+def _compute_excess(m: MachineArrays, posture: FloatArray) -> float:
+    """Compute how far a posture is beyond its joint limits, or its tip outside the workspace.
+
+    Args:
+        m: Arrays of the machine.
+        posture: Joint positions, shape (n,) [rad or m].
+
+    Returns:
+        Largest excess [rad or m]; negative if all limits are kept.
+    """
+    x, z = tip_position(m, posture)
+    excess = compute_workspace_excess(m, x, z)
+    for j in range(len(posture)):
+        excess = max(excess, m.joint_min[j] - posture[j], posture[j] - m.joint_max[j])
+    return excess
 
 
 def _fit_candidate(
@@ -549,26 +574,29 @@ def _fit_candidate(
             return f"an actuator is switched twice within {rules.switching.min_dwell:g} s"
         trajectory, profile = scheduled.trajectory, scheduled.profile
         time = trajectory.offset_ns / SECOND_NS
-        tip = machine.convert_to_base(profile.tip, trajectory.position[:, 0])
-        if missed := describe_first_missed(tip, rules.via_points):
-            return missed
+        if rules.via_points:
+            tip = machine.convert_to_base(profile.tip, trajectory.position[:, 0])
+            if missed := describe_first_missed(tip, rules.via_points):
+                return missed
         ends = EndValues.from_profile(machine, profile, scheduled.intervals)
-        used = np.maximum(_compute_speed_uses(machine, candidate, profile, ends, rules), slowing)
-        used[:first] = 0.0
+        fastest, max_speed = 1.0 + rules.max_excess, machine.arrays.max_piston_speed
+        used, most = _compute_uses(
+            profile.speed, max_speed, ends.speed_uses, fastest, candidate.coasts, slowing, first
+        )
         deadline.check(FIT_TASK)
-        needed, most = USAGE_RESERVE * used, float(used.max())
         stuck, before = most == before, most
         if USAGE_RESERVE * most <= (ACCEPTED_LIMIT_USE if stuck else 1.0):
             middles = middle_profile(machine, trajectory)
             violation = find_violation_between(machine, trajectory, ends, middles, deadline)
             if violation is None:
-                stretch = _compute_stretch(path, scale)
-                fit = candidate.method, lead_in is not None, stretch, (path, curve)
+                fit = candidate.method, lead_in is not None, (path, curve), scale
                 return FittedMotion(machine, scheduled, *fit, middles=middles)
             scaling = violation.limit.time_scaling
             if scaling not in candidate.stretchable or violation.time < time[first]:
                 return violation
             needed = compute_needed_factors(violation, ends, used, time, candidate.slows_pieces)
+        else:
+            needed = USAGE_RESERVE * used
         since, slows_pieces = time[first:] - time[first], candidate.slows_pieces
         factor = spread_over_steps(needed[first:], since, curve.node_time, slows_pieces)
         scale = scale * (np.maximum(factor, USAGE_RESERVE) if stuck else factor)
@@ -578,12 +606,12 @@ def _fit_candidate(
     return "stretching it did not bring it within what valves and pumps can do"
 
 
-def _compute_stretch(path: DiscretePath, scale: FloatArray) -> float:
+def _compute_stretch(path: DiscretePath, scale: FloatArray | float) -> float:
     """Compute the factor on a path's whole duration from the factors on its steps.
 
     Args:
         path: Discrete path. Only `duration` is read.
-        scale: Factor on the duration of each step, shape (k,) [-].
+        scale: Factor on the durations of all steps, or of each step, shape (k,) [-].
 
     Returns:
         Mean of the factors, weighted by the durations [-].
@@ -640,36 +668,49 @@ def _describe_passed_limit(
     return ""
 
 
-def _compute_speed_uses(
-    machine: Machine,
-    candidate: CurveCandidate,
-    profile: MotionProfile,
-    ends: EndValues,
-    rules: FitRules,
-) -> FloatArray:
+@kernel
+def _compute_uses(
+    speed: FloatArray,
+    max_speed: FloatArray,
+    limit_uses: FloatArray,
+    fastest: float,
+    coasts: bool,
+    slowing: float,
+    first: int,
+) -> tuple[FloatArray, float]:
     """Compute the share of V_max, valves and pumps that each interval of a motion uses.
 
-    The allowed speed of each piston is V_max (1 + max_excess). A curve that begins at a moving
-    start may begin faster, and slowing does not help there. The factor 1 + max_excess is then
-    raised to USAGE_RESERVE times the largest ratio of speed to V_max at the start.
+    The allowed speed of each piston is V_max times a factor. A curve that begins at a moving start
+    may begin faster, and slowing does not help there. The factor is then raised to USAGE_RESERVE
+    times the largest ratio of speed to V_max at the start.
+
+    Test oracle: the same shares by NumPy.
 
     Args:
-        machine: Machine that moves.
-        candidate: Curve that is tried; it says whether it begins with a moving start.
-        profile: Profile of the motion at its k + 1 points, with the piston speeds.
-        ends: Quantities of the limits at the ends of the k intervals.
-        rules: Settings of the fit, with `max_excess`.
+        speed: Piston speeds at the motion's k + 1 points, shape (k + 1, n) [m/s].
+        max_speed: V_max of each piston, shape (n,) [m/s].
+        limit_uses: Largest share of the limits on speed in each interval, shape (k,) [-].
+        fastest: Factor on V_max [-].
+        coasts: True if the curve begins at a moving start.
+        slowing: Least share in each interval, for the limits of joint acceleration and jerk [-].
+        first: Index of the curve's first interval; those before it use nothing.
 
     Returns:
-        Largest share at both ends of each interval, shape (k,) [-]; above 1 the interval is too
-        fast, inf if no speed is possible.
+        Largest share at the ends of each interval, shape (k,) [-], and the largest of all. Above 1
+        the interval is too fast; inf if no speed is possible.
     """
-    share = (np.abs(profile.speed) / machine.arrays.max_piston_speed).max(axis=1)
-    fastest = 1.0 + rules.max_excess
-    if candidate.coasts:
-        fastest = max(fastest, USAGE_RESERVE * float(share[0]))
-    speed = np.maximum(share[:-1], share[1:]) / fastest
-    return np.maximum(ends.compute_speed_uses(), speed)
+    used, most, before = np.zeros(len(limit_uses)), 0.0, 0.0
+    for k in range(len(speed)):
+        share = 0.0
+        for j in range(len(max_speed)):
+            share = max(share, abs(speed[k, j]) / max_speed[j])
+        if k == 0 and coasts:
+            fastest = max(fastest, USAGE_RESERVE * share)
+        if k > first:
+            used[k - 1] = max(limit_uses[k - 1], max(before, share) / fastest, slowing)
+            most = max(most, used[k - 1])
+        before = share
+    return used, most
 
 
 def _get_preferred_modes(

@@ -8,7 +8,7 @@ import numpy as np
 
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.trajectory import MAX_POINT_SPACING_NS, SECOND_NS, MotionState, Trajectory
-from mhsb_model.types import FloatArray, IntArray, frozen
+from mhsb_model.types import FloatArray, IntArray
 
 FEWEST_INTERVALS = 10
 """Least number of intervals between a trajectory's points."""
@@ -87,7 +87,7 @@ def choose_point_times(breaks: FloatArray) -> IntArray:
         Times in ascending order, at most MAX_POINT_SPACING_NS apart [ns]. There are at least
         FEWEST_INTERVALS intervals.
     """
-    return _point_times(frozen(breaks))
+    return _point_times(breaks)
 
 
 @kernel

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from mhsb_planner.motion.s3_candidates import FOLLOWED_SPEED_EXCESS
 from mhsb_planner.motion.s3_trajectory import (
     FitMethod,
     FitRules,
@@ -58,13 +59,13 @@ def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> Fi
         duration is SHORT_MOTION_TIME_FACTOR times the period of the goals [s].
     """
     own = options.trajectory or get_planner(options.planner).trajectory
-    rules = FitRules.create_following()
-    if (options.trajectory or of_path or own) == "polynomial":
-        asked = own == "polynomial"
-        rules = FitRules(max_excess=options.max_speed_excess if asked else rules.max_excess)
-    passing = tuple((*point, options.via_tolerance) for point in options.via)
-    return replace(
-        rules, min_duration=SHORT_MOTION_TIME_FACTOR * options.period, via_points=passing
+    kind = options.trajectory or of_path or own
+    asked = kind == own == "polynomial"
+    return FitRules(
+        trajectory=kind,
+        max_excess=options.max_speed_excess if asked else FOLLOWED_SPEED_EXCESS,
+        min_duration=SHORT_MOTION_TIME_FACTOR * options.period,
+        via_points=tuple((*point, options.via_tolerance) for point in options.via),
     )
 
 

@@ -340,7 +340,7 @@ class StepBuffers(NamedTuple):
     middle: FloatArray
 
 
-@kernel
+@kernel(plain=True)
 def create_step_buffers(patterns: ModeArray) -> StepBuffers:
     """Allocate the working memory of one thread for `price_steps_to_node`.
 

@@ -11,6 +11,8 @@ from mhsb_model.hydraulics import required_pressure
 from mhsb_model.modes import Mode
 from mhsb_planner.integrated.cylinder_path import (
     BOOST_RESERVE,
+    PathPieces,
+    compute_pieces,
     cost_model,
     new_path_cost_buffers,
     price_path,
@@ -27,10 +29,11 @@ NOTHING = SearchStatistics(0, 0, 0.0)
 
 
 def path_along(machine, t, via, start):
-    memory = new_path_cost_buffers(t)
-    cost = price_path(t, memory, via, start, np.inf)
+    pieces = PathPieces(*compute_pieces(t, new_path_cost_buffers(t), via, start))
+    assert pieces.cost == price_path(t, new_path_cost_buffers(t), via, start, np.inf)
+    assert pieces.tip == pytest.approx(machine.tip_positions(pieces.posture), abs=1e-12)
     modes = np.zeros(machine.joint_count, dtype=np.uint8)
-    return to_discrete_path(t, memory, via, cost, start, modes, NOTHING)
+    return to_discrete_path(t, pieces, pieces.cost, modes, NOTHING)
 
 
 def possible_routes(machine, terms, posture_within, count, stroke):
@@ -135,6 +138,7 @@ def test_a_route_out_of_the_workspace_is_none(arm, terms_of, posture_within):
             smaller = arm.arrays._replace(max_radius=0.5 * (radius[0] + radius.max()))
             narrow = t._replace(machine=smaller)
             assert price_path(narrow, new_path_cost_buffers(narrow), via, start, np.inf) == np.inf
+            assert compute_pieces(narrow, new_path_cost_buffers(narrow), via, start)[0] == np.inf
             refused += 1
     assert refused > 0
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from mhsb_planner.motion.piston_motion import compute_cylinder_lengths, convert_to_joints
+from mhsb_model.kinematics import compute_cylinder_lengths
+from mhsb_planner.motion.piston_motion import convert_to_joints
 
 BETWEEN = 1e-3  # s
 

@@ -6,7 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mhsb_model.linkages.linkage import cylinder_length
-from mhsb_planner.motion.s3_following import compute_followed_path, smooth_path
+from mhsb_planner.motion.s3_following import (
+    PistonPath,
+    compute_followed_path,
+    find_highest_speed,
+    smooth_path,
+)
 from mhsb_planner.motion.s3_ramps import Ramp
 
 FINE = 1e-4  # s
@@ -32,7 +37,7 @@ def convolved(machine, path, motion, ramp):
 
 def test_a_followed_path_is_the_discrete_path_smoothed_by_the_ramps(machine, walk):
     path, ramp = walk(np.random.default_rng(0), 6), Ramp(0.08, 0.038)
-    motion = smooth_path(machine, path, ramp, 1.0)
+    motion = smooth_path(PistonPath.create(machine, path, 1.0), ramp)
     time, expected = convolved(machine, path, motion, ramp)
     assert motion.sample_pistons(time)[0] == pytest.approx(expected, abs=2e-7)
     q, qd, qdd = motion.sample(time)
@@ -74,9 +79,25 @@ def test_acceleration_and_jerk_stay_within_their_limits(machine, walk, seed):
     assert np.abs(np.diff(acceleration, axis=0)).max() <= m.max_piston_jerk * 1e-4 * (1 + 1e-6)
 
 
+def test_the_peaks_of_a_motion_are_those_of_its_samples(machine, walk):
+    path, m = walk(np.random.default_rng(6), 8, leap=0.5), machine.arrays
+    motion = smooth_path(PistonPath.create(machine, path, 1.0), Ramp(0.02, 0.01))
+    acceleration = motion.sample_pistons(np.arange(0.0, motion.end, 1e-5))[2]
+    jerk = np.abs(np.diff(acceleration, axis=0)).max() / 1e-5
+    expected = np.abs(acceleration).max() / m.max_piston_acceleration, jerk / m.max_piston_jerk
+    assert motion.peaks == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_highest_speed_of_a_path_is_that_of_the_longest_stroke_in_its_time():
+    random = np.random.default_rng(7)
+    length, duration = random.uniform(0.2, 0.4, (9, 3)), random.uniform(0.1, 2.0, 8)
+    expected = (np.abs(np.diff(length, axis=0)).max(axis=1) / duration).max()
+    assert find_highest_speed(length, duration) == pytest.approx(expected)
+
+
 def test_a_followed_path_lasts_one_ramp_longer_than_the_discrete_one(machine, walk):
     path, ramp = walk(np.random.default_rng(2), 7), Ramp(0.08, 0.038)
-    motion = smooth_path(machine, path, ramp, 1.0)
+    motion = smooth_path(PistonPath.create(machine, path, 1.0), ramp)
     longer = motion.end - path.duration.sum()
     assert 0.118 - 1e-9 <= longer <= 0.118 + 1e-3 * path.steps
 

@@ -80,7 +80,9 @@ def test_a_path_that_is_too_fast_in_one_step_is_slowed_there_alone(
 def test_intervals_in_which_pressure_lacks_need_the_factor_for_it_and_no_others(slows_pieces):
     thrust = np.zeros((len(STATE_LIMITS), 6))
     thrust[STATE_LIMITS.index(THRUST_LIMIT)] = [0.2, 1.1, 0.9, 1.0, 0.3, 0.1]
-    ends = EndValues(LimitValues(thrust), LimitValues(0.5 * thrust), np.zeros((6, 3), np.uint8))
+    ends = EndValues(
+        LimitValues(thrust), LimitValues(0.5 * thrust), np.zeros((6, 3), np.uint8), np.zeros(6)
+    )
     violation, time = Violation(THRUST_LIMIT, 0.45, 0.01), np.linspace(0.0, 0.6, 7)
     needed = compute_needed_factors(violation, ends, np.full(6, 0.8), time, slows_pieces)
     stretch = PIECE_THRUST_STRETCH if slows_pieces else THRUST_STRETCH

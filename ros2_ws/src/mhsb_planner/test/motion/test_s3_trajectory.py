@@ -13,7 +13,13 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, standstill
 from mhsb_model.types import frozen
 from mhsb_planner.errors import InfeasibleGoalError
-from mhsb_planner.motion import piston_motion, ramped_motion, s3_limits, s4_mode_schedule
+from mhsb_planner.motion import (
+    piston_motion,
+    ramped_motion,
+    s3_limits,
+    s3_trajectory,
+    s4_mode_schedule,
+)
 from mhsb_planner.motion.energy import motion_energy
 from mhsb_planner.motion.limits import joint_range
 from mhsb_planner.motion.s3_trajectory import (
@@ -285,6 +291,21 @@ def test_an_end_that_too_few_modules_can_hold_is_refused_but_a_stop_there_is_not
         from_rest(without, path)
     stop = fit_braking(without, standstill(path.posture[-1]), NORMAL)
     assert not stop.schedule.modes.any()
+
+
+@pytest.mark.parametrize("coasts", [True, False])
+def test_an_interval_uses_the_largest_share_of_v_max_and_of_the_limits_at_its_ends(coasts):
+    random, highest, slowing, first = np.random.default_rng(3), np.array([0.5, 1.0, 2.0]), 0.7, 4
+    speed, limits = random.normal(0.0, 1.0, (13, 3)), random.uniform(0.0, 2.0, 12)
+    share = (np.abs(speed) / highest).max(axis=1)
+    fastest = max(1.1, s3_trajectory.USAGE_RESERVE * share[0]) if coasts else 1.1
+    expected = np.maximum(np.maximum(share[:-1], share[1:]) / fastest, np.maximum(limits, slowing))
+    expected[:first] = 0.0
+    used, most = s3_trajectory._compute_uses(
+        speed, frozen(highest), limits, 1.1, coasts, slowing, first
+    )
+    assert used == pytest.approx(expected)
+    assert most == used.max()
 
 
 def test_after_warming_up_nothing_is_compiled_any_more(machine, walk):
