@@ -34,7 +34,7 @@ from mhsb_model.hydraulics import (
     get_shared_hydraulics,
     valve_margin,
 )
-from mhsb_model.kinematics import compute_cylinder_lengths
+from mhsb_model.linkages.linkage import cylinder_lengths
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.types import FloatArray, ModeArray
@@ -188,7 +188,7 @@ class _Grid:
         between = (0.5 * (at_ns[1:] + at_ns[:-1])).astype(np.int64)
         modes = plan.motion.schedule.modes_at_many(between)
         goal = machine.tip_position(trajectory.position[-1])
-        return cls(machine, step, modes, compute_cylinder_lengths(machine.arrays, q), goal, q[0])
+        return cls(machine, step, modes, cylinder_lengths(machine.arrays.linkage, q), goal, q[0])
 
     def posture(self, length: FloatArray) -> FloatArray:
         """Return the joint angles [rad] of cylinder lengths [m], both of shape (k + 1, n)."""
@@ -389,7 +389,7 @@ def _solve_programme(
     equal, below = _SparseRows(), _SparseRows()
     low, high = np.full(slack + 1, -np.inf), np.full(slack + 1, np.inf)
     low[slack] = 0.0
-    ends = np.sort(compute_cylinder_lengths(m, np.array([m.joint_min, m.joint_max])), axis=0)
+    ends = np.sort(cylinder_lengths(m.linkage, np.array([m.joint_min, m.joint_max])), axis=0)
     low[:size] = np.maximum(length - trust, np.minimum(ends[0], length)).ravel()
     high[:size] = np.minimum(length + trust, np.maximum(ends[1], length)).ravel()
     low[size : 3 * size] = 0.0

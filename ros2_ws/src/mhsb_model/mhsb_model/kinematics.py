@@ -16,7 +16,6 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.types import BoolArray, FloatArray
 
 
@@ -103,24 +102,6 @@ def bound_displacement(
         return length * abs(turn)
     slid = end[j] - start[j]
     return (length + max(0.0, slid)) * abs(turn) + abs(slid)
-
-
-@kernel
-def compute_cylinder_lengths(m: MachineArrays, posture: FloatArray) -> FloatArray:
-    """Compute the lengths of all cylinders in k postures.
-
-    Args:
-        m: Arrays of the machine.
-        posture: Joint positions, shape (k, n) [rad or m].
-
-    Returns:
-        Cylinder lengths, shape (k, n) [m].
-    """
-    length = np.empty(posture.shape)
-    for k in range(len(posture)):
-        for j in range(posture.shape[1]):
-            length[k, j] = cylinder_length(m.linkage[j], posture[k, j])
-    return length
 
 
 @kernel(borrows=True)

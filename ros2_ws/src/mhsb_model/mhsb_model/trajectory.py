@@ -218,15 +218,6 @@ class Trajectory:
         qdd = np.where(ended[:, None], 0.0, qdd)
         return q, qd, qdd
 
-    def sample_midpoints(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Evaluate the motion half-way in time between neighbouring points.
-
-        Returns:
-            Positions [rad or m], velocities and accelerations, each of shape (points − 1, n).
-        """
-        time = self.offset_ns / SECOND_NS
-        return _sample_midpoint_states(time, self.position, self.velocity, self.acceleration)
-
     def sample_offsets(self, offset_ns: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Evaluate the motion at times after its stamp. It needs at least two points.
 
@@ -350,7 +341,7 @@ def sample_states_at_shares(
 
 
 @kernel
-def _sample_midpoint_states(
+def sample_midpoint_states(
     time: FloatArray, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Evaluate a trajectory half-way in time between neighbouring points.

@@ -74,7 +74,7 @@ class Deadline:
         Returns:
             The deadline.
         """
-        return Deadline(self.instant - reserve)
+        return self if reserve == 0.0 else Deadline(self.instant - reserve)
 
     def check(self, work: str) -> None:
         """Raise an error if the deadline has passed.
@@ -85,7 +85,7 @@ class Deadline:
         Raises:
             DeadlineError: The deadline has passed.
         """
-        if self.has_passed:
+        if now() >= self.instant:
             raise DeadlineError(work)
 
     def portions(self, first: int, most: int) -> Iterator[int]:

@@ -105,6 +105,24 @@ def cylinder_length(linkage: FloatArray, q: float) -> float:
 
 
 @kernel
+def cylinder_lengths(linkages: FloatArray, postures: FloatArray) -> FloatArray:
+    """Compute the lengths of all cylinders in k postures.
+
+    Args:
+        linkages: Row of each joint's linkage, shape (n, LINKAGE_WIDTH).
+        postures: Joint positions, shape (k, n) [rad or m].
+
+    Returns:
+        Cylinder lengths, shape (k, n) [m].
+    """
+    lengths = np.empty(postures.shape)
+    for k in range(len(postures)):
+        for j in range(postures.shape[1]):
+            lengths[k, j] = cylinder_length(linkages[j], postures[k, j])
+    return lengths
+
+
+@kernel
 def moment_arm(linkage: FloatArray, q: float) -> float:
     """Return the moment arm r = dL/dq [m] at a joint position q [rad or m]; 1 for a telescope."""
     return evaluate_linkage(linkage, q)[1]

@@ -24,7 +24,7 @@ from mhsb_model.inverse_kinematics.tip_postures import (
     write_inner_angles,
 )
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import compute_cylinder_lengths
+from mhsb_model.linkages.linkage import cylinder_lengths
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.errors import InfeasibleGoalError
@@ -109,13 +109,12 @@ def sample_goal_postures(
             limits.
         ZoneError: No tip position has a posture, and obstacles prevent all postures at the goal.
     """
-    points, between, refused = tip_positions((x, z), region), angle_range(psi), None
-    found = []
-    for point in points.tolist():
+    points = [(x, z)] if region is None else tip_positions((x, z), region).tolist()
+    between, found, refused = angle_range(psi), [], None
+    for point in points:
         try:
-            found.append(
-                _sample_at_tip(machine, point[0], point[1], between, spacing * len(points))
-            )
+            at = point[0], point[1]
+            found.append(_sample_at_tip(machine, *at, between, spacing * len(points)))
         except MhsbError as error:
             refused = refused or error
     if refused is not None and not found:
@@ -128,7 +127,7 @@ def sample_goal_postures(
         (x, z),
         frozen(tip),
         posture,
-        frozen(compute_cylinder_lengths(machine.arrays, posture)),
+        frozen(cylinder_lengths(machine.arrays.linkage, posture)),
         frozen(elbow),
         frozen(free),
         frozen(_free_coordinate_units(machine, between)),

@@ -22,8 +22,7 @@ from mhsb_model.inverse_kinematics.tip_postures import (
 )
 from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import compute_cylinder_lengths
-from mhsb_model.linkages.linkage import cylinder_length
+from mhsb_model.linkages.linkage import cylinder_length, cylinder_lengths
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.errors import ZoneError
@@ -81,7 +80,7 @@ def add_postures_near_start(
         goals,
         tips=frozen(np.concatenate([goals.tips, np.tile(goals.tip, (len(near), 1))])),
         posture=posture,
-        length=frozen(compute_cylinder_lengths(machine.arrays, posture)),
+        length=frozen(cylinder_lengths(machine.arrays.linkage, posture)),
         elbow=frozen(np.concatenate([goals.elbow, elbow])),
         free=frozen(np.concatenate([goals.free, free])),
     )

@@ -14,7 +14,7 @@ from mhsb_model.kinematics import add_extension
 from mhsb_model.linkages.linkage import evaluate_linkage, evaluate_linkage_at_cosine
 from mhsb_model.machine import Machine
 from mhsb_model.statics import INERTIA_WORK, chain_gravity_torques, chain_of, inertia_torques
-from mhsb_model.trajectory import JointMotion
+from mhsb_model.trajectory import SECOND_NS, JointMotion, Trajectory, sample_midpoint_states
 from mhsb_model.types import FloatArray, ModeArray, as_frozen
 
 
@@ -95,6 +95,45 @@ def motion_profile(
         machine.arrays, q, as_frozen(velocity), as_frozen(qdd)
     )
     return MotionProfile(speed, force, tip, inertia, q)
+
+
+def middle_profile(machine: Machine, trajectory: Trajectory) -> MotionProfile:
+    """Compute the profile of a trajectory half-way in time between its points.
+
+    It contains piston speeds, piston forces under gravity and from inertia, tip and joint
+    positions.
+    """
+    time = trajectory.offset_ns / SECOND_NS
+    profile = _compute_middle_profile(machine.arrays, time, *trajectory.points)
+    profile[-1].setflags(write=False)  # as in each profile
+    return MotionProfile(*profile)
+
+
+@kernel
+def _compute_middle_profile(
+    m: MachineArrays,
+    time: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Compute the profile of a trajectory half-way in time between its points.
+
+    Test oracle: the profile of the states that `Trajectory.sample_many` gives.
+
+    Args:
+        m: Arrays of the machine, with its payload.
+        time: Times of the points, increasing, shape (k,) [s].
+        position: Joint positions at the points, shape (k, n) [rad or m].
+        velocity: Joint velocities at the points, shape (k, n) [rad/s or m/s].
+        acceleration: Joint accelerations at the points, shape (k, n) [rad/s² or m/s²].
+
+    Returns:
+        Fields of `MotionProfile` in their order, with k - 1 rows.
+    """
+    q, qd, qdd = sample_midpoint_states(time, position, velocity, acceleration)
+    speed, force, tip, inertia = compute_profile_arrays(m, q, qd, qdd)
+    return speed, force, tip, inertia, q
 
 
 @kernel

@@ -13,7 +13,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from mhsb_model.kinematics import compute_cylinder_lengths
+from mhsb_model.linkages.linkage import cylinder_lengths
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
@@ -99,7 +99,7 @@ def compute_stepped_path(
         Motion that begins at time 0.
     """
     m = machine.arrays
-    stroke = np.abs(np.diff(compute_cylinder_lengths(m, path.posture), axis=0)).max(axis=1)
+    stroke = np.abs(np.diff(cylinder_lengths(m.linkage, path.posture), axis=0)).max(axis=1)
     speed, acceleration, jerk = UNIT_QUINTIC_PEAKS
     duration = np.maximum(speed * path.duration, MIN_RAMPED_STEP_DURATION)
     duration = np.maximum(duration, np.sqrt(acceleration * stroke / m.max_piston_acceleration))

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import compute_cylinder_lengths
+from mhsb_model.linkages.linkage import cylinder_lengths
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.motion.ramped_motion import RampedMotion
@@ -70,7 +70,7 @@ class PistonPath(NamedTuple):
         Returns:
             The path of the pistons.
         """
-        length = compute_cylinder_lengths(machine.arrays, path.posture)
+        length = cylinder_lengths(machine.arrays.linkage, path.posture)
         duration = scale * np.maximum(path.duration, MIN_STEP_DURATION)
         return cls(machine, path.posture[0], length, duration)
 

@@ -41,7 +41,12 @@ from mhsb_planner.motion.limits.limit import (
 from mhsb_planner.motion.limits.node_set import TIP_TOLERANCE
 from mhsb_planner.motion.limits.obstacles import find_obstacle_violation
 from mhsb_planner.motion.limits.registry import STATE_LIMITS, measure_limits
-from mhsb_planner.motion.motion_profile import MotionProfile, compute_profile_arrays, motion_profile
+from mhsb_planner.motion.motion_profile import (
+    MotionProfile,
+    compute_profile_arrays,
+    middle_profile,
+    motion_profile,
+)
 from mhsb_planner.motion.s3_clearance import find_first_contact
 
 CHECK_SPACING = 1e-3
@@ -378,15 +383,6 @@ def warm_up(machine: Machine) -> None:
     still = standstill(machine.arrays.joint_min).with_rest(MAX_POINT_SPACING_NS)
     normal = np.zeros((1, machine.joint_count), dtype=np.uint8)
     _find_violation_within(machine, still, normal, np.array([0]))
-
-
-def middle_profile(machine: Machine, trajectory: Trajectory) -> MotionProfile:
-    """Compute the profile of a trajectory half-way in time between its points.
-
-    It contains piston speeds, piston forces under gravity and from inertia, tip and joint
-    positions.
-    """
-    return motion_profile(machine, *trajectory.sample_midpoints())
 
 
 @kernel  # arrays, not one record: numba takes 1 µs to recognize a record, 3 % of the check

@@ -21,7 +21,7 @@ import numpy as np
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.kinematics import compute_cylinder_lengths
+from mhsb_model.linkages.linkage import cylinder_lengths
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import MotionState, Trajectory
 from mhsb_model.types import FloatArray, as_frozen
@@ -144,7 +144,7 @@ def compute_steered_motion(
     m = machine.arrays
     state = (np.array(start.position), np.array(start.velocity), np.array(start.acceleration))
     length, speed, acceleration = convert_to_pistons(m, *state)
-    stroke = compute_cylinder_lengths(m, path.posture[-1:])[0] - length
+    stroke = cylinder_lengths(m.linkage, path.posture[-1:])[0] - length
     least = stretch * float(path.duration.sum())
     jerk, phase = _plan_phases(
         m, JERK_SHARE * m.max_piston_jerk, stroke, speed, acceleration, least

@@ -49,7 +49,7 @@ from mhsb_planner.motion.limits.joint_range import (
     compute_outward_excess,
 )
 from mhsb_planner.motion.limits.limit import TimeScaling, Violation
-from mhsb_planner.motion.motion_profile import MotionProfile, Profiles
+from mhsb_planner.motion.motion_profile import MotionProfile, Profiles, middle_profile
 from mhsb_planner.motion.overloads import Overload, find_overloads
 from mhsb_planner.motion.ramped_motion import RampedMotion
 from mhsb_planner.motion.s3_blend_in import Coasting, compute_coasting
@@ -67,7 +67,6 @@ from mhsb_planner.motion.s3_limits import (
     EndValues,
     find_first_violation,
     find_violation_between,
-    middle_profile,
 )
 from mhsb_planner.motion.s3_polynomial import MIN_STEP_DURATION
 from mhsb_planner.motion.s3_slowing import (
@@ -658,7 +657,7 @@ def _describe_passed_limit(
     Returns:
         Clause that says by how much the limit is passed; empty if the curve keeps both limits.
     """
-    beyond = compute_outward_excess(limits, as_frozen(position))
+    beyond = compute_outward_excess(limits.joint_min, limits.joint_max, as_frozen(position))
     if beyond > JOINT_TOLERANCE:
         return f"a joint limit is passed by {beyond:.3g} rad or m"
     if candidate.furthest_travel is not None:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from mhsb_planner.motion.motion_profile import motion_profile
+from mhsb_model.trajectory import Trajectory
+from mhsb_planner.motion.motion_profile import middle_profile, motion_profile
 
 
 def test_a_profile_agrees_with_the_machine_row_by_row(machine):
@@ -44,3 +45,16 @@ def test_inertia_is_what_the_mass_matrix_and_its_slopes_make_of_the_motion(machi
         expected = torque / machine.moment_arms(q[k])
         assert profile.inertia[k] == pytest.approx(expected, rel=1e-6, abs=1e-3)
     assert not motion_profile(machine, q, qd).inertia.any()
+
+
+def test_the_profile_between_the_points_is_that_of_the_states_there(machine):
+    random, limits = np.random.default_rng(2), machine.arrays
+    q = np.sort(random.uniform(limits.joint_min, limits.joint_max, (9, 3)), axis=0)
+    qd, qdd = random.normal(size=(2, 9, 3))
+    offset_ns = np.concatenate([[0], np.cumsum(2 * random.integers(1_000_000, 10_000_000, 8))])
+    trajectory = Trajectory(0, offset_ns, q, qd, qdd)
+    middle_ns = (offset_ns[1:] + offset_ns[:-1]) // 2
+    expected = motion_profile(machine, *trajectory.sample_many(middle_ns))
+    profile = middle_profile(machine, trajectory)
+    for name in ("speed", "force", "tip", "inertia", "position"):
+        assert getattr(profile, name) == pytest.approx(getattr(expected, name), rel=1e-6), name

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from mhsb_model.kinematics import compute_cylinder_lengths
+from mhsb_model.linkages.linkage import cylinder_lengths
 from mhsb_planner.motion.piston_motion import convert_to_joints
 
 BETWEEN = 1e-3  # s
@@ -13,7 +13,7 @@ BETWEEN = 1e-3  # s
 def pistons(machine, time):
     """Cylinders that swing within their strokes: slowly, fast, and with a rest."""
     m = machine.arrays
-    ends = np.sort(compute_cylinder_lengths(m, np.array([m.joint_min, m.joint_max])), axis=0)
+    ends = np.sort(cylinder_lengths(m.linkage, np.array([m.joint_min, m.joint_max])), axis=0)
     middle, swing = ends.mean(axis=0), 0.48 * np.diff(ends, axis=0)[0]
     phase = np.array([0.3, 2.0, 0.0]) * np.maximum(time - 0.2, 0.0)[:, None]
     rate = np.array([0.3, 2.0, 0.0]) * (time > 0.2)[:, None]
@@ -29,7 +29,7 @@ def angle_of(machine, j, length):
     m = machine.arrays
 
     def miss(angle):
-        return compute_cylinder_lengths(m, np.full((1, 3), angle))[0, j] - length
+        return cylinder_lengths(m.linkage, np.full((1, 3), angle))[0, j] - length
 
     return brentq(miss, m.joint_min[j], m.joint_max[j], xtol=1e-14)
 
@@ -54,7 +54,7 @@ def test_speeds_and_accelerations_are_those_of_the_angles(machine):
 
 def test_beyond_a_joint_limit_a_linkage_goes_on_as_straight_as_it_is_there(machine):
     m = machine.arrays
-    edge = compute_cylinder_lengths(m, m.joint_max[None])[0]
+    edge = cylinder_lengths(m.linkage, m.joint_max[None])[0]
     arm = machine.moment_arms(m.joint_max)
     way = np.linspace(-0.05, 0.05, 30)[:, None]
     length = edge + way * arm

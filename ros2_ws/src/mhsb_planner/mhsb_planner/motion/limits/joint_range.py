@@ -62,7 +62,7 @@ def joint_excess(m: MachineArrays, q: FloatArray) -> FloatArray:
 
 
 @kernel(borrows=True)
-def compute_outward_excess(m: MachineArrays, position: FloatArray) -> float:
+def compute_outward_excess(lower: FloatArray, upper: FloatArray, position: FloatArray) -> float:
     """Compute how far a motion takes a joint beyond its limits, or farther out than it was before.
 
     A joint that starts beyond a limit may return, but must not move outwards again. Let e_k be the
@@ -72,7 +72,8 @@ def compute_outward_excess(m: MachineArrays, position: FloatArray) -> float:
         max_k ( e_k − min_{i ≤ k} max(e_i, 0) )
 
     Args:
-        m: Arrays of the machine.
+        lower: Lower limit of each joint, shape (n,) [rad or m].
+        upper: Upper limit of each joint, shape (n,) [rad or m].
         position: Joint positions in time order, shape (k, n) [rad or m].
 
     Returns:
@@ -83,7 +84,7 @@ def compute_outward_excess(m: MachineArrays, position: FloatArray) -> float:
     for j in range(position.shape[1]):
         least = math.inf
         for k in range(len(position)):
-            excess = max(m.joint_min[j] - position[k, j], position[k, j] - m.joint_max[j])
+            excess = max(lower[j] - position[k, j], position[k, j] - upper[j])
             least = min(least, max(excess, 0.0))
             farthest = max(farthest, excess - least)
     return farthest

@@ -30,7 +30,7 @@ def test_a_joint_beyond_its_limits_may_come_back_but_go_no_farther(machine):
 
     def way_out(*beyond):  # of joint 2, past its lower limit
         position = np.array([[inside[0], m.joint_min[1] - each, inside[2]] for each in beyond])
-        return joint_range.compute_outward_excess(m, position)
+        return joint_range.compute_outward_excess(m.joint_min, m.joint_max, position)
 
     assert way_out(0.03, 0.02, -0.1) == 0.0
     assert way_out(0.03, 0.01, 0.015) == pytest.approx(0.005)
