@@ -31,6 +31,16 @@ def test_length_is_the_distance_between_the_pins(u, parent_angle, v, child_angle
     assert linkage.cylinder_length(row, q) == pytest.approx(distance, rel=1e-9, abs=1e-7)
 
 
+def test_lengths_of_many_postures_are_those_of_each_joint():
+    rows = np.array([
+        linkage.build_linkage_row(each)
+        for each in (crank(0.25, 0.1, 0.05, 1.3), Direct(kind="direct", retracted_length=0.33))
+    ])  # fmt: skip
+    postures = np.random.default_rng(1).uniform(-0.5, 0.5, (7, 2))
+    expected = [[linkage.cylinder_length(rows[j], q[j]) for j in range(2)] for q in postures]
+    assert linkage.cylinder_lengths(rows, postures).tolist() == expected
+
+
 @pytest.mark.parametrize("child_angle", [1.2, -1.2])
 @pytest.mark.parametrize("q", [-0.9, -0.3, 0.0, 0.4, 0.9])
 def test_moment_arm_and_its_slope_are_derivatives_of_the_length(child_angle, q):
