@@ -26,6 +26,7 @@ from mhsb_model.hydraulics import (
     inlet_area,
     opposes_motion,
 )
+from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import LONG_AGO_NS, ModeSchedule
@@ -300,7 +301,7 @@ def _interval_modes(
             on[i] = need[i] or need[i + 1]
             demand[i, j] = NEED_FACTOR * max(flow[i], flow[i + 1])
         _drop_short_holds(time, on, lifts, rules.max_hold, BOOSTED_MODES[hold[j]])
-        needed[:, j] = on
+        copy_row(needed[:, j], on)
         lacks = _lacks_pressure_to_accelerate(m, j, speed, force, inertia)
         for i in range(intervals):
             on[i] = on[i] or lacks[i] or lacks[i + 1]

@@ -58,7 +58,7 @@ def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray) -> None:
     piston_forces(m, q, force)
     for j in range(n):
         for mode in range(MODE_COUNT):
-            limit[j, mode] = flow_limit(m, j, mode, force[j])
+            limit[j, mode, 0], limit[j, mode, 1] = flow_limit(m, j, mode, force[j])
 
 
 @kernel(borrows=True)
