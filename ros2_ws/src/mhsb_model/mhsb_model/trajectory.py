@@ -64,7 +64,7 @@ class MotionState:
     @cached_property
     def is_moving(self) -> bool:
         """True if a velocity or an acceleration is not 0."""
-        return bool(self.velocity.any() or self.acceleration.any())
+        return any(self.velocity.tolist()) or any(self.acceleration.tolist())
 
 
 @dataclass(frozen=True, eq=False)

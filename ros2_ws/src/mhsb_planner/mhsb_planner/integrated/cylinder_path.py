@@ -736,13 +736,16 @@ def to_discrete_path(
     Returns:
         The discrete path.
     """
+    price = frozen(pieces.price.T)
+    for own in (pieces.tip, pieces.posture):
+        own.setflags(write=False)  # the path then needs no copies
     return DiscretePath(
         tip=pieces.tip,
         posture=pieces.posture,
         modes=t.patterns[pieces.pattern],
-        duration=pieces.price[:, DURATION_COLUMN],
-        energy=pieces.price[:, ENERGY_PAPER_COLUMN],
-        energy_series=pieces.price[:, ENERGY_SERIES_COLUMN],
+        duration=price[DURATION_COLUMN],
+        energy=price[ENERGY_PAPER_COLUMN],
+        energy_series=price[ENERGY_SERIES_COLUMN],
         cost=cost,
         start_modes=start_modes,
         statistics=statistics,

@@ -28,7 +28,7 @@ the oil. The second is the flow that cylinder, valve and the gaps of the pumps t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -149,17 +149,17 @@ def energy_of_profiles(machine: Machine, edges: IntArray, profiles: Profiles) ->
         middles.inertia,
         modes,
     )
-    return _add_charging(machine, Energy(*energy.tolist()), points, modes)
+    return _add_charging(machine, energy, points, modes)
 
 
 def _add_charging(
-    machine: Machine, energy: Energy, profile: MotionProfile, modes: ModeArray
+    machine: Machine, energy: FloatArray, profile: MotionProfile, modes: ModeArray
 ) -> Energy:
     """Add the energy that servo pumps take to charge their lines before boosts.
 
     Args:
         machine: Machine with its circuit and servo settings.
-        energy: Energy without charging.
+        energy: Energy without charging, in the order of the fields of `Energy`, shape (7,) [J].
         profile: Profile (piston speeds and forces) with one row for the beginning of each row of
             `modes`; further rows are ignored.
         modes: Mode codes, shape (k, n).
@@ -169,14 +169,9 @@ def _add_charging(
         larger by the losses of the charging.
     """
     charging, slipped = compute_charging(machine, profile.speed, profile.force, modes)
-    if charging == 0.0:
-        return energy
     losses = (1.0 - machine.arrays.servo_pump_efficiency) * charging + slipped
-    return replace(
-        energy,
-        servo_pumps=energy.servo_pumps + charging,
-        servo_pump_losses=energy.servo_pump_losses + losses,
-    )
+    paper, main_pump, servo_pumps, pump_losses, *others = energy.tolist()
+    return Energy(paper, main_pump, servo_pumps + charging, pump_losses + losses, *others)
 
 
 def compute_charging(
@@ -282,7 +277,7 @@ def energy_of_states(
     energy = _sum_state_energies(
         machine.arrays, span, profile.speed, profile.force, profile.inertia, modes
     )
-    return _add_charging(machine, Energy(*energy.tolist()), profile, modes)
+    return _add_charging(machine, energy, profile, modes)
 
 
 @kernel

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mhsb_model.types import FloatArray, ModeArray, frozen
+from mhsb_model.types import FloatArray, ModeArray, as_frozen, frozen
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,8 @@ class DiscretePath:
     def __post_init__(self) -> None:
         """Convert all arrays to read-only arrays of their types."""
         for name in ("tip", "posture", "duration", "energy", "energy_series"):
-            object.__setattr__(self, name, frozen(np.asarray(getattr(self, name), dtype=float)))
+            values = np.asarray(getattr(self, name), dtype=float)
+            object.__setattr__(self, name, as_frozen(values))
         for name in ("modes", "start_modes"):
             object.__setattr__(self, name, frozen(np.asarray(getattr(self, name), dtype=np.uint8)))
 
