@@ -347,6 +347,7 @@ def warm_up(machine: Machine) -> None:
     """
     path = _example_path(machine)
     start = MotionState.at_rest(path.posture[0])
+    machine.tip_position(path.posture[0])  # read-only, as the ends of paths
     _fit_each(machine, path, start, [(None, None, FitRules())])
     with suppress(FitError):
         fit_trajectory(machine, path, start, StartModes.create_settled(path.start_modes))
@@ -487,7 +488,7 @@ def _widen_limits_to(machine: Machine, posture: FloatArray) -> Machine:
         A machine that admits the start. If the start is inside the limits, the same object.
     """
     arrays = machine.arrays
-    if _compute_excess(arrays, posture) <= 0.0:
+    if _compute_excess(arrays, as_frozen(posture)) <= 0.0:
         return machine
     x, z = tip_position(arrays, posture)
     radius = math.hypot(x, z)
