@@ -30,10 +30,11 @@ So a piston that creeps, because its valve has hardly crossed its overlap, shows
 valve without gain.
 
 A parameter without data keeps its standard deviation. A piston may be commanded to move while its
-reference rests, or not move although its reference does. If it moves less than commanded, its
-overlap is at least what explains this. Such a lower bound is no measurement: it does not make the
-estimate more certain. The overlaps move along P to the bound, by Δb for the overlap i, and g and c
-are kept:
+reference rests, or not move although its reference does. If it moves less than commanded, that
+indicates overlap; the window is then evaluated with the present g. If it does not move although its
+reference does, the overlap is at least what explains this. Such a lower bound is no measurement: it
+does not make the estimate more certain. The overlaps move along P to the bound, by Δb for the
+overlap i, and g and c are kept:
 
     b_m ← b_m + P_mi/P_ii Δb,    P_ii ← max(P_ii, Δb²)
 
@@ -460,10 +461,11 @@ def evaluate_valve_window(
 ) -> None:
     """Update the estimates by a full window of a valve, or discard the window.
 
-    If the piston moved at least the share `min_stroke_share` of the reference's stroke, the Kalman
-    filter uses the balance of the module's text. If the piston moved less, or if the reference
-    rests, the window is used only if the piston moved at least `min_stroke_lag` less than the
-    estimates predict. The overlap of its direction then rises to what explains this.
+    In a steady motion the Kalman filter uses the balance of the module's text. If the reference is
+    slower or rests, the window is used only if the piston moved at least `min_stroke_lag` less than
+    the estimates predict. Its balance takes the flow without overlap as known. If the piston moved
+    less than the share `min_stroke_share` of the reference's stroke, it was stuck: the overlap of
+    its direction rises to what explains this.
 
     The window's noise has three parts: `length_deviation`, the share `stroke_deviation` of the
     stroke, and the stroke that belongs to the distance of the spool from its command.
@@ -488,7 +490,8 @@ def evaluate_valve_window(
     gain_integral, opened = valve.gain_integral, valve.opening_integral
     passed, s = estimate[0] * opened, opened - gain_integral
     lag = passed + estimate[k] * s - estimate[3] * squeezed - way
-    follows = moves and way >= settings.min_stroke_share * valve.reference_stroke
+    stuck = way < settings.min_stroke_share * valve.reference_stroke
+    follows = moves and not stuck
     drives = valve.least_driving_pressure >= valve.min_driving_pressure
     least = settings.min_stroke_lag * valve.length_deviation
     if not follows and (lag < max(-way, 0.0) + least or (moves and not drives)):
@@ -503,11 +506,12 @@ def evaluate_valve_window(
     valve.surprises = valve.surprises + 1 if surprising else 0
     if 0 < valve.surprises < settings.min_surprises:
         return
-    if surprising or not follows:
+    if surprising or stuck:
         raise_overlap(valves, j, k, -lag / s)
     else:
-        row = (opened, s if k == 1 else 0.0, s if k == 2 else 0.0, -squeezed)
-        update_valve_filter(valves, j, way, row, noise)
+        y, p = (way, opened) if follows else (way - passed, 0.0)
+        row = (p, s if k == 1 else 0.0, s if k == 2 else 0.0, -squeezed)
+        update_valve_filter(valves, j, y, row, noise)
     apply_estimates(valves)
 
 
