@@ -216,7 +216,7 @@ BAD_ARGUMENTS = [
         ("mhsb_tools", "mhsb", "record", "--repair", "x", "--duration", "1"),
         "--duration 1 has no effect",
     ),
-    (("mhsb_tools", "mhsb", "record", "--output", "x", "--duration", "-1"), "above 0"),
+    (("mhsb_tools", "mhsb", "record", "--output", "x", "--duration", "-1"), "from 0.001"),
     (("mhsb_tools", "mhsb", "view", "--port", "99999"), "--port"),
     (("mhsb_tools", "mhsb", "animate", "--output", "x.mp4"), "must end in .gif"),
     (("mhsb_tools", "mhsb", "animate", "--output", "x.gif"), "give a recording, or"),
