@@ -141,6 +141,8 @@ class Stops:
         """
         getattr(self, situation)()
         answer = self.observer.call("mhsb_planner/stop")
+        # A stop at rest is answered before the next measurement comes.
+        self.observer.until(lambda: bool(self.observer.measured))
         answered_ns = self.observer.measured[-1].stamp_ns
         if not answer.success:
             assert "not answered" in answer.message, (situation, answer.message)
