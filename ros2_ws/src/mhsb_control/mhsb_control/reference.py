@@ -170,8 +170,8 @@ class ReferencePreview:
             time_ns: Present time of the servo [ns].
 
         Returns:
-            True if other modes are scheduled than at the last call, either for now or for point
-            `PREVIEW_POINT`. Always True at the first call after `follow`.
+            True if the row of the mode schedule for now, or that for point `PREVIEW_POINT`, is
+            another one than at the last call. Always True at the first call after `follow`.
         """
         now, ahead = self._rows
         self._evaluate(self._spacing_ns, time_ns - self.trajectory.stamp_ns)

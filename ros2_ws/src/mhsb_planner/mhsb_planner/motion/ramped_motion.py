@@ -269,6 +269,6 @@ def _find_breaks_and_peaks(
         for j in range(acceleration.shape[1]):
             highest = max(highest, abs(acceleration[k, j]))
             if k > 0:
-                change = acceleration[k, j] - acceleration[k - 1, j]
-                steepest = max(steepest, abs(change) / (time[k] - time[k - 1]))
+                difference = acceleration[k, j] - acceleration[k - 1, j]
+                steepest = max(steepest, abs(difference) / (time[k] - time[k - 1]))
     return time, highest, steepest
