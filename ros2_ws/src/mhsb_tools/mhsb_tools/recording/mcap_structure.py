@@ -185,20 +185,20 @@ class McapStructure:
         return next(places, self._file.size)
 
     def find_chunks_between(self, at: int, end: int) -> Iterator[RecordFrame]:
-        """Yield the records that look like chunks and lie between two offsets.
+        """Yield the records that look like chunks and begin between two offsets.
 
         Only their structure is checked. They may be random bytes that happen to have it.
 
         Args:
             at: Smallest offset at which a chunk may begin.
-            end: Largest offset at which it may end.
+            end: Offset before which it must begin.
 
         Yields:
             The records in the order of the file; they may overlap.
         """
         for place in self._places(PLACE_OF_A_CHUNK, at, False, end):
             found = self.read_frame(place)
-            if found.opcode == Opcode.CHUNK and found.end <= end:
+            if found.opcode == Opcode.CHUNK:
                 yield found
 
     def _places(

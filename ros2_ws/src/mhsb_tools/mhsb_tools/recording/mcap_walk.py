@@ -222,7 +222,9 @@ class McapWalk:
 
         If the message indexes behind a damaged chunk are complete, they give the number of lost
         messages. Otherwise the number is None, which means unknown. Message indexes that do not fit
-        an undamaged chunk are yielded as damage with 0 lost messages.
+        an undamaged chunk are yielded as damage with 0 lost messages. If a chunk with the right
+        checksum begins among damaged indexes, the length of an index is wrong. The damage then ends
+        where that chunk begins.
 
         Args:
             found: A chunk record.
@@ -244,12 +246,17 @@ class McapWalk:
             if self._has_untrusted_length(found):
                 raise
             complete = count > 0 and end < self._file.size and self._structure.can_continue_at(end)
+            at = self._find_verified_chunk(found.end, end)
+            if at is not None:
+                end, complete = at, False
             yield Damage(found.at, end, str(error), count if complete else None, times)
             return end
         self._file.count_unpacked(COST_OF_A_MESSAGE * len(chunk.channel_ids))
         self._channels.update(chunk.counts())
         yield chunk
         if not self._indexes_agree(chunk, found.end, end):
+            at = self._find_verified_chunk(found.end, end)
+            end = end if at is None else at
             yield Damage(found.end, end, "the index of a chunk is damaged", 0)
         return end
 
@@ -287,13 +294,29 @@ class McapWalk:
             return True
         if self._chunk_of_damaged_head(found.at) is not None:
             return True
-        for inner in self._structure.find_chunks_between(found.at + 1, found.end):
+        return self._find_verified_chunk(found.at + 1, found.end) is not None
+
+    def _find_verified_chunk(self, at: int, end: int) -> int | None:
+        """Find a chunk with the right checksum that begins between two offsets.
+
+        Args:
+            at: Smallest offset at which it may begin.
+            end: Offset before which it must begin.
+
+        Returns:
+            The smallest offset of such a chunk; None if there is none. A chunk without a checksum
+            is not found.
+
+        Raises:
+            BagError: The budget for reading or unpacking is used up.
+        """
+        for inner in self._structure.find_chunks_between(at, end):
             try:
                 if self._open(inner).header.checksum != 0:
-                    return True
+                    return inner.at
             except StructureError:
                 continue
-        return False
+        return None
 
     def _chunk_of_damaged_head(self, at: int) -> tuple[Chunk, int] | None:
         """Try to find a chunk at an offset although one field of its head is damaged.
@@ -422,13 +445,17 @@ class McapWalk:
             found: Record of the first of them. Only `at` is read.
 
         Yields:
-            One piece of damage. The messages that the indexes list count as lost.
+            One piece of damage. The messages that the indexes list count as lost. If a chunk with
+            the right checksum begins among the indexes, the damage ends there, and the number of
+            lost messages is None, which means unknown.
 
         Returns:
-            Offset after the indexes.
+            Offset after the damage.
         """
         count, end, times = self._indexes(found.at)
-        yield Damage(found.at, end, "a chunk is missing before its index", count, times)
+        at = self._find_verified_chunk(found.at, end)
+        lost, end = (count, end) if at is None else (None, at)
+        yield Damage(found.at, end, "a chunk is missing before its index", lost, times)
         return end
 
     # --- Other records ---------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from __future__ import annotations
 import random
 import resource
 import shutil
+import struct
 from collections import Counter
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from rosbags.rosbag2 import Reader
 from mhsb_tools.recording.bag_format import BagError
 from mhsb_tools.recording.bag_reader import read_recording
 from mhsb_tools.recording.bag_repair import Repair, repair_recording
+from mhsb_tools.recording.mcap_records import CHUNK_TIMES, RECORD_HEADER
 
 KINDS = (
     "own", "other", "split", "lz4", "zstd", "foreign", "without checksums", "with data checksum",
@@ -225,6 +227,25 @@ def fuzz(originals, folder: Path, count: int, seed: int) -> Counter[str]:
 
 def test_a_sample_of_damaged_recordings_keeps_every_good_chunk(originals, tmp_path, fresh_seed):
     assert fuzz(originals, tmp_path, SAMPLE, fresh_seed).total() == SAMPLE
+
+
+@pytest.mark.parametrize("before", ["whole", "damaged", "missing"])
+def test_an_index_of_wrong_length_does_not_cost_the_chunk_that_it_reaches_into(
+    originals, tmp_path, before
+):
+    original = originals["other"]
+    shutil.copytree(original.folder, tmp_path / "other" / "bag")
+    path = tmp_path / "other" / "bag" / "bag_0.mcap"
+    content = path.read_bytes()
+    (ahead, _), (last, _) = original.chunks["bag_0.mcap"][-2:]
+    at, end = content.find(ahead), content.find(ahead) + len(ahead)
+    first = last.find(b"\x05", RECORD_HEADER.size + CHUNK_TIMES.size + 12)  # its first message
+    # By as many bytes shorter, the index ends where a record within the next chunk begins.
+    (length,) = struct.unpack_from("<Q", last, first + 1)
+    cut = first + RECORD_HEADER.size + length
+    chunk = {"whole": ahead, "damaged": ahead[:-1] + b"\xff", "missing": b""}[before]
+    path.write_bytes(content[:at] + chunk + content[end : end + 100] + content[end + 100 + cut :])
+    assert check(path.parent, original, path.name, mixed=False) == "exact"
 
 
 @pytest.mark.slow
