@@ -63,6 +63,12 @@ class Observer(GoalSender):
         found = self.get_subscriptions_info_by_topic(topics.GOAL_POSE.name)
         return {bytes(each.endpoint_gid) for each in found}
 
+    def hears_all_planners(self) -> bool:
+        """Whether goals reach, and verdicts come from, all planners that the graph knows."""
+        if self.subscriber_count < self.count_subscribers(topics.GOAL_POSE.name):
+            return False
+        return self._status.get_publisher_count() >= self.count_publishers(topics.PLAN_STATUS.name)
+
     def until(self, condition: Callable[[], bool], timeout: float = 15.0) -> None:
         """Serve until the condition holds; fails where it does not in time [s].
 

@@ -182,6 +182,7 @@ class Stops:
         self.planner.stop(signal.SIGKILL)
         self.planner = self.start_planner(*arguments)
         self.observer.until(lambda: bool(self.observer.listeners_to_goals() - before))
+        self.observer.until(self.observer.hears_all_planners)
 
 
 SITUATIONS = (

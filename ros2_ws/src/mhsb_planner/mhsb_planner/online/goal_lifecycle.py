@@ -625,7 +625,9 @@ class GoalLifecycle:
         """Store the time by which the arm follows plans later than stamped [ns]."""
         self.arm_state.plan_delay_ns = delay_ns
 
-    def handle_arm_stop(self, stop_ns: int, received_at: float | None = None) -> None:
+    def handle_arm_stop(
+        self, stop_ns: int, age: float = 0.0, received_at: float | None = None
+    ) -> None:
         """Handle the arm's report of its last stop, and end the goals that came before it.
 
         A stop is ignored if it was reported before, or if this planner has called for it. Otherwise
@@ -635,9 +637,10 @@ class GoalLifecycle:
 
         Args:
             stop_ns: Time of the stop by the arm's clock [ns]; 0 means never, and nothing happens.
+            age: Time from the stop to the report, by the arm's clock [s].
             received_at: Time of receipt of the report by the steady clock [s]; None means now.
         """
-        void_until = self._stop.find_void_time(stop_ns, received_at)
+        void_until = self._stop.find_void_time(stop_ns, age, received_at)
         if void_until is None:
             return
         self._queue.void_until = void_until

@@ -8,6 +8,7 @@ clock minus the delay by which speed scaling has slowed plans.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -153,8 +154,7 @@ class StopSequence:
         self._hand_over = hand_over
         self._stop: _Stop | None = None
         self._last_obstacle_sentence = ""
-        self._called_at = -math.inf
-        self._unreported_calls = 0
+        self._unreported_calls: deque[float] = deque()
         self._last_stop_ns = 0
 
     @property
@@ -229,16 +229,18 @@ class StopSequence:
         """
         if not self._outbox.stop_arm(on_answer):
             return False
-        self._called_at = self._clock.steady_time()
-        self._unreported_calls += 1
+        self._unreported_calls.append(self._clock.steady_time())
         return True
 
-    def find_void_time(self, stop_ns: int, received_at: float | None) -> float | None:
+    def find_void_time(
+        self, stop_ns: int, age: float = 0.0, received_at: float | None = None
+    ) -> float | None:
         """Return the time up to which goals are void, after the arm's report of its last stop.
 
         A goal is void if it was received before the report, and not later than `OLD_STOP` after the
-        stop. A stop that this planner called for (~/stop) makes no goal void. After n calls, the
-        next n reports count as answers to them, unless the last call is more than `OWN_REPORT` ago.
+        stop. A stop that this planner called for (~/stop) makes no goal void. Each call accounts
+        for one reported stop, unless the stop came before the call, or the last call is more than
+        `OWN_REPORT` ago.
 
         If the report came more than `LATE_REPORT` after its stop, this process was suspended, and
         goals that came meanwhile may still be unread. The report then counts as received
@@ -246,6 +248,8 @@ class StopSequence:
 
         Args:
             stop_ns: Time of the stop by the arm's clock [ns]; 0 means never.
+            age: Time from the stop to the report, by the arm's clock [s]. The first states that a
+                planner receives may be old, and so may be its estimate of that clock.
             received_at: Time of receipt of the report by the steady clock [s]; None means now.
 
         Returns:
@@ -256,14 +260,15 @@ class StopSequence:
         if stop_ns in (0, self._last_stop_ns):
             return None
         self._last_stop_ns = stop_ns
-        if now - self._called_at > OWN_REPORT:
-            self._unreported_calls = 0
-        if self._unreported_calls:
-            self._unreported_calls -= 1
-            return None
-        ago_ns = self._now_ns() + arm.plan_delay_ns - stop_ns
-        ago = ago_ns / SECOND_NS / arm.clock_estimator.convert_duration(1.0)
         received_at = now if received_at is None else received_at
+        speed = arm.clock_estimator.convert_duration(1.0)
+        ago = (self._now_ns() + arm.plan_delay_ns - stop_ns) / SECOND_NS / speed
+        ago = max(ago, age / speed + now - received_at)
+        if self._unreported_calls and now - self._unreported_calls[-1] > OWN_REPORT:
+            self._unreported_calls.clear()
+        if self._unreported_calls and now - ago + OLD_STOP > self._unreported_calls[0]:
+            self._unreported_calls.popleft()
+            return None
         if ago - (now - received_at) > LATE_REPORT:
             received_at = now + LATE_REPORT
         return min(received_at, now - ago + OLD_STOP)

@@ -398,7 +398,11 @@ class PlannerNode(Node):
         for report in reports:
             if not isinstance(report, HandOverReport):
                 self._lifecycle.handle_arm_fault(report.sentence if report.faulty else "")
-                self._lifecycle.handle_arm_stop(report.last_stop_ns, self._get_receipt_time(info))
+                self._lifecycle.handle_arm_stop(
+                    report.last_stop_ns,
+                    (report.sim_time_ns - report.last_stop_ns) / SECOND_NS,
+                    self._get_receipt_time(info),
+                )
                 self._lifecycle.handle_arm_machine(
                     self._machine.describe_difference(report.machine, report.machine_hash)
                     if report.machine_hash

@@ -387,7 +387,7 @@ def test_a_goal_read_right_after_the_report_of_a_stop_is_void_if_the_planner_was
 ):
     stop_ns = world.arm.clock_ns
     world.pass_time(suspended)
-    world.life.handle_arm_stop(stop_ns, world.steady_time())
+    world.life.handle_arm_stop(stop_ns, received_at=world.steady_time())
     world.pass_time(0.02)
     world.life.add_goal(Goal(77, *DOWN), world.steady_time())
     assert world.verdict(77).code is code
@@ -408,6 +408,25 @@ def test_a_stop_of_long_ago_voids_no_goal(world):
     world.life.add_goal(Goal(1, *DOWN))
     world.life.handle_arm_stop(world.arm.time_ns - 3 * SECOND_NS)
     assert world.verdict(1).code is Verdict.OK
+
+
+def test_a_stop_of_long_ago_voids_no_goal_though_the_first_states_received_are_old(world):
+    world.life.add_goal(Goal(1, *DOWN))
+    clock, now = world.life.arm_state.clock_estimator, world.steady_time()
+    clock.forget()
+    clock.add_stamp(world.arm.clock_ns - 3 * SECOND_NS, now)
+    world.life.handle_arm_stop(world.arm.clock_ns - 4 * SECOND_NS, age=4.0)
+    assert world.verdict(1).code is Verdict.OK
+
+
+def test_the_report_of_a_stop_of_long_ago_is_not_taken_for_that_of_an_own_call(world):
+    under_way(world)
+    world.lost = 99
+    world.life.stop(lambda *answer: None)
+    world.pass_time_until(lambda: world.asked_arm_to_stop == 1)
+    world.lost = 0
+    world.life.handle_arm_stop(world.arm.clock_ns - 9 * SECOND_NS, age=9.0)
+    assert world.execution_report(world.send_goal(*DOWN)).outcome is Outcome.REACHED
 
 
 def test_a_goal_after_a_stop_goes_on_from_there(world):
