@@ -155,7 +155,7 @@ class StopSequence:
         self._stop: _Stop | None = None
         self._last_obstacle_sentence = ""
         self._unreported_calls: deque[float] = deque()
-        self._last_stop_ns = 0
+        self._last_stop_ns: int | None = None
 
     @property
     def is_under_way(self) -> bool:
@@ -238,7 +238,9 @@ class StopSequence:
         """Return the time up to which goals are void, after the arm's report of its last stop.
 
         A goal is void if it was received before the report, and not later than `OLD_STOP` after the
-        stop. A stop that this planner called for (~/stop) makes no goal void. Each call accounts
+        stop. If this is the first report, it must have been received before the stop: the first
+        messages that a planner receives may be seconds old, and the stop is then older than it
+        seems. A stop that this planner called for (~/stop) makes no goal void. Each call accounts
         for one reported stop, unless the stop came before the call, or the last call is more than
         `OWN_REPORT` ago.
 
@@ -248,8 +250,7 @@ class StopSequence:
 
         Args:
             stop_ns: Time of the stop by the arm's clock [ns]; 0 means never.
-            age: Time from the stop to the report, by the arm's clock [s]. The first states that a
-                planner receives may be old, and so may be its estimate of that clock.
+            age: Time from the stop to the report, by the arm's clock [s].
             received_at: Time of receipt of the report by the steady clock [s]; None means now.
 
         Returns:
@@ -257,9 +258,9 @@ class StopSequence:
             stop (0), if it was reported before, or if this planner has called for it.
         """
         now, arm = self._clock.steady_time(), self._arm_state
-        if stop_ns in (0, self._last_stop_ns):
+        before, self._last_stop_ns = self._last_stop_ns, stop_ns
+        if stop_ns in (0, before):
             return None
-        self._last_stop_ns = stop_ns
         received_at = now if received_at is None else received_at
         speed = arm.clock_estimator.convert_duration(1.0)
         ago = (self._now_ns() + arm.plan_delay_ns - stop_ns) / SECOND_NS / speed
@@ -271,7 +272,7 @@ class StopSequence:
             return None
         if ago - (now - received_at) > LATE_REPORT:
             received_at = now + LATE_REPORT
-        return min(received_at, now - ago + OLD_STOP)
+        return min(received_at, now - ago + (OLD_STOP if before is not None else 0.0))
 
     # --- Steps -----------------------------------------------------------------------------------
 

@@ -14,6 +14,7 @@ from mhsb_model.verdict import Outcome, Verdict
 from mhsb_planner.online.arm_state import NO_PLAN
 from mhsb_planner.online.goal_queue import GoalQueue
 from mhsb_planner.online.settings import Settings
+from mhsb_planner.online.stop_sequence import StopSequence
 from mhsb_planner.planner import PlanOptions
 
 UP, DOWN, OUT = (0.55, 0.60), (0.55, -0.60), (0.75, 0.55)
@@ -417,6 +418,14 @@ def test_a_stop_of_long_ago_voids_no_goal_though_the_first_states_received_are_o
     clock.add_stamp(world.arm.clock_ns - 3 * SECOND_NS, now)
     world.life.handle_arm_stop(world.arm.clock_ns - 4 * SECOND_NS, age=4.0)
     assert world.verdict(1).code is Verdict.OK
+
+
+def test_the_first_report_voids_no_goal_that_came_after_the_stop(world):
+    # It is asked neither to brake nor to send anything.
+    planner = StopSequence(world.life.arm_state, None, world, world, None)
+    half_ago, now = world.arm.clock_ns - SECOND_NS // 2, world.steady_time()
+    assert planner.find_void_time(half_ago, 0.5) == pytest.approx(now - 0.5, abs=0.01)
+    assert planner.find_void_time(half_ago + 1, 0.5) > now
 
 
 def test_the_report_of_a_stop_of_long_ago_is_not_taken_for_that_of_an_own_call(world):
