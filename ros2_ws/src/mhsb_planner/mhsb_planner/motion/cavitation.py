@@ -1,5 +1,6 @@
-"""Detection of overrunning loads that cavitate a cylinder's inlet, for motions and discrete paths.
+"""Detection of cavitation along motions and discrete paths.
 
+A cylinder cavitates if its load drives the piston faster than oil can fill the chamber behind it.
 The criterion is in `mhsb_model.feasibility.cavitation`.
 """
 
@@ -19,9 +20,9 @@ def find_cavitations(machine: Machine, motion: Trajectory) -> tuple[Cavitation, 
     """Find the actuators that cavitate during a trajectory.
 
     An actuator cavitates if the load drives the piston faster than oil at the main pump's pressure
-    fills the inlet chamber; boost is neglected. The loads are gravity forces without inertia. They
-    are checked at the trajectory's points only. Pistons in the dead band (up to MAX_HELD_SPEED) do
-    not cavitate, since their closed valves hold them.
+    fills the inlet chamber. Boost is neglected. Loads are gravity forces without inertia. Only the
+    trajectory's points are checked, not the times between them. A piston that is not faster than
+    MAX_HELD_SPEED does not cavitate, since its closed valve holds it.
 
     Args:
         machine: Machine with its payload and hydraulics.
@@ -40,17 +41,18 @@ def find_cavitating_steps(machine: Machine, path: DiscretePath) -> np.ndarray:
     """Find the steps of a discrete path in which an actuator cavitates.
 
     An actuator cavitates if the load drives the piston faster than oil at the main pump's pressure
-    fills the inlet chamber; boost is neglected. Each step is checked at its start, middle and end
-    in joint space, under gravity without inertia. Joint velocities are constant within a step.
-    Pistons up to MAX_HELD_SPEED do not cavitate, since their closed valves hold them.
+    fills the inlet chamber. Boost is neglected. Loads are gravity forces without inertia. Joint
+    velocities are taken as constant within a step. Each step is checked at three postures: start,
+    middle and end. A piston that is not faster than MAX_HELD_SPEED does not cavitate, since its
+    closed valve holds it.
 
     Args:
         machine: Machine with its payload and hydraulics.
         path: Discrete path of k steps.
 
     Returns:
-        Boolean array of shape (k, n): True if the actuator's inlet cavitates at one of these three
-        places of the step.
+        True if the actuator cavitates at one or more of the three postures of the step, shape
+        (k, n).
     """
     start, end = path.posture[:-1], path.posture[1:]
     velocity = (end - start) / path.duration[:, None]

@@ -2,28 +2,38 @@
 
     E = Σ_j ∫ price_j (A_dir |v_j| + q_leak) dt
 
-In N the price is P_S, whatever the load. Boosted, the price in the reading `paper` is p_L/η, at
-least P_S. In the reading `series`, with main pump and servo pump in series, it is
-P_S + (p_supply − P_S)/η. There p_supply is that of `hydraulics.boosted_supply`; in SB it is the
-rail's. A cylinder counts as held at speeds up to MAX_HELD_SPEED.
+v_j is the piston speed of actuator j [m/s]. A_dir is the area of the chamber that fills [m²], and
+q_leak the leakage of a valve [m³/s]. The price is the energy per volume of oil [Pa]:
 
-Four effects count in the reading `series` only, since the flows of the reading `paper` depend on
-neither pressure nor time. Valves leak by p_supply (`hydraulics.compute_valve_leakage`). Oil slips
-back through servo pumps (`hydraulics.compute_slip_flow`), which raise its pressure again. Lines are
-charged before boosts begin. A boosted cylinder that accelerates its load gets at least
-p_L(F + inertia) + m(v) + margin/2, because the servo raises its pressure.
+- Mode N: the main pump's pressure P_S, whatever the load.
+- Boost in the reading `paper`: p_L/η, at least P_S. p_L is the load pressure and η the efficiency
+  of the servo pump.
+- Boost in the reading `series`, with main pump and servo pump in series: P_S + (p_supply − P_S)/η.
+  p_supply is the result of `hydraulics.boosted_supply`; in mode SB it is the rail's pressure.
 
-A line to be boosted is raised from P_S to its supply pressure p. It reaches p some time before its
-cylinder needs it, since pumps take time and may be slower than is known. For this its servo pump
-delivers
+A cylinder up to the speed MAX_HELD_SPEED counts as held: its load decides the direction of p_L.
+
+Four effects count in the reading `series` only. The flows of the reading `paper` depend on neither
+pressure nor time.
+
+- The leakage of a valve depends on p_supply (`hydraulics.compute_valve_leakage`).
+- Oil slips back through a servo pump, which raises its pressure again
+  (`hydraulics.compute_slip_flow`).
+- A boosted cylinder that accelerates its load gets at least the pressure
+  p_L(F + inertia) + m(v) + margin/2. F is the force of gravity, m(v) the pressure drop over the
+  valve and `margin` the boost margin.
+- A line is charged from P_S to its supply pressure p before its boost begins.
+
+A line reaches p some time before its cylinder needs it. Pumps take time and may be slower than is
+known. To charge the line, its servo pump takes
 
     E = [½ V/β (p − P_S)² + (A_dir |v| + leakage + slip) (p − P_S) T] / η
 
     T = CHARGED_AHEAD · preview
 
-V is the volume of the line. In shared boost the volume of the rail is added, divided among the
-actuators that join it, if no actuator was on the rail before. The first term compresses
-the oil. The second is the flow that cylinder, valve and the gaps of the pumps take during T.
+V is the volume of the line and β the bulk modulus of the oil. The first term compresses the oil.
+The second is the flow that cylinder, valve and the gaps of the pump take during T. The first
+actuators on the rail also charge the rail's volume, in equal parts.
 """
 
 from __future__ import annotations
@@ -56,22 +66,25 @@ from mhsb_planner.motion.motion_profile import MotionProfile, Profiles, motion_p
 from mhsb_planner.motion.s3_limits import repeats_previous_row
 
 CHARGED_AHEAD = 0.4
-"""Share of the servo's preview during which a line is at its pressure before the boost begins [-].
+"""Share of the servo's preview for which a line already has its boosted pressure [-].
 
-Measured: 0.40 on 22 boosts of the simulated arm."""
+The preview is the time before a boost at which the servo begins to charge the line
+(`Machine.servo_preview`). Measured: 0.40 on 22 boosts of the simulated arm."""
 
 
 @dataclass(frozen=True)
 class Energy:
-    """Energy of a motion and its distribution [J]. All fields but `paper` are with pumps in series.
+    """Energy of a motion in both readings, and its parts [J].
+
+    All fields but `paper` belong to the reading `series`: main pump and servo pump in series.
 
     Attributes:
-        paper: Energy in the reading `paper`.
+        paper: Energy in the reading `paper`, the published model.
         main_pump: Energy that the main pump delivers.
         servo_pumps: Shaft work of the servo pumps.
-        servo_pump_losses: Part of the shaft work that does not reach the oil.
-        leakage: Energy lost through the valves to the tank.
-        piston_work: Work against the gravity loads, negative if they are lowered.
+        servo_pump_losses: Part of the shaft work that does not reach the oil, or is lost by slip.
+        leakage: Energy of the oil that leaks through the valves to the tank.
+        piston_work: Work of the pistons against gravity; negative if loads are lowered.
         return_oil: Energy left in the oil that flows to the tank.
     """
 
@@ -90,7 +103,7 @@ class Energy:
 
     @property
     def servo_valves(self) -> float:
-        """Energy lost in the metering edges of the servo valves: the remainder of `series` [J]."""
+        """Energy lost in the metering edges of the servo valves: `series` minus its parts [J]."""
         used = self.servo_pump_losses + self.leakage + self.piston_work + self.return_oil
         return self.series - used
 
@@ -106,18 +119,18 @@ def motion_energy(
 ) -> Energy:
     """Compute the energy of a trajectory in the modes of its schedule, leakage included.
 
-    Power is integrated by the trapezoidal rule over the halves of the intervals between points and
-    mode switches.
+    The trajectory is divided into intervals at its points and at the mode switches. The power of
+    each half of an interval is integrated by the trapezoidal rule.
 
     Args:
         machine: Machine with its payload and hydraulics.
         trajectory: Joint trajectory.
-        schedule: Modes over time; they may change anywhere.
+        schedule: Modes over time. A mode may change between two points of the trajectory.
 
     Returns:
         Energy of the motion [J]. The field `paper` follows the published model. All other fields
         count main pump and servo pumps in series, and include the charging of lines before boosts.
-        All fields are zero if there is only one point.
+        All fields are 0 if the trajectory has only one point.
     """
     edges = _find_interval_limits(trajectory, schedule)
     if len(edges) < 2:
@@ -126,16 +139,18 @@ def motion_energy(
 
 
 def energy_of_profiles(machine: Machine, edges: IntArray, profiles: Profiles) -> Energy:
-    """Compute the energy of a motion from its profiles.
+    """Compute the energy of a motion from its profiles (piston speeds and forces).
 
     Args:
-        machine: Machine with its payload and hydraulics.
-        edges: Times in ascending order between which motion and modes are smooth, shape (k,) [ns].
-        profiles: Profiles (piston speeds and forces) at these times and at the middles between
-            them, and the modes between them.
+        machine: Machine with its hydraulics.
+        edges: Limits of intervals in ascending order, shape (k,) [ns]. Within an interval the
+            motion is smooth and the modes are constant.
+        profiles: Profiles at the limits and at the middles of the intervals, and the modes of each
+            interval.
 
     Returns:
-        Energy as by `motion_energy` [J].
+        Energy of the motion [J]. The field `paper` follows the published model. All other fields
+        count main pump and servo pumps in series, and include the charging of lines before boosts.
     """
     points, middles, modes = profiles
     energy = _integrate_power(
@@ -160,13 +175,13 @@ def _add_charging(
     Args:
         machine: Machine with its circuit and servo settings.
         energy: Energy without charging, in the order of the fields of `Energy`, shape (7,) [J].
-        profile: Profile (piston speeds and forces) with one row for the beginning of each row of
-            `modes`; further rows are ignored.
-        modes: Mode codes, shape (k, n).
+        profile: Profile (piston speeds and forces). Row i is the beginning of interval i; rows
+            after row k - 1 are ignored.
+        modes: Mode codes of k intervals, shape (k, n).
 
     Returns:
-        Energy [J] whose `servo_pumps` is larger by the charging, and whose `servo_pump_losses` is
-        larger by the losses of the charging.
+        Energy with charging [J]. The shaft work of the charging is added to `servo_pumps`, and its
+        losses are added to `servo_pump_losses`.
     """
     charging, slipped = compute_charging(machine, profile.speed, profile.force, modes)
     losses = (1.0 - machine.arrays.servo_pump_efficiency) * charging + slipped
@@ -177,22 +192,21 @@ def _add_charging(
 def compute_charging(
     machine: Machine, speed: FloatArray, force: FloatArray, modes: ModeArray
 ) -> tuple[float, float]:
-    """Compute the shaft work that charges lines before boosts, and the loss by slip in it.
+    """Compute the shaft work that charges supply lines before boosts, and its loss by slip.
 
-    A boost begins in a row whose mode is boosted if the mode of the previous row is not. The
-    actuator's line must then be raised from the main pump's pressure. A boost that is in force in
-    the first row costs nothing.
+    A boost begins in an interval whose mode is boosted if the mode of the previous interval is not.
+    The pressure in the actuator's line must then rise from the main pump's to the boosted pressure.
+    A boost that is in force in the first interval costs nothing.
 
     Args:
         machine: Machine with its circuit and servo settings.
-        speed: Piston speeds at the beginning of each row, shape (k, n) [m/s]. Further rows are
-            ignored.
-        force: Piston forces at the beginning of each row, shape (k, n) [N]. Further rows are
-            ignored.
-        modes: Mode codes of each row, shape (k, n).
+        speed: Piston speeds at the beginning of each of k intervals, shape (k or more, n) [m/s].
+            Rows after row k - 1 are ignored.
+        force: Piston forces under gravity at the same instants, in the same shape [N].
+        modes: Mode codes of each interval, shape (k, n).
 
     Returns:
-        Shaft work of the servo pumps, and the hydraulic work lost by slip [J].
+        Shaft work of the servo pumps, and the hydraulic work that slip takes [J].
     """
     m, circuit = machine.arrays, machine.config.circuit
     ahead = CHARGED_AHEAD * machine.servo_preview
@@ -212,8 +226,8 @@ def _profiles(
         machine: Machine with its payload.
         trajectory: Joint trajectory.
         schedule: Modes over time.
-        edges: Times after the trajectory's stamp, in ascending order, shape (k,) [ns]. The modes
-            may change only there.
+        edges: Times from the trajectory's stamp in ascending order, shape (k,) [ns]. The modes must
+            not change between them.
 
     Returns:
         Piston speeds, forces, inertia forces and tip positions at the k times and at the k - 1
@@ -257,7 +271,9 @@ def energy_of_states(
     modes: ModeArray,
     acceleration: FloatArray | None = None,
 ) -> Energy:
-    """Compute the energy of a sequence of states of motion, each of which lasts a given time.
+    """Compute the energy of a sequence of states of motion.
+
+    Each state lasts a given time, during which all powers are constant.
 
     Args:
         machine: Machine with its payload and hydraulics.
@@ -289,7 +305,9 @@ def _sum_state_energies(
     inertia: FloatArray,
     modes: ModeArray,
 ) -> FloatArray:
-    """Compute the energy of states of motion that last for given times, without charging of lines.
+    """Compute the energy of a sequence of states of motion, without the charging of lines.
+
+    Each state lasts a given time, during which all powers are constant.
 
     Args:
         m: Arrays of the machine.
@@ -328,7 +346,9 @@ def _integrate_power(
     middle_inertia: FloatArray,
     modes: ModeArray,
 ) -> FloatArray:
-    """Integrate the powers of a motion over k intervals, by the trapezoidal rule over their halves.
+    """Integrate the powers of pumps, losses and loads over k intervals of a motion.
+
+    Each half of an interval is integrated by the trapezoidal rule.
 
     Args:
         m: Arrays of the machine.
@@ -440,16 +460,17 @@ def _compute_charging_work(
     force: FloatArray,
     modes: ModeArray,
 ) -> tuple[float, float]:
-    """Compute the hydraulic work that charges supply lines before boosts; slip is the only loss.
+    """Compute the hydraulic work that charges supply lines before boosts.
 
-    A boost begins in a row whose mode is boosted if the mode of the previous row is not. The
-    actuator's line of the volume V is then raised by Δp to the boosted pressure. With the bulk
-    modulus β, the flow Q into cylinder and valve, and the time T:
+    A boost begins in an interval whose mode is boosted if the mode of the previous interval is not.
+    The pressure in the actuator's line of volume V then rises by Δp to the boosted pressure:
 
         work = V Δp²/(2β) + Q Δp T
 
-    If no actuator was on the shared rail before, those that join it also charge the rail's volume,
-    in equal parts.
+    β is the bulk modulus. Q is the flow into the cylinder, plus valve leakage and slip of the
+    pumps. T is the time at the boosted pressure before the boost begins. The efficiency of the
+    pumps is not included. If no actuator was on the shared rail before, the actuators that join it
+    also charge the rail's volume, in equal parts.
 
     Test oracle: sums computed by hand.
 
@@ -457,14 +478,14 @@ def _compute_charging_work(
         m: Arrays of the machine.
         volumes: Oil volume of one actuator's line, and of the shared rail [m³].
         bulk_modulus: Bulk modulus β of the oil [Pa].
-        charged_time: Time T for which a line is at its pressure before the boost begins [s].
-        speed: Piston speeds at the beginning of each row, shape (k, n) [m/s]. Further rows are
-            ignored.
-        force: Piston forces at the beginning of each row, shape (k, n) [N].
-        modes: Mode codes of each row, shape (k, n).
+        charged_time: Time T at the boosted pressure before the boost begins [s].
+        speed: Piston speeds at the beginning of each of k intervals, shape (k or more, n) [m/s].
+            Rows after row k - 1 are ignored.
+        force: Piston forces under gravity at the same instants, in the same shape [N].
+        modes: Mode codes of each interval, shape (k, n).
 
     Returns:
-        Work on the oil in the pumps, and the part of it that slip takes [J].
+        Work of the pumps on the oil, and the part of it that slip takes [J].
     """
     oil, work, slipped = get_shared_hydraulics(m), 0.0, 0.0
     line_volume, rail_volume = volumes

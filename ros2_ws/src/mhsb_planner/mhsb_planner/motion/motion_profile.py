@@ -22,6 +22,9 @@ from mhsb_model.types import FloatArray, ModeArray, as_frozen
 class MotionProfile:
     """Actuator quantities along a motion, one row for each of k instants.
 
+    r = dL/dq is the moment arm, the change of the cylinder length with the joint position. τ_g is
+    the joint torque of gravity. M is the mass matrix and C q̇ the torques from joint velocities.
+
     Attributes:
         speed: Piston speeds v = r(q) q̇, positive in extension, shape (k, n) [m/s].
         force: Piston forces under gravity F = τ_g(q)/r(q), positive if they resist extension,
@@ -82,12 +85,12 @@ def motion_profile(
         machine: Machine with its payload.
         position: Joint positions, shape (k, n) [rad or m].
         velocity: Joint velocities, shape (k, n) [rad/s or m/s].
-        acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²]. None makes the forces from
-            inertia 0, those from the velocities included.
+        acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²]. None sets all forces from
+            inertia to 0, also the forces from joint velocities.
 
     Returns:
-        Profile with k rows: piston speeds [m/s], piston forces under gravity [N], those from
-        inertia alone [N], tip positions [m] and joint positions.
+        Profile with k rows: piston speeds [m/s], piston forces under gravity [N], piston forces
+        from inertia [N], tip positions [m] and joint positions [rad or m].
     """
     qdd = np.empty((0, position.shape[1])) if acceleration is None else acceleration
     q = as_frozen(position)
@@ -100,8 +103,13 @@ def motion_profile(
 def middle_profile(machine: Machine, trajectory: Trajectory) -> MotionProfile:
     """Compute the profile of a trajectory half-way in time between its points.
 
-    It contains piston speeds, piston forces under gravity and from inertia, tip and joint
-    positions.
+    Args:
+        machine: Machine with its payload.
+        trajectory: Joint trajectory of k points.
+
+    Returns:
+        Profile with k - 1 rows: piston speeds, piston forces under gravity and from inertia, tip
+        and joint positions.
     """
     time = trajectory.offset_ns / SECOND_NS
     profile = _compute_middle_profile(machine.arrays, time, *trajectory.points)
@@ -140,18 +148,21 @@ def _compute_middle_profile(
 def _compute_profile(
     m: MachineArrays, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Call `compute_profile_arrays` with copies of read-only arrays.
+    """Compute piston speeds, gravity forces, tip positions and inertia forces from frozen arrays.
 
-    Kernels call it with writable arrays, and copies take less time than compiling it for both.
+    It calls `compute_profile_arrays` with writable copies. Other kernels call that function with
+    writable arrays. numba would otherwise compile it twice, which takes longer than the copies.
 
     Args:
         m: Arrays of the machine, with its payload.
-        position: Joint positions, shape (k, n) [rad or m].
-        velocity: Joint velocities, shape (k, n) [rad/s or m/s].
-        acceleration: Joint accelerations, shape (k or 0, n) [rad/s² or m/s²].
+        position: Joint positions, shape (k, n) [rad or m]. May be read-only.
+        velocity: Joint velocities, shape (k, n) [rad/s or m/s]. May be read-only.
+        acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²]. May be read-only. An
+            array without rows makes the inertia forces 0.
 
     Returns:
-        Result of `compute_profile_arrays`.
+        Piston speeds, shape (k, n) [m/s]; piston forces under gravity, shape (k, n) [N]; tip
+        positions (x, z), shape (k, 2) [m]; piston forces from inertia, shape (k, n) [N].
     """
     return compute_profile_arrays(m, position.copy(), velocity.copy(), acceleration.copy())
 

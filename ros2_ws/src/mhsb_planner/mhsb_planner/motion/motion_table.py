@@ -53,7 +53,7 @@ def format_mode_intervals(schedule: ModeSchedule, duration: float, actuator: int
 
 
 def list_columns(machine: Machine) -> list[str]:
-    """Return the titles of the columns of `iterate_rows`, with units."""
+    """Return the column titles, with units, of the table whose rows `iterate_rows` yields."""
     joints = list(zip(machine.joint_names, machine.joint_units, strict=True))
     return [
         "time [s]",

@@ -1,8 +1,9 @@
-"""Loads beyond the highest boost pressure: at rest the closed valve alone holds them.
+"""Overloads: loads that even the highest boost pressure cannot hold.
 
-The search never lifts such a load. But a motion may begin with one, lower it, or let a cylinder
-rest under it while others move. The highest boost pressure is still commanded there, since it
-leaves least for the valve to hold. The servo can correct downwards only, and the load may sag.
+At rest the closed valve alone holds such a load. The search never lifts one. But a motion may begin
+with one, lower it, or let a cylinder rest under it while others move. The highest boost pressure is
+commanded even so, because the valve then has to hold least. The servo can correct downwards only,
+and the load may sag.
 """
 
 from __future__ import annotations
@@ -26,16 +27,17 @@ from mhsb_planner.motion.motion_profile import MotionProfile
 
 @dataclass(frozen=True)
 class Overload:
-    """Rests of one actuator under loads beyond the highest boost pressure.
+    """Rests of one actuator under loads that even the highest boost pressure cannot hold.
 
     Attributes:
         actuator: Name of the actuator.
         duration: Total duration of these rests [s].
-        pressure: Greatest supply pressure that holding the load would take, with margin [Pa].
+        pressure: Greatest supply pressure that would be needed to hold the load, with the boost
+            margin [Pa].
         highest: Highest boost pressure [Pa].
         at_end: True if the motion ends with such a rest.
-        sinking_speed: Greatest speed at which the load sinks through the closed valve [m/s]; 0 if
-            the valve is tight, or lock valves hold the load.
+        sinking_speed: Greatest speed at which the load sinks because the closed valve leaks [m/s].
+            0 if the valve does not leak, or if lock valves hold the load.
     """
 
     actuator: str
@@ -59,11 +61,10 @@ class Overload:
 def find_overloads(
     machine: Machine, time: FloatArray, profile: MotionProfile
 ) -> tuple[Overload, ...]:
-    """Find the actuators that rest under a load too heavy for the highest boost pressure.
+    """Find the actuators that rest under a load that the highest boost pressure cannot hold.
 
     Only the closed valve holds such a load. A cylinder rests if its speed is at most
-    MAX_HELD_SPEED. Each resting instant counts up to the next instant; the last instant adds no
-    time.
+    MAX_HELD_SPEED. The time from a resting instant to the next instant counts as rest.
 
     Args:
         machine: Machine with its hydraulics.
@@ -72,7 +73,7 @@ def find_overloads(
 
     Returns:
         One overload for each such actuator, with the total duration of its rests [s] and the
-        greatest pressure that holding takes [Pa]. Empty if there is none.
+        greatest supply pressure that would hold the load [Pa]. Empty if there is none.
     """
     highest = machine.arrays.max_boost_pressure
     if not _has_overload(machine.arrays, profile.speed, profile.force):
@@ -95,9 +96,9 @@ def find_overloads(
 
 
 def _find_sinking_speed(machine: Machine, j: int, forces: FloatArray) -> float:
-    """Find the greatest speed at which loads sink behind a closed valve, because it leaks.
+    """Find the greatest speed at which loads sink because the closed valve leaks.
 
-    The valve's supply has the highest boost pressure.
+    The highest boost pressure is taken as the supply pressure of the valve.
 
     Args:
         machine: Machine with its hydraulics.
@@ -105,7 +106,8 @@ def _find_sinking_speed(machine: Machine, j: int, forces: FloatArray) -> float:
         forces: Piston forces, positive if they resist extension, shape (k,) [N]; k ≥ 1.
 
     Returns:
-        Magnitude of the speed [m/s]; 0 if the valve does not leak, or lock valves hold the loads.
+        Magnitude of the speed [m/s]. 0 if the valve does not leak, or if lock valves hold the
+        loads.
     """
     m = machine.arrays
     if machine.config.circuit.lock_valve_opening > 0.0:
@@ -115,7 +117,7 @@ def _find_sinking_speed(machine: Machine, j: int, forces: FloatArray) -> float:
 
 @kernel
 def _has_overload(m: MachineArrays, speed: FloatArray, force: FloatArray) -> bool:
-    """Return whether any cylinder rests under a load beyond the highest boost pressure.
+    """Return whether a cylinder rests under a load that the highest boost pressure cannot hold.
 
     A cylinder rests if its speed is at most MAX_HELD_SPEED.
 

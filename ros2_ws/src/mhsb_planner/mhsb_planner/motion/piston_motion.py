@@ -10,21 +10,22 @@ from mhsb_model.linkages.linkage import evaluate_linkage, find_joint_angle
 from mhsb_model.types import FloatArray
 
 MAX_TAYLOR_STEP = 1e-5
-"""Largest second step of a joint angle for which the two-term Taylor series is accepted [rad].
+"""Largest second step by which `convert_to_joints` corrects a joint position [rad or m].
 
-With a smaller step the error is below rounding."""
+With a smaller step the remaining error is below rounding. After a larger step `find_joint_angle`
+solves for the position instead."""
 
 
 @kernel
 def convert_to_pistons(
     m: MachineArrays, q: FloatArray, qd: FloatArray, qdd: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Convert one state of motion of the joints to the pistons.
-
-    With the cylinder length L, the moment arm r = dL/dq and its slope r′ = dr/dq, piston speed v
-    and piston acceleration v̇ are
+    """Convert position, velocity and acceleration of the joints to those of the pistons.
 
         v = r q̇,  v̇ = r q̈ + r′ q̇²
+
+    v is the piston speed and v̇ its acceleration. r = dL/dq is the moment arm, with the cylinder
+    length L, and r′ = dr/dq its slope.
 
     Args:
         m: Arrays of the machine.
@@ -57,17 +58,18 @@ def convert_to_joints(
         q = L⁻¹(length),  q̇ = v/r,  q̈ = (v̇ − r′ q̇²)/r
 
     L⁻¹ is the joint position that belongs to a cylinder length, v the piston speed, r = dL/dq the
-    moment arm and r′ its slope. The search for each position begins at the previous position.
-    Beyond the joint limits the linkage is continued as a straight line. A motion that passes the
-    limits therefore gives positions beyond them.
+    moment arm and r′ = dr/dq its slope. The numerical search for a position begins at the position
+    of the previous instant. Beyond a joint limit the cylinder length is extrapolated as a linear
+    function of the joint position. Cylinder lengths beyond the limits therefore give joint
+    positions beyond the limits.
 
     Args:
         m: Arrays of the machine.
         length: Cylinder lengths at k instants in time order, shape (k, n) [m].
         speed: Piston speeds, shape (k, n) [m/s].
         acceleration: Piston accelerations, shape (k, n) [m/s²].
-        start: Joint positions near the first instant, where the iteration starts, shape (n,)
-            [rad or m].
+        start: Joint positions near those of the first instant, shape (n,) [rad or m]. The search
+            begins there.
 
     Returns:
         Joint positions [rad or m], velocities [rad/s or m/s] and accelerations [rad/s² or m/s²], of

@@ -1,4 +1,4 @@
-"""Supply pressures of a motion as planned, in each actuator's line."""
+"""Planned supply pressures of a motion, in each actuator's line."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def planned_supply(
     pump. In mode SB it is the pressure of the shared rail, which the most loaded actuator sets.
 
     Args:
-        machine: The arm.
-        force: Piston forces, shape (k, n) [N].
-        speed: Piston speeds, shape (k, n) [m/s].
-        modes: Modes in force, shape (k, n).
+        machine: Machine with its hydraulics.
+        force: Piston forces, positive if they resist extension, shape (k, n) [N].
+        speed: Piston speeds, positive in extension, shape (k, n) [m/s].
+        modes: Mode codes in force at each instant, shape (k, n).
 
     Returns:
         Pressures, shape (k, n) [Pa].

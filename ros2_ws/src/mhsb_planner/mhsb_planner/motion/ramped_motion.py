@@ -1,11 +1,12 @@
-"""Piston motions whose speeds change by ramps.
+"""Piston motions whose speeds change by ramps: changes with limited acceleration and jerk.
 
     L(t) = L₀ + v₀ t + Σᵢ Δvᵢ (R(t − tᵢ) − R(−tᵢ))
     v(t) = v₀ + Σᵢ Δvᵢ ρ(t − tᵢ)
     v̇(t) = Σᵢ Δvᵢ k(t − tᵢ)
 
-Ramp i begins at tᵢ and changes the speeds by Δvᵢ. ρ rises from 0 to 1 during the ramp (`s3_ramps`),
-k is its derivative and R its integral.
+L is the cylinder length and v the piston speed. L₀ is the length at time 0, and v₀ the speed before
+the first ramp. Ramp i begins at tᵢ and changes the speed by Δvᵢ. ρ rises from 0 to 1 during the
+ramp (`s3_ramps`). k is the derivative of ρ, and R its integral.
 """
 
 from __future__ import annotations
@@ -32,6 +33,9 @@ LIMIT_ROUNDING_FACTOR = 1.0 + 1e-6
 class RampedMotion:
     """Motion of n pistons whose speeds change by c ramps.
 
+    A ramp changes the speeds by a trapezoid of acceleration. Counted from the ramp's beginning, the
+    acceleration builds up until T₂, begins to decrease at T₁, and is 0 from T₁ + T₂ on.
+
     Attributes:
         machine: Machine that moves.
         start: Joint positions at time 0, shape (n,) [rad or m].
@@ -39,11 +43,10 @@ class RampedMotion:
         speed: Piston speeds before the first ramp, shape (n,) [m/s].
         ramp_begin: Time at which each ramp begins, shape (c,) [s]. Some begin before time 0.
         change: Change of the piston speeds in each ramp, shape (c, n) [m/s].
-        rise: Time T₁ of each ramp (`s3_ramps.Ramp`), shape (c,) [s].
-        blend: Time T₂ of each ramp, in which the acceleration builds up, and in which it decreases,
-            shape (c,) [s].
+        rise: Time T₁ of each ramp, shape (c,) [s].
+        blend: Time T₂ of each ramp, shape (c,) [s].
         node_time: Time at which the motion is to be at each node of the discrete path, shape (k +
-            1,) [s].
+            1,) [s]. The ramps cut the path's corners.
     """
 
     machine: Machine
@@ -72,7 +75,7 @@ class RampedMotion:
 
     @cached_property
     def _breaks_and_peaks(self) -> tuple[FloatArray, float, float]:
-        """Breaks [s], and largest piston acceleration [m/s²] and jerk [m/s³]."""
+        """Times of `breaks` [s], and largest piston acceleration [m/s²] and jerk [m/s³]."""
         return _find_breaks_and_peaks(self.ramp_begin, self.change, self.rise, self.blend)
 
     def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -113,16 +116,16 @@ class RampedMotion:
         return max(self.peaks) <= LIMIT_ROUNDING_FACTOR
 
     def superpose(self, other: RampedMotion) -> RampedMotion:
-        """Return the sum of this motion and another one: both have all their changes of speed.
+        """Return the sum of this motion and another one, with the ramps of both.
 
-        Start posture and initial cylinder lengths are those of this motion. The speeds before the
+        Start posture and initial cylinder lengths are taken from this motion. The speeds before the
         first ramp are added.
 
         Args:
             other: Motion whose ramps are added. The times at the path's nodes are taken from it.
 
         Returns:
-            The sum; both motions stay as they are.
+            The sum. Both motions stay unchanged.
         """
         return RampedMotion(
             self.machine,
@@ -145,9 +148,11 @@ def _find_breaks(
 
     A ramp changes the piston speeds by a trapezoid of acceleration. Counted from the ramp's
     beginning, the acceleration builds up until T₂, begins to decrease at T₁, and is 0 from T₁ + T₂
-    on. The jerk changes at 0, T₂, T₁ and T₁ + T₂. Ramps that change no speed by more than
-    SPEED_ROUNDING are ignored. Of times that are less than RAMP_TIME_STEP apart, the first is kept.
-    The end is always kept; times less than RAMP_TIME_STEP before it are dropped.
+    on. The jerk changes at 0, T₂, T₁ and T₁ + T₂.
+
+    Ramps that change no speed by more than SPEED_ROUNDING are ignored. If times are less than
+    RAMP_TIME_STEP apart, only the first of them is kept. The end is always kept, and times less
+    than RAMP_TIME_STEP before it are dropped.
 
     Args:
         at: Time at which each ramp begins, shape (c,) [s].
@@ -248,7 +253,8 @@ def _find_breaks_and_peaks(
 ) -> tuple[FloatArray, float, float]:
     """Compute the breaks of a ramped motion, and its largest acceleration and jerk.
 
-    Between two breaks the acceleration is linear. The largest acceleration is therefore at a break.
+    Breaks are the times at which the jerk changes. Between two breaks the acceleration is linear,
+    so the largest acceleration occurs at a break.
 
     Args:
         at: Time at which each ramp begins, shape (c,) [s].

@@ -1,4 +1,7 @@
-"""Rests within a path, so that a motion whose ramps cut corners reaches the posture there."""
+"""Rests within a discrete path.
+
+The ramps of a motion cut the path's corners. At a rest the motion reaches the posture exactly.
+"""
 
 from __future__ import annotations
 
@@ -16,20 +19,22 @@ from mhsb_planner.search.s2_search import Weights
 def insert_rests(
     machine: Machine, path: DiscretePath, step_indices: IntArray, weights: Weights | None = None
 ) -> DiscretePath:
-    """Insert a rest before given steps of a path.
+    """Insert a rest before given steps of a discrete path.
 
-    A rest is a step without motion, in the modes of the step that follows. It lasts as long as the
-    shortest ramp between rest and motion. It costs its duration T [s] and the leakage of all n
-    valves. With the supply pressure P_S [Pa] and the leakage flow q_leak of one valve [m³/s], that
-    leakage takes
+    A rest is a step without motion, in the modes of the step that follows. Its duration T [s] is
+    that of the shortest ramp (change of speed within acceleration and jerk limits) from V_max to
+    rest. During a rest the n valves leak, which takes the energy
 
         E = P_S n q_leak T    [J]
 
+    P_S is the main pump's pressure [Pa] and q_leak the leakage flow of one valve [m³/s].
+
     Args:
-        machine: The whole arm.
+        machine: Machine with all its joints.
         path: The path; it stays unchanged.
-        step_indices: Indices of the steps before which the arm rests, by the steps of `path`.
-        weights: Weights of energy and time, for the cost of the rests; None: the cost stays.
+        step_indices: Indices in `path` of the steps before which the arm rests.
+        weights: Weights with which energy and time of the rests are added to the path's cost. None
+            leaves the cost as it is.
 
     Returns:
         Copy of the path with one more step for each rest.

@@ -1,19 +1,21 @@
-"""Coasting: the motion by which a moving start comes to rest within acceleration and jerk limits.
+"""Coasting: the motion by which a moving arm comes to rest within acceleration and jerk limits.
 
-The state of each piston (L₀, v₀, a₀) is regarded as a state within a motion made of ramps. In this
-motion the commanded speed changed from v_a to v_b at the time −τ. At the time δ it changes to 0.
-With k, ρ and R = ∫ρ of the ramp (`s3_ramps`),
+It consists of ramps: changes of speed with limited acceleration and jerk (`s3_ramps`). Each piston
+has a length L₀, a speed v₀ and an acceleration a₀ at time 0. They are explained by a ramp from a
+speed v_a to a speed v_b that began at the time −τ. At the time δ a ramp to rest begins. With the
+functions k, ρ and R = ∫ρ of the ramp,
 
     v₀ = v_a (1 − ρ(τ)) + v_b ρ(τ),   a₀ = (v_b − v_a) k(τ)
     L(t) = L₀ + v_a t + (v_b − v_a) (R(t + τ) − R(τ)) − v_b R(t − δ)
 
 The piston comes to rest at L₀ + v_b (T_r/2 + δ) + (v_b − v_a) (τ − T_r/2 − R(τ)), where T_r is the
-duration of the ramp. A path that starts there at the time δ makes a corner like any other. If its
-speeds equal v_b, nothing changes.
+duration of the ramp. A path may start from this rest at the time δ, before the piston gets there.
+The motion along the path is then added to the coasting. If the path begins with the speed v_b, the
+piston just keeps this speed.
 
 Many pairs (v_a, v_b) lead to the same state. v_a = 0 is chosen if the piston speeds up, and v_b = 0
-if it slows down, as far as both stay within V_max. δ is 0, or as long as needed for the jerks of
-both changes of speed not to exceed the limit together.
+if it slows down, as far as both stay within V_max. δ is 0 if the limits allow it. Otherwise δ grows
+until the jerks of both ramps together keep the limit.
 """
 
 from __future__ import annotations
@@ -40,22 +42,24 @@ from mhsb_planner.motion.s3_ramps import (
 from mhsb_planner.motion.trajectory_points import sample_curve
 
 MOST_PARTS = 4
-"""Largest δ, as a multiple of half the time in which a ramp's acceleration builds up [-]."""
+"""Largest delay of the ramp to rest, as a multiple of T₂/2 [-].
+
+T₂ is the time in which the ramp's acceleration builds up."""
 
 STEADY_ACCELERATION_SHARE = 0.1
-"""Share of the allowed acceleration up to which pistons count as moving steadily [-]."""
+"""Share of the allowed acceleration up to which the speed of a piston counts as constant [-]."""
 
 ACCELERATION_ROUNDING = 1e-9
-"""Acceleration below which a value counts as rounding [m/s²]."""
+"""Acceleration below which a piston counts as not accelerating [m/s²]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Coasting:
-    """Motion by which a moving start comes to rest.
+    """Motion by which an arm that moves at the start comes to rest.
 
     Attributes:
-        motion: Motion of the pistons; its last ramp is the one that brings them to rest.
-        trajectory: The same motion of the joints, with stamp 0.
+        motion: Motion of the pistons. Its last ramp (change of speed) brings them to rest.
+        trajectory: Motion of the joints that belongs to it, with stamp 0.
     """
 
     motion: RampedMotion
@@ -78,11 +82,12 @@ class Coasting:
 
 
 def compute_coasting(machine: Machine, start: MotionState) -> Coasting:
-    """Compute the coasting of a moving start: the motion by which it comes to rest by itself.
+    """Compute the motion by which an arm that moves at the start comes to rest (coasting).
 
-    All pistons come to rest by one common ramp, after a delay if necessary. Several ramps and
-    delays are tried. The first motion within the limits of acceleration and jerk is taken. If there
-    is none, the last one is; its `keeps_dynamic_limits` is False.
+    All pistons come to rest by one common ramp (smooth change of speed), after a delay if
+    necessary. Several ramps and delays are tried. The first motion within the limits of
+    acceleration and jerk is returned. If there is none, the last motion is returned, and its
+    `keeps_dynamic_limits` is False.
 
     Args:
         machine: Machine that moves.
@@ -99,11 +104,12 @@ def compute_coasting(machine: Machine, start: MotionState) -> Coasting:
 
 
 def _iterate_gentler_motions(machine: Machine, start: MotionState) -> Iterator[RampedMotion]:
-    """Yield motions by which a moving start comes to rest, with ever smaller acceleration or jerk.
+    """Yield motions by which a moving arm comes to rest, in the order of trial.
 
-    In each motion all pistons stop by one common ramp, which begins at a time δ. The shortest ramp
-    for the present speeds comes first, then the ramp for V_max if it is another one. With each of
-    them, δ grows from 0 in `MOST_PARTS` equal steps.
+    In each motion all pistons stop by one common ramp (smooth change of speed), which begins after
+    a delay. The shortest ramp for the speeds at the start comes first. If the ramp for V_max is
+    another one, it comes second. For each ramp, the delay grows from 0 in MOST_PARTS equal steps.
+    Longer delays and ramps need less acceleration or jerk.
 
     Args:
         machine: Machine that moves.
@@ -123,22 +129,21 @@ def _iterate_gentler_motions(machine: Machine, start: MotionState) -> Iterator[R
 def _compute_coasting_motion(
     machine: Machine, start: MotionState, ramp: Ramp, parts: int
 ) -> RampedMotion:
-    """Compute how a moving start comes to rest by one ramp that is common to all pistons.
+    """Compute the motion by which a moving arm comes to rest with a given ramp and delay.
 
-    A ramp changes speeds by a trapezoid of acceleration. The acceleration builds up in the time T₂.
-    The ramp to rest begins at the time δ = `parts` · T₂/2, rounded up to a multiple of
-    RAMP_TIME_STEP. Until then each piston finishes a change of speed that began in the past and
-    explains its present speed and acceleration.
+    A ramp changes speeds by a trapezoid of acceleration, which builds up in the time T₂. All
+    pistons come to rest by one ramp, which begins at the time δ. Before that, each piston finishes
+    a ramp of its own that began in the past and explains its speed and acceleration at the start.
 
     Args:
         machine: Machine that moves.
         start: State of the joints at the start.
         ramp: Ramp of all changes of speed.
-        parts: δ as a multiple of T₂/2; 0 means δ = 0.
+        parts: Delay δ as a multiple of T₂/2. δ is rounded up to a multiple of RAMP_TIME_STEP.
 
     Returns:
-        Motion of the pistons with n + 1 ramps: one begun in the past for each piston, and the
-        common ramp to rest.
+        Motion of the pistons with n + 1 ramps: the ramp of each piston that began in the past, and
+        last the common ramp to rest.
     """
     m, n = machine.arrays, machine.joint_count
     state = (np.array(start.position), np.array(start.velocity), np.array(start.acceleration))
@@ -159,10 +164,11 @@ def _compute_coasting_motion(
 
 
 def _choose_ramp(machine: Machine, speed: FloatArray, acceleration: FloatArray) -> Ramp:
-    """Choose the shortest ramp from given piston speeds to rest.
+    """Choose the ramp (smooth change of speed) by which all pistons come to rest.
 
-    If a piston's acceleration exceeds STEADY_ACCELERATION_SHARE of its limit, a change of speed is
-    under way already. The shortest ramp from V_max to rest is then chosen, whatever the speeds.
+    It is the shortest ramp from the highest piston speed to rest. If an acceleration exceeds
+    STEADY_ACCELERATION_SHARE of the limit, a piston is changing its speed already. The shortest
+    ramp from V_max to rest is then chosen instead.
 
     Args:
         machine: Machine that moves.
@@ -184,13 +190,13 @@ def _choose_ramp(machine: Machine, speed: FloatArray, acceleration: FloatArray) 
 def _infer_past_changes(
     m: MachineArrays, rise: float, blend: float, speed: FloatArray, acceleration: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Find a past change of speed that explains the present state of each piston.
+    """Find a past change of speed that explains speed and acceleration of each piston now.
 
-    The change is a ramp from the speed v_a to the speed v_b that began the time τ ago. For a piston
-    that speeds up, v_a = 0 is chosen and v_b is computed. For one that slows down, v_b = 0 is
-    chosen and v_a is computed. If the computed speed exceeds V_max, V_max is chosen for it instead,
-    and the other speed is computed. A piston without acceleration has v_a = v_b, its present speed,
-    and τ is half the duration of the ramp.
+    The change is a ramp from the speed v_a to the speed v_b. It began a time τ before now. For a
+    piston that speeds up, v_a is set to 0 and v_b is computed. For a piston that slows down, v_b is
+    set to 0 and v_a is computed. If the computed speed exceeds V_max, it is set to V_max and the
+    other speed is computed. For a piston without acceleration, v_a and v_b are its speed now, and τ
+    is half the duration of the ramp.
 
     Args:
         m: Arrays of the machine.

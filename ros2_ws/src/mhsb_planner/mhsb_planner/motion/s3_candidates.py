@@ -1,6 +1,6 @@
-"""The curves that S3 tries along a discrete path, in the order of trial (`s3_trajectory`).
+"""Curves that S3 tries along a discrete path, in the order of trial (`s3_trajectory`).
 
-The last resort is the stepped path, which rests at every posture.
+The last of them is the stepped path, which rests at every node.
 """
 
 from __future__ import annotations
@@ -31,17 +31,20 @@ from mhsb_planner.motion.via_check import ViaPoint
 from mhsb_planner.search.discrete_path import DiscretePath
 
 MIN_RAMPED_STEP_DURATION = 0.1
-"""Shortest duration of a step from rest to rest [s]."""
+"""Shortest duration of a step of the stepped path, from rest to rest [s]."""
 
 UNIT_QUINTIC_PEAKS = (15 / 8, 10 / 3**0.5, 60.0)
-"""Largest speed, acceleration and jerk of 10u³ − 15u⁴ + 6u⁵, with u from 0 to 1 in unit time."""
+"""Largest first, second and third derivative of 10u³ − 15u⁴ + 6u⁵ for u from 0 to 1 [-]."""
 
 
 @dataclass(frozen=True, eq=False)
 class SteppedPath:
     """Motion from node to node along straight lines in joint space, with a rest at every node.
 
-        q = q_i + Δq (10u³ − 15u⁴ + 6u⁵), u from 0 to 1 over each step
+        q = q_i + Δq (10u³ − 15u⁴ + 6u⁵)
+
+    q_i is the posture at the beginning of a step and Δq its change. u grows from 0 to 1 in
+    proportion to time during the step.
 
     Attributes:
         posture: Joint positions at the nodes, shape (k + 1, n) [rad or m].
@@ -57,9 +60,9 @@ class SteppedPath:
         return self.node_time
 
     def sample(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Compute the joint motion at given times; at every node of the path the arm rests.
+        """Compute the joint motion at given times.
 
-        Before time 0 and after the end the arm rests at the path's first and last posture.
+        Before time 0 and after the end the arm rests at the path's first or last posture.
 
         Args:
             time: Times from the start of the motion, in any order, shape (m,) [s].
@@ -83,11 +86,11 @@ class SteppedPath:
 def compute_stepped_path(
     machine: Machine, path: DiscretePath, scale: FloatArray | float
 ) -> SteppedPath:
-    """Compute a motion along a discrete path that rests at every node.
+    """Compute a motion along a discrete path, with a rest at every node.
 
     Each step is a straight line in joint space. At scale 1 no piston is faster than in the same
-    step of the discrete path, and all keep the machine's limits of acceleration and jerk. Both hold
-    only approximately if the moment arms vary much within a step. A step lasts at least
+    step of the discrete path, and the limits of acceleration and jerk are kept. If moment arms vary
+    much within a step, this holds only approximately. A step at scale 1 lasts at least
     MIN_RAMPED_STEP_DURATION.
 
     Args:
@@ -111,30 +114,37 @@ SHORTEST_MOVE = 0.5
 """Shortest duration of a polynomial [s]."""
 
 TrajectoryKind = Literal["polynomial", "followed"]
-"""Start of S3: the published polynomials, or ramps that follow the discrete path."""
+"""Curve that S3 tries first: the published polynomial, or ramps that follow the discrete path."""
 
 TRAJECTORY_KINDS: tuple[TrajectoryKind, ...] = ("polynomial", "followed")
+"""All values of `TrajectoryKind`."""
 
 
 FOLLOWED_SPEED_EXCESS = 1.001 * USAGE_RESERVE - 1.0
-"""Largest |v|/V_max − 1 of a piston on a followed path [-]. It covers only the reserve of
-stretching and rounding.
-"""
+"""Largest speed excess |v|/V_max − 1 of a piston on a path that is followed with ramps [-].
+
+The ramps keep V_max by construction. The excess allows for USAGE_RESERVE and rounding only."""
 
 
 class FitMethod(StrEnum):
-    """Method by which a trajectory was made from a discrete path."""
+    """Method by which a trajectory was made."""
 
     POLYNOMIAL = "polynomial"
+    """One polynomial of degree 6 per joint, as published."""
     RAMPED = "ramped"
+    """The discrete path, with each change of piston speed smoothed by a ramp."""
     STEERED = "steered"
+    """From a moving start straight to rest at the path's end, in phases of constant jerk."""
     STEPPED = "stepped"
+    """The discrete path with a rest at every node."""
     BRAKING = "braking"
+    """A braking motion without a path."""
     CONTINUED = "continued"
+    """The remaining part of the plan in force."""
 
 
 class Curve(SmoothCurve, Protocol):
-    """Joint motion with the times at which it is to be at the discrete path's nodes."""
+    """Joint motion along a discrete path, with the planned time of each node."""
 
     @property
     def node_time(self) -> FloatArray:
@@ -143,21 +153,24 @@ class Curve(SmoothCurve, Protocol):
 
 @dataclass(frozen=True)
 class FitRules:
-    """Settings of a fit.
+    """Settings for the fit of a trajectory to a discrete path.
+
+    A ramp is a change of piston speed with limited acceleration and jerk.
 
     Attributes:
         trajectory: `polynomial` tries the polynomial of degree 6 first, `followed` leaves it out.
-        polynomial_only: True if nothing else is tried when the polynomial breaks a limit.
+        polynomial_only: True if no other curve is tried after the polynomial broke a limit.
         stepped: True if the path may be followed step by step, with a rest at every node.
         switching: Rules for switching modes.
         ramp_factors: Factors on the duration of the shortest ramps, in the order of trial [-].
-        last_ramp_factor: Further factor on the duration of the last ramp [-].
-        max_stretch: Largest stretch in time, as a multiple of the one that is tried first [-].
+        last_ramp_factor: Further factor on the duration of the motion's last ramp [-].
+        max_stretch: Largest factor on a curve's duration. It is a multiple of the factor that is
+            tried first [-].
         max_excess: Largest excess of a piston speed, |v|/V_max − 1 [-].
-        max_overrun: Distance by which a piston may run on beyond what braking and the path need
-            [m].
-        min_duration: Shortest duration of the discrete path [s].
-        via_points: Via points, which the tip passes on its way.
+        max_overrun: Distance that a piston may travel in its initial direction beyond what braking
+            and the path need [m].
+        min_duration: Shortest duration to which the discrete path is stretched [s].
+        via_points: Via points that the tip must pass on its way.
     """
 
     trajectory: TrajectoryKind = "polynomial"
@@ -180,26 +193,27 @@ class FitRules:
 
 @dataclass(frozen=True, eq=False)
 class CurveCandidate:
-    """One kind of curve along a path and the way in which it is tried.
+    """One kind of curve along a discrete path, and the rules by which it is tried.
 
     Attributes:
         path: Discrete path that the curve follows.
-        method: Method that the result will state.
+        method: Method that the fitted motion will state.
         name: Words that describe the curve in messages.
-        curve_at: Function from the factors on the durations of the path's steps, shape (k,), to the
-            curve.
+        curve_at: Function that computes the curve from a factor on the duration of each step of the
+            path, shape (k,) [-].
         start: State of the joints at the beginning of the curve.
         lead_in: Motion before the curve, such as braking; None if there is none.
         stretch: Factor on the path's durations that is tried first [-].
-        furthest_travel: Largest travel of each joint in its first direction, shape (n,) [rad or m].
-            None means that it is not checked.
-        coasts: True if the curve begins at the moving start, False if it begins at rest.
-        stretchable: Time scalings of limits. A broken limit with one of them stretches the curve;
-            any other refuses it.
+        furthest_travel: Travel of each joint in the direction of its initial velocity that braking
+            and the path need, shape (n,) [rad or m]. None means that travel is not checked.
+        coasts: True if the curve begins while the arm moves, False if it begins at rest.
+        stretchable: Effects of time on limits. If a limit with one of these effects is broken, the
+            curve is slowed. If any other limit is broken, the curve is refused.
         slows_pieces: True if only the steps around a violation become longer, False if all do.
-        max_stretch: Largest stretch as a multiple of `stretch` [-]; None means that of the rules.
-        only_after_thrust_lack: True if the curve is tried only if the previous curve lacked
-            pressure.
+        max_stretch: Largest factor on the duration, as a multiple of `stretch` [-]. None means
+            `FitRules.max_stretch`.
+        only_after_thrust_lack: True if the curve is tried only after the previous curve was refused
+            because the pressure was too low.
     """
 
     path: DiscretePath
@@ -228,31 +242,33 @@ def iterate_candidates(
 ) -> Iterator[CurveCandidate]:
     """Yield the curves to try along a discrete path, in the order of trial.
 
-    If the start steers (one curve must lead from the moving start to the goal), there is only that
-    curve. Otherwise the order is:
+    If `coast` is a `Steering`, one curve leads from the moving start straight to the goal, and no
+    other curve is tried. Otherwise the order is:
 
     1. The polynomial, if `rules.trajectory` is `polynomial`. With `rules.polynomial_only` it is the
        only curve.
-    2. For a start that coasts: the path with ramps (smooth changes of speed) that begins at once.
-    3. The path with ramps from rest, after `brake`. Then the same with a rest before each step in
-       which the boost of an actuator begins.
+    2. If `coast` is a `Coasting`: the path with ramps (smooth changes of speed), begun at once
+       while the arm still moves.
+    3. The path with ramps from rest, after `brake`. Then this path with a further rest before each
+       step in which the boost of an actuator begins.
     4. The path step by step with a rest at every node, after `brake`, if `rules.stepped`.
 
-    If a mode is in force too briefly to be left, 3 and 4 follow a second time, after a rest.
+    If an actuator was switched so recently that it may not be switched yet, 3 and 4 follow a second
+    time, after a rest.
 
     Args:
         machine: Machine that moves.
         path: Discrete path.
         start: State of the joints at the start.
-        brake: Motion that brings a moving start to rest at the path's first node; None at rest. If
-            the start coasts, it is the trajectory of `coast`.
-        coast: For a moving start: its coasting (motion to rest by itself), or its `Steering`. None
-            otherwise.
+        brake: Motion that brings a moving arm to rest at the path's first node. None if the arm is
+            at rest. With a `Coasting` it is `coast.trajectory`.
+        coast: Motion by which a moving arm comes to rest, or the `Steering` of a start that must
+            not come to rest first. None for any other start.
         modes: Modes in force at the start, and time since each actuator's last switch.
         rules: Settings of the fit.
 
     Yields:
-        Curves with the way in which they are tried. They are not computed yet.
+        Curves with the rules by which they are tried. They are not computed yet.
     """
     rest = MotionState.at_rest(path.posture[0])
     if isinstance(coast, Steering):
@@ -318,21 +334,20 @@ def _iterate_ramped(
     rules: FitRules,
     words: str = "",
 ) -> Iterator[CurveCandidate]:
-    """Yield curves that follow a discrete path, with slower and slower changes of speed (ramps).
+    """Yield curves along a discrete path whose changes of speed (ramps) are slower and slower.
 
-    Each curve but the first is to be tried only if the previous curve lacked pressure. All may be
-    slowed if valves or pumps cannot follow. The last curve from rest may also be slowed if pressure
-    lacks.
+    The first curve is always tried. Each later curve is tried only if the pressure was too low for
+    the previous one. All curves may be slowed if valves or pumps cannot follow. The last curve that
+    begins at rest may also be slowed if the pressure is too low.
 
     Args:
         machine: Machine that moves.
         path: Discrete path.
         start: State of the joints at the beginning of the curve.
         lead_in: Motion before the curve, such as braking; None if there is none.
-        coast: Motion by which a moving start comes to rest. None if the curve begins at rest.
+        coast: Motion by which a moving arm comes to rest. None if the curve begins at rest.
         rules: Settings of the fit, with the factors `ramp_factors`.
-        words: Beginning of the curves' names. With `coast`, the names say that the arm sets out at
-            once.
+        words: Beginning of the curves' names in messages. It is ignored if `coast` is given.
 
     Yields:
         One curve for each factor of `ramp_factors`.
@@ -364,20 +379,20 @@ def _iterate_ramped(
 def _create_polynomial(
     path: DiscretePath, start: MotionState, brake: Trajectory | None
 ) -> CurveCandidate:
-    """Create the published polynomial (one of degree 6 per joint) as a curve to try.
+    """Create the published curve, one polynomial of degree 6 per joint, as a curve to try.
 
-    Two rules hold for a moving start. The polynomial must not be slowed further after its first
-    trial. No joint may go farther in its initial direction than it goes while braking or on the
-    path.
+    Two rules hold if the arm moves at the start. The polynomial must not be slowed after its first
+    trial. No joint may go farther in its initial direction than while braking or on the path.
 
     Args:
         path: Discrete path.
         start: State of the joints at the start.
-        brake: Motion that brings a moving start to rest; None at rest. The polynomial reaches the
-            path's first node after half the duration of this motion.
+        brake: Motion that brings a moving arm to rest; None if the arm is at rest. The path's first
+            node is planned for half the duration of this motion.
 
     Returns:
-        Curve. It is slowed from the first trial on if the path lasts less than SHORTEST_MOVE.
+        Curve to try. If the path is shorter than SHORTEST_MOVE, the first trial already stretches
+        it to this duration.
     """
     shortest = max(1.0, SHORTEST_MOVE / float(node_times(path)[-1]))
     if brake is None:
@@ -411,7 +426,7 @@ def compute_furthest_travel(start: MotionState, position: FloatArray) -> FloatAr
         position: Joint positions along a motion, shape (k, n) [rad or m].
 
     Returns:
-        Largest travel from the start in that direction, shape (n,) [rad or m]. 0 for a joint that
-        is at rest at the start; negative if the joint moves only the other way.
+        Largest travel from the start in this direction, shape (n,) [rad or m]. It is 0 for a joint
+        that is at rest at the start, and negative for a joint that only moves the other way.
     """
     return np.max(np.sign(start.velocity) * (position - start.position), axis=0)

@@ -1,9 +1,10 @@
 """Clearance of a joint motion from all obstacles, at every instant.
 
-The method is conservative advancement. With the clearance c and all points of the arm slower than
-V, nothing is touched for the time c/V. If that is less than a millisecond, the clearance is
-checked every millisecond. It must then be at least half of the distance that any point moves in
-this time, so that it is positive in between, too.
+The method is conservative advancement. If the clearance is c and no point of the arm is faster than
+V, the arm touches nothing for the time c/V. The clearance is computed again after this time, but at
+most once per millisecond. If c/V is shorter than a millisecond, the clearance must be at least half
+of the distance that a point moves in a millisecond. It is then positive between the checks, too.
+
 Source: Mirtich, Impulse-based Dynamic Simulation, 1996, Section 2.
 """
 
@@ -24,22 +25,23 @@ CLOSEST_LOOKS = 1e-3
 """Shortest time between two checks of the clearance [s]."""
 
 START_LEEWAY = 1e-3
-"""Clearance below which a start counts as in or at an obstacle [m].
+"""Clearance below which an arm at the start counts as touching an obstacle [m].
 
-A motion that starts so may get nearer to the obstacle, or deeper into it, by at most this distance.
-The exception ends for good when the clearance is greater."""
+The motion may then get nearer to this obstacle, or deeper into it, by at most this distance. As
+soon as the clearance exceeds this distance, the obstacle counts like any other."""
 
 REST_SPEED_LIMIT = 1e-9
-"""Bound on the speed of the arm's points that is used for an arm at rest [m/s]."""
+"""Least bound on the speed of the arm's points [m/s]. It avoids a division by 0 at rest."""
 
 
 @dataclass(frozen=True)
 class Contact:
-    """First contact of a motion with an obstacle, or first possible contact.
+    """First contact of a motion with an obstacle, or an approach too close to exclude a contact.
 
     Attributes:
         time: Time from the start of the motion [s].
-        clearance: Clearance at that time, negative inside the obstacle [m].
+        clearance: Distance between arm and obstacle at this time [m]. Negative inside the obstacle,
+            positive if the approach is only too close.
         name: Name of the obstacle.
     """
 
@@ -52,16 +54,16 @@ def find_first_contact(machine: Machine, trajectory: Trajectory) -> Contact | No
     """Find the first contact of a trajectory with an obstacle.
 
     An approach so close that a contact cannot be excluded counts as a contact. A motion that starts
-    in an obstacle, or nearer to it than START_LEEWAY, may leave the obstacle. On the way out its
-    clearance (negative inside) may fall by at most START_LEEWAY.
+    in an obstacle, or nearer to it than START_LEEWAY, may leave the obstacle. Until then its
+    clearance (negative inside the obstacle) may fall by at most START_LEEWAY.
 
     Args:
-        machine: Machine with its obstacles. They count without the margin that discrete paths keep.
+        machine: Machine with its obstacles. The margin that discrete paths keep does not count.
         trajectory: Joint trajectory.
 
     Returns:
-        Time of the contact from the trajectory's start [s], clearance then [m] and name of the
-        obstacle. None if the motion is clear or there are no obstacles.
+        Time of the contact from the trajectory's start [s], clearance at this time [m] and name of
+        the obstacle. None if there is no contact.
     """
     rows = machine.obstacles.rows
     if len(rows) == 0:
@@ -75,10 +77,9 @@ def find_first_contact(machine: Machine, trajectory: Trajectory) -> Contact | No
 def find_contact_ahead(machine: Machine, trajectory: Trajectory, now_ns: int) -> Contact | None:
     """Find the first contact with an obstacle in the remaining part of a trajectory.
 
-    The check begins at the trajectory's last point at or before the given time. If this time is
-    before the trajectory, the check begins at the first point. If it is after the end, nothing is
-    left to check. Obstacles count without margin. If the arm is in an obstacle when the check
-    begins, it may leave that obstacle.
+    The check begins at the trajectory's last point at or before `now_ns`, or else at its first
+    point. After the end of the trajectory nothing is left to check. The margin that discrete paths
+    keep does not count. If the arm is in an obstacle when the check begins, it may leave it.
 
     Args:
         machine: Machine with its obstacles.
@@ -86,8 +87,8 @@ def find_contact_ahead(machine: Machine, trajectory: Trajectory, now_ns: int) ->
         now_ns: Absolute time, on the clock of the trajectory's stamp [ns].
 
     Returns:
-        The contact, or None if there is none. Its time counts from the point where the check
-        began.
+        The contact, or None if there is none. Its time counts from the point at which the check
+        begins.
     """
     here = int(np.searchsorted(trajectory.offset_ns, now_ns - trajectory.stamp_ns, "right")) - 1
     rest = slice(max(0, here), None)
@@ -116,9 +117,10 @@ def _bound_point_speed(
 ) -> float:  # fmt: skip
     """Compute an upper bound on the speed of all points of the arm in one interval.
 
-    Each joint moves as a quintic over h seconds. Its speed is at most 5/h times the largest
-    difference of adjacent control points. For a turning joint this value is multiplied by the
-    length of the stretched arm beyond the joint. The values of all joints are added.
+    Each joint follows a polynomial of degree 5 over h seconds. Its speed is at most 5/h times the
+    largest difference of adjacent Bézier control points. For a turning joint this speed is
+    multiplied by the length of the stretched arm beyond the joint. The speeds of all joints are
+    added.
 
     Args:
         m: Arrays of the machine.
@@ -169,16 +171,16 @@ def _first_contact(
 
     Args:
         m: Arrays of the machine.
-        rows: Rows of the obstacles, `Obstacles.rows`.
-        time: Times of the points, shape (k,) [s].
+        rows: One row of numbers for each obstacle, `Obstacles.rows`.
+        time: Times of the points in ascending order, shape (k,) [s].
         position: Joint positions at the points, shape (k, n) [rad or m].
         velocity: Joint velocities, shape (k, n) [rad/s or m/s].
         acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²].
 
     Returns:
-        Time of the contact [s], clearance at that time [m] and row of the obstacle; (0, 0, -1) if
-        there is none. The clearance is negative inside the obstacle, and positive if the approach
-        is only too close.
+        Time of the contact [s], clearance at this time [m] and index of the obstacle's row;
+        (0, 0, -1) if there is no contact. The clearance is negative inside the obstacle, and
+        positive if the approach is only too close.
     """
     leeway = compute_leeway(m, rows, position[0], START_LEEWAY)
     inside = np.any(leeway > 0.0)

@@ -1,15 +1,19 @@
-"""S3 that keeps the discrete path's cost: its motion in cylinder lengths, smoothed by ramps.
+"""Trajectories that follow a discrete path closely and so keep its cost (S3).
 
-The discrete path has constant piston speeds in each step. Each change of speed becomes a ramp
-(`s3_ramps`), which amounts to smoothing the whole path with one kernel:
+The discrete path has constant piston speeds in each step. Each change of speed becomes a ramp, a
+change with limited acceleration and jerk (`s3_ramps`). This smooths the whole path by convolution
+with one function k:
 
     L(t) = L₀ + Σᵢ Δvᵢ R(t − tᵢ),   v(t) = Σᵢ Δvᵢ ρ(t − tᵢ),   v̇(t) = Σᵢ Δvᵢ k(t − tᵢ)
 
-Lengths and piston speeds are weighted means of the discrete ones. Joint limits, V_max and the pump
-flows therefore hold by construction. Acceleration and jerk hold if corners are not too close;
-otherwise the ramps are made slower. The motion lasts one ramp longer than the path. From a moving
-start the coasting (`s3_blend_in`) is superposed: the path then begins at once, or a little later if
-the acceleration would be too large.
+L is the cylinder length and v the piston speed. Ramp i begins at tᵢ and changes the speed by Δvᵢ.
+ρ is the integral of k, and R the integral of ρ.
+
+Lengths and speeds are weighted means of lengths and speeds of the discrete path. Joint limits,
+V_max and pump flows are therefore kept by construction. Acceleration and jerk are kept if the
+changes of speed are not too close in time; otherwise the ramps are made slower. The motion lasts
+one ramp longer than the path. If the arm moves at the start, its motion to rest (`s3_blend_in`) is
+added. The path then begins at once, or a little later if the acceleration would be too large.
 """
 
 from __future__ import annotations
@@ -31,20 +35,20 @@ from mhsb_planner.motion.s3_ramps import RAMP_TIME_STEP, Ramp, round_up_to_time_
 from mhsb_planner.search.discrete_path import DiscretePath
 
 SAME_SPEED = 1e-7
-"""Difference of the speeds in two adjacent steps below which they count as equal [m/s]."""
+"""Difference up to which the piston speeds of two adjacent steps count as equal [m/s]."""
 
 RAMP_DURATION_FACTORS = (1.0, 1.5, 2.5)
-"""Factors on the ramps of a path that begins while the pistons still come to rest [-].
+"""Factors on the duration of ramps, for a path that begins while the pistons still move [-].
 
 They are tried in this order.
 """
 
 MAX_SLOWING_ROUNDS = 6
-"""Number of times that ramps are made slower before the last result is taken."""
+"""Number of motions from rest that are tried, each with slower ramps, before the last is taken."""
 
 
 class PistonPath(NamedTuple):
-    """Discrete path of k steps as a path of the pistons.
+    """Discrete path of k steps, given by cylinder lengths and durations.
 
     Attributes:
         machine: Machine that moves.
@@ -76,15 +80,16 @@ class PistonPath(NamedTuple):
 
 
 class PathBeginning(NamedTuple):
-    """Beginning of the motion along a path.
+    """Time and ramp (smooth change of speed) with which the motion along a path begins.
 
     Attributes:
-        coast: Coasting of a moving start that is superposed, or None.
+        coast: Motion by which a moving arm comes to rest. It is added to the motion along the path.
+            None if the arm is at rest.
         delay: Time at which the path's first ramp begins [s].
-        ramp: Shorter ramp with which the path begins; None means the ramp of all changes of speed.
-            If it equals the coasting's ramp, a piston whose speed stays the same does not slow down
-            in between. All ramps keep the middles that they would have if each were this ramp. A
-            ramp that would then begin before `delay` is itself this ramp.
+        ramp: Shorter ramp with which the path begins; None means the ramp of all other changes of
+            speed. If it equals the ramp to rest of `coast`, a piston whose speed stays the same
+            does not slow down in between. The middles of all ramps are placed as if each were this
+            ramp. If a longer ramp would begin before `delay`, this ramp is taken instead.
     """
 
     coast: Coasting | None = None
@@ -93,7 +98,7 @@ class PathBeginning(NamedTuple):
 
 
 FROM_REST = PathBeginning()
-"""Beginning of a path from rest, at once."""
+"""Beginning of a path at time 0, from rest."""
 
 
 def smooth_path(
@@ -110,12 +115,14 @@ def smooth_path(
     Args:
         path: Path of the pistons.
         ramp: Ramp of all changes of speed.
-        beginning: When and with which ramp the path begins. Its coasting (motion by which a moving
-            start comes to rest) is added to the motion along the path.
-        last_ramp_factor: Factor on the times of the last ramp [-]. The time of its middle stays.
+        beginning: Time and ramp with which the path begins. Its `coast`, the motion by which a
+            moving arm comes to rest, is added to the motion along the path.
+        last_ramp_factor: Factor on the duration of the last ramp [-]. The time of the ramp's middle
+            stays.
 
     Returns:
-        Motion of the pistons. It begins at the path's first posture, or where the coasting begins.
+        Motion of the pistons. It begins at the start of `beginning.coast`. If this is None, it
+        begins at the path's first posture.
     """
     machine, start, length, duration = path
     coast, delay, first_ramp = beginning
@@ -160,17 +167,17 @@ def _place_ramps(
     first_rise: float,
     first_blend: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Place a ramp (smooth change of speed) at each point of a path where the piston speeds change.
+    """Place a ramp (smooth change of speed) at each node of a path at which piston speeds change.
 
-    The path's first and last point have a ramp, too. Adjacent steps of equal speeds are merged. The
+    The path's first and last node have a ramp, too. Adjacent steps of equal speeds are merged. The
     time between the middles of two ramps is rounded up to a multiple of RAMP_TIME_STEP, and the
-    speeds are lowered accordingly. A ramp has two times, T₁ ≥ T₂: its acceleration builds up in T₂,
-    begins to decrease at T₁, and is over after T₁ + T₂.
+    speeds are lowered accordingly. A ramp has two times, T₁ ≥ T₂. Its acceleration builds up until
+    T₂, begins to decrease at T₁, and is 0 from T₁ + T₂ on.
 
     The first ramp begins at `delay` and has the times `first_rise` and `first_blend`. The middles
     of all ramps are placed as if all had these times. The other ramps then get the times `rise` and
-    `blend` around their middles. A ramp that would thus begin before `delay` keeps the first ramp's
-    times.
+    `blend`, with unchanged middles. If such a ramp would begin before `delay`, it keeps the times
+    of the first ramp.
 
     Args:
         length: Cylinder lengths at the path's nodes, shape (k + 1, n) [m].
@@ -238,15 +245,15 @@ def compute_followed_path(
     """Compute a motion along a discrete path that keeps the limits of piston acceleration and jerk.
 
     Each change of the piston speeds is a ramp (smooth change). Motions with longer and longer ramps
-    are tried until one keeps the limits. The first has the shortest ramps for the fastest step,
-    times `ramp_factor`. If the start moves, motions whose path begins while the pistons still come
-    to rest are tried first, then motions whose path begins from rest.
+    are tried until one keeps the limits. The first ramps are the shortest ones for the fastest step
+    of the path, multiplied by `ramp_factor`. If the arm moves at the start, motions whose path
+    begins during `coast` are tried first. Motions whose path begins after `coast` follow.
 
     Args:
         machine: Machine that moves.
         path: Discrete path.
         ramp_factor: Factor on the duration of the first motion's ramps [-]; may be below 1.
-        coast: Motion by which a moving start comes to rest. None if the motion begins at rest.
+        coast: Motion by which a moving arm comes to rest. None if the arm is at rest.
         scale: Factor on the durations of all steps, or of each step, shape (k,) [-].
         last_ramp_factor: Further factor on the duration of the last ramp [-]; may be below 1.
 
@@ -270,20 +277,20 @@ def _iterate_slower_motions(
 ) -> Iterator[RampedMotion]:
     """Yield motions along a path, with longer and longer ramps (smooth changes of speed).
 
-    For a moving start, the first motions begin the path while the pistons still come to rest:
+    If the arm moves at the start, the path begins before the pistons are at rest in these motions:
 
-    1. One begins with the ramp by which the pistons come to rest. A piston that keeps its speed
-       then does not slow down in between.
-    2. Some have ramps that are longer by RAMP_DURATION_FACTORS.
-    3. Two begin a little later.
+    1. One motion whose path begins with the ramp by which the pistons come to rest. A piston that
+       keeps its speed then does not slow down in between.
+    2. One motion for each factor of RAMP_DURATION_FACTORS on the ramps.
+    3. Two motions whose path begins a little later.
 
     MAX_SLOWING_ROUNDS motions follow in which the path begins from rest. The ramps of each are
-    longer by what the motion before exceeded the limits of acceleration and jerk.
+    longer by the factors by which the previous motion exceeded the limits.
 
     Args:
         path: Path of the pistons.
         slower: Factor on the duration of the shortest ramps [-].
-        coast: Motion by which a moving start comes to rest. None if the start is at rest.
+        coast: Motion by which a moving arm comes to rest. None if the arm is at rest.
         last: Further factor on the duration of the last ramp [-].
 
     Yields:

@@ -1,9 +1,9 @@
 """Braking along the path of a motion, harder and harder, up to the machine's limits.
 
 The braking is q(t) = Q(σ(t)) with the motion Q in force. Its rate σ̇ falls from 1 to 0 by a ramp
-(`s3_ramps`), so that σ(T) = T/2. The pistons then decelerate by about |v|/T₁ and jerk by
-|v|/(T₁T₂), where v is the fastest piston's speed. `mhsb_model.braking` brakes by another curve,
-with a low deceleration.
+(`s3_ramps`) of the duration T = T₁ + T₂, so that σ(T) = T/2. The pistons then have about the
+deceleration |v|/T₁ and the jerk |v|/(T₁T₂), with the speed v of the fastest piston.
+`mhsb_model.braking` brakes by another curve, with a low deceleration.
 """
 
 from __future__ import annotations
@@ -20,18 +20,19 @@ from mhsb_planner.motion.s3_ramps import RAMP_LIMIT_SHARE, Ramp, evaluate_ramp, 
 from mhsb_planner.motion.trajectory_points import choose_point_times
 
 LIMIT_SHARES = (0.5, 0.75, 1.0)
-"""Shares of the machine's acceleration and jerk that are tried one after the other [-].
+"""Shares of the allowed acceleration and jerk that are tried one after the other [-].
 
-At least `s3_ramps.RAMP_LIMIT_SHARE`. Finer steps brake a little softer and take longer to try."""
+No share is below `s3_ramps.RAMP_LIMIT_SHARE`. With more shares the arm could brake a little softer,
+but more trials take longer."""
 
 MAX_SLOWING_ROUNDS = 6
 """Number of times that a ramp is made slower before it is given up."""
 
 DIFFERENCE_TOLERANCE = 1.01
-"""Factor on the limits up to which an excess comes from the numerical differences [-]."""
+"""Factor on the limits up to which an excess counts as an error of numerical differences [-]."""
 
 LOOK_NS = 4_000_000
-"""Spacing of the piston speeds whose differences give accelerations and jerks [ns]."""
+"""Time between the piston speeds whose differences give accelerations and jerks [ns]."""
 
 
 def iterate_harder_brakings(
@@ -39,10 +40,10 @@ def iterate_harder_brakings(
 ) -> Iterator[Trajectory]:
     """Yield motions that brake along a trajectory's path, each to rest sooner than the one before.
 
-    No piston accelerates or jerks more than the machine allows. If the trajectory itself exceeds
-    this on the same stretch, as a polynomial may, its own peaks are allowed. If no braking keeps
-    these limits, RAMP_LIMIT_SHARE of the machine's limits is added to them, and braking is tried
-    again. Pressures and obstacles are not checked.
+    The pistons keep the machine's limits of acceleration and jerk. If the trajectory itself exceeds
+    a limit on the same stretch of its path, its own peak is allowed. If no braking keeps these
+    limits, they are raised by RAMP_LIMIT_SHARE of the machine's limits, and braking is tried again.
+    Pressures and obstacles are not checked.
 
     Args:
         machine: Machine whose piston acceleration and jerk are the limits.

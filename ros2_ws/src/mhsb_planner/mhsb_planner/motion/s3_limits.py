@@ -1,7 +1,8 @@
 """Check of a joint motion against all limits (`limits.registry`).
 
-Speeds are checked quasi-statically, as in the whole plan: forces are those of gravity. Pressures
-are checked with inertia as well. The ability of an actuator depends on its mode, so a motion is
+Each limit bounds a quantity of the motion, such as the largest ratio of a piston's speed to the
+speed that it can have. Forces are those of gravity if speeds are checked, and of gravity and
+inertia if pressures are checked. What an actuator can do depends on its mode, so a motion is
 checked together with its mode schedule.
 """
 
@@ -56,6 +57,7 @@ ROWS_AT_ONCE = 32
 """Number of intervals that are checked closely between two checks of the deadline."""
 
 CHECK_TASK = "checking the trajectory"
+"""Name of the work in the message of a `DeadlineError`."""
 
 # Kernels take the numbers of the limits as tuples, in the order of the registry.
 _LIMIT_COUNT = len(STATE_LIMITS)
@@ -84,10 +86,11 @@ def repeats_previous_row(modes: ModeArray, k: int) -> bool:
 
 
 class LimitValues(NamedTuple):
-    """Quantities of all state limits along a motion.
+    """Quantities that the limits of `STATE_LIMITS` bound, along a motion.
 
     Attributes:
-        values: Quantities at k instants in the order of `STATE_LIMITS`, shape (limits, k).
+        values: Quantities, shape (limits, k): one row for each limit in the order of
+            `STATE_LIMITS`, one column for each of k instants.
     """
 
     values: FloatArray
@@ -104,7 +107,7 @@ class LimitValues(NamedTuple):
             modes: Mode codes at each state, shape (k, n).
 
         Returns:
-            Quantities in the order of `STATE_LIMITS`, each state in its own modes.
+            Quantities at the k states.
         """
         p = profile
         return cls(
@@ -134,9 +137,10 @@ def _measure_states(
     tip: FloatArray,
     modes: ModeArray,
 ) -> FloatArray:
-    """Compute the quantities that the limits bound, at k states, each in its own modes.
+    """Compute the quantities that the limits of `STATE_LIMITS` bound, at k states of a motion.
 
-    It is the kernel of `LimitValues.from_profile`. Test oracle: the methods of `Machine`.
+    Each state has its own modes. It is the kernel of `LimitValues.from_profile`. Test oracle: the
+    methods of `Machine`.
 
     Args:
         m: Arrays of the machine.
@@ -172,7 +176,13 @@ def _fill_states(m: MachineArrays, motion: LimitInputs, values: FloatArray) -> N
 
 @kernel(inline="always")
 def _store_column(values: FloatArray, k: int, column: tuple[float, ...]) -> None:
-    """Write the quantities of all limits at one instant into column k of `values`."""
+    """Write the quantities of all limits at one instant into column k of `values`.
+
+    Args:
+        values: Quantities, one row for each limit, shape (limits, instants). Written in place.
+        k: Index of the instant.
+        column: Quantities at this instant, one for each limit.
+    """
     for i in range(_LIMIT_COUNT):
         values[i, k] = column[i]
 
@@ -187,10 +197,10 @@ def _measure_ends(
     tip: FloatArray,
     modes: ModeArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute the quantities that the limits bound, at both ends of k intervals.
+    """Compute the quantities that the limits of `STATE_LIMITS` bound, at both ends of k intervals.
 
-    It is the kernel of `EndValues.from_profile`. Each interval has its own modes, so a point
-    between two intervals may have two values.
+    Each interval has its own modes, so a point between two intervals may have two values. It is the
+    kernel of `EndValues.from_profile`.
 
     Args:
         m: Arrays of the machine.
@@ -202,8 +212,9 @@ def _measure_ends(
         modes: Mode codes of the intervals, shape (k, n).
 
     Returns:
-        Quantities at the beginnings and at the ends, both of shape (limits, k) in the order of
-        `STATE_LIMITS`. And the `speed_uses` of `EndValues`, shape (k,).
+        Quantities at the beginnings and quantities at the ends, both of shape (limits, k) in the
+        order of `STATE_LIMITS`. Last, the largest quantity of a limit with TimeScaling.SPEED at the
+        ends of each interval, shape (k,) [-]; the interval is too fast if it exceeds 1.
     """
     begin, end = np.empty((_LIMIT_COUNT, len(modes))), np.empty((_LIMIT_COUNT, len(modes)))
     scratch = np.empty(speed.shape[1])
@@ -218,9 +229,10 @@ def _measure_ends(
 
 @kernel(borrows=True)
 def _fill_ends(m: MachineArrays, motion: LimitInputs, begin: FloatArray, end: FloatArray) -> None:
-    """Compute the quantities that the limits bound, at both ends of k intervals in their modes.
+    """Compute the quantities that the limits of `STATE_LIMITS` bound, at both ends of k intervals.
 
-    If two adjacent intervals have equal modes, the values at their common point are computed once.
+    Each interval has its own modes. If two adjacent intervals have equal modes, the values at their
+    common point are computed once.
 
     Args:
         m: Arrays of the machine.
@@ -240,15 +252,16 @@ def _fill_ends(m: MachineArrays, motion: LimitInputs, begin: FloatArray, end: Fl
 
 
 class EndValues(NamedTuple):
-    """Quantities of the limits at both ends of k intervals, in each interval's modes.
+    """Quantities that the limits of `STATE_LIMITS` bound, at both ends of k intervals.
 
     Attributes:
-        begin: Quantities at the beginnings.
-        end: Quantities at the ends.
+        begin: Quantities at the beginnings of the intervals, in each interval's modes.
+        end: Quantities at the ends of the intervals, in each interval's modes.
         modes: Mode codes of the intervals, shape (k, n).
-        speed_uses: Share of the limits on speed that each interval uses: largest quantity of a
-            limit with TimeScaling.SPEED at its ends, shape (k,) [-]. Up to 1 the limits are kept. A
-            longer duration divides it. inf means that no duration keeps them.
+        speed_uses: Share of the limits on speed that each interval uses, shape (k,) [-]. It is the
+            largest quantity of a limit with TimeScaling.SPEED at the interval's ends. The limits
+            are kept if it is at most 1. A duration f times as long divides it by f. inf means that
+            no duration keeps the limits.
     """
 
     begin: LimitValues
@@ -262,12 +275,12 @@ class EndValues(NamedTuple):
 
         Args:
             machine: Machine with its hydraulics.
-            profile: Profile (piston speeds, forces, tip and joint positions) with k + 1 rows.
+            profile: Profile (piston speeds, forces, tip and joint positions) with k + 1 rows, one
+                for each point between the intervals and at both ends.
             modes: Mode codes of the intervals, shape (k, n).
 
         Returns:
-            Quantities at the beginnings and ends of the k intervals in each interval's modes, and
-            the modes.
+            Quantities at the ends of the k intervals, with the modes.
         """
         p = profile
         begin, end, speed_uses = _measure_ends(
@@ -279,9 +292,9 @@ class EndValues(NamedTuple):
 def keeps_position_limits(machine: Machine, trajectory: Trajectory) -> bool:
     """Return whether a trajectory keeps joint limits, workspace and clearance from obstacles.
 
-    Joint limits and the tip's workspace are checked at the points only, obstacles at every instant.
-    Obstacles count without margin, and a motion that starts in an obstacle may leave it. Pumps,
-    valves and modes are not checked.
+    Joint limits and the tip's workspace are checked at the trajectory's points only. Obstacles are
+    checked at every instant, without the margin of discrete paths. A motion that starts in an
+    obstacle may leave it. Pumps, valves and modes are not checked.
 
     Args:
         machine: Machine with its obstacles.
@@ -314,8 +327,8 @@ def find_first_violation(
         deadline: Instant at which the work is given up.
 
     Returns:
-        Broken limit, time from the trajectory's start [s], and value less limit in the limit's
-        unit. None if no limit is broken.
+        Broken limit, time from the trajectory's start [s], and excess over the limit in its unit.
+        None if no limit is broken.
 
     Raises:
         DeadlineError: The deadline passed.
@@ -339,22 +352,22 @@ def find_violation_between(
     """Find the first limit that a trajectory breaks at or between its points.
 
     The limits concern booster modules, joint positions, the tip's workspace, pumps and valves, and
-    pressures. Intervals between points are skipped if bounds prove that they keep all these. All
-    others are checked at instants at most CHECK_SPACING apart. Obstacles are checked last, and only
-    if nothing else is broken.
+    pressures. An interval between two points is skipped if bounds prove that it keeps all limits.
+    All other intervals are checked at instants at most CHECK_SPACING apart. Obstacles are checked
+    last, and only if no other limit is broken.
 
     Args:
         machine: Machine with its obstacles.
         trajectory: Joint trajectory of k points.
         ends: Quantities that the limits bound, at the ends of the intervals between the points,
-            with the modes in force there.
-        middles: Profile (piston speeds and forces) at the middles of the intervals, by
+            with the modes of the intervals.
+        middles: Profile (piston speeds and forces) at the middles of the intervals, from
             `middle_profile`.
         deadline: Instant at which the work is given up.
 
     Returns:
-        Broken limit, time from the trajectory's start [s], and value less limit in the limit's
-        unit. None if no limit is broken.
+        Broken limit, time from the trajectory's start [s], and excess over the limit in its unit.
+        None if no limit is broken.
 
     Raises:
         DeadlineError: The deadline passed.
@@ -398,11 +411,12 @@ def _find_unproven_intervals(
 ) -> IntArray:
     """Find the intervals between trajectory points that are not proven to keep all limits.
 
-    An interval is proven if an upper bound on how far joints pass their limits is within
-    JOINT_TOLERANCE, and one of these holds:
+    An interval is proven under two conditions. First, an upper bound shows that no joint passes its
+    limits by more than JOINT_TOLERANCE. Second, the bounded quantities satisfy one of these:
 
-    - All quantities at both ends are below `clear_below` (their limits less a reserve).
-    - All quantities have upper bounds below their limits, computed from ends and middle.
+    - At both ends, every quantity is below `StateLimit.clear_below`, its limit minus a reserve.
+    - Every quantity has an upper bound, computed from ends and middle, below
+      `StateLimit.proven_below`.
 
     Args:
         m: Arrays of the machine.
@@ -410,7 +424,7 @@ def _find_unproven_intervals(
         position: Joint positions at the points, shape (k, n) [rad or m].
         velocity: Joint velocities at the points, shape (k, n) [rad/s or m/s].
         acceleration: Joint accelerations at the points, shape (k, n) [rad/s² or m/s²].
-        begin: Quantities, such as piston speed, at the beginnings of the k - 1 intervals. One row
+        begin: Quantities that the limits bound, at the beginnings of the k - 1 intervals, one row
             for each limit of `STATE_LIMITS`, shape (limits, k - 1).
         middle: Quantities at the middles of the intervals, in the same shape.
         end: Quantities at the ends of the intervals, in the same shape.
@@ -434,10 +448,11 @@ def _find_unproven_intervals(
 
 @kernel(inline="always")
 def _bound_parabola(begin: float, middle: float, end: float) -> float:
-    """Compute an upper bound on a quantity that varies about like a parabola over an interval.
+    """Compute an upper bound on a quantity that varies nearly as a parabola over an interval.
 
-    Let d be the distance of the middle value from the mean of the end values. A parabola exceeds
-    the highest of the three values by at most d/4. The bound is the highest value plus d.
+    Let d be the distance of the middle value from the mean of the end values. A parabola through
+    the three values exceeds the highest of them by at most d/4. The bound is the highest value plus
+    d, to leave room for other curves.
 
     Args:
         begin: Value at the beginning.
@@ -464,8 +479,8 @@ def _find_violation_within(
         rows: Indices of the intervals to check, in ascending order.
 
     Returns:
-        Broken limit, time from the trajectory's start [s], and value less limit in the limit's
-        unit. None if no limit is broken.
+        Broken limit, time from the trajectory's start [s], and excess over the limit in its unit.
+        None if no limit is broken.
     """
     time = trajectory.offset_ns / SECOND_NS
     motion = trajectory.points
@@ -485,8 +500,8 @@ def _find_first_broken_limit(
 ) -> tuple[int, float, float]:
     """Find the first limit that is broken within some intervals between trajectory points.
 
-    The limits of `STATE_LIMITS` are checked, at instants at most CHECK_SPACING apart. If several
-    limits are broken at one instant, the first in the list is returned.
+    The limits of `STATE_LIMITS` are checked at instants at most CHECK_SPACING apart. If several
+    limits are broken at one instant, the first of them in `STATE_LIMITS` is returned.
 
     Args:
         m: Arrays of the machine.

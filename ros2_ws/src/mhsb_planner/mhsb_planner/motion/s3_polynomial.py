@@ -1,8 +1,9 @@
 """S3 as published: one sixth-degree polynomial per joint over the whole move.
 
-In normalised time s = t/T the polynomial is p(s) = h(s) + w(s) Σ c_i B_i(s). h meets the boundary
-conditions, and w keeps them. The free coefficients c are a least-squares fit to positions and
-velocities of the discrete path.
+In normalised time s = t/T the polynomial is p(s) = h(s) + w(s) Σ c_i B_i(s). The polynomial h meets
+the boundary conditions. The factor w is 0 at both ends, with its derivatives, so that p meets them
+for any coefficients c_i. The c_i are a least-squares fit to positions and velocities of the
+discrete path.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class PolynomialCurve:
     """Polynomial motion q_j(t) = Σ_i coefficient[i, j] (t/T)^i of n joints.
 
     Attributes:
-        coefficient: Coefficients by power and joint, shape (7, n) [rad or m].
+        coefficient: Coefficients, one row for each power of t/T, shape (7, n) [rad or m].
         duration: Duration T [s].
         node_time: Time at which the motion is to be at each node of the discrete path, shape (k +
             1,) [s].
@@ -71,15 +72,14 @@ def fit_polynomial(
 ) -> PolynomialCurve:
     """Fit one polynomial per joint to a discrete path, from a start to rest at the path's end.
 
-    Position and velocity at both ends are met exactly, and so is the acceleration of a moving
-    start. The free coefficients fit the positions and velocities of the path at CHECK_INSTANTS by
-    least squares.
+    Position and velocity at both ends are met exactly. If the arm moves at the start, its
+    acceleration there is met, too. The remaining coefficients fit positions and velocities of the
+    path at CHECK_INSTANTS by least squares.
 
     Args:
         path: Discrete path.
         start: State of the joints at the start.
-        delay: Time that a moving start needs to get to the path's first node [s]; 0 for a start at
-            rest.
+        delay: Time from the start to the path's first node [s]; 0 for a start at rest.
         stretch: Factor on `delay` and on the path's durations [-].
 
     Returns:
@@ -113,8 +113,8 @@ def _interpolate_path(
 ) -> tuple[FloatArray, FloatArray]:
     """Interpolate a discrete path linearly in joint space and over time.
 
-    If the first node comes after time 0, the way from the start to this node is interpolated, too.
-    Times after the last node are extrapolated with the last step's velocity.
+    If the first node comes after time 0, the stretch from the start to this node is interpolated,
+    too. Times after the last node are extrapolated with the last step's velocity.
 
     Args:
         path: Discrete path of k steps. Only `posture` is read.
@@ -139,7 +139,8 @@ def _compute_boundary_polynomial(
 ) -> FloatArray:
     """Compute the polynomial of least degree from a start to rest at an end, for each joint.
 
-    Position and velocity are met at both ends, and the acceleration of a moving start.
+    Position and velocity are met at both ends. If `moving`, the acceleration at the start is met,
+    too.
 
     Args:
         start: State of the joints at the start.
@@ -148,8 +149,8 @@ def _compute_boundary_polynomial(
         moving: True if the start's acceleration is a condition, too.
 
     Returns:
-        Coefficients of s = t/T with the time t, by power and joint, shape (7, n) [rad or m]. Unused
-        powers are 0.
+        Coefficients of the powers of s = t/T, with the time t, shape (7, n) [rad or m]. Row i
+        belongs to s^i. Coefficients of unused powers are 0.
     """
     result = np.zeros((POLYNOMIAL_DEGREE + 1, len(end)))
     dq = end - start.position
@@ -172,8 +173,8 @@ def _compute_free_terms(conditions: int) -> tuple[FloatArray, FloatArray]:
 
         w(s) B_i(s),  w = s²(1 − s)² or s³(1 − s)²,  B_i = (2s − 1)^i,  i = 0, 1, …
 
-    The power s³ applies if the start's acceleration is a condition. This choice of B_i keeps a
-    least-squares fit well conditioned. The result is cached.
+    w has the power s³ if the start's acceleration is a condition, otherwise s². This choice of B_i
+    keeps a least-squares fit well conditioned. The result is cached.
 
     Args:
         conditions: Number of boundary conditions: 4, or 5 with the start's acceleration.

@@ -1,9 +1,10 @@
 """Ramps: transitions of a piston between two constant speeds within acceleration and jerk limits.
 
-A ramp is a step of speed smoothed by the kernel k = box(T₁) * box(T₂), T₁ ≥ T₂. The acceleration
-Δv k(t) is a trapezoid of height Δv/T₁ and slope Δv/(T₁T₂) that lasts T₁ + T₂. The kernel k is even
-about its middle, and its integral is 1. Motions made of ramps are therefore weighted means of the
-unsmoothed motions.
+A ramp is a step of the speed by Δv, smoothed by convolution with k = box(T₁) * box(T₂). box(T) is a
+rectangle of width T and area 1, * is the convolution, and T₁ ≥ T₂. The acceleration Δv k(t) is a
+trapezoid that lasts T₁ + T₂. It builds up until T₂ with the slope Δv/(T₁T₂), stays at Δv/T₁ until
+T₁, and then decreases. k is symmetric about its middle, and its integral is 1. Positions and speeds
+of a motion made of ramps are therefore weighted means of those without ramps.
 """
 
 from __future__ import annotations
@@ -17,12 +18,14 @@ from mhsb_model.machine import Machine
 RAMP_LIMIT_SHARE = 0.5
 """Share of the allowed acceleration and jerk that one ramp takes [-].
 
-Another ramp may be under way at the same time, at a start that changes its speed already."""
+The rest is left for a second ramp at the same time. There is one if the arm is already changing its
+speed at the start."""
 
 RAMP_TIME_STEP = 1e-3
 """Time step of ramps [s].
 
-Times of ramps are whole multiples of it, so that a motion's points are no closer."""
+Times of ramps are whole multiples of it, so that the points of a motion are at least this far
+apart."""
 
 
 class Ramp(NamedTuple):
@@ -42,17 +45,17 @@ class Ramp(NamedTuple):
         return self.rise + self.blend
 
     def scale(self, rise: float, blend: float) -> Ramp:
-        """Return a slower ramp, whose times T₁ and T₂ are longer by two factors.
+        """Return a ramp whose times T₁ and T₂ are multiplied by two factors.
 
-        The times are rounded up to multiples of RAMP_TIME_STEP. If the factors make T₂ longer than
-        T₁, the two times are exchanged.
+        The times are rounded up to multiples of RAMP_TIME_STEP. If T₂ would be longer than T₁, the
+        two times are exchanged.
 
         Args:
             rise: Factor on T₁ [-].
             blend: Factor on T₂ [-].
 
         Returns:
-            The slower ramp.
+            The new ramp.
         """
         rise, blend = rise * self.rise, blend * self.blend
         return Ramp(
@@ -60,10 +63,10 @@ class Ramp(NamedTuple):
         )
 
     def align_with(self, other: Ramp) -> Ramp:
-        """Return this ramp, lengthened by one time step if necessary to fit another ramp.
+        """Return this ramp, one time step longer if this is needed to centre it on another ramp.
 
-        If the durations differ by an odd number of time steps, T₁ becomes one step longer. If both
-        ramps then get the same middle, their beginnings are whole time steps apart.
+        If the durations differ by an odd number of time steps, T₁ becomes one step longer. Two
+        ramps with a common middle then begin a whole number of time steps apart.
 
         Args:
             other: Ramp to compare with. Only `duration` is read.

@@ -1,7 +1,7 @@
-"""Slowing of those pieces of a motion in which pumps, valves or pressures do not suffice.
+"""Slowing of a motion, or of pieces of it, in which pumps, valves or pressures do not suffice.
 
-A motion along a discrete path has a scale for each step: a factor on the step's duration. If a
-limit is broken at some instants, only the steps around them become longer.
+A motion along a discrete path has a factor on the duration of each step. If a limit is broken at
+some instants, only the factors of the steps around these instants become larger.
 """
 
 from __future__ import annotations
@@ -14,19 +14,20 @@ from mhsb_planner.motion.limits.thrust import THRUST_LIMIT
 from mhsb_planner.motion.s3_limits import EndValues
 
 THRUST_STRETCH, PIECE_THRUST_STRETCH = 1.25, 1.5
-"""Factor on a motion's duration, and on that of a piece of it, if pressure lacks [-].
+"""Factor on the duration of a motion, and of a piece of it, if the pressure is too low [-].
 
-With the first, inertia falls by a third. A piece is short, so a larger factor costs little there
-and needs fewer rounds."""
+The first factor reduces the inertia forces by a third. A piece is short, so a larger factor costs
+little time and needs fewer rounds."""
 
 MIN_PIECE_FACTOR = 1.02
 """Least factor by which a piece is slowed alone [-].
 
-A piece that is slowed alone adds corners to the motion, and the time between two corners is rounded
-up. To slow the whole motion by a smaller factor takes less time."""
+A piece that is slowed alone adds changes of speed to the motion, and the times between these are
+rounded up. Below this factor it takes less time to slow the whole motion."""
 
 USAGE_RESERVE = 1.003
-"""Factor by which durations are stretched beyond the need at the points [-].
+"""Factor by which durations are longer than the limits at the trajectory's points need [-].
+
 It covers what may happen between the points."""
 
 
@@ -37,23 +38,26 @@ def compute_needed_factors(
     time: FloatArray,
     slows_pieces: bool,
 ) -> FloatArray:
-    """Compute how much longer each interval of a motion has to be, to mend a broken limit.
+    """Compute the factor by which each interval of a motion must become longer to mend a violation.
 
-    - A lack of pressure (TimeScaling.INERTIA): each interval with it needs a fixed factor, which is
-      PIECE_THRUST_STRETCH if `slows_pieces`, else THRUST_STRETCH.
-    - V_max, valves or pumps (TimeScaling.SPEED): each interval needs the share that it uses, times
-      USAGE_RESERVE. For the interval of the violation, this share is 1 plus the excess.
+    The rule depends on the broken limit:
+
+    - Pressure (TimeScaling.INERTIA): each interval in which it is too low gets a fixed factor, the
+      others get 1. The factor is PIECE_THRUST_STRETCH if `slows_pieces`, else THRUST_STRETCH.
+    - V_max, valves or pumps (TimeScaling.SPEED): each interval gets USAGE_RESERVE times the share
+      `used`. For the interval of the violation the share is 1 plus the excess of the violation.
 
     Args:
-        violation: The broken limit, and the time and excess at which it is broken.
-        ends: Quantities of the limits at the ends of the k intervals.
-        used: Share of what V_max, valves and pumps can do that each interval uses, shape (k,) [-].
+        violation: The broken limit, its time and its excess over the limit.
+        ends: Quantities that the limits bound, at the ends of the k intervals.
+        used: Share of V_max, valves and pumps that each interval uses, shape (k,) [-]; 1 is the
+            most that is allowed.
         time: Times of the motion's points, shape (k + 1,) [s].
         slows_pieces: True if only the steps around the violation become longer.
 
     Returns:
-        Factor on the duration of each interval, shape (k,) [-]; below 1 if V_max, valves and pumps
-        allow a shorter one.
+        Factor on the duration of each interval, shape (k,) [-]. It is below 1 if V_max, valves and
+        pumps would allow a shorter duration.
     """
     broken = min(int(np.searchsorted(time, violation.time, "right")) - 1, len(used) - 1)
     if violation.limit.time_scaling is TimeScaling.INERTIA:
@@ -70,14 +74,15 @@ def compute_needed_factors(
 def spread_over_steps(
     needed: FloatArray, time: FloatArray, node_time: FloatArray, slows_pieces: bool
 ) -> FloatArray:
-    """Compute the factor on the duration of each path step from those of a motion's intervals.
+    """Compute the factor on the duration of each path step from the factors of intervals.
 
-    All steps get the largest factor if it is at most MIN_PIECE_FACTOR, or if `slows_pieces` is
-    False. Otherwise the factor of each interval goes to the nearest node, and from there to the two
-    steps that meet in it. Each step gets the largest of its factors, at least 1.
+    If `slows_pieces` is False, or if the largest factor is at most MIN_PIECE_FACTOR, all steps get
+    the largest factor. Otherwise the factor of each interval applies to the path node that is
+    nearest in time, and so to the two steps that meet there. Each step gets the largest factor of
+    its nodes, at least 1.
 
     Args:
-        needed: Factor that each interval needs, shape (m,) [-].
+        needed: Factor that each interval of the motion needs, shape (m,) [-].
         time: Times of the motion's points, shape (m + 1,) [s].
         node_time: Time at which the motion is to be at each node of the path, shape (k + 1,) [s].
         slows_pieces: True if steps may be slowed alone.

@@ -1,12 +1,16 @@
-"""Steering: the fastest motion from a state of motion straight to rest at a posture near by.
+"""Steering: the fastest motion of a moving arm straight to rest at a posture near by.
 
-It serves goals that move: each plan ends where the goal was seen last and is left long before its
-end. Each piston passes from its state (v₀, a₀) to one speed v within acceleration and jerk limits,
-keeps v, and then comes to rest. v is the speed with which the piston reaches its end first. If
-other pistons take longer, v is lower so that all arrive together. A change of speed is a jerk,
-perhaps a time at the highest acceleration, and the opposite jerk. With the peak acceleration a,
+It serves goals that move. Each plan ends where the goal was seen last, and a newer plan replaces it
+long before its end. Each piston changes from its speed v₀ and acceleration a₀ to a constant speed
+v, keeps v, and then comes to rest. Acceleration and jerk are limited. v is first chosen so that the
+piston arrives as early as possible. If another piston takes longer, v is lowered so that all arrive
+together.
 
-    v₁ − v₀ = ±(2a² − a₀²)/(2j),   a = √(j |v₁ − v₀| + a₀²/2) up to a_max
+A change of speed from v₀ to v₁ has up to three phases: a jerk ±j, a time at the highest
+acceleration a_max, and the opposite jerk. If a_max is not reached, the peak acceleration a follows
+from
+
+    v₁ − v₀ = ±(2a² − a₀²)/(2j),   a = √(j |v₁ − v₀| + a₀²/2)
 
 Source: Biagiotti, Melchiorri, Trajectory Planning for Automatic Machines and Robots, Section 3.4.
 """
@@ -30,9 +34,9 @@ from mhsb_planner.motion.s3_ramps import RAMP_TIME_STEP
 from mhsb_planner.search.discrete_path import DiscretePath
 
 JERK_SHARE = 0.8
-"""Share of the allowed jerk that steering takes [-].
+"""Share of the allowed jerk that steered motions take [-].
 
-Between its points a trajectory has up to a quarter more."""
+Between the points of a trajectory the jerk is up to a quarter higher."""
 
 BISECTION_STEPS = 48
 """Number of bisections by which a piston's speed is found."""
@@ -43,11 +47,12 @@ PISTON_PHASES = 7
 
 @dataclass(frozen=True, eq=False)
 class Steering:
-    """Moving start from which one curve leads straight to the goal.
+    """Start in motion from which one curve leads straight to the goal, without a rest in between.
 
     Attributes:
         start: State of the joints at the start of the motion.
-        trajectory: Remainder of the plan in force, with stamp 0. Paths are searched from its end.
+        trajectory: Remainder of the plan in force, with stamp 0. Paths are searched from its end,
+            but the motion leaves it at once.
     """
 
     start: MotionState
@@ -61,7 +66,7 @@ class Steering:
 
 @dataclass(frozen=True, eq=False)
 class SteeredMotion:
-    """Motion of n pistons straight to their ends, in phases of constant jerk.
+    """Motion of n pistons from a moving start straight to rest, in phases of constant jerk.
 
     Attributes:
         machine: Machine that moves.
@@ -71,8 +76,8 @@ class SteeredMotion:
         acceleration: Piston accelerations at time 0, shape (n,) [m/s²].
         jerk: Jerk of each phase, shape (n, PISTON_PHASES) [m/s³].
         phase: Duration of each phase, shape (n, PISTON_PHASES) [s].
-        share: Share of the motion's duration after which the motion is to be at each node of the
-            path, shape (k + 1,) [-].
+        share: Planned time of each node of the path as a share of the motion's duration, shape
+            (k + 1,) [-].
     """
 
     machine: Machine
@@ -98,7 +103,8 @@ class SteeredMotion:
     def breaks(self) -> FloatArray:
         """Times from 0 to the end of the motion between which the jerk is constant [s].
 
-        Times less than RAMP_TIME_STEP after the previous time, or before the end, are dropped.
+        A time is left out if it is less than RAMP_TIME_STEP after the previous one or before the
+        end.
         """
         kept, last = [0.0], self.end - RAMP_TIME_STEP
         for time in np.unique(np.cumsum(self.phase, axis=1)).tolist():
@@ -125,11 +131,11 @@ class SteeredMotion:
 def compute_steered_motion(
     machine: Machine, path: DiscretePath, start: MotionState, stretch: float
 ) -> SteeredMotion:
-    """Compute a motion from a moving start straight to rest at a path's end.
+    """Compute a motion of a moving arm straight to rest at a path's end.
 
     The postures between the path's ends do not matter. Each piston changes its speed to a constant
-    one, keeps it, and stops, within V_max and the limits of acceleration and jerk. All pistons
-    arrive together, as early as the slowest one can.
+    one, keeps it, and stops. It keeps V_max and the limits of acceleration and jerk. All pistons
+    arrive at the time of the piston that needs longest.
 
     Args:
         machine: Machine that moves.
@@ -157,7 +163,9 @@ def compute_steered_motion(
 def _plan_speed_change(
     v0: float, a0: float, v1: float, a_max: float, j: float, jerk: FloatArray, phase: FloatArray
 ) -> tuple[float, float]:
-    """Compute the phases of a piston's change of speed: a jerk, constant acceleration, a jerk.
+    """Compute the phases of a piston's change of speed within limited acceleration and jerk.
+
+    There are three phases: a jerk, constant acceleration, and the opposite jerk.
 
     Args:
         v0: Speed at the beginning [m/s].
@@ -194,10 +202,10 @@ def _plan_speed_change(
 def _plan_stop_via_speed(
     v: float, v0: float, a0: float, a_max: float, j: float, jerk: FloatArray, phase: FloatArray
 ) -> tuple[float, float]:
-    """Compute the phases in which a piston reaches a speed and then stops without keeping it.
+    """Compute the phases in which a piston changes to a speed and then stops at once.
 
     Args:
-        v: Speed in between [m/s].
+        v: Speed at which the stop begins [m/s].
         v0: Speed at the beginning [m/s].
         a0: Acceleration at the beginning [m/s²]. If it exceeds a_max in the direction of the change
             of speed to v, it replaces a_max in that change. The stop keeps a_max.
@@ -228,8 +236,8 @@ def _plan_phases(
     """Compute phases of constant jerk in which all pistons cover their strokes and arrive together.
 
     Each piston changes its speed to a constant one, keeps it for a time, and then stops. First the
-    constant speed of the fastest motion of each piston is found by bisection. Then it is lowered
-    for each piston that would arrive before the slowest one or before `least`.
+    constant speed with which a piston arrives earliest is found by bisection. Then the speed of
+    each piston that would arrive before the last one, or before `least`, is lowered.
 
     Test oracle: the ends are reached, the limits kept, and no bang-bang motion is shorter.
 

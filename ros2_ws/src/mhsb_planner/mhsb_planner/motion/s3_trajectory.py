@@ -1,21 +1,24 @@
-"""S3: the time trajectory of a discrete path, with the mode schedule that makes it possible.
+"""Fit of a trajectory over time, with its mode schedule, to a discrete path (S3).
 
-Curves are tried in this order. The first that keeps every limit is taken, and the result names it.
+Several curves are tried in this order. The first that keeps every limit is taken, and the result
+names it.
 
 1. The published polynomial of degree 6 per joint, if the rules ask for it.
-2. The discrete path with ramps (smooth changes of speed). From a moving start it begins at once.
-3. From a moving start: coming to rest, and then 2.
-4. The path with ramps, and with a rest before each step in which an actuator begins to be boosted.
+2. The discrete path with ramps (smooth changes of speed). If the arm moves at the start, the path
+   begins at once.
+3. If the arm moves at the start: a motion to rest, and then the path with ramps.
+4. The path with ramps, and with a rest before each step in which the boost of an actuator begins.
 5. The discrete path step by step, with a rest at every node.
 
-If a mode is in force too briefly to be left, 3 to 5 are tried once more, after a rest.
+If an actuator was switched so recently that it may not be switched yet, 3 to 5 are tried once more,
+after a rest.
 
-For a goal that moves, the motion may have to end near the end of the plan in force. It then goes
-straight there from its state of motion (`s3_state_to_rest`), and no other curve is tried.
+For a goal that moves, the motion may have to end near the end of the plan in force. It then leads
+from the moving start straight to its end (`s3_state_to_rest`), and no other curve is tried.
 
 Steps become longer until valves, servo pumps and main pump can follow (`s3_slowing`). Ramps become
-longer until the pressures suffice. A motion ends with a rest if an actuator would otherwise be
-switched too early there.
+longer until the pressures suffice. A standstill is added at the end of a motion if an actuator
+would otherwise be switched twice within too short a time.
 """
 
 from __future__ import annotations
@@ -95,20 +98,24 @@ __all__ = [
 ]
 
 SAME_POSTURE = 1e-9
-"""Difference of joint positions that counts as rounding [rad]."""
+"""Difference of joint positions up to which they count as equal [rad or m]."""
 
 ACCEPTED_LIMIT_USE = 1.0001
-"""Largest use of the limits, with its reserve, that is accepted if stretching has no effect [-].
+"""Largest used share of the limits, reserve included, if a longer duration has no effect [-].
 
-Stretching may have none because ramp times are multiples of RAMP_TIME_STEP."""
+A longer duration may have no effect because ramp times are multiples of RAMP_TIME_STEP."""
 
 MAX_STRETCH_ROUNDS = 8
 """Number of times that a curve is stretched before it is given up."""
 
 LONGEST_MOTION = MAX_DURATION_NS / SECOND_NS - 10.0
-"""Longest motion that an arm accepts, minus the longest prefix that repeats the plan before [s]."""
+"""Longest duration of a motion [s].
+
+It is the longest plan that an arm accepts, minus 10 s for the part that repeats the plan in force.
+"""
 
 FIT_TASK = "making a trajectory of the path"
+"""Name of the work in the message of a `DeadlineError`."""
 
 
 class FitError(MhsbError):
@@ -133,17 +140,18 @@ class FitError(MhsbError):
 class FittedMotion:
     """A trajectory and its mode schedule, both with stamp 0, and the record of the fit.
 
-    What only the chosen motion needs is computed when it is first read.
+    Energy, overloads and deviations are computed when they are first read.
 
     Attributes:
         machine: Machine that moves.
-        scheduled: Trajectory with its modes and its profile.
+        scheduled: Trajectory with its modes and its profile (piston speeds and forces).
         method: Kind of curve after the braking.
         braked: True if the motion begins with braking.
         followed: Discrete path and the curve that follows it; None if the motion has no path.
-        scale: Factor on the duration of each step of the path, shape (k,) [-].
+        scale: Factor on the durations of all steps of the path, or of each step, shape (k,) [-].
         refused: Reasons why curves tried before were refused, one sentence each.
-        middles: Profile at the middles between the trajectory's points; None: it was not computed.
+        middles: Profile at the middles between the trajectory's points; None if it was not
+            computed.
     """
 
     machine: Machine
@@ -175,7 +183,7 @@ class FittedMotion:
 
     @cached_property
     def energy(self) -> Energy:
-        """Energy of the motion, leakage included."""
+        """Energy of the motion, leakage included [J]."""
         if self.middles is None:
             return motion_energy(self.machine, self.trajectory, self.schedule)
         profiles = Profiles(self.scheduled.profile, self.middles, self.scheduled.intervals)
@@ -196,14 +204,17 @@ class FittedMotion:
 
     @cached_property
     def _nodes_passed(self) -> FloatArray:
-        """Postures at the times planned for the nodes of the path, shape (nodes, n) [rad or m]."""
+        """Joint positions of the motion at the planned time of each path node, shape (nodes, n)."""
         assert self.followed is not None
         curve = self.followed[1]
         return curve.sample(curve.node_time)[0]
 
     @property
     def tip_deviation(self) -> float:
-        """Greatest distance of the tip from a path node at the node's planned time [m]."""
+        """Greatest distance of the tip from a path node at the node's planned time [m].
+
+        It is 0 if the motion has no path.
+        """
         if self.followed is None:
             return 0.0
         tips = self.machine.tip_in_base(self._nodes_passed)
@@ -211,7 +222,10 @@ class FittedMotion:
 
     @property
     def joint_deviation(self) -> float:
-        """Greatest distance of a joint from a node's posture at the node's time [rad or m]."""
+        """Greatest distance of a joint from a node's posture at the node's time [rad or m].
+
+        It is 0 if the motion has no path.
+        """
         if self.followed is None:
             return 0.0
         return float(np.max(np.abs(self._nodes_passed - self.followed[0].posture)))
@@ -230,28 +244,29 @@ def fit_trajectory(
 
     Several curves are tried: the polynomial, the path with smoothed changes of speed, the path
     after braking, and the path step by step. The first that keeps every limit is taken. Curves are
-    slowed as far as the rules allow. A joint that starts beyond its limits may only return.
+    slowed as far as the rules allow. A joint that starts beyond its limits may only move back.
 
     Args:
         machine: Machine with its obstacles.
         path: Discrete path. It begins at `start`, or where `brake` comes to rest.
         start: State of the joints at the start.
         modes: Modes in force at the start, and time since each actuator's last switch.
-        brake: Motion that brings a moving start to rest; None for a start at rest. After a
-            `Trajectory`, the path begins from rest. During a `Coasting`, the path may begin
-            earlier. A `Steering` contains the remainder of the plan in force, at whose end the path
-            begins; the motion then goes from `start` straight to the path's end.
+        brake: Motion that brings a moving arm to rest; None if the arm is at rest. After a
+            `Trajectory`, the path begins from rest. With a `Coasting`, the path may begin before
+            the arm is at rest. With a `Steering`, the motion leads from `start` straight to the
+            path's end; the path then begins at the end of the plan in force.
         rules: Settings of the fit; None means the defaults.
         deadline: Instant at which the work is given up.
 
     Returns:
-        First motion that keeps every limit, with stamp 0. Its `refused` has the reasons why curves
-        before it were refused.
+        First motion that keeps every limit, with stamp 0. Its `refused` contains the reasons why
+        curves before it were refused.
 
     Raises:
-        ValueError: Start, brake and path do not meet, or the path has no steps.
-        FitError: No curve keeps every limit, or the booster modules are too few to hold the arm at
-            its end.
+        ValueError: Start, `brake` and path do not meet, a moving arm has no `brake`, or the path
+            has no steps.
+        FitError: No curve keeps every limit, or there are too few booster modules to hold the arm
+            at the path's end.
         DeadlineError: The deadline passed.
     """
     coast = None
@@ -289,8 +304,8 @@ def fit_remainder(
 ) -> FittedMotion:
     """Turn the remaining part of the plan in force into a motion, with newly chosen modes.
 
-    The joint trajectory stays the same. A standstill is added at its end if the modes need time to
-    switch there.
+    The joint trajectory is kept. A standstill is added at its end if the actuators need time to
+    switch their modes there.
 
     Args:
         machine: Machine; its payload, V_max or zones may have changed since the plan was made.
@@ -323,7 +338,8 @@ def fit_braking(
 ) -> FittedMotion:
     """Turn a braking trajectory into a motion with a mode schedule, in order to stop the arm.
 
-    Limits are not checked. A standstill is added at the end if the modes need time to switch there.
+    Limits are not checked. A standstill is added at the end if the actuators need time to switch
+    their modes there.
 
     Args:
         machine: Machine that moves.
@@ -343,7 +359,7 @@ def warm_up(machine: Machine) -> None:
     """Compile the kernels of trajectory, mode schedule, checks and energy for starts at rest.
 
     Args:
-        machine: Machine that moves.
+        machine: Machine that moves in the trial motions.
     """
     path = _example_path(machine)
     start = MotionState.at_rest(path.posture[0])
@@ -412,8 +428,7 @@ def _fit_each(
         machine: Machine that moves.
         path: Path of the motion.
         start: State at the path's first posture.
-        ways: For each way: a braking motion or None, what a moving start does (come to rest, steer
-            to the goal; None at rest), and the rules that say which curves are tried.
+        ways: Arguments `brake`, `coast` and `rules` of `iterate_candidates` for each way.
     """
     modes = StartModes.create_settled(path.start_modes)
     for brake, steering, rules in ways:
@@ -427,16 +442,16 @@ def _fit_each(
 
 
 def _check_continuity(path: DiscretePath, start: MotionState, brake: Trajectory | None) -> None:
-    """Check that the braking motion begins at the start, and the path where the braking ends.
+    """Check that the braking motion begins at the start and ends where the path begins.
 
     Args:
-        path: Discrete path; it must have a step.
+        path: Discrete path; it must have a step. Without `brake` it must begin at the start.
         start: State of the joints at the start.
-        brake: Motion that brings a moving start to rest, or None.
+        brake: Motion that brings a moving arm to rest; None if the arm is at rest.
 
     Raises:
-        ValueError: They do not meet within SAME_POSTURE, a moving start has no braking motion, or
-            the path has no steps.
+        ValueError: Postures that must meet differ by more than SAME_POSTURE, a moving arm has no
+            braking motion, or the path has no steps.
     """
     if len(path.duration) == 0:
         raise ValueError("a path without steps needs no trajectory")
@@ -450,14 +465,15 @@ def _check_continuity(path: DiscretePath, start: MotionState, brake: Trajectory 
 
 
 def _check_holding(machine: Machine, posture: FloatArray) -> None:
-    """Check that the booster modules suffice to hold the arm in a posture.
+    """Check that enough booster modules are fitted to hold the arm in a posture.
 
     Args:
         machine: Machine with its modules.
         posture: Joint positions, shape (n,) [rad or m].
 
     Raises:
-        FitError: There are too few booster modules for the actuators whose loads need boost.
+        FitError: There are too few booster modules for the actuators that cannot hold their loads
+            at the main pump's pressure.
     """
     m = machine.arrays
     if m.modules_per_mode[Mode.DB] * machine.joint_count <= m.module_count:
@@ -530,25 +546,27 @@ def _fit_candidate(
 ) -> FittedMotion | Violation | str:
     """Compute the motion of one curve, slowed until it keeps every limit.
 
-    The curve is refused if it passes a joint limit, misses a via point, moves a piston farther than
-    braking and path need, or switches an actuator again too soon. If it exceeds V_max, valves,
-    pumps, or limits of joint acceleration and jerk, its steps become longer: all, or with
-    `candidate.slows_pieces` those around the violation.
+    The curve is refused if it passes a joint limit, misses a via point, or moves a piston farther
+    than needed. It is also refused if an actuator would be switched twice too soon. The curve is
+    slowed if it is too fast for V_max, valves, pumps, or the limits of joint acceleration and jerk.
+    All steps of the path then become longer; with `candidate.slows_pieces` only those around the
+    violation.
 
     Pressures, obstacles and the times between points are checked last. The curve is also refused if
-    slowing cannot mend a violation, or if the path would become too slow.
+    slowing cannot mend a violation, or if the path would have to become too slow.
 
     Args:
-        machine: Machine with joint limits that are widened so that they contain the start.
-        limits: Arrays with the machine file's limits. A joint beyond a limit must not go further
-            out.
+        machine: Machine whose joint limits and workspace are widened to include the start.
+        limits: Arrays with the limits of the machine file. A joint beyond a limit must not move
+            farther out.
         modes: Modes in force at the start, and time since each actuator's last switch.
         candidate: Curve to try, with its path.
         rules: Settings of the fit.
         deadline: Instant at which the work is given up.
 
     Returns:
-        The motion. If there is none: the violated limit with its time, or a clause that says why.
+        The motion. If the curve is refused: the broken limit with its time, or a clause with
+        another reason.
 
     Raises:
         DeadlineError: The deadline passed.
@@ -627,8 +645,8 @@ def _describe_refused_curve(curve: Curve) -> str:
         curve: Curve of joint positions over time.
 
     Returns:
-        Clause that says that the curve takes longer than LONGEST_MOTION, or that its ramps break
-        the limits of acceleration and jerk; empty if neither is so.
+        Clause with the reason: the curve takes longer than LONGEST_MOTION, or its ramps (changes
+        of speed) break the limits of acceleration and jerk. Empty if the curve is not refused.
     """
     if not curve.breaks[-1] <= LONGEST_MOTION:
         return f"it takes {curve.breaks[-1]:.4g} s, at most {LONGEST_MOTION:g} s is allowed"
@@ -649,14 +667,14 @@ def _describe_passed_limit(
     Args:
         machine: Machine that moves.
         limits: Arrays of the machine with the joint limits. A joint that starts beyond a limit must
-            not move further out.
-        candidate: Curve that is tried. Its `furthest_travel`, if set, is how far braking and the
-            path move each joint; pistons may not move farther.
+            not move farther out.
+        candidate: Curve that is tried. If its `furthest_travel` is set, pistons may not move
+            farther than this by more than `rules.max_overrun`.
         position: Joint positions at the sampled points, shape (m, n) [rad or m].
         rules: Settings of the fit, with `max_overrun`.
 
     Returns:
-        Clause that says by how much the limit is passed; empty if the curve keeps both limits.
+        Clause that says by how much the curve goes too far; empty if it does not.
     """
     beyond = compute_outward_excess(limits.joint_min, limits.joint_max, as_frozen(position))
     if beyond > JOINT_TOLERANCE:
@@ -680,24 +698,25 @@ def _compute_uses(
 ) -> tuple[FloatArray, float]:
     """Compute the share of V_max, valves and pumps that each interval of a motion uses.
 
-    The allowed speed of each piston is V_max times a factor. A curve that begins at a moving start
-    may begin faster, and slowing does not help there. The factor is then raised to USAGE_RESERVE
-    times the largest ratio of speed to V_max at the start.
+    The allowed speed of a piston is `fastest` times its V_max. If the arm moves at the start, it
+    may already be faster there, and slowing does not help. The factor is then raised to
+    USAGE_RESERVE times the largest ratio of speed to V_max at the start.
 
     Test oracle: the same shares by NumPy.
 
     Args:
         speed: Piston speeds at the motion's k + 1 points, shape (k + 1, n) [m/s].
         max_speed: V_max of each piston, shape (n,) [m/s].
-        limit_uses: Largest share of the limits on speed in each interval, shape (k,) [-].
-        fastest: Factor on V_max [-].
-        coasts: True if the curve begins at a moving start.
-        slowing: Least share in each interval, for the limits of joint acceleration and jerk [-].
-        first: Index of the curve's first interval; those before it use nothing.
+        limit_uses: Share of valves and pumps that each interval uses, shape (k,) [-].
+        fastest: Largest allowed ratio of piston speed to V_max [-].
+        coasts: True if the curve begins while the arm moves.
+        slowing: Share of the limits of joint acceleration and jerk that the curve uses [-].
+        first: Index of the curve's first interval. Earlier intervals belong to the motion before
+            the curve and get 0.
 
     Returns:
-        Largest share at the ends of each interval, shape (k,) [-], and the largest of all. Above 1
-        the interval is too fast; inf if no speed is possible.
+        Largest share in each interval, shape (k,) [-], and the largest of all intervals. Above 1
+        the interval is too fast. inf means that no speed is possible.
     """
     used, most, before = np.zeros(len(limit_uses)), 0.0, 0.0
     for k in range(len(speed)):
@@ -722,8 +741,8 @@ def _get_preferred_modes(
 
     Args:
         path: Discrete path. Only `modes` is read.
-        node_time: Time at which the motion is to be at each node, from the end of the lead-in
-            (motion before the curve, such as braking), shape (k + 1,) [s].
+        node_time: Planned time of each node, from the end of the lead-in (motion before the curve,
+            such as braking), shape (k + 1,) [s].
         trajectory: Trajectory of m points.
         first: Index of the point at which the lead-in ends. The points before it get mode N; 0
             means no lead-in.
@@ -745,8 +764,7 @@ def _assign_step_modes(
 
     Args:
         steps: Mode codes of the steps, shape (k, n).
-        node_time: Time from point `first` at which the motion is to be at each node, shape (k + 1,)
-            [s].
+        node_time: Planned time of each node of the path, from point `first` on, shape (k + 1,) [s].
         time: Times of the points in ascending order, shape (m,) [s].
         first: Index of the point at which the path begins; the points before it get mode N.
 
@@ -765,19 +783,18 @@ def _assign_step_modes(
 def _compute_overrun(
     machine: Machine, start: MotionState, position: FloatArray, furthest: FloatArray
 ) -> float:
-    """Compute how much farther a piston runs in its initial direction than is needed.
+    """Compute how much farther a piston moves in its initial direction than is needed.
 
-    Joint travel is converted with the moment arms at the start.
+    The travel of a joint is converted to that of its piston by the moment arm at the start.
 
     Args:
         machine: Machine that gives the moment arms.
         start: State of the joints at the start.
         position: Joint positions along the motion, shape (k, n) [rad or m].
-        furthest: Travel of each joint in its initial direction that is needed, shape (n,) [rad or
-            m].
+        furthest: Travel that each joint needs in its initial direction, shape (n,) [rad or m].
 
     Returns:
-        Excess of the worst piston [m]; negative if none runs on.
+        Excess of the worst piston [m]; negative if no piston moves farther than needed.
     """
     beyond = compute_furthest_travel(start, position) - furthest
     return float(np.max(beyond * np.abs(machine.moment_arms(start.position))))

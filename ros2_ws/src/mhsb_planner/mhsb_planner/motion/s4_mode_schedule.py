@@ -1,10 +1,18 @@
-"""S4: the switching times of every actuator, from a trajectory and the forces that it needs.
+"""Mode schedule of a trajectory (S4): the times at which each actuator switches its mode.
 
-An actuator is boosted if it moves against its load and p_L + m(v) + margin > P_S. Boost begins a
-little earlier, since the servo pump has to raise its pressure first. The mode is SB if the flow of
-one servo pump is not enough. No boost is shorter than a least dwell. An actuator is also boosted if
-inertia takes most of the margin, p_L(F + inertia) + m(v) + margin/2 > P_S, as far as the modules
-suffice.
+An actuator is boosted if it moves against its load and the main pump's pressure P_S is too low:
+
+    p_L(F) + m(v) + margin > P_S
+
+p_L is the load pressure under the force F of gravity. m(v) is the pressure drop over the valve at
+the speed v, and `margin` the boost margin. If enough booster modules are free, an actuator is also
+boosted if inertia takes more than half of the margin:
+
+    p_L(F + inertia) + m(v) + margin/2 > P_S
+
+Boost begins earlier than it is needed, since the servo pump has to raise the pressure first. The
+mode is SB if the flow of one servo pump is not enough, otherwise DB. A boost lasts at least the
+least time between two switches (dwell).
 """
 
 from __future__ import annotations
@@ -37,14 +45,16 @@ from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
 from mhsb_planner.motion.s3_limits import repeats_previous_row
 
 NEED_FACTOR = 1.005
-"""Factor on speeds and forces when needs are judged, so that they hold between the points [-]."""
+"""Factor on speeds and forces when the need for boost is determined [-].
+
+It covers higher speeds and forces between the points."""
 
 _ROUNDING = 1e-9
 """Difference of times that counts as rounding [s]."""
 
 N, DB, SB = int(Mode.N), int(Mode.DB), int(Mode.SB)
 
-# States outside the intervals that `_enforce_lead_and_dwell` may change.
+# States beside the intervals that `_enforce_lead_and_dwell` may change; see its argument `beside`.
 _OFF, _ON, _EDGE = 0, 1, 2
 
 
@@ -53,8 +63,9 @@ class SwitchingRules(NamedTuple):
 
     Attributes:
         min_dwell: Least time between two switches of an actuator [s].
-        lead: Time by which boost begins before it is needed [s].
-        max_hold: Longest time for which a closed valve holds a load above P_S without boost [s].
+        lead: Time before its need at which boost begins [s].
+        max_hold: Longest time for which the closed valve alone may hold a load that is too heavy
+            for the main pump's pressure [s].
     """
 
     min_dwell: float = 0.3
@@ -64,7 +75,7 @@ class SwitchingRules(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StartModes:
-    """Modes in force where a schedule begins, and their ages.
+    """Modes in force at the beginning of a schedule, and the time since their last switches.
 
     Attributes:
         modes: Mode codes, shape (n,).
@@ -113,9 +124,11 @@ def mode_schedule(machine: Machine, trajectory: Trajectory, start: StartModes) -
 
     An actuator is boosted if the main pump's pressure is too low for its load. If there are too few
     booster modules, mode SB (shared rail) becomes DB (own servo pump). If that does not suffice,
-    actuators that can do without boost get mode N (main pump alone). The result may still need too
-    many modules; check it with `s3_limits.find_first_violation`. In a short motion, an actuator may
-    be switched twice in too short a time; check this with `keeps_dwell`.
+    actuators that can do without boost get mode N (main pump alone).
+
+    The schedule may still need too many modules, which `s3_limits.find_first_violation` reports. In
+    a short motion, an actuator may be switched twice in too short a time; check this with
+    `keeps_dwell`.
 
     Args:
         machine: Machine with its hydraulics and modules.
@@ -123,8 +136,8 @@ def mode_schedule(machine: Machine, trajectory: Trajectory, start: StartModes) -
         start: Modes in force at the beginning, and time since each actuator's last switch.
 
     Returns:
-        Schedule with the trajectory's stamp. Its last row, at the trajectory's end, holds the modes
-        in which the arm then rests.
+        Schedule with the trajectory's stamp. Its last row begins at the trajectory's end and has
+        the modes in which the arm then rests.
     """
     profile = motion_profile(
         machine, trajectory.position, trajectory.velocity, trajectory.acceleration
@@ -146,10 +159,11 @@ def interval_modes(
     """Compute the modes of all actuators between the instants of a motion profile.
 
     An actuator is boosted if the main pump's pressure is too low to move, hold or accelerate its
-    load. Short holds are left to the closed valve. Boost begins earlier than needed by `rules.lead`
-    and lasts at least `rules.min_dwell`. A boosted actuator gets mode SB (shared rail) if its flow
-    exceeds that of one servo pump, or if `preferred` asks for it; else DB (own servo pump). Modes
-    in force at the start go on until the actuator may be switched again.
+    load. If it only holds for a short time, its valve is closed and it is not boosted. Boost begins
+    `rules.lead` before it is needed and lasts at least `rules.min_dwell`. A boosted actuator gets
+    mode SB (shared rail) if its flow exceeds that of one servo pump, or if `preferred` says SB.
+    Otherwise it gets DB (own servo pump). Modes in force at the start go on until the actuator may
+    be switched again.
 
     If too few booster modules are fitted, SB becomes DB. After that, DB becomes N for actuators
     that can do without boost. If even that does not suffice, too many modules remain in use.
@@ -165,7 +179,8 @@ def interval_modes(
         rules: Rules for switching; None means the defaults.
 
     Returns:
-        Mode codes, shape (k - 1, n); no rows if there is only one instant.
+        Mode codes of the intervals between the instants, shape (k - 1, n); no rows if there is only
+        one instant.
     """
     rules = rules or SwitchingRules()
     if preferred is None:
@@ -203,7 +218,7 @@ def keeps_dwell(
         rules: Rules for switching, with the least time `min_dwell`; None means the defaults.
 
     Returns:
-        True if the time is kept. The last switch before the first instant counts, too.
+        True if the time is kept. It counts from the last switch before the first instant, too.
     """
     least = (rules or SwitchingRules()).min_dwell - _ROUNDING
     return bool(_compute_shortest_run(time, modes, start.modes, start.age, hold) >= least)
@@ -262,11 +277,12 @@ def _interval_modes(
 ) -> ModeArray:
     """Compute the modes of all actuators between the instants of a motion.
 
-    First the times are determined at which each actuator needs boost. Short times in which boost
-    would only hold a load are left to the closed valve. Then boost and shared boost (SB) begin
-    earlier by the lead, and get their least length. Last, boost is reduced where too few booster
-    modules are fitted. It is the kernel of `interval_modes`. The tests check its result against
-    each rule.
+    First the intervals are determined in which each actuator needs boost. If boost would only hold
+    a load for a short time, it is dropped, since the closed valve holds the load. Then boost, and
+    shared boost (SB), begin earlier by `rules.lead` and are lengthened to `rules.min_dwell`. Last,
+    boost is reduced if too few booster modules are fitted.
+
+    It is the kernel of `interval_modes`. The tests check its result against each rule.
 
     Args:
         m: Arrays of the machine.
@@ -283,7 +299,7 @@ def _interval_modes(
         rules: Rules for switching.
 
     Returns:
-        Mode codes, shape (k - 1, n).
+        Mode codes of the intervals between the instants, shape (k - 1, n).
     """
     lead, dwell = rules.lead, rules.min_dwell
     intervals, n = len(speed) - 1, speed.shape[1]
@@ -331,9 +347,13 @@ def _interval_modes(
 
 @kernel
 def _write_modes(modes: ModeArray, on: np.ndarray, shared: np.ndarray) -> None:
-    """Write the modes of an actuator into `modes`: SB where `shared`, else DB where `on`, else N.
+    """Write the mode of an actuator in each interval into `modes`.
 
-    All three arrays have one element for each interval, shape (k - 1,).
+    Args:
+        modes: Mode codes of the intervals, shape (k - 1,). Written in place: SB if `shared` is
+            True, else DB if `on` is True, else N.
+        on: True for each interval with boost, shape (k - 1,).
+        shared: True for each interval with shared boost, shape (k - 1,).
     """
     for i in range(len(modes)):
         modes[i] = SB if shared[i] else (DB if on[i] else N)
@@ -341,9 +361,10 @@ def _write_modes(modes: ModeArray, on: np.ndarray, shared: np.ndarray) -> None:
 
 @kernel
 def _find_first_free_interval(time: FloatArray, age: float, dwell: float) -> int:
-    """Find the first interval in which an actuator may leave its start mode.
+    """Find the first interval in which an actuator may leave the mode of the start.
 
-    It may leave the mode after the mode has been in force for the time `dwell`.
+    It may do so after the mode has been in force for the time `dwell`. Interval i lasts from
+    instant i to instant i + 1.
 
     Args:
         time: Instants in ascending order, shape (k,) [s].
@@ -351,7 +372,7 @@ def _find_first_free_interval(time: FloatArray, age: float, dwell: float) -> int
         dwell: Least time between two switches [s].
 
     Returns:
-        Index of the interval; k - 1, one after the last interval, if there is none.
+        Index of the interval. If there is none, k - 1, one more than the last interval.
     """
     i = 0
     while i < len(time) - 1 and time[i] - time[0] < dwell - age - _ROUNDING:
@@ -367,7 +388,7 @@ def _determine_needs(
 
     An actuator needs boost if the main pump's pressure is too low for its speed and load. As a
     reserve, speed and load are multiplied by NEED_FACTOR. At speeds up to MAX_HELD_SPEED the
-    pressure must suffice to hold the load.
+    actuator counts as at rest, and the pressure must suffice to hold the load.
 
     Args:
         m: Arrays of the machine.
@@ -377,8 +398,8 @@ def _determine_needs(
 
     Returns:
         Three arrays of shape (k,). The first is True if the actuator needs boost. The second is
-        True if it moves against its load, faster than half of MAX_HELD_SPEED. The third is the flow
-        into the cylinder [m³/s].
+        True if it moves against its load and faster than half of MAX_HELD_SPEED. The third is the
+        flow into the cylinder, without reserve [m³/s].
     """
     need = np.empty(len(speed), dtype=np.bool_)
     lifts = np.empty(len(speed), dtype=np.bool_)
@@ -405,9 +426,10 @@ def _lacks_pressure_to_accelerate(
 ) -> np.ndarray:
     """Determine when the main pump's pressure is too low for an actuator to accelerate its load.
 
-    The pressure must carry gravity and inertia, plus the part of the boost margin that is kept free
-    of inertia forces. The result is False if the piston does not move against this load, or not
-    faster than 0.9 MAX_HELD_SPEED. Speeds and loads are multiplied by NEED_FACTOR as a reserve.
+    The pressure must carry the load (gravity and inertia) and the drop over the valve. A part of
+    the boost margin must remain, too. The result is False if the piston does not move against the
+    load, or if its speed is at most 0.9 MAX_HELD_SPEED. Speeds and loads are multiplied by
+    NEED_FACTOR as a reserve.
 
     Args:
         m: Arrays of the machine.
@@ -444,10 +466,10 @@ def _find_run_end(on: np.ndarray, first: int, last: int) -> int:
     Args:
         on: True or False for each interval, shape (intervals,).
         first: Index at which the run begins.
-        last: Index beyond which the run is not followed.
+        last: Index at which the search ends at the latest.
 
     Returns:
-        Index one after the run's last value, at most `last`.
+        Index of the first value after the run, at most `last`.
     """
     end = first + 1
     while end < last and on[end] == on[first]:
@@ -459,17 +481,17 @@ def _find_run_end(on: np.ndarray, first: int, last: int) -> int:
 def _drop_short_holds(
     time: FloatArray, on: np.ndarray, lifts: np.ndarray, longest: float, held_after: bool
 ) -> None:
-    """Remove short times of boost that only hold a load, since the closed valve can hold it.
+    """Remove boost that would only hold a load for a short time.
 
-    A run is a sequence of intervals with boost. It stays in three cases: it contains a motion
-    against the load, it lasts `longest` or more, or it reaches the last instant and `held_after` is
-    True.
+    The closed valve holds the load instead. A run is a sequence of intervals with boost. It stays
+    in three cases: it contains a motion against the load, it lasts `longest` or more, or it reaches
+    the last instant and `held_after` is True.
 
     Args:
         time: Instants in ascending order, shape (k,) [s].
         on: True for each interval with boost, shape (k - 1,). Written in place.
-        lifts: True at each instant of motion against the load, shape (k,).
-        longest: Longest time for which a closed valve holds the load [s].
+        lifts: True at each instant at which the piston moves against the load, shape (k,).
+        longest: Time from which on the closed valve alone may not hold the load [s].
         held_after: True if the actuator is boosted after the last instant.
     """
     first = 0
@@ -493,20 +515,21 @@ def _enforce_lead_and_dwell(
 ) -> None:
     """Let each run of True intervals begin earlier, lengthen short runs, and close short gaps.
 
-    A run is a sequence of intervals that are True, a gap one of intervals that are False. Each run
-    first begins earlier by `lead`. Runs shorter than `dwell` are then lengthened, at their end
-    first and after that at their beginning. Last, gaps shorter than `dwell` become True.
+    A run is a sequence of intervals that are True. A gap is a sequence of intervals that are False.
+    First the beginning of each run is moved earlier by `lead`. Then runs shorter than `dwell` are
+    lengthened, first at the end and, if there is no more room, at the beginning. Last, gaps shorter
+    than `dwell` become True.
 
     Args:
         time: Limits of the intervals; interval i lasts from time[i] to time[i + 1], [s].
-        on: Values by interval. Entries from `first` to last - 1 are written in place.
+        on: True or False for each interval. Entries from `first` to last - 1 are written in place.
         first: First interval that may change.
         last: One after the last interval that may change.
         lead: Time by which each run begins earlier [s].
         dwell: Least length of runs and gaps [s].
-        beside: State before interval `first`, and state from interval `last` on. _ON: a run beside
-            it is long enough. _OFF: a gap beside it stays a gap. _EDGE: runs and gaps beside it are
-            treated like all others.
+        beside: State before interval `first`, and state from interval `last` on. With _ON, a run
+            that touches it counts as long enough. With _OFF, a gap that touches it stays a gap.
+            With _EDGE, runs and gaps that touch it are treated like all others.
     """
     before, after = beside
     since = math.inf
@@ -547,11 +570,12 @@ def _enforce_shared_boost_dwell(
     start: int,
     hold: int,
 ) -> None:
-    """Adjust the parts of boost in mode SB so that SB parts and DB parts last long enough.
+    """Adjust the intervals of boost in mode SB so that SB and DB each last long enough.
 
-    Every run of boost consists of parts in SB and parts in DB. SB parts begin earlier by
-    `rules.lead`. All parts last at least `rules.min_dwell`, as far as there is room. SB without
-    room for this length becomes DB. The intervals before `free` stay as they are.
+    A run of boost is a sequence of boosted intervals. It consists of parts in SB and parts in DB.
+    SB parts begin earlier by `rules.lead`. All parts are lengthened to `rules.min_dwell`, as far as
+    the run has room. If a run is too short for an SB part of this length, it becomes DB. The
+    intervals before `free` stay as they are.
 
     Args:
         time: Limits of the intervals, shape (k,) [s].
@@ -592,18 +616,19 @@ def _keep_budget(
 ) -> None:
     """Reduce boost in intervals whose modes use more booster modules than are fitted.
 
-    First the run of mode SB with the least flow becomes DB. Then DB becomes mode N where `needed`
-    is False. No change makes a run of equal modes shorter than `dwell`. An interval that still
-    needs too many modules stays as it is; the check of the limits finds it.
+    First the run of mode SB with the least flow becomes DB, run by run. Then mode DB becomes N in
+    intervals in which `needed` is False. No change makes a run of equal modes shorter than `dwell`.
+    If an interval still uses too many modules, it stays so, and the check of limits reports it.
 
     Args:
         m: Arrays of the machine.
         time: Limits of the intervals, shape (k,) [s].
         modes: Mode codes, shape (k - 1, n). Written in place.
-        demand: Flow into each cylinder, shape (k - 1, n) [m³/s].
-        needed: True if an actuator cannot do without boost, shape (k - 1, n).
-        free: First interval in which each actuator may be switched, shape (n,). Nothing changes
-            before it.
+        demand: Flow into each cylinder in each interval, shape (k - 1, n) [m³/s].
+        needed: True for each interval in which an actuator cannot do without boost, shape
+            (k - 1, n).
+        free: First interval in which each actuator may be switched, shape (n,). Earlier intervals
+            do not change.
         dwell: Least time between two switches [s].
     """
     intervals, n = modes.shape
@@ -659,7 +684,7 @@ def _find_run_around(modes: ModeArray, i: int, j: int) -> tuple[int, int]:
         j: Index of the actuator.
 
     Returns:
-        First interval of the run, and one after its last.
+        Index of the run's first interval, and index one after its last interval.
     """
     a, b = i, i + 1
     while a > 0 and modes[a - 1, j] == modes[i, j]:
@@ -673,11 +698,11 @@ def _find_run_around(modes: ModeArray, i: int, j: int) -> tuple[int, int]:
 def _keeps_dwell_after_change(
     time: FloatArray, modes: ModeArray, first: int, last: int, j: int, mode: int, dwell: float
 ) -> bool:
-    """Return whether all modes of an actuator last long enough if its mode is changed.
+    """Return whether the modes of an actuator still last long enough after a change of its mode.
 
-    A run is a sequence of intervals of equal mode. The run with the new mode is checked, and what
-    the change leaves of the runs next to it. Runs that touch either end of the schedule are always
-    long enough.
+    A run is a sequence of intervals of equal mode. The run of the new mode and the remaining runs
+    before and after it are checked. A run that touches the beginning or the end of the schedule
+    always counts as long enough.
 
     Args:
         time: Limits of the intervals, shape (k,) [s].
@@ -689,7 +714,7 @@ def _keeps_dwell_after_change(
         dwell: Least time between two switches [s].
 
     Returns:
-        True if the change keeps the least time.
+        True if the change keeps the least time between two switches.
     """
     a, b = first, last
     while a > 0 and modes[a - 1, j] == mode:
@@ -727,7 +752,8 @@ def _compute_shortest_run(
         hold: Modes from the last instant on, shape (n,).
 
     Returns:
-        Least time over all actuators [s]; inf if none is switched.
+        Least time over all actuators [s]; inf if no actuator is switched, or if its age is inf and
+        it is switched once.
     """
     intervals, n = modes.shape
     shortest = math.inf

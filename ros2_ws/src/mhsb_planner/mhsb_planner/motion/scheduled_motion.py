@@ -1,4 +1,7 @@
-"""A trajectory together with its modes, with a rest at its end if it is too short to switch."""
+"""A trajectory together with its modes.
+
+If the trajectory is too short to switch the modes, it gets a rest at its end.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +27,14 @@ from mhsb_planner.motion.s4_mode_schedule import (
 
 @dataclass(frozen=True, eq=False)
 class ScheduledMotion:
-    """A trajectory of k points, its profile, and its modes by `s4_mode_schedule`.
+    """A trajectory of k points, its profile, and its modes from `s4_mode_schedule`.
 
     Attributes:
         trajectory: Joint trajectory.
-        profile: Profile at the points.
-        intervals: Modes between the points, shape (k - 1, n).
-        hold: Modes from the last point on, shape (n,).
-        keeps_dwell: True if every actuator keeps its least time between two switches.
+        profile: Profile (piston speeds and forces) at the points.
+        intervals: Mode codes between the points, shape (k - 1, n).
+        hold: Mode codes from the last point on, shape (n,).
+        keeps_dwell: True if every actuator keeps the least time between two switches.
     """
 
     trajectory: Trajectory
@@ -51,8 +54,8 @@ class ScheduledMotion:
     ) -> ScheduledMotion:
         """Compute the modes of a trajectory, with a standstill at its end if switches need time.
 
-        If an actuator would be switched twice within `rules.min_dwell`, the trajectory gets a
-        standstill at its end. The standstill lasts twice this time, long enough for two switches.
+        If an actuator would be switched twice within `rules.min_dwell`, a standstill is added at
+        the trajectory's end. It lasts 2 `rules.min_dwell`, long enough for two switches.
 
         Args:
             machine: Machine with its hydraulics and modules.
@@ -64,8 +67,8 @@ class ScheduledMotion:
             rules: Rules for switching; None means the defaults.
 
         Returns:
-            Trajectory, with the standstill if there is one, its profile and its modes.
-            `keeps_dwell` may be False even with the standstill.
+            Trajectory with its profile and its modes, and with the standstill if it was needed. Its
+            `keeps_dwell` may be False in spite of the standstill.
         """
         rules = rules or SwitchingRules()
         once = cls._create_without_rest(machine, trajectory, start, preferred, rules)
@@ -86,7 +89,7 @@ class ScheduledMotion:
         preferred: ModeArray | None,
         rules: SwitchingRules,
     ) -> ScheduledMotion:
-        """Compute the modes of a trajectory without a change of the trajectory.
+        """Compute the modes of a trajectory that stays as it is.
 
         Args:
             machine: Machine with its hydraulics and modules.
@@ -98,7 +101,7 @@ class ScheduledMotion:
             rules: Rules for switching.
 
         Returns:
-            Trajectory, its profile and its modes; `keeps_dwell` says whether no actuator is
+            Trajectory with its profile and its modes. Its `keeps_dwell` is False if an actuator is
             switched twice within `rules.min_dwell`.
         """
         profile = motion_profile(

@@ -36,9 +36,9 @@ class SmoothCurve(Protocol):
 def sample_curve(curve: SmoothCurve, start: MotionState, end: FloatArray) -> Trajectory:
     """Sample a curve as a trajectory with stamp 0.
 
-    The first point is set to `start` and the last one to rest at `end`. Only their accelerations
-    may differ from those of the curve, since a polynomial may begin or end with an acceleration. In
-    the first and in the last interval, the trajectory leads from one acceleration to the other.
+    The first point is set to `start`, and the last one to rest at `end`. Their accelerations may
+    differ from those of the curve, since a polynomial may begin or end with an acceleration. In the
+    first and last interval, the trajectory changes from one acceleration to the other.
 
     Args:
         curve: Joint motion.
@@ -46,7 +46,7 @@ def sample_curve(curve: SmoothCurve, start: MotionState, end: FloatArray) -> Tra
         end: Joint positions at the end, shape (n,) [rad or m].
 
     Returns:
-        Trajectory with points at the curve's breaks and evenly spread between them.
+        Trajectory with points at the curve's `breaks`, and points evenly spread between these.
     """
     offset = choose_point_times(curve.breaks)
     q, qd, qdd = curve.sample(offset / SECOND_NS)
@@ -59,11 +59,12 @@ def join_trajectories(lead_in: Trajectory, curve: Trajectory) -> Trajectory:
     """Join two trajectories into one with stamp 0.
 
     Args:
-        lead_in: First trajectory; it must end in the state in which the second one begins.
+        lead_in: First trajectory. It must end in the state of motion in which the second one
+            begins.
         curve: Second trajectory.
 
     Returns:
-        Trajectory in which the common point appears once. The stamps of both are ignored.
+        Joined trajectory. The common point appears once. The stamps of both are ignored.
     """
     return Trajectory(
         0,
@@ -92,10 +93,11 @@ def choose_point_times(breaks: FloatArray) -> IntArray:
 
 @kernel
 def _point_times(breaks: FloatArray) -> IntArray:
-    """Divide the spans between the breaks of a curve evenly into intervals.
+    """Choose the times of a trajectory's points on a curve: its breaks, and times between them.
 
-    No interval is longer than MAX_POINT_SPACING_NS, and there are at least FEWEST_INTERVALS. It is
-    the kernel of `choose_point_times`.
+    The time between two breaks is divided into equal intervals. No interval is longer than
+    MAX_POINT_SPACING_NS, and there are at least FEWEST_INTERVALS in total. It is the kernel of
+    `choose_point_times`.
 
     Args:
         breaks: Times between which the curve is smooth, ascending from 0, shape (k,) [s].

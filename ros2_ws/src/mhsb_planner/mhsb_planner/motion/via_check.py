@@ -8,7 +8,7 @@ from mhsb_model.types import FloatArray
 from mhsb_planner.errors import place_text
 
 TOLERANCE_FACTOR = 1.02
-"""Factor on the tolerance within which a via point counts as passed already [-]."""
+"""Factor on the tolerance if it is checked whether a via point has been passed already [-]."""
 
 ViaPoint = tuple[float, ...]
 """Via point (x, z) [m], or (x, y, z) if joint 1 slews, followed by its tolerance [m].
@@ -20,16 +20,15 @@ def describe_first_missed(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> str
     """Describe the first via point (point that the tip must pass) that a motion misses.
 
     The points must be passed in order. The search for a point begins where the previous point was
-    passed.
+    passed. Between two tip positions the tip is taken to move along a straight line.
 
     Args:
-        tip: Tip positions in time order, shape (k, 2 or 3) [m]; between them the tip is taken to
-            move straight.
+        tip: Tip positions in time order, shape (k, 2 or 3) [m].
         passing: Via points in order; the last number of each is its tolerance [m].
 
     Returns:
-        A clause that names the point, the distance at which the tip passes it and the tolerance
-        [mm]; empty if all points are passed.
+        Clause that names the point, the least distance of the tip from it, and the tolerance [mm].
+        Empty if all points are passed.
     """
     count, away = _count_passed(tip, passing)
     if count == len(passing):
@@ -44,8 +43,8 @@ def describe_first_missed(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> str
 def find_points_ahead(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> tuple[ViaPoint, ...]:
     """Return the via points (points that the tip must pass) that a motion has not passed yet.
 
-    Tolerances are widened by TOLERANCE_FACTOR. A point at the very edge of its tolerance then does
-    not have to be passed again because the curve is sampled elsewhere.
+    Tolerances are widened by TOLERANCE_FACTOR. Suppose that a point was passed exactly at the edge
+    of its tolerance. It then still counts as passed if the curve is sampled at other times.
 
     Args:
         tip: Tip positions so far in time order, shape (k, 2 or 3) [m].

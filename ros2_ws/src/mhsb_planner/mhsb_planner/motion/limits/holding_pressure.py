@@ -1,16 +1,17 @@
 """Limit of the pressure at which cylinders hold their loads.
 
-An interval with a value near the limit is checked closely.
+This limit never refuses a motion. It makes intervals with a value near 1 be checked at close
+instants.
 
     holding = max_j p_j(F_j, 0) / p_max,j
 
-p_j(F_j, 0) is the supply pressure at which a cylinder carries its load F_j at speed 0, with the
-boost margin, and p_max,j the highest one of its mode. A cylinder counts if it moves against its
-load, or if its speed is in the dead band (up to MAX_HELD_SPEED) but above a quarter of it. At lower
-speeds its valve is closed.
+p_j(F_j, 0) is the supply pressure that holds the load F_j of cylinder j at speed 0, with the boost
+margin. p_max,j is the highest supply pressure of the cylinder's mode. Cylinders slower than a
+quarter of MAX_HELD_SPEED do not count, since their valves are closed. Cylinders faster than
+MAX_HELD_SPEED count only if they move against their load.
 
-`usage` ignores cylinders in the dead band and jumps at its edge, so a parabola through three of its
-values is no bound there. The ratio `holding` does not jump.
+The limit `usage` needs this. It ignores cylinders up to MAX_HELD_SPEED and so jumps at this speed.
+A parabola through three of its values is then no bound. The ratio `holding` does not jump.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit
 
 CLEAR_PRESSURE = 0.999
-"""Largest share of the available pressure up to which an interval counts as clear [-].
+"""Largest share of the available pressure up to which an interval is not checked closely [-].
 
-The rest is enough for the valve at the lowest speeds."""
+The rest of the pressure is enough for the valve at the lowest speeds."""
 
 
 @kernel(inline="always")
@@ -68,4 +69,4 @@ HOLDING_PRESSURE_LIMIT = StateLimit(
     broken_above=math.inf,
     proven_below=CLEAR_PRESSURE,
 )
-"""Share of the highest supply pressure that holding takes [-]; never broken by itself."""
+"""Share of the highest supply pressure that is needed to hold the loads [-]; never broken."""

@@ -17,16 +17,19 @@ from mhsb_model.types import FloatArray
 from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit
 
 JOINT_TOLERANCE = 1e-6
-"""Excess beyond a joint limit that counts as rounding of table and interpolation [rad]."""
+"""Distance beyond a joint limit that counts as rounding of table and interpolation [rad or m]."""
 
 
 @kernel(inline="always")
 def measure_joint_excess(m: MachineArrays, state: LimitInputs) -> float:
-    """Return how far the worst joint lies beyond its limits; negative within them [rad or m].
+    """Return the largest distance of a joint beyond its limits [rad or m].
 
     Args:
         m: Arrays of the machine.
         state: State of the motion at one instant; only the joint positions count.
+
+    Returns:
+        Largest distance; negative if all joints are within their limits.
     """
     excess = -math.inf
     for j in range(len(state.position)):
@@ -48,7 +51,7 @@ JOINT_LIMIT = StateLimit(
 
 
 def joint_excess(m: MachineArrays, q: FloatArray) -> FloatArray:
-    """Compute how far the worst joint lies beyond its limits.
+    """Compute the largest distance of a joint beyond its limits.
 
     Args:
         m: Arrays of the machine.
@@ -66,8 +69,8 @@ def compute_outward_excess(lower: FloatArray, upper: FloatArray, position: Float
     """Compute how far a motion takes a joint beyond its limits, or farther out than it was before.
 
     A joint that starts beyond a limit may return, but must not move outwards again. Let e_k be the
-    distance of a joint beyond its limits at instant k, negative within them. The result is the
-    largest value over all joints of
+    distance of a joint beyond its limits at instant k; it is negative within the limits. For each
+    joint the following value is computed, and the largest one is returned:
 
         max_k ( e_k − min_{i ≤ k} max(e_i, 0) )
 
@@ -77,8 +80,8 @@ def compute_outward_excess(lower: FloatArray, upper: FloatArray, position: Float
         position: Joint positions in time order, shape (k, n) [rad or m].
 
     Returns:
-        Largest such value [rad or m]; negative if all joints stay within their limits; 0 if joints
-        beyond their limits only return.
+        Largest value [rad or m]. It is negative if all joints stay within their limits, and 0 if
+        joints beyond their limits only return.
     """
     farthest = -math.inf
     for j in range(position.shape[1]):
@@ -98,11 +101,11 @@ def bound_joint_excess(
     velocity: FloatArray,
     acceleration: FloatArray,
 ) -> FloatArray:
-    """Bound how far joints get beyond their limits in each interval between trajectory points.
+    """Compute upper bounds on the distance of joints beyond their limits between trajectory points.
 
-    Each joint moves as a quintic, which stays within the hull of its six control points. Three of
-    them belong to each end: q, q + q̇h/5 and q + 2q̇h/5 + q̈h²/20. Here h is the duration of the
-    interval, taken as negative at the interval's end.
+    Each joint follows a polynomial of degree 5. It stays between the least and the largest of its
+    six Bézier control points. Each end of an interval gives three of them: q, q + q̇h/5 and
+    q + 2q̇h/5 + q̈h²/20. h is the duration of the interval, negative for the interval's end.
 
     Args:
         m: Arrays of the machine.

@@ -13,20 +13,21 @@ from mhsb_model.types import FloatArray, ModeArray
 
 
 class TimeScaling(Enum):
-    """Effect that a longer duration of a motion has on the quantity of a limit."""
+    """Effect of a longer duration of a motion on the quantity that a limit bounds."""
 
     NONE = "none"
-    """The quantity stays the same, so a broken limit refuses the motion."""
+    """The quantity stays the same. A motion that breaks the limit is refused."""
     SPEED = "speed"
-    """The quantity is proportional to the speed. The motion is stretched by it."""
+    """The quantity is proportional to the speed. The motion is slowed by this factor."""
     INERTIA = "inertia"
-    """The quantity falls with the accelerations. Slower ramps are tried before a stretch."""
+    """The quantity falls with the accelerations. Slower ramps are tried first, then a longer
+    duration of the whole motion."""
 
 
 class LimitInputs(NamedTuple):
-    """State of a motion at one instant, from which kernels measure the quantities of limits.
+    """State of a motion at one instant, from which kernels compute the quantities of limits.
 
-    Within `s3_limits` the arrays also hold k instants, along a first axis.
+    In `s3_limits` all arrays but `scratch` may have a further first axis for several instants.
 
     Attributes:
         position: Joint positions, shape (n,) [rad or m].
@@ -35,7 +36,7 @@ class LimitInputs(NamedTuple):
         inertia: Piston forces from inertia, which add to those of gravity, shape (n,) [N].
         tip: Tip position (x, z), shape (2,) [m].
         modes: Mode codes, shape (n,).
-        scratch: Working memory of n numbers that every limit may overwrite.
+        scratch: Working memory that every limit may overwrite, shape (n,).
     """
 
     position: FloatArray
@@ -91,17 +92,19 @@ class StateLimit(Limit):
     """Limit on a quantity that follows from the state of a motion at one instant.
 
     An interval between two points is proven to keep the limit in two cases. Either the quantity is
-    below `clear_below` at both ends, or a parabola through both ends and the middle stays below
-    `proven_below`. All other intervals are looked at closely.
+    below `clear_below` at both ends, or its upper bound by a parabola is below `proven_below`. All
+    other intervals are checked at close instants.
 
     Attributes:
-        measure: Kernel (machine arrays, `LimitInputs`) that returns the quantity. A limit with
-            TimeScaling.SPEED measures a share of what is possible.
-        limit: Value from which a violation's amount is counted.
-        broken_above: Value above which the limit is broken; inf if it only asks for a close look.
-        proven_below: Value below which a bound over an interval proves it.
-        clear_below: Value below which a state leaves a reserve for nearby states; 20 ms away a
-            joint deviates from the chord by 0.05 mrad per rad/s².
+        measure: Kernel with the arguments machine arrays and `LimitInputs` that returns the
+            quantity. For TimeScaling.SPEED it returns the share of the possible speed that is used.
+        limit: Value above which the amount of a violation is counted.
+        broken_above: Value above which the limit is broken. inf means never; the limit then only
+            selects intervals for the check at close instants.
+        proven_below: Upper bound over an interval below which the interval is proven.
+        clear_below: Value at both ends of an interval below which it is proven. The reserve covers
+            states in between: over 20 ms a joint deviates from a straight line by 0.05 mrad per
+            rad/s².
     """
 
     measure: Callable[[MachineArrays, LimitInputs], float]
@@ -118,8 +121,8 @@ class Violation:
     Attributes:
         limit: The broken limit.
         time: Time from the motion's start [s].
-        amount: Excess over the limit, in the unit of its quantity.
-        name: Name of the obstacle; empty for other limits.
+        amount: Excess over the limit, in the unit of the limit's quantity.
+        name: Name of the obstacle; empty if the limit does not concern obstacles.
     """
 
     limit: Limit

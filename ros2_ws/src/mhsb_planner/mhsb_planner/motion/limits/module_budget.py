@@ -2,7 +2,7 @@
 
     Σ_j n(mode_j) ≤ n_fitted
 
-n is the number of modules that a mode uses.
+n(mode) is the number of booster modules that a mode uses, and n_fitted the number in the machine.
 
 Source: paper, Section 3.
 """
@@ -37,4 +37,4 @@ MODULE_LIMIT = StateLimit(
     proven_below=0.5,
     clear_below=0.5,
 )
-"""Limit of the modules [number of modules]."""
+"""Limit of the booster modules; its quantity is the number beyond those fitted."""

@@ -1,6 +1,8 @@
-"""Limit of the tip: it stays in the node set, which is the workspace in the arm's plane.
+"""Limit of the tip position: the tip stays in the workspace, where the search has its nodes.
 
-x ≥ x_min,   r_min ≤ √(x² + z²) ≤ r_max
+    x ≥ x_min,   r_min ≤ √(x² + z²) ≤ r_max
+
+(x, z) is the tip position in the arm's plane [m].
 """
 
 from __future__ import annotations
@@ -12,24 +14,27 @@ from mhsb_model.workspace import compute_region_excess
 from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit
 
 TIP_TOLERANCE = 1e-4
-"""Distance out of the node set that is accepted [m].
+"""Distance of the tip outside the workspace that is accepted [m].
 
-The search checks a step at some instants; between them the tip may be so far outside."""
+The search checks a step at some instants only. Between them the tip may be this far outside."""
 
 CLEAR_DISTANCE = 2e-3
-"""Distance of the tip inside the node set that is a reserve [m]."""
+"""Distance of the tip inside the workspace up to which an interval is checked closely [m]."""
 
 
 @kernel(inline="always")
 def measure_tip_excess(m: MachineArrays, state: LimitInputs) -> float:
-    """Return how far the tip lies outside the workspace [m]; negative inside.
+    """Return the distance of the tip outside the workspace [m].
 
-    The workspace has a least forward distance, and a least and a greatest distance from the base.
-    The result is the largest of the three excesses.
+    The workspace has a least x, and a least and a greatest distance from the origin. The result is
+    the largest of the three excesses.
 
     Args:
         m: Arrays of the machine.
         state: State of the motion at one instant; only the tip position counts.
+
+    Returns:
+        Distance; negative if the tip is inside.
     """
     return compute_region_excess(m.min_x, m.min_radius, m.max_radius, state.tip[0], state.tip[1])
 
@@ -43,4 +48,4 @@ NODE_SET_LIMIT = StateLimit(
     proven_below=0.0,
     clear_below=-CLEAR_DISTANCE,
 )
-"""Limit of the tip [m]."""
+"""Limit of the tip position; its quantity is the distance outside the workspace [m]."""

@@ -15,20 +15,24 @@ OBSTACLE_LIMIT = Limit(
     name="obstacles",
     describe=lambda broken: f"the arm gets to {broken.name}",
 )
-"""Limit of the clearance. The amount is the depth [m], negative if some clearance is left."""
+"""Limit of the clearance. The amount of a violation is the depth in the obstacle [m].
+
+The amount is negative if the arm only gets too close to exclude a contact."""
 
 
 def find_obstacle_violation(machine: Machine, trajectory: Trajectory) -> Violation | None:
     """Find the first obstacle that the arm touches along a trajectory.
 
-    Obstacles count without margin. A motion that starts in an obstacle may leave it.
+    The margin that discrete paths keep does not count. An approach so close that a contact cannot
+    be excluded counts as a contact. A motion that starts in an obstacle may leave it.
 
     Args:
         machine: Machine with its obstacles.
         trajectory: Joint trajectory.
 
     Returns:
-        The violation, with time, depth and name of the obstacle; None if the arm touches none.
+        The violation, with time, depth [m] and name of the obstacle. None if the arm touches no
+        obstacle.
     """
     contact = find_first_contact(machine, trajectory)
     if contact is None:

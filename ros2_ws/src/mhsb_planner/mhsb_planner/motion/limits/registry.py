@@ -1,7 +1,7 @@
 """Registry of the limits that every motion has to keep.
 
-A new limit on the state of a motion is one module and three lines here: an import, its place in
-`STATE_LIMITS`, and its call in `measure_limits`, both in the same order.
+To add a limit on the state of a motion, write one module and three lines here: its import, its
+place in `STATE_LIMITS`, and its call in `measure_limits`. Both lists must have the same order.
 """
 
 from __future__ import annotations
@@ -31,11 +31,14 @@ STATE_LIMITS: tuple[StateLimit, ...] = (
 
 @kernel(inline="always")
 def measure_limits(m: MachineArrays, state: LimitInputs) -> tuple[float, ...]:
-    """Return the bounded quantity of each limit in `STATE_LIMITS` at one instant, in their order.
+    """Return the quantity that each limit in `STATE_LIMITS` bounds, at one instant.
 
     Args:
         m: Arrays of the machine.
         state: State of the motion at this instant. Its `scratch` is overwritten.
+
+    Returns:
+        One quantity for each limit, in the order of `STATE_LIMITS`.
     """
     return (
         module_budget.measure_module_excess(m, state),

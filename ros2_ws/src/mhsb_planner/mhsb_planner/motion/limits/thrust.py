@@ -1,11 +1,11 @@
-"""Limit of the pressure that moving cylinders take against gravity and inertia.
+"""Limit of the supply pressure that moving cylinders need against gravity and inertia.
 
     thrust = max_j (p_L(F + (M q̈ + C q̇)/r) + m(v) + margin) / p_max,j ≤ 1
 
-p_L is the load pressure under the force F of gravity plus that of inertia, with the moment arm r.
-m(v) is the drop over the valve. `margin` is the part of the boost margin that must remain in spite
-of inertia. p_max,j is the highest supply pressure of the actuator's mode. Only cylinders that move
-against their load count.
+p_L is the load pressure. Its argument is the piston force of gravity F plus that of inertia, with
+the moment arm r. m(v) is the pressure drop over the valve. `margin` is the part of the boost margin
+that must remain in spite of inertia. p_max,j is the highest supply pressure of the mode of
+actuator j. Only cylinders that move against their load count.
 
 Source: paper, Section 2.1, with inertia added.
 """
@@ -29,14 +29,17 @@ from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit, TimeScalin
 def measure_thrust(m: MachineArrays, state: LimitInputs) -> float:
     """Return the largest ratio of needed to available supply pressure over all cylinders [-].
 
-    The needed pressure carries gravity and inertia at the piston's speed, plus the part of the
-    boost margin that is kept free of inertia forces. The available pressure is the highest of the
-    cylinder's mode. Only cylinders that move against gravity and inertia count. The result is 0 if
-    there is none.
+    The needed pressure carries the load (gravity and inertia) at the piston's speed. The part of
+    the boost margin that must remain in spite of inertia is added. The available pressure is the
+    highest supply pressure of the cylinder's mode. Only cylinders that move against their load and
+    faster than MAX_HELD_SPEED count.
 
     Args:
         m: Arrays of the machine.
         state: Speeds, forces and modes at one instant.
+
+    Returns:
+        Largest ratio; above 1 the pressure is too low. 0 if no cylinder counts.
     """
     oil, valve, cap, rod = get_shared_hydraulics(m), m.valve_coefficient, m.cap_area, m.rod_area
     hardest = 0.0
@@ -56,4 +59,4 @@ THRUST_LIMIT = StateLimit(
     time_scaling=TimeScaling.INERTIA,
     measure=measure_thrust,
 )
-"""Limit of the pressure of moving cylinders, a share of the highest supply pressure [-]."""
+"""Limit of the supply pressure of moving cylinders; its quantity is a share of the highest [-]."""

@@ -1,11 +1,11 @@
-"""Limit of what main pump, servo pumps and valves can do.
+"""Limit of the speeds that main pump, servo pumps and valves allow.
 
     usage = max( Σ_j A_dir|v_j| / (Q_MP − Σ_j q_leak), max_j |v_j| / v_max,j ) ≤ 1
 
-A_dir is the area that the supply fills, v_j a piston speed and v_max,j its limit under its load
-(`speed_limit`). Q_MP is the main pump's flow and q_leak the leakage of a valve at its supply
-pressure. Cylinders in the dead band have no speed limit, since their closed valves carry the load.
-A motion that is slower by the factor `usage` keeps the limit.
+A_dir is the area of the chamber that the supply fills. v_j is a piston speed and v_max,j its limit
+under its load (`speed_limit`). Q_MP is the main pump's flow and q_leak the leakage of a valve at
+its supply pressure. Cylinders up to MAX_HELD_SPEED have no speed limit, since their closed valves
+carry the load. A motion that is slower by the factor `usage` keeps the limit.
 
 Source: paper, Section 2.1, with leakage and modes worked out.
 """
@@ -47,16 +47,17 @@ def speed_limit(
 ) -> float:
     """Compute the largest speed of a piston under a load.
 
-    Pressure limits the speed of a piston that moves against its load:
+    The pressure limits the speed of a piston that moves against its load:
 
         v = K √((p − margin − p_L) A_d/(A³ + a³))
 
     p is the main pump's pressure P_S in mode N, and the highest boost pressure in boost. p_L is the
-    load pressure: supply pressure that holds the force at rest. A_d is the area of the chamber that
-    fills. Two limits hold for a piston that moves with its load. One is the same equation with
-    p = P_S and without margin. The other is v = K √P_S/A_d, at which the whole pressure P_S drops
-    in the valve. In boost, the flow Q_SP of each of n servo pumps sets a further limit,
-    v = n Q_SP/A_d.
+    load pressure: the supply pressure that holds the force at rest. A_d is the area of the chamber
+    that fills.
+
+    A piston that moves with its load has two limits. One is this equation with p = P_S and without
+    margin. The other is v = K √P_S/A_d, at which the whole pressure P_S drops over the valve. In
+    boost, the flow Q_SP of each of n servo pumps sets a further limit, v = n Q_SP/A_d.
 
     Args:
         oil: Hydraulic numbers that all actuators share.
@@ -86,18 +87,20 @@ def speed_limit(
 
 @kernel(inline="always")
 def measure_usage(m: MachineArrays, state: LimitInputs) -> float:
-    """Return how far a motion uses the capacity of main pump, servo pumps and valves [-].
+    """Return the share of the capacity of main pump, servo pumps and valves that a motion uses [-].
 
-    The result is the largest of several ratios; above 1 the motion is too fast by this factor. One
-    ratio is the flow of all pistons, divided by the flow that the main pump has for them after
-    leakage. The others are the speed of each piston, divided by its largest speed under its load.
-    Pistons in the dead band (up to MAX_HELD_SPEED) have no such ratio. The result is inf if a
-    cylinder moves although its pressure does not suffice, or if leakage takes the whole flow.
+    The result is the largest of several ratios. One is the flow of all pistons, divided by the flow
+    that the main pump has left after leakage. The others are the speed of each piston, divided by
+    its largest speed under its load. Pistons up to MAX_HELD_SPEED have no such ratio.
 
     Args:
         m: Arrays of the machine.
         state: Speeds, forces and modes at one instant. The supply pressure of each boosted actuator
             [Pa] is written to `state.scratch` in place.
+
+    Returns:
+        Largest ratio; above 1 the motion is too fast by this factor. inf if a cylinder moves
+        although its pressure does not suffice, or if leakage takes the whole flow.
     """
     oil, valve, cap, rod = get_shared_hydraulics(m), m.valve_coefficient, m.cap_area, m.rod_area
     own, modes = state.scratch, state.modes
@@ -122,4 +125,4 @@ USAGE_LIMIT = StateLimit(
     time_scaling=TimeScaling.SPEED,
     measure=measure_usage,
 )
-"""Limit of pumps and valves, a share of what they can do [-]."""
+"""Limit of pumps and valves; its quantity is the used share of their capacity [-]."""
