@@ -1,7 +1,8 @@
 """Grid of tip positions: its nodes, their neighbours and the cells between them.
 
-Nodes are integer pairs (i, k) in units of the spacing, so that rounding loses or doubles none. For
-the paper's machine at 5 cm they are the pairs with i ≥ 0 and 25 ≤ i² + k² ≤ 423: 642 nodes.
+Nodes are integer pairs (i, k) in units of the spacing. Rounding can therefore neither lose a node
+nor create one twice. For the paper's machine at 5 cm they are the pairs with i ≥ 0 and
+25 ≤ i² + k² ≤ 423: 642 nodes.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from mhsb_planner.errors import RequestError
 NEIGHBOUR_OFFSETS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
 """Offsets (Δi, Δk) from a node to its eight neighbours."""
 ON_LINE = 1e-6
-"""Distance from a grid line below which a coordinate lies on it, in units of the spacing."""
+"""Distance from a grid line up to which a coordinate counts as on it, in units of the spacing."""
 
 
 def grid_nodes(machine: Machine, spacing: float) -> IntArray:
@@ -59,8 +60,8 @@ class Grid:
     Attributes:
         nodes: Integer coordinates (i, k) of the nodes, shape (nodes, 2).
         spacing: Grid spacing [m].
-        neighbors: Index of the node at each of NEIGHBOUR_OFFSETS, int64, shape (nodes, 8); −1 if
-            there is none.
+        neighbors: Indices of the neighbours of each node in the order of NEIGHBOUR_OFFSETS, int64,
+            shape (nodes, 8); −1 if a neighbour does not exist.
     """
 
     def __init__(self, nodes: IntArray, spacing: float) -> None:
@@ -92,7 +93,7 @@ class Grid:
 
         Returns:
             Index of the node; None if there is no node. x and z may each differ from the node's
-            position by ON_LINE grid spacings.
+            position by ON_LINE times the spacing.
         """
         i, k = round(x / self.spacing), round(z / self.spacing)
         if abs(x / self.spacing - i) > ON_LINE or abs(z / self.spacing - k) > ON_LINE:
@@ -102,10 +103,9 @@ class Grid:
     def cell_corners(self, x: float, z: float, rings: int = 0) -> IntArray:
         """Return the nodes at the corners of the grid cell in which a tip position lies.
 
-        A start or goal off the grid is joined to these nodes.
-
-        A position on a grid line belongs to the cells on both sides. A position on a node belongs
-        to all four cells around the node; that node itself is not in the result.
+        The search connects a start or goal to these nodes. A position on a grid line belongs to the
+        cells on both sides. A position on a node belongs to all four cells around it. The node
+        itself is then not in the result.
 
         Args:
             x: Tip position forward [m].
@@ -113,7 +113,8 @@ class Grid:
             rings: Number of further rings of nodes to include; 0 means the corners alone.
 
         Returns:
-            Indices of the nodes, int64. Corners outside the workspace are no nodes and are missing.
+            Indices of the nodes, int64. Corners outside the workspace are not nodes and are left
+            out.
         """
         here = self.node_at(x, z)
         rows, columns = self._bounding_lines(z, rings), self._bounding_lines(x, rings)
@@ -139,15 +140,14 @@ class Grid:
     def _bounding_lines(self, coordinate: float, rings: int = 0) -> range:
         """Return the grid lines of one axis between which a coordinate lies.
 
-        A coordinate on a line belongs to the cells on both sides, so that the next line on each
-        side is returned, too.
+        For a coordinate on a line, this line and the next line on each side are returned.
 
         Args:
             coordinate: x or z [m].
             rings: Number of further lines on each side.
 
         Returns:
-            Integer coordinates of the lines, in units of the spacing, in ascending order.
+            Integer coordinates of the lines in ascending order, in units of the spacing.
         """
         value = coordinate / self.spacing
         if abs(value - round(value)) <= ON_LINE:

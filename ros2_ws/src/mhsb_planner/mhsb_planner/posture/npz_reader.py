@@ -1,8 +1,8 @@
 """Safe reading of the arrays of an npz file from an untrusted source.
 
-NumPy's own reader evaluates an array's header as Python and allocates what its shape asks for. Here
-the header must match the one form in which NumPy writes it, and an array is made only of bytes that
-exist.
+NumPy's own reader evaluates the header of an array as Python code and allocates as much memory as
+its shape demands. This reader accepts only headers in the exact form that NumPy writes. It creates
+an array only if the file contains all of its bytes.
 
 Source: numpy.lib.format, versions 1.0 to 3.0.
 """
@@ -22,12 +22,12 @@ import numpy as np
 NPY_MAGIC = b"\x93NUMPY"
 """First bytes of every npy file."""
 LENGTH_FORMATS = {1: "<H", 2: "<I", 3: "<I"}
-"""Struct format of the header's length, by the major version of the npy format."""
+"""Format of the header's length for `struct`, by the major version of the npy format."""
 
 LONGEST_HEADER = 1000
-"""Largest accepted length of an array's header [B]; NumPy writes 118 for an array of three
-dimensions.
-"""
+"""Largest accepted length of an array's header [B].
+
+NumPy writes 118 B for an array of three dimensions."""
 
 NPY_HEADER_PATTERN = re.compile(
     rb"\{'descr': '([<>|=][A-Za-z]\d{1,6})', 'fortran_order': (True|False), "
@@ -47,11 +47,13 @@ DAMAGED_FILE_ERRORS = (
     lzma.LZMAError,
     struct.error,
 )
-"""Exceptions that mean that a file is damaged or not an npz file; OSError is not among them."""
+"""Exceptions that are raised if a file is damaged or not an npz file.
+
+OSError is not among them: it means that the file cannot be read."""
 
 
 class ArchiveTooLargeError(Exception):
-    """Error if a file would unpack to more bytes than allowed.
+    """Error: a file would unpack to more bytes than allowed.
 
     Attributes:
         size: Unpacked size of all members [B].
@@ -77,8 +79,8 @@ def read_arrays(path: Path, kinds: Mapping[str, str], largest: int) -> dict[str,
     Raises:
         OSError: The file cannot be read.
         ArchiveTooLargeError: The file would unpack to more than `largest`.
-        DAMAGED_FILE_ERRORS: One of these errors, if the file is damaged, or an array is missing or
-            of another dtype.
+        DAMAGED_FILE_ERRORS: The file is damaged, or an array is missing or of another dtype. One
+            of these errors is raised.
     """
     with zipfile.ZipFile(path) as file:
         size = sum(part.file_size for part in file.infolist())
@@ -98,8 +100,8 @@ def _decode_array(content: bytes, kind: str) -> np.ndarray:
         The array, with its own memory.
 
     Raises:
-        ValueError: The header has another form than NumPy writes, or another dtype. Or the number
-            of bytes does not fit the shape.
+        ValueError: The header has another form than NumPy writes, the dtype does not match, or the
+            number of bytes does not fit the shape.
     """
     if content[:6] != NPY_MAGIC or len(content) < 12 or content[6] not in LENGTH_FORMATS:
         raise ValueError("no npy file")

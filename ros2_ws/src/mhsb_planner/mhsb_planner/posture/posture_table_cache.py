@@ -22,13 +22,14 @@ def cached_table_path(
     """Return the path of a machine's posture table in the user's cache directory.
 
     The directory is $XDG_CACHE_HOME/mhsb if this is an absolute path, otherwise ~/.cache/mhsb. The
-    name contains the hash of the machine without its slewing joint. Tables of other solvers than
-    `global` get other names, which `load_or_build_table` does not look for.
+    file name contains a hash of the machine without its slewing joint. `load_or_build_table` looks
+    for tables of the solver `global` only.
 
     Args:
-        machine: The machine.
+        machine: Machine of the table; it may have a slewing joint.
         spacing: Grid spacing [m]; None means the machine's own.
-        solver: Name of the solver that made the table.
+        solver: Name of the solver that made the table. It is part of the file name unless it is
+            `global`.
 
     Returns:
         Path of the file, which need not exist.
@@ -46,11 +47,11 @@ def load_or_build_table(
     spacing: float | None = None,
     progress: Progress | None = None,
 ) -> PostureTable:
-    """Return the posture table of a machine without its slewing joint; build it if necessary.
+    """Load the posture table of a machine without its slewing joint, or build it.
 
-    If `path` is given, the table is read from this file. Otherwise it comes from the cache; if it
-    is missing or damaged there, it is built and stored. A damaged table, and a cache that cannot be
-    written, are only logged.
+    If `path` is given, the table is read from this file. Otherwise it is read from the user's
+    cache. If it is missing or damaged there, it is built and written to the cache. A damaged table
+    in the cache, and a cache that cannot be written, are logged but raise no error.
 
     Args:
         machine: The machine.

@@ -1,16 +1,17 @@
 """Posture with the largest velocity polytope for a chain of any kind (paper, step S1).
 
-With the tip held, n − 2 joint coordinates are free. At a maximum, some joints may be at their
-limits. Two joints close the chain (`tip_postures.close_chain`) and the others take values within a
-box. Therefore all pairs of joints close the chain in turn, and the others are sampled evenly,
-limits included.
+If the tip is held, n − 2 of the n joint coordinates are free. The positions of two joints follow
+from those of the others, so that the tip is at its place; these two close the chain
+(`tip_postures.close_chain`). At a maximum, some joints may be at their limits. Therefore every pair
+of joints closes the chain in turn, and the other joints are sampled evenly, limits included.
 
-The area is ascended from the best samples, with neighbouring samples merged, and from the best
-postures already found for other mode combinations. The ascent follows curves on which three joints
-move and the others rest. A joint that would pass its limit is put there, and the ascent slides
-along the limit.
+A local ascent of the area begins at the best samples. Samples near to each other count as one. It
+also begins at the best postures already found for other mode combinations. In each step of the
+ascent three joints move and the others rest. A joint that would pass its limit is put on the limit,
+and the ascent goes on along it.
 
-SLSQP from many starts estimates the share of entries that are missed (`s1_judge`).
+`s1_judge` estimates the share of table entries whose maximum is missed, with SLSQP from many
+starts.
 """
 
 from __future__ import annotations
@@ -46,38 +47,38 @@ from mhsb_planner.posture.s1_polytope import (
 )
 
 MAX_CLOSED_CHAINS = 1500
-"""Largest number of samples at one tip position; at least half of them are beyond limits."""
+"""Largest number of samples at one tip position."""
 
 FIRST_PATTERN_STARTS, OTHER_PATTERN_STARTS = 3, 2
-"""Number of samples from which the area is ascended: for the first mode combination, and for each
-other. The others also start from the best posture already found.
-"""
+"""Number of samples at which an ascent begins: for the first mode combination, and for each other.
+
+The search for another combination also begins at the best posture already found."""
 
 MIN_START_DISTANCE = 0.35
 """Joint difference up to which two samples count as one start [rad]."""
 
 ROUGH_STRIDES, NEAR_STRIDES, FINE_STRIDES = (0.1, 2e-3), (0.025, 2e-3), (2e-3, 1e-6)
-"""First and last stride of an ascent [rad]: from a sample, from another mode combination's posture,
-and from the best of their ends.
-"""
+"""First and last stride of an ascent [rad], for three kinds of starting points.
+
+The starting points are a sample, the posture of another mode combination, and the best posture
+found from these two kinds."""
 
 SAME_AREA = 1e-9
-"""Relative gain in area that counts as none."""
+"""Relative gain in area up to which two areas count as equal [-]."""
 
 
 @kernel
 def _sample_postures(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
     """Sample postures within joint limits at a tip position.
 
-    Every pair of joints is used, one after the other, to bring the tip to the position; each has up
-    to two solutions. The other joints are sampled evenly, limits included, as densely as
-    MAX_CLOSED_CHAINS allows.
+    Each pair of joints in turn brings the tip to the position, in up to two ways. The other joints
+    take evenly spaced values, limits included, as densely as MAX_CLOSED_CHAINS allows.
 
     Args:
         m: Numeric description of the machine.
         x: Tip position forward [m].
         z: Tip position upward [m].
-        found: Written in place, shape (MAX_CLOSED_CHAINS, n) [rad or m].
+        found: Postures, shape (MAX_CLOSED_CHAINS, n) [rad or m]. Written in place.
 
     Returns:
         Number of postures written; further rows of `found` are undefined.
@@ -106,17 +107,19 @@ def _sample_postures(m: MachineArrays, x: float, z: float, found: FloatArray) ->
 
 
 class _AreaBuffers(NamedTuple):
-    """Working memory for areas, and constants that all postures share.
+    """Working memory for polytope areas, and constants that all postures share.
 
     Attributes:
-        unit: Unit of each joint, shape (n,): 1 rad, or a length for a sliding joint [m], see
-            `kinematics.compute_radian_equivalents`.
-        scale: Piston speed per inlet flow, shape (n, 2) [1/m²], see
-            `s1_polytope.polytope_area_from_limits`.
+        unit: Joint motion that counts as much as 1 rad, shape (n,): 1 rad for a turning joint, a
+            length [m] for a sliding joint. See `kinematics.compute_radian_equivalents`.
+        scale: Piston speed per inlet flow, extending and retracting, shape (n, 2) [1/m²]. See
+            `s1_polytope.flow_scale`.
         flow: Flow that the main pump gives all cylinders together [m³/s].
-        force: Joint torques under gravity, shape (n,) [N m or N].
-        cross: Cross products of the tip columns, shape (n, n).
-        limit: Largest inlet flow by mode and direction, shape (n, modes, 2) [m³/s].
+        force: Working memory: joint torques under gravity, shape (n,) [N m or N].
+        cross: Working memory: cross products C_i × C_j of the tip velocities per piston speed,
+            shape (n, n) [-].
+        limit: Working memory: largest inlet flow of each joint by mode and direction (0 extends, 1
+            retracts), shape (n, modes, 2) [m³/s].
     """
 
     unit: FloatArray
@@ -131,9 +134,9 @@ class _AreaBuffers(NamedTuple):
 def _area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _AreaBuffers) -> float:
     """Compute the area of the velocity polytope in a posture for one mode combination.
 
-    The polytope contains all velocities of the tip that the pistons' limits allow. A piston whose
-    load is too heavy for its mode has speed 0 in that direction; the other directions still count.
-    The function is faster than `s1_polytope.posture_area`, its test oracle.
+    The polytope contains all velocities of the tip that the pistons' limits allow. If a load is too
+    heavy for the actuator's mode, the piston cannot move against it, but still with it. The
+    function is faster than `s1_polytope.posture_area`, its test oracle.
 
     Args:
         m: Numeric description of the machine.
@@ -156,12 +159,12 @@ def _area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _AreaBuffers) 
 
 
 class _JointTriple(NamedTuple):
-    """Three joints that move while the tip stays in place.
+    """Indices of three joints that move together so that the tip stays in place.
 
     Attributes:
-        driver: Index of the joint that moves by a given stride.
-        first: Index of the first joint that closes the chain.
-        second: Index of the second joint that closes the chain, above `first`.
+        driver: Joint that moves by a given stride.
+        first: First of the two joints that compensate this motion at the tip.
+        second: Second of these two joints; its index is above `first`.
     """
 
     driver: int
@@ -178,23 +181,22 @@ def _move_with_fixed_tip(
     triple: _JointTriple,
     stride: float,
 ) -> bool:
-    """Move one joint by a stride while two others keep the tip in place.
+    """Move one joint by a stride while two other joints keep the tip in place.
 
-    The moving joint is the driver; it is clipped to its limits. If one of the two others (the
-    closing joints) would pass its limit, it is put at this limit. The driver and the other closing
-    joint then keep the tip in place.
+    The moving joint, the driver, stops at its limits. If one of the two other joints would pass its
+    limit, it is put on this limit. The driver and the remaining joint then keep the tip in place.
 
     Args:
         m: Numeric description of the machine.
         tip: Tip position (x, z) [m].
         q: Posture, shape (n,) [rad or m].
-        moved: New posture, written in place, shape (n,) [rad or m].
-        triple: Indices of the driver and of the two closing joints.
+        moved: New posture, shape (n,) [rad or m]. Written in place.
+        triple: Indices of the driver and of the two other joints.
         stride: Signed stride of the driver [rad or m].
 
     Returns:
-        False if there is no other posture within limits in this direction; `moved` is then
-        undefined.
+        True if the move is possible. False if it leads to no other posture within limits; `moved`
+        is then undefined.
     """
     n, x, z = len(q), tip[0], tip[1]
     driver, i, j = triple
@@ -232,9 +234,9 @@ def _ascend_area(
 ) -> float:
     """Increase the velocity polytope's area by moving joints while the tip stays in place.
 
-    Each iteration tries all triples of joints in both directions. In a triple, the joint that has
-    to turn fastest moves by the stride, and the other two keep the tip in place. The move with the
-    largest area is taken. If no move gains, the stride is halved.
+    Each iteration tries all triples of joints in both directions. Of a triple, the joint that has
+    to move most is moved by the stride, and the other two keep the tip in place. The move with the
+    largest area is made. If no move increases the area, the stride is halved.
 
     Args:
         m: Numeric description of the machine.
@@ -243,8 +245,8 @@ def _ascend_area(
         w: Working memory, overwritten.
         q: Posture, changed in place, shape (n,) [rad or m].
         area: Area in the posture q [m²/s²].
-        strides: First stride, and stride below which the ascent ends [rad]. Sliding joints move by
-            the equivalent length.
+        strides: First stride, and stride below which the ascent ends [rad]. A sliding joint moves
+            by the length that counts as much (`unit` of `w`).
 
     Returns:
         Area in the final posture [m²/s²].
@@ -297,15 +299,16 @@ def _ascend_area(
 def _exclude_samples(
     sample: FloatArray, value: FloatArray, posture: FloatArray, unit: FloatArray
 ) -> None:
-    """Exclude samples close to a posture from being starting points, by setting their value to −1.
+    """Set the area of all samples close to a posture to −1, so that no ascent begins at them.
 
-    A sample is close if no joint differs by more than MIN_START_DISTANCE, in the joint's unit.
+    A sample is close if no joint differs by more than MIN_START_DISTANCE times the joint's unit.
 
     Args:
-        sample: Samples, shape (count, n) [rad or m].
-        value: Area of each sample, shape (count,) [m²/s²]; changed in place.
-        posture: The posture, shape (n,) [rad or m].
-        unit: Unit of each joint: 1 rad, or a length for a sliding joint, shape (n,) [rad or m].
+        sample: Sampled postures, shape (count, n) [rad or m].
+        value: Area of each sample, shape (count,) [m²/s²]. Written in place.
+        posture: Posture to compare with, shape (n,) [rad or m].
+        unit: Unit of each joint, shape (n,): 1 rad for a turning joint, a length [m] for a sliding
+            joint.
     """
     for s in range(len(value)):
         if np.max(np.abs(sample[s] - posture) / unit) <= MIN_START_DISTANCE:
@@ -321,7 +324,7 @@ def _find_best_known(
     best: float,
     q: FloatArray,
 ) -> float:
-    """Find the posture of largest velocity-polytope area among known postures.
+    """Find the posture with the largest velocity polytope among given postures.
 
     Args:
         m: Numeric description of the machine.
@@ -354,10 +357,11 @@ def largest_polytopes_of_chain(
 ) -> bool:
     """Find for each mode combination the posture with the largest velocity polytope.
 
-    The polytope contains all velocities of the tip that the pistons' limits allow. Postures are
-    sampled once for all combinations. For each combination, a local ascent changes the joint
-    positions as long as the area grows. It starts from the best samples, and from the best postures
-    of other combinations. The search may miss the largest area.
+    The polytope contains all velocities of the tip that the pistons' limits allow. The arm may have
+    any number of turning and sliding joints. Postures are sampled once for all combinations. For
+    each combination, a local ascent changes the joint positions as long as the area grows. It
+    begins at the best samples, and at the best postures of other combinations. The search may miss
+    the largest area.
 
     Test oracle: SLSQP from many starts.
 

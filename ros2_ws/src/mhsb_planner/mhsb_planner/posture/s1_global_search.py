@@ -1,13 +1,13 @@
 """Posture with the largest velocity polytope at a tip position, by global search (paper, step S1).
 
 This module solves arms of three turning joints. `s1_chain_search` solves longer chains and chains
-with telescopes.
+with sliding joints.
 
-With the tip held, the arm has one degree of freedom left: the end-link angle ψ, on each of two
-elbow branches. Most maxima lie at the ends of the feasible intervals, which are known in closed
-form. Between them the area is sampled, and every local maximum is refined. Samples lie at ψ =
-middle − half·cos t for equally spaced t. This resolves the square-root behaviour of the joint
-angles at the edge of the reach.
+If the tip is held, the arm has one degree of freedom left on each of two elbow branches: the
+end-link angle ψ. Most maxima lie at the ends of the feasible intervals of ψ, which are known in
+closed form. Between the ends the area is sampled, and local maxima that could be the largest are
+refined. Samples lie at ψ = middle − half·cos t for equally spaced t. They are dense near the ends.
+There, at the edge of the reach, joint angles vary as the square root of ψ.
 """
 
 from __future__ import annotations
@@ -52,53 +52,52 @@ from mhsb_planner.posture.s1_psi_intervals_3r import (
 )
 
 SAMPLES_PER_TURN = 720
-"""Density of the samples [1/turn]. The area has ridges where the active flow limits change; with
-four-bar linkages some are 5 mrad wide.
-"""
+"""Number of samples in one turn of the end-link angle ψ [1/turn].
+
+The area has ridges at angles at which another flow limit becomes active. With four-bar linkages
+some ridges are only 5 mrad wide."""
 
 LEAST_SAMPLES = 8
 """Smallest number of steps between the samples of an interval."""
 REFINED_TO = 1e-7
-"""Width to which the parameter t of a maximum is narrowed [rad]."""
+"""Width to which the search for a maximum narrows the parameter t of ψ [rad]."""
 
 SAME_AREA = 1e-9
-"""Relative gain in area that counts as none: the earlier candidate stays.
+"""Relative gain in area up to which two areas count as equal [-]. The earlier posture is then kept.
 
-Interval ends come before inner samples, elbow −1 before +1, and smaller ψ before larger.
-"""
+Interval ends come before inner samples, elbow −1 before +1, and smaller ψ before larger."""
 
 RISE_BETWEEN = 2.0
-"""Largest rise of the area above a sample, as a factor on the drop to its lower neighbour.
+"""Largest rise of the area between samples, as a factor on the drop to the lower neighbour [-].
 
-A local maximum of the samples is refined only if the area could become the largest with this rise.
-For a concave area the factor would be 1.
-"""
+A local maximum of the samples is refined only if the area plus this rise exceeds the largest area
+so far. For a concave area the factor would be 1."""
 
 NODES_PER_TASK = 8
 """Number of nodes that one task solves."""
 
 PATTERNS_AT_ONCE = 4
-"""Number of mode combinations that are solved between two looks at a deadline."""
+"""Number of mode combinations that are solved between two checks of a deadline."""
 
 Progress = Callable[[int, int], None]
-"""Function that is called with the numbers of finished and of all nodes."""
+"""Function that is called with the number of finished nodes and the number of all nodes."""
 Cancelled = Callable[[], bool]
-"""Function that returns whether the work is to be given up."""
+"""Function that returns True if the work must be given up."""
 NodeSolver = Callable[[Machine, FloatArray, FloatArray, FloatArray], None]
-"""Function that fills posture[nodes, patterns, n] and area[nodes, patterns] for tip positions.
+"""Function that finds the postures of a posture table at given tip positions.
 
-Its arguments are the machine, the positions, shape (nodes, 2) [m], and both arrays. If no posture
-is within limits, the node's entries are NaN.
-"""
+Its arguments are the machine, the tip positions, shape (nodes, 2) [m], and two arrays that it
+writes: postures, shape (nodes, patterns, n), and polytope areas, shape (nodes, patterns). If no
+posture is within limits, the entries of the node are NaN."""
 
 
 @kernel
 def _psi_at(lower: float, upper: float, t: float) -> float:
-    """Return the end-link angle ψ at a parameter t of an interval of ψ.
+    """Return the end-link angle ψ that belongs to a parameter t in an interval of ψ.
 
         ψ = (lower + upper)/2 − (upper − lower)/2 · cos t
 
-    The ends are exact, without rounding.
+    At t = 0 and t = π the result is exactly `lower` and `upper`.
 
     Args:
         lower: Lower end of the interval [rad].
@@ -125,7 +124,7 @@ def _compute_area_inputs(
     cross: FloatArray,
     limit: FloatArray,
 ) -> bool:
-    """Compute a posture, and the two arrays from which its velocity-polytope area follows.
+    """Compute a posture, and the two arrays from which the area of its velocity polytope follows.
 
     Args:
         m: Numeric description of the machine.
@@ -139,7 +138,7 @@ def _compute_area_inputs(
             place, shape (3, modes, 2) [m³/s].
 
     Returns:
-        False if the posture does not exist or is not within limits; `cross` and `limit` are then
+        True if the posture exists and is within limits. Otherwise `cross` and `limit` are
         unchanged.
     """
     if not solve_posture_at_psi(m, tip[0], tip[1], psi, elbow, q):
@@ -161,19 +160,20 @@ def _maximise_in_interval(
 ) -> float:
     """Maximise the velocity polytope's area over part of an interval of the end-link angle ψ.
 
+    It is a golden-section search over a parameter t, which is 0 at the lower end of the interval
+    and π at its upper end.
+
     Args:
         m: Numeric description of the machine.
         tip: Tip position (x, z) [m].
         interval: Elbow branch (−1 or 1), lower and upper end of ψ [rad], shape (3,).
-        low: Lower end of the part, as a parameter t: 0 is the lower end of the interval, π its
-            upper end.
-        high: Upper end of the part, as a parameter t.
+        low: Parameter t at the lower end of the part [rad].
+        high: Parameter t at the upper end of the part [rad].
         pattern: Mode combination (one mode for each actuator), shape (3,).
         q: Posture of the maximum, written in place, shape (3,) [rad].
 
     Returns:
-        Largest area found by golden-section search [m²/s²]; −1 if the last candidates are not
-        within joint limits.
+        Largest area found [m²/s²]; −1 if the search ends at postures beyond joint limits.
     """
     n = len(q)
     cross = np.empty((n, n))
@@ -212,9 +212,10 @@ class _PsiSamples(NamedTuple):
     Attributes:
         interval: Elbow branch (∓1), lower and upper end of ψ [rad] of each interval, shape
             (intervals, 3).
-        first: Samples of interval i are first[i] to first[i + 1] - 1, shape (intervals + 1,).
+        first: Index of the first sample of each interval, and last the number of samples, shape
+            (intervals + 1,).
         posture: Posture of each sample, shape (samples, 3) [rad].
-        valid: Whether the posture exists and is within limits, shape (samples,).
+        valid: True if the posture exists and is within limits, shape (samples,).
         cross: Cross products C_i × C_j of the tip velocities per piston speed, shape (samples, 3,
             3) [-].
         limit: Largest inlet flows by joint, mode and direction, shape (samples, 3, modes, 2)
@@ -238,10 +239,10 @@ def _sample_psi(m: MachineArrays, tip: tuple[float, float]) -> _PsiSamples:
         tip: Tip position (x, z) [m].
 
     Returns:
-        The intervals, and for each sample its posture, whether it is valid, and the inputs of the
-        polytope area; ψ itself is not stored. Samples are in the order of the intervals. Within an
-        interval ψ rises as −cos t, both ends included. Two samples are at most 1 / SAMPLES_PER_TURN
-        turns apart. No samples if no posture is within joint limits.
+        The intervals, and the samples of all intervals in order. Each sample has its posture, its
+        validity and the inputs of the polytope area. Within an interval ψ rises as −cos t, both
+        ends included. Two samples are at most 1 / SAMPLES_PER_TURN turns apart. There are no
+        samples if no posture is within joint limits.
     """
     interval = np.empty((MAX_INTERVALS, 3))
     intervals = find_feasible_intervals(m, tip[0], tip[1], interval)
@@ -269,8 +270,8 @@ def _sample_psi(m: MachineArrays, tip: tuple[float, float]) -> _PsiSamples:
 def _find_largest_sample(samples: _PsiSamples, value: FloatArray, q: FloatArray) -> float:
     """Find the sample with the largest velocity-polytope area.
 
-    The ends of all intervals are looked at first, then all samples. A later sample counts only if
-    its area is larger by the share SAME_AREA.
+    The ends of all intervals come first, then all samples. A later sample is taken only if its area
+    is larger by more than the share SAME_AREA.
 
     Args:
         samples: Samples of the end-link angle ψ at one tip position.
@@ -297,7 +298,7 @@ def _find_largest_sample(samples: _PsiSamples, value: FloatArray, q: FloatArray)
 
 @kernel
 def _compute_drop(value: FloatArray, s: int, first: int, last: int) -> float:
-    """Compute by how much a sample that is a local maximum exceeds its lower neighbour.
+    """Compute the drop of the area from a sample that is a local maximum to its lower neighbour.
 
     Args:
         value: Area of each sample, shape (samples,) [m²/s²]; −1 if the sample is beyond joint
@@ -307,8 +308,8 @@ def _compute_drop(value: FloatArray, s: int, first: int, last: int) -> float:
         last: Index of the last sample of its interval.
 
     Returns:
-        The difference to the lower of both neighbours in the interval [m²/s²]; −inf if the sample
-        is no local maximum or beyond joint limits.
+        Difference to the lower of the two neighbours in the interval [m²/s²]. −inf if the sample is
+        not a local maximum, or is beyond joint limits.
     """
     before = value[s - 1] if s > first else -math.inf
     after = value[s + 1] if s < last else -math.inf
@@ -394,9 +395,9 @@ def largest_polytopes(
 ) -> bool:
     """Find for each mode combination the posture with the largest velocity polytope.
 
-    The polytope contains all velocities of the tip that the pistons' limits allow. Arms of three
-    turning joints and all other chains have a solver each. Only the solver for other chains may
-    miss the largest area.
+    The polytope contains all velocities of the tip that the pistons' limits allow. There is one
+    solver for arms of three turning joints, and one for all other arms. Only the second may miss
+    the largest area.
 
     Args:
         machine: The arm without a slewing joint.
@@ -420,7 +421,7 @@ def search_globally(
 ) -> None:
     """Find the postures with the largest velocity polytope at many tip positions.
 
-    It is the default `NodeSolver` by which posture tables are built.
+    It is the `NodeSolver` by which posture tables are built if no other one is given.
 
     Args:
         machine: The arm without a slewing joint.
@@ -436,7 +437,7 @@ def search_globally(
 
 @dataclass(frozen=True, eq=False)
 class PointPostures:
-    """Postures of largest polytope at one tip position, as a table holds them for a node.
+    """Postures with the largest velocity polytope at one tip position, like one row of a table.
 
     Attributes:
         posture: Posture for each mode combination, shape (patterns, n) [rad or m].
@@ -490,17 +491,17 @@ def build_posture_table(
     """Build the posture table of a machine without its slewing joint.
 
     The table has the posture with the largest velocity polytope for each workspace node and mode
-    combination. Nodes are solved in threads or by a cluster. Neither the choice nor the number of
-    workers changes the result.
+    combination. Nodes are solved in threads or on a cluster. The result does not depend on the kind
+    or number of workers.
 
     Args:
-        machine: The machine.
+        machine: The machine; it may have a slewing joint.
         spacing: Grid spacing [m]; None means the machine's own.
         jobs: Number of threads, or a cluster; None means one thread for each processor.
-        progress: Function that is called with the numbers of finished and of all nodes after each
-            task; None means none.
-        cancelled: Function that is called after each task. If it returns true, the work is given
-            up. None means never.
+        progress: Called after each task with the number of finished nodes and the number of all
+            nodes. None means no calls.
+        cancelled: Called after each task. If it returns True, the work is given up. None means
+            never.
         solver: Function that finds the postures.
 
     Returns:
@@ -545,7 +546,9 @@ def build_posture_table(
 def _solve_nodes(
     solver: NodeSolver, machine: Machine, position: FloatArray, begin: int, end: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Find the postures with the largest velocity polytope at a range of the nodes.
+    """Find the postures with the largest velocity polytope at a range of nodes.
+
+    It is the task that one worker executes.
 
     Args:
         solver: Function that finds the postures.
@@ -567,7 +570,7 @@ def _solve_nodes(
 def warm_up(machine: Machine) -> None:
     """Compile the kernels that find postures with the largest velocity polytope.
 
-    They are called without any mode combination, so that the call is quick.
+    They are called with no mode combination, so that the call is quick.
 
     Args:
         machine: Machine whose chain of joints decides which kernels are compiled.

@@ -1,9 +1,10 @@
-"""Quality of a posture table: random entries compared with the paper's solver from many starts.
+"""Quality of a posture table: random entries are compared with SLSQP, the solver of the paper.
 
-An entry is short if its area is smaller than SLSQP's by more than MAX_AREA_SHORTFALL. If k of N
-random entries are short, the share of short entries in the whole table is at most p, with
-CONFIDENCE_LEVEL. p solves P(at most k of N) = 1 − CONFIDENCE_LEVEL: a quantile of the beta
-distribution, and 1 − (1 − CONFIDENCE_LEVEL)^(1/N) for k = 0.
+SLSQP runs from many random starts. An entry is short if its polytope area is smaller than the area
+that SLSQP finds, by more than MAX_AREA_SHORTFALL. If k of N random entries are short, the share of
+short entries in the whole table is at most p with CONFIDENCE_LEVEL. p solves
+P(at most k of N are short) = 1 − CONFIDENCE_LEVEL. It is a quantile of the beta distribution, and
+1 − (1 − CONFIDENCE_LEVEL)^(1/N) for k = 0.
 
 Source: C. J. Clopper, E. S. Pearson, The Use of Confidence or Fiducial Limits, 1934.
 """
@@ -23,7 +24,9 @@ from mhsb_planner.posture.s1_slsqp import largest_by_slsqp
 SLSQP_STARTS = 30
 """Number of random starts of SLSQP for each entry."""
 MAX_AREA_SHORTFALL = 1e-3
-"""Relative shortfall of an entry's area behind SLSQP's, above which the entry is short."""
+"""Relative difference by which an entry's area may be smaller than SLSQP's [-].
+
+If it is smaller still, the entry counts as short."""
 
 CONFIDENCE_LEVEL = 0.95
 """Confidence of the upper bound on the share of short entries."""
@@ -35,8 +38,9 @@ class TableComparison:
 
     Attributes:
         entries: Number of entries compared.
-        short_entries: Number of entries that are short.
-        worst_ratio: Least ratio of an entry's area to SLSQP's.
+        short_entries: Number of entries whose area is smaller than SLSQP's by more than
+            MAX_AREA_SHORTFALL.
+        worst_ratio: Least ratio of an entry's area to SLSQP's [-].
     """
 
     entries: int
@@ -47,8 +51,8 @@ class TableComparison:
     def short_share_bound(self) -> float:
         """Upper bound on the share of short entries in the whole table, with CONFIDENCE_LEVEL.
 
-        An entry is short if its area is clearly smaller than that of the comparison. The bound is
-        that of Clopper and Pearson; it is 1 if all compared entries are short.
+        An entry is short if its area is smaller than SLSQP's by more than MAX_AREA_SHORTFALL. The
+        bound is the one of Clopper and Pearson. It is 1 if all compared entries are short.
         """
         if self.short_entries == self.entries:
             return 1.0
@@ -79,14 +83,12 @@ def compare_with_slsqp(
     Args:
         machine: The arm without a slewing joint.
         table: The table.
-        entries: Number of random entries; an entry may occur more than once.
+        entries: Number of random entries to compare; an entry may occur more than once.
         seed: Seed of the random choice of nodes and mode combinations.
         progress: Called with the number of finished entries.
 
     Returns:
-        Number of entries, number of those whose area is short of SLSQP's by more than
-        MAX_AREA_SHORTFALL, and least ratio of the two areas. An entry for which SLSQP finds no
-        posture counts as equal.
+        Result of the comparison. An entry for which SLSQP finds no posture counts as equal.
     """
     random, ratios = np.random.default_rng(seed), []
     for done, node in enumerate(random.choice(np.flatnonzero(table.feasible), entries), start=1):

@@ -1,19 +1,22 @@
-"""Area of the end-effector velocity polytope, the objective of the posture table.
+"""Area of the velocity polytope of the tip, which the postures of a posture table maximise.
 
-The admissible piston speeds v of a posture in a mode combination are (paper, Section 2.1)
+In a posture and a mode combination, the piston speeds v_j have these limits (paper, Section 2.1):
 
     −V_ret,j ≤ v_j ≤ V_ext,j                valve, and for boosted joints the servo pumps
     Σ_j A_dir,j |v_j| ≤ Q_MP − n q_leak     main pump, boosted flow included
 
-with A_dir the cap-side area A in extension and the rod-side area a in retraction. The tip velocity
-is Σ_j C_j v_j with C_j = J_j / r_j, so the polytope is the image of that body under a 2×n matrix.
+A_dir is the cap-side area A in extension and the rod-side area a in retraction. Q_MP is the main
+pump's flow, and q_leak the leakage of each of n valves. The tip velocity is Σ_j C_j v_j with
+C_j = J_j / r_j: column of the tip's Jacobian over moment arm. The polytope is the set of the tip
+velocities of all admissible piston speeds.
 
-A boosted joint's valve limits are taken at the highest boost pressure, as the capability of the
-mode. As in the paper, all valves leak as at P_S, since areas only compare postures. The graph
-search (S2) and the trajectory (S3) check the real demand on the main pump, boosted leakage
-included. If the load exceeds even the highest boost pressure, the joint moves in one direction only
-and the polytope stays defined. As in the paper such a posture is not excluded here; its steps
-against the load are.
+The valve limits of a boosted joint are those at the highest boost pressure. As in the paper, all
+valves leak as at the main pump's pressure, since areas only compare postures. The graph search (S2)
+and the trajectory (S3) check the real demand on the main pump, with the leakage of boosted valves.
+
+If the load exceeds even the highest boost pressure, the joint can move in one direction only. The
+polytope is still defined. As in the paper, such a posture is not excluded here. The search excludes
+its steps against the load.
 """
 
 from __future__ import annotations
@@ -33,7 +36,9 @@ from mhsb_model.statics import piston_forces
 from mhsb_model.types import FloatArray, ModeArray, frozen
 
 COLUMN_PERTURBATION = 1e-12
-"""Size by which tip columns are moved, so that no two joints have exactly equal rank [-]."""
+"""Size of the numbers that are added to the tip velocities per piston speed [-].
+
+They avoid two joints with exactly parallel tip velocities."""
 
 
 @kernel
@@ -43,15 +48,16 @@ def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray) -> None:
         mode N:   A_dir v_valve(P_S)
         boosted:  min(A_dir v_valve(p_boost), modules · Q_SP)
 
-    A_dir is the piston area at the inlet. v_valve is the largest speed that the valve allows under
-    the gravity load, at the supply pressure in brackets. P_S is the main pump's pressure. p_boost
-    is the highest boost pressure, and Q_SP the flow of one servo pump. `modules` is the number of
-    servo pumps of the mode.
+    A_dir is the area of the chamber that fills. v_valve(p) is the largest piston speed that the
+    valve allows under the gravity load at the supply pressure p. P_S is the main pump's pressure.
+    p_boost is the highest boost pressure, and Q_SP the flow of one servo pump. `modules` is the
+    number of servo pumps of the mode.
 
     Args:
         m: Numeric description of the machine.
         q: Posture, shape (n,) [rad or m].
-        limit: Written in place, shape (n, modes, 2) [m³/s]; last index 0: extension, 1: retraction.
+        limit: Largest flow by joint, mode and direction (0 extends, 1 retracts), shape (n, modes,
+            2) [m³/s]. Written in place.
     """
     n = len(q)
     force = np.empty(n)
@@ -65,8 +71,8 @@ def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray) -> None:
 def flow_limit(m: MachineArrays, j: int, mode: int, force: float) -> tuple[float, float]:
     """Compute the largest inlet flow of one joint in a mode under a given load.
 
-    The valve limits the flow at the highest supply pressure of the mode. In boost the flow of the
-    mode's servo pumps is a further limit.
+    One limit is the flow through the valve at the highest supply pressure of the mode. In boost the
+    flow of the mode's servo pumps is a further limit.
 
     Args:
         m: Numeric description of the machine.
@@ -111,8 +117,8 @@ def tip_columns(m: MachineArrays, q: FloatArray) -> FloatArray:
 def cross_products(columns: FloatArray, cross: FloatArray) -> None:
     """Compute the cross products of the tip velocities of all pairs of joints.
 
-    A small number, another for each joint, is first added to each column. Parallel tip velocities
-    then have products that are not 0. The result is exactly antisymmetric.
+    A small vector, different for each joint, is first added to each tip velocity. Parallel tip
+    velocities then have products that are not 0. The result is exactly antisymmetric.
 
     Args:
         columns: Tip velocity per piston speed C_j of each joint, shape (2, n) [-]. Not changed.
@@ -141,15 +147,14 @@ def polytope_area_from_limits(
     """Compute the area of the velocity polytope for any number of joints.
 
     The polytope contains all tip velocities Σ_j C_j v_j that the pistons' limits allow. C_j is the
-    tip velocity per speed v_j of piston j. The boundary point that is farthest in a direction d
-    results from giving the flow to the joints in descending order of w_j = scale_j d·C_j. As d
-    turns, this order changes at some directions, and each change gives an edge. Either one joint
-    reverses (w_j = 0), or two joints exchange flow (w_i = w_j > 0). With p an end point of the edge
-    vector e, the area is
+    tip velocity per speed v_j of piston j. For each direction d, the farthest boundary point is
+    found by giving the flow to the joints in descending order of w_j = scale_j d·C_j.
+
+    As d turns, this order changes at some directions. Each change gives an edge of the polytope:
+    one joint reverses (w_j = 0), or two joints exchange flow (w_i = w_j > 0). The area is a sum
+    over all edges in any order, with an end point p and the vector e of each edge:
 
         ½ Σ |p × e|
-
-    over all edges, in any order.
 
     Test oracle: half-space intersection and convex hull.
 
@@ -157,9 +162,10 @@ def polytope_area_from_limits(
         cross: Cross products C_i × C_j, shape (n, n) [-].
         scale: Piston speed per inlet flow, shape (n, 2) [1/m²]: 1/(cap-side area) extending,
             −1/(rod-side area) retracting.
-        limit: Largest inlet flow by joint, mode and direction, shape (n, modes, 2) [m³/s].
-        pattern: Mode of every joint, shape (n,).
-        flow: Flow that the main pump gives all joints together, boosted ones included [m³/s].
+        limit: Largest inlet flow by joint, mode and direction (0 extends, 1 retracts), shape (n,
+            modes, 2) [m³/s].
+        pattern: Mode code of every joint, shape (n,).
+        flow: Flow that the main pump gives all joints together, also the boosted ones [m³/s].
 
     Returns:
         Area [m²/s²].
@@ -213,11 +219,12 @@ def polytope_area_from_limits(
 def _precedes_pair(i: int, j: int, k: int, ij: float, jk: float, ki: float) -> bool:
     """Return whether joint k gets its flow before the pair of joints i and j.
 
-    The flow is given to joints in descending order of their weights w. On an edge of the velocity
-    polytope the joints i and j have equal weights, and the question is w_k > w_i = w_j. C_j is the
-    tip velocity per piston speed of joint j, and s_j its piston speed per inlet flow in its
-    direction. The orientation of the three points C s decides. The products are summed in index
-    order, so that all three pairs of a triple give consistent answers.
+    The flow is given to joints in descending order of their weights w_j = s_j d·C_j for a direction
+    d. C_j is the tip velocity per piston speed of joint j, and s_j its piston speed per inlet flow.
+    On an edge of the velocity polytope the joints i and j have equal weights. The function returns
+    whether w_k is larger. The orientation of the points s_i C_i, s_j C_j and s_k C_k decides this.
+    The products are summed in index order, so that the three pairs of a triple give consistent
+    answers.
 
     Args:
         i: Index of the first joint of the pair.
@@ -260,7 +267,10 @@ def flow_scale(m: MachineArrays) -> FloatArray:
 
 @kernel(borrows=True)
 def shared_flow(m: MachineArrays) -> float:
-    """Return the flow that the main pump gives all cylinders together, Q_MP − n q_leak [m³/s]."""
+    """Return the flow that the main pump gives all cylinders together [m³/s].
+
+    It is the main pump's largest flow minus the leakage of n valves.
+    """
     return m.main_pump_flow - len(m.cap_area) * m.leakage_flow
 
 
@@ -288,7 +298,18 @@ def posture_area(m: MachineArrays, q: FloatArray, pattern: ModeArray) -> float:
 
 
 def polytope_area(machine: Machine, q: FloatArray, pattern: ModeArray) -> float:
-    """Return the velocity polytope's area [m²/s²] in posture q [rad or m] for given modes."""
+    """Compute the area of the velocity polytope in a posture for one mode combination.
+
+    The polytope contains all velocities of the tip that the pistons' limits allow.
+
+    Args:
+        machine: The arm without a slewing joint.
+        q: Posture, shape (n,) [rad or m].
+        pattern: Mode code of every joint, shape (n,).
+
+    Returns:
+        Area [m²/s²].
+    """
     return float(posture_area(machine.arrays, np.array(q, dtype=np.float64), frozen(pattern)))
 
 
@@ -338,8 +359,8 @@ def polytope_areas(machine: Machine, posture: FloatArray, patterns: ModeArray) -
 def piston_speed_corners(machine: Machine, q: FloatArray, pattern: ModeArray) -> FloatArray:
     """List the corners of the set of admissible piston speeds in a posture.
 
-    The flow limit of each joint and the main pump's flow bound the set. There is a corner for each
-    of the 2ⁿ combinations of directions, and each of the n! orders in which the joints get flow.
+    The set is bounded by the flow limit of each joint and by the main pump's flow. A corner belongs
+    to each of the 2ⁿ combinations of directions and each of the n! orders in which joints get flow.
 
     Args:
         machine: The arm without a slewing joint.
@@ -417,7 +438,7 @@ def _convex_hull(points: FloatArray) -> FloatArray:
 
 
 def _turns_left(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
-    """Return whether the way from a through b to c turns left, by more than rounding."""
+    """Return whether the way from point a through b to c turns left, by more than rounding."""
     cross = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     return cross > 1e-12 * math.dist(a, b) * math.dist(a, c)
 

@@ -1,8 +1,8 @@
 """Posture table: the posture to take at every grid node in every mode combination.
 
-It is stored as one npz file with the arrays and a JSON header, which holds the schema version, the
-machine's name and hash, and the spacing. A file is written under a temporary name and renamed, so
-that it is always complete.
+It is stored as one npz file with the arrays and a JSON header. The header contains the schema
+version, the machine's name and hash, and the grid spacing. A file is written under a temporary name
+and then renamed, so that it is always complete.
 """
 
 from __future__ import annotations
@@ -31,35 +31,39 @@ ARRAY_DTYPES = {
     "posture": "<f8",
     "area": "<f8",
 }
-"""Arrays of a file with the regular expressions of their dtypes; the header has at most 9999
-characters.
-"""
+"""Names of the arrays in a file, with regular expressions of their dtypes.
+
+The header has at most 9999 characters."""
 
 ARRAY_NAMES = ("nodes", "patterns", "posture", "area")
 """Names of the arrays of numbers in a file."""
 LARGEST_TABLE = 2**30
-"""Largest accepted unpacked size of a file [B]; the suite's own machine needs half a million."""
+"""Largest accepted unpacked size of a file [B]. The table of the paper's machine has 0.5 MB."""
 
 LONGEST_SHOWN = 80
-"""Number of characters of a header's value that are kept and shown; a hash has 64."""
+"""Number of characters of a value in the header that are kept and shown in messages.
+
+A hash has 64."""
 
 SMALLEST_SPACING = 1e-4
 """Smallest accepted grid spacing of a file [m]; machine files have at least 5 mm."""
 
 LARGEST_EXCESS = 1e-6
-"""Largest distance of a table's posture beyond a joint limit, for rounding [rad or m]."""
+"""Largest distance of a posture beyond a joint limit that counts as rounding [rad or m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class PostureTable:
-    """Postures of largest velocity polytope (paper, step S1).
+    """Postures with the largest velocity polytope at the nodes of a grid (paper, step S1).
+
+    The polytope contains all velocities of the tip that the pistons' limits allow.
 
     Attributes:
         machine_name: Name of the machine for which the table was made.
-        machine_hash: Hash of that machine in its plane.
+        machine_hash: Hash of this machine without its slewing joint.
         spacing: Grid spacing [m].
         nodes: Tip positions (x, z) in units of the spacing, int64, shape (nodes, 2).
-        patterns: Mode combinations, uint8, shape (patterns, n).
+        patterns: Mode combinations (one mode code for each actuator), uint8, shape (patterns, n).
         posture: Posture by node and mode combination, shape (nodes, patterns, n) [rad or m]; NaN if
             a node has no posture within limits.
         area: Area of the velocity polytope, shape (nodes, patterns) [m²/s²]; NaN if there is no
@@ -93,7 +97,7 @@ class PostureTable:
         """Return a table that contains only some of the mode combinations.
 
         Args:
-            patterns: Mode combinations that this table has, uint8, shape (fewer, n).
+            patterns: Mode combinations to keep, all of which this table has, uint8, shape (k, n).
 
         Returns:
             The reduced table, with mode combinations in the order of `patterns`.
@@ -104,7 +108,7 @@ class PostureTable:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the table to a file, complete or not at all.
+        """Write the table to a file, either completely or not at all.
 
         Missing directories are created. The file is written under a temporary name and renamed.
 
@@ -207,17 +211,16 @@ class PostureTable:
             raise TableError(path, f"is damaged: {reason}")
 
     def _content_problem(self, machine: Machine) -> str | None:
-        """Describe what is wrong with the numbers of this table.
+        """Describe the first problem with the numbers of this table.
 
-        The arrays must have the right shapes. The checks cover the spacing, the range of the nodes,
-        the mode combinations and the joint limits.
+        Spacing, range of the nodes, mode combinations and joint limits are checked. The arrays must
+        have the right shapes.
 
         Args:
             machine: The arm without a slewing joint.
 
         Returns:
-            A clause for an error message about the first problem; None if the numbers are
-            plausible.
+            Clause for an error message; None if there is no problem.
         """
         if not SMALLEST_SPACING <= self.spacing <= machine.arrays.max_radius:
             return f"its spacing is {self.spacing:g} m"
@@ -233,14 +236,14 @@ class PostureTable:
 
 
 def compute_joint_excess(machine: Machine, postures: FloatArray) -> FloatArray:
-    """Return the distance of the worst joint beyond its limits for each posture.
+    """Compute the largest distance of a joint beyond its limits, for each posture.
 
     Args:
-        machine: The machine.
+        machine: Machine with the joint limits.
         postures: Postures, shape (k, n) [rad or m].
 
     Returns:
-        Distance, shape (k,) [rad or m]; negative within the limits.
+        Distances, shape (k,) [rad or m]; negative if all joints are within their limits.
     """
     a = machine.arrays
     return np.maximum(a.joint_min - postures, postures - a.joint_max).max(axis=-1, initial=-np.inf)

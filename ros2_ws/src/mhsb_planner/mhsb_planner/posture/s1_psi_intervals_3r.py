@@ -1,10 +1,11 @@
 """Feasible intervals of the end-link angle ψ at a tip position, for three turning joints.
 
-With the tip held, an elbow branch becomes infeasible only where the wrist meets the edge of its
-reach or a joint meets a limit. Each of these events fixes one side of a triangle, and the law of
-cosines gives ψ. Between two such angles a branch is feasible throughout or not at all.
+The tip is held and ψ varies. A posture then becomes infeasible only if the wrist (the last joint)
+gets to the edge of its reach, or a joint gets to a limit. Each of these events fixes one side of a
+triangle, and the law of cosines gives ψ. Between two such angles, the postures of an elbow branch
+are either all feasible or all infeasible.
 
-For a longer chain the module describes its last three joints; tip and ψ are then given in their
+For a longer chain the module describes its last three joints. Tip and ψ are then given in their
 frame (`tip_postures.transform_tip_to_outer_frame`).
 """
 
@@ -20,21 +21,22 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray
 
 MAX_CRITICAL = 16
-"""Largest number of critical angles: two each for outer and inner reach and for both limits of q₁,
-q₂, q₃.
-"""
+"""Largest number of angles ψ at which postures may become infeasible.
+
+There are two angles for each of 8 events: outer reach, inner reach, and both limits of q₁, q₂ and
+q₃."""
 
 MAX_INTERVALS = 2 * (MAX_CRITICAL + 1)
 """Largest number of feasible intervals on both elbow branches."""
 COSINE_TOLERANCE = 1e-12
-"""Excess of a cosine over ±1 up to which it is taken as rounding of a degenerate triangle."""
+"""Excess of a cosine beyond ±1 that counts as rounding of a degenerate triangle [-]."""
 
 
 @kernel(borrows=True)
 def solve_posture_at_psi(
     m: MachineArrays, x: float, z: float, psi: float, elbow: int, q: FloatArray
 ) -> bool:
-    """Compute the posture with a given end-link angle, and return whether it is within limits.
+    """Compute the posture with a given tip position and end-link angle, and check its limits.
 
     Args:
         m: Numeric description of the machine.
@@ -46,7 +48,7 @@ def solve_posture_at_psi(
             be set.
 
     Returns:
-        False if the posture does not exist or a joint is beyond its limits.
+        True if the posture exists and all joints are within their limits.
     """
     return solve_last_three_joints(m, x, z, psi, elbow, q) and is_within_limits(m, q)
 
@@ -60,7 +62,7 @@ def _add_pair(found: FloatArray, count: int, center: float, cosine: float) -> in
         count: Number of angles in the list before the call.
         center: Middle of the two angles [rad].
         cosine: Cosine of half the difference of the angles. If it is beyond ±1 by more than
-            COSINE_TOLERANCE, there are none.
+            COSINE_TOLERANCE, the angles do not exist.
 
     Returns:
         Number of angles in the list after the call.
@@ -77,10 +79,10 @@ def _add_pair(found: FloatArray, count: int, center: float, cosine: float) -> in
 def _find_critical_angles(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
     """Find all end-link angles ψ at which a posture of the last three joints may become infeasible.
 
-    The tip position is given in the frame of these joints; their links are L₁, L₂ and L₃ long. The
-    tip lies at distance R from the first joint (shoulder), in direction φ. A posture becomes
-    infeasible where the wrist meets the edge of its reach or a joint meets a limit. Triangles give
-    ψ there:
+    The tip position is given in the frame of these joints, named shoulder, elbow and wrist. Their
+    links are L₁, L₂ and L₃ long. The tip lies at the distance R from the shoulder, in the direction
+    φ. A posture becomes infeasible if the wrist reaches the edge of its reach or a joint reaches a
+    limit. The triangles in brackets give ψ for each case:
 
     - Reach and limits of q₂ (shoulder, wrist at distance D, tip):
         cos(ψ − φ) = (R² + L₃² − D²)/(2 L₃ R)
@@ -136,10 +138,10 @@ def _find_critical_angles(m: MachineArrays, x: float, z: float, found: FloatArra
 def _nearest_feasible_psi(
     m: MachineArrays, x: float, z: float, end: float, middle: float, elbow: int, q: FloatArray
 ) -> float:
-    """Find the feasible end-link angle ψ next to a computed end of an interval.
+    """Find the feasible end-link angle ψ nearest to a computed end of an interval.
 
     Rounding may have put the end slightly outside the joint limits. The angle is then moved towards
-    the middle by growing steps.
+    the middle of the interval, by growing steps.
 
     Args:
         m: Numeric description of the machine.
@@ -152,7 +154,7 @@ def _nearest_feasible_psi(
             within their limits.
 
     Returns:
-        Feasible ψ [rad]; `middle` if none is found before it.
+        Feasible ψ [rad]; `middle` if no feasible angle is found between end and middle.
     """
     psi = end
     step = 1e-16
@@ -169,8 +171,8 @@ def find_feasible_intervals(m: MachineArrays, x: float, z: float, found: FloatAr
     """Find the intervals of the end-link angle ψ with feasible postures at a tip position.
 
     A posture is feasible if it exists and the last three joints are within their limits. The tip is
-    given in the frame of these joints. An interval can be a single point, or end where the next one
-    begins.
+    given in the frame of these joints. An interval can be a single point. It can end at the angle
+    at which the next interval begins.
 
     Test oracle: a fine scan of ψ.
 
@@ -178,8 +180,9 @@ def find_feasible_intervals(m: MachineArrays, x: float, z: float, found: FloatAr
         m: Numeric description of the machine.
         x: Tip position forward [m].
         z: Tip position upward [m].
-        found: Written in place, shape (MAX_INTERVALS, 3): elbow branch (−1 or 1), lower and upper
-            end of ψ [rad]. Branch −1 comes first; within a branch ψ ascends. The ends are feasible.
+        found: Intervals, shape (MAX_INTERVALS, 3). Written in place: elbow branch (−1 or 1), lower
+            end and upper end of ψ [rad]. Branch −1 comes first, and ψ ascends within a branch. The
+            ends are feasible.
 
     Returns:
         Number of intervals; 0 if there is no feasible posture.

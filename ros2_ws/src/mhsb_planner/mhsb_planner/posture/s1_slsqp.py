@@ -2,10 +2,10 @@
 
     maximise area(q)  subject to  tip(q) = node,  q_min ≤ q ≤ q_max
 
-SciPy's SLSQP runs from random starts, with the area kernel of the global search. An equality
-constraint is met only within a tolerance, which here would gain area. Each result is therefore
-projected onto the exact position and the limits first. The method may well miss the largest
-polytope; it serves for comparison.
+SciPy's SLSQP runs from random starts and computes areas as the global search does. It meets an
+equality constraint only within a tolerance, by which it would gain area. Each result is therefore
+moved to the exact tip position and into the joint limits before its area is computed. The method
+often misses the largest polytope. It serves for comparison only.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from mhsb_planner.posture.s1_psi_intervals_3r import (
 DEFAULT_STARTS = 5
 """Number of random starts for each entry of a table."""
 DEFAULT_SEED = 0
-"""Seed for the first mode combination of a table; each further one adds 1."""
+"""Seed for the first mode combination of a table; for each further combination it grows by 1."""
 FULL_TURN = 2.0 * math.pi
 """One turn [rad]."""
 
@@ -36,9 +36,10 @@ FULL_TURN = 2.0 * math.pi
 def search_by_slsqp(
     machine: Machine, position: FloatArray, posture: FloatArray, area: FloatArray
 ) -> None:
-    """Search postures of large velocity-polytope area at many tip positions by SLSQP.
+    """Search the postures with the largest velocity polytope at many tip positions by SLSQP.
 
-    It serves for comparison with the global search, as a `NodeSolver` of posture tables.
+    The function is a `NodeSolver` of posture tables. It serves for comparison with the global
+    search and may miss the largest polytope.
 
     Args:
         machine: The arm without a slewing joint.
@@ -65,17 +66,18 @@ def largest_by_slsqp(
     seed: int,
     starts: int = DEFAULT_STARTS,
 ) -> tuple[FloatArray, float] | None:
-    """Search the posture of largest velocity-polytope area at a tip position by SLSQP.
+    """Search the posture with the largest velocity polytope at a tip position by SLSQP.
 
-    The optimisation begins at random starts. Each result is moved onto the exact tip position and
-    the joint limits. The largest area may be missed. Equal arguments give equal results.
+    The polytope contains all velocities of the tip that the pistons' limits allow. The optimisation
+    begins at random starts. Each result is moved to the exact tip position and into the joint
+    limits. The largest area may be missed. Equal arguments give equal results.
 
     Args:
         machine: The arm without a slewing joint.
         x: Tip position forward [m].
         z: Tip position upward [m].
         pattern: Mode combination (one mode for each actuator), shape (n,).
-        seed: Seed of the random starts, together with the tip position.
+        seed: Seed of the random starts. They depend on the tip position, too.
         starts: Number of starts.
 
     Returns:
@@ -120,19 +122,19 @@ def largest_by_slsqp(
 def _project_onto_limits(
     machine: Machine, x: float, z: float, interval: FloatArray, q: FloatArray
 ) -> FloatArray:
-    """Project a posture onto the exact tip position and the joint limits.
+    """Move a posture of three turning joints to the exact tip position and into the joint limits.
 
-    The arm has three turning joints. The result is the feasible posture whose end-link angle ψ is
-    nearest to that of `q`. It is on the elbow branch of `q` if this branch has any feasible
-    posture.
+    The result is the feasible posture whose end-link angle ψ is nearest to that of `q`. If the
+    elbow branch of `q` (sign of its second joint angle) has a feasible posture, the result is on
+    this branch.
 
     Args:
         machine: The arm without a slewing joint.
         x: Tip position forward [m].
         z: Tip position upward [m].
-        interval: Intervals of ψ with feasible postures, shape (k, 3), k ≥ 1: elbow branch (−1 or
-            1), lower and upper end [rad].
-        q: Posture to project, shape (3,) [rad].
+        interval: Intervals of ψ with feasible postures, shape (k, 3) with k ≥ 1. Each row has the
+            elbow branch (−1 or 1), lower end and upper end [rad].
+        q: Posture to move, shape (3,) [rad].
 
     Returns:
         The posture, shape (3,) [rad].
