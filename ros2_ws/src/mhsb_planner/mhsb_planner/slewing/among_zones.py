@@ -1,19 +1,20 @@
 """Slew motion along a path in the arm's plane such that the arm keeps clear of zones in space.
 
-The path is cut into stretches at corners, and the slew's stroke into equal parts. A state is a
-corner and the number of parts done. There are two kinds of steps from a state:
+The path is cut into stretches, and the slew's stroke into equal parts. A state of the search is the
+number of stretches followed and the number of parts done. There are two kinds of steps:
 
-- The joints in the plane move by one stretch while the slew turns by several parts, or by none.
+- The joints in the plane follow one stretch while the slew turns by several parts, or by none.
 - The slew turns by one part while the joints in the plane rest.
 
 A step is allowed if `move_is_clear` accepts every path step in it. No step leads back, so dynamic
 programming gives the least time to each state. Within a stretch the slew's stroke grows in
-proportion to the path's time, and each path step takes the time
+proportion to the path's time. Path step i takes the time
 
     max(tᵢ, sᵢ/V_max, (Vᵢ + A sᵢ)/Q)
 
-with the symbols of `slew_distribution`. The slew takes the same oil whenever it turns, so the
-quickest motion is also the cheapest.
+tᵢ [s] is its duration and Vᵢ [m³] its oil volume without the slew. sᵢ [m] is the slew's stroke in
+it. V_max is the largest speed and A the area of the slew's piston. Q is the flow of the main pump
+minus leakage. The slew takes the same oil at any time, so the quickest motion is also the cheapest.
 """
 
 from __future__ import annotations
@@ -39,22 +40,22 @@ MAX_STRETCHES = 24
 SLEW_PART_ANGLE, MAX_SLEW_PARTS = 0.06, 32
 """Largest slew angle of one part of the stroke [rad], and largest number of parts.
 
-If the number of parts is at its limit, the angle of each part is larger."""
+The number of parts has priority: if it is reached, the angle of each part is larger."""
 
 MAX_PARTS_PER_STEP = 5
 """Largest number of parts that the slew turns during one stretch of the path."""
 
 
 class PathStretches(NamedTuple):
-    """A path in the arm's plane, cut into stretches at corners.
+    """A path of k steps in the arm's plane, cut into stretches.
 
     Attributes:
         posture: Postures of the path, float64[k + 1, n], [rad or m]. Column 0, the slew, is
             ignored.
         duration: Duration of each path step without the slew, float64[k], [s].
         oil: Oil volume of each path step without the slew, float64[k], [m³].
-        corner: Indices of the postures between which the stretches lie, int64[corners]; first 0,
-            last k.
+        corner: Indices of the postures at which stretches begin and end, int64[stretches + 1], in
+            ascending order from 0 to k.
     """
 
     posture: FloatArray
@@ -64,13 +65,13 @@ class PathStretches(NamedTuple):
 
 
 class SlewStroke(NamedTuple):
-    """Stroke of the slew's piston in one part, and what limits its speed.
+    """Stroke of the slew's piston in one part, and the limits of its speed.
 
     Attributes:
-        part: Stroke in one part of the whole [m].
-        max_speed: Largest speed V_max [m/s].
-        flow: Flow Q that slew and path share [m³/s].
-        area: Piston area A [m²].
+        part: Stroke of one part, of the equal parts into which the whole stroke is cut [m].
+        max_speed: Largest speed V_max of the piston [m/s].
+        flow: Flow Q of the main pump that the slew and the other joints share [m³/s].
+        area: Area A of the piston [m²].
     """
 
     part: float
@@ -85,7 +86,7 @@ def find_clear_turning(
     """Find a slew motion along a planar path on which the arm keeps clear of zones in space.
 
     First a slew at an even speed is tried (`compute_even_turning`). If the arm would come too near
-    to a zone, the quickest clear slew motion is searched (`find_quickest_turning`).
+    to a zone, `find_quickest_turning` searches the quickest clear slew motion.
 
     Args:
         machine: Whole arm, which slews.
@@ -94,8 +95,8 @@ def find_clear_turning(
         end_angle: Slew angle at its end [rad].
 
     Returns:
-        Slew motion: the path step, the slew angle [rad] and the duration [s] of each step of the
-        whole arm. None if no clear slew motion is found.
+        Slew motion: path step, slew angle [rad] and duration [s] of each step of the whole arm.
+        None if no clear slew motion is found.
     """
     rows = _list_rows_in_space(machine)
     even = compute_even_turning(machine, path, start_angle, end_angle)
@@ -121,8 +122,8 @@ def find_quickest_turning(
         end_angle: Slew angle at its end [rad].
 
     Returns:
-        Slew motion: the path step, the slew angle [rad] and the duration [s] of each step of the
-        whole arm. None if there is no clear slew motion of this kind.
+        Slew motion: path step, slew angle [rad] and duration [s] of each step of the whole arm.
+        None if there is no clear slew motion of this kind.
     """
     m, rows = machine.arrays, _list_rows_in_space(machine)
     parts = min(MAX_SLEW_PARTS, math.ceil(abs(end_angle - start_angle) / SLEW_PART_ANGLE - 1e-9))
@@ -142,7 +143,15 @@ def find_quickest_turning(
 
 
 def _list_rows_in_space(machine: Machine) -> FloatArray:
-    """Return the obstacle rows of zones in space, with the margin of discrete paths."""
+    """Return the zones in space, each enlarged by the margin of discrete paths.
+
+    Args:
+        machine: Whole arm, which slews.
+
+    Returns:
+        One row of numbers for each zone, with its kind and shape, float64[rows, ROW_WIDTH]. Zones
+        that turn with the arm's plane are not among them.
+    """
     obstacles = machine.obstacles
     return frozen(obstacles.path_rows[obstacles.is_in_space])
 
@@ -150,7 +159,7 @@ def _list_rows_in_space(machine: Machine) -> FloatArray:
 def warm_up(machine: Machine) -> None:
     """Compile the kernels that find slew motions among zones.
 
-    They are called with a path of one step that rests, which also works for machines that do not
+    They are called with a path of one step without motion. This also works for machines that do not
     slew.
 
     Args:
@@ -180,11 +189,12 @@ def is_way_clear(m: MachineArrays, rows: FloatArray, posture: FloatArray) -> boo
 
     Args:
         m: Arrays of the whole arm, with the slew as joint 1.
-        rows: Obstacles, float64[rows, ROW_WIDTH], each with its kind and shape [m].
-        posture: Postures in order, float64[k + 1, n], the slew first [rad or m].
+        rows: Obstacles, one row each with kind and shape, float64[rows, ROW_WIDTH].
+        posture: Postures in order, float64[k + 1, n], the slew first [rad or m]. The arm moves
+            along a straight line in joint space from one posture to the next.
 
     Returns:
-        True if all k moves, straight in joint space, are clear; also if k is 0.
+        True if all k moves are clear, or if k is 0.
     """
     for i in range(len(posture) - 1):
         if not move_is_clear(m, rows, posture[i], posture[i + 1], False):
@@ -210,16 +220,16 @@ def _compute_step_time(duration: float, oil: float, stroke: float, slew: SlewStr
 
 @kernel
 def _compute_time_share(duration: FloatArray, first: int, last: int, s: int) -> float:
-    """Return the share of the duration of several path steps that one of them takes.
+    """Compute the share of one path step in the total duration of several path steps.
 
     Args:
-        duration: Duration of each path step, float64[k], [s].
-        first: Index of the first of these steps.
-        last: Index after the last of these steps.
-        s: Index of the step whose share is wanted.
+        duration: Duration of each step of the path, float64[k], [s].
+        first: Index of the first of the several steps.
+        last: Index after the last of the several steps.
+        s: Index of the one step.
 
     Returns:
-        Share, 0 … 1. If all steps together take no time, each has an equal share.
+        Share from 0 to 1 [-]. If the several steps take no time, each has an equal share.
     """
     whole = duration[first:last].sum()
     return duration[s] / whole if whole > 0.0 else 1.0 / (last - first)
@@ -240,7 +250,7 @@ def _is_clear(
 
     Args:
         m: Arrays of the whole arm, with the slew as joint 1.
-        rows: Obstacles, float64[rows, ROW_WIDTH], each with its kind and shape [m].
+        rows: Obstacles, one row each with kind and shape, float64[rows, ROW_WIDTH].
         path: The path, cut into stretches.
         i: Index of the stretch.
         begin: Slew angle at the start of the stretch [rad].
@@ -271,25 +281,25 @@ def compute_least_times(
 ) -> tuple[FloatArray, IntArray]:
     """Compute the least time to each state of path and slew by dynamic programming.
 
-    State (i, k) means that the path has been followed to the end of its i-th stretch, and that k
-    parts of the slew's stroke are done. A step either turns the slew by one part, or follows one
-    stretch while the slew turns by 0 to MAX_PARTS_PER_STEP parts. Steps on which the arm touches an
-    obstacle are not allowed.
+    State (i, k) means that i stretches of the path have been followed, and that k parts of the
+    slew's stroke are done. A step either turns the slew by one part, or follows one stretch while
+    the slew turns by 0 to MAX_PARTS_PER_STEP parts. Steps on which the arm touches an obstacle are
+    not allowed.
 
     Tests compare the result with scipy.sparse.csgraph.dijkstra over the same states and steps.
 
     Args:
         m: Arrays of the whole arm, with the slew as joint 1.
-        rows: Obstacle rows of zones in space, float64[rows, ROW_WIDTH], each with kind and shape
-            [m].
+        rows: Zones in space, one row each with kind and shape, float64[rows, ROW_WIDTH].
         path: The path, cut into stretches.
         angle: Slew angle after each number of parts, float64[parts + 1], [rad].
         slew: Stroke and limits of the slew.
 
     Returns:
         Least time to each state, float64[stretches + 1, parts + 1], [s]; inf if the state cannot be
-        reached. Then the last step to each state, int64 in the same shape: the number of parts by
-        which the slew turned during that stretch, or REST_STEP if the slew turned alone.
+        reached. Second, the last step of the quickest motion to each state, int64 in the same
+        shape. It is REST_STEP if the slew turned alone. Otherwise it is the number of parts by
+        which the slew turned while the arm followed a stretch.
     """
     posture, duration, oil, corner = path
     corners, parts = len(corner), len(angle) - 1
@@ -334,16 +344,17 @@ def _reconstruct_turning(
 ) -> SlewMotion:
     """Reconstruct the quickest slew motion from the result of the dynamic programming.
 
+    The steps are followed back from the last state, the end of path and stroke.
+
     Args:
-        last_steps: Last step to each state, second result of `compute_least_times`. The steps are
-            followed back from the last state.
+        last_steps: Last step to each state, second result of `compute_least_times`.
         path: The path, cut into stretches.
         angle: Slew angle after each number of parts, float64[parts + 1], [rad].
         slew: Stroke and limits of the slew.
 
     Returns:
-        Slew motion from the first to the last angle along the whole path: the path step, the slew
-        angle [rad] and the duration [s] of each step of the whole arm.
+        Slew motion along the whole path: path step, slew angle [rad] and duration [s] of each step
+        of the whole arm.
     """
     _, duration, oil, corner = path
     i, k = len(corner) - 1, len(angle) - 1

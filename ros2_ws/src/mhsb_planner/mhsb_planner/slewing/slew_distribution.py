@@ -1,14 +1,14 @@
 """Distribution of a slew's stroke over the steps of a path in the arm's plane.
 
-The slew's piston moves at one speed v in all steps, or slower in a step if V_max or the remaining
-flow of the main pump requires it. If that is not enough, the duration of all steps is multiplied by
-one factor λ:
+The slew's piston moves at one speed v in all steps. It is slower in a step if its largest speed
+V_max or the remaining flow of the main pump requires this. If the path is too short in time for the
+whole stroke, the duration of all steps is multiplied by one factor λ:
 
     sᵢ = min(v λtᵢ, V_max λtᵢ, (Q λtᵢ − Vᵢ)/A),  Σ sᵢ = |ΔL|,  Q = Q_MP − n q_leak
 
-tᵢ [s] and Vᵢ [m³] are duration and oil volume of path step i, and sᵢ [m] is the slew's stroke in
-it. |ΔL| is the whole stroke of the slew's piston, and A its area. Q is the flow of the main pump
-Q_MP minus the leakage q_leak of n valves [m³/s].
+tᵢ [s] and Vᵢ [m³] are duration and oil volume of path step i without the slew. sᵢ [m] is the slew's
+stroke in this step. |ΔL| is the whole stroke of the slew's piston, and A its area. Q is the flow
+of the main pump Q_MP minus the leakage q_leak of n valves [m³/s].
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mhsb_model.types import FloatArray
 from mhsb_planner.planners.path_planner import SlewDemand
 
 BISECTION_STEPS = 50
-"""Number of bisections of an interval that contains the solution."""
+"""Number of times that bisection halves the interval that contains the solution."""
 
 STROKE_ROUNDING = 1e-9
 """Stroke of the slew's piston up to which the slew counts as resting [m]."""
@@ -45,7 +45,7 @@ def compute_slew_stroke(machine: Machine, start_angle: float, end_angle: float) 
 
 
 def compute_slew_demand(machine: Machine, start_angle: float, end_angle: float) -> SlewDemand:
-    """Compute oil volume and least time that the slew needs between two slew angles.
+    """Compute the oil volume and the least time that the slew needs between two slew angles.
 
     Args:
         machine: Machine that slews.
@@ -63,8 +63,8 @@ def compute_slew_demand(machine: Machine, start_angle: float, end_angle: float) 
 def compute_path_oil(machine: Machine, posture: FloatArray) -> FloatArray:
     """Compute the oil volume that the cylinders take in each step of a path.
 
-    It is the sum of piston area times stroke over all cylinders. The area is the cap-side area for
-    a cylinder that extends, and the rod-side area for one that retracts.
+    The volume is the sum of piston area times stroke over all cylinders. The cap-side area counts
+    for a cylinder that extends, the rod-side area for a cylinder that retracts.
 
     Args:
         machine: Machine whose cylinders move, with n joints.
@@ -83,31 +83,36 @@ def distribute_stroke(
 ) -> tuple[FloatArray, FloatArray]:
     """Distribute the slew's stroke over the steps of a path.
 
-    The slew's piston has the same speed in all steps, except where V_max or the flow requires a
-    lower one. If the durations are too short for the whole stroke, all are multiplied by one
-    factor. Speed and factor are found by bisection. If all durations are 0, the steps get equal
-    strokes, and equal durations that suffice. Without steps, both results are empty.
+    The slew's piston has the same speed in all steps, except in steps in which V_max or the flow
+    requires a lower one. If the durations are too short for the whole stroke, all of them are
+    multiplied by one factor. Speed and factor are found by bisection.
+
+    If all durations are 0, the steps get equal strokes, and equal durations that are long enough.
+    If there are no steps, both results are empty.
 
     Args:
         stroke: Whole stroke of the slew's piston, ≥ 0 [m].
         duration: Duration of each step without the slew, float64[k], [s].
         oil: Oil volume of each step without the slew, float64[k], [m³].
         max_speed: Largest piston speed V_max of the slew [m/s].
-        flow: Flow that slew and path share [m³/s].
+        flow: Flow of the main pump that the slew and the other joints share [m³/s].
         area: Piston area of the slew [m²].
 
     Returns:
-        Stroke of the slew in each step [m] and new duration of each step [s], both float64[k].
+        Stroke of the slew in each step [m], and new duration of each step [s], both float64[k].
     """
 
     def compute_largest_strokes(factor: float) -> FloatArray:
-        """Return the slew's largest stroke in each step [m] if all durations are multiplied.
+        """Compute the largest stroke of the slew in each step for a factor on all durations.
 
-        V_max and the flow that the path's oil leaves limit the stroke. All other data come from the
-        enclosing function.
+        The stroke is limited by V_max and by the flow that the other joints leave. All other data
+        come from the enclosing function.
 
         Args:
             factor: Factor on all durations [-].
+
+        Returns:
+            Largest stroke in each step, float64[k], [m].
         """
         left = np.maximum(flow * factor * steps - oil, 0.0) / area
         return np.minimum(max_speed * factor * steps, left)
@@ -135,12 +140,13 @@ def _find_least(holds: Callable[[float], bool], low: float, high: float) -> floa
     """Find the least number for which a monotone condition holds, by bisection.
 
     Args:
-        holds: Condition. If it holds for a number, it must hold for all larger ones, too.
-        low: Number not above the result.
+        holds: Condition. If it holds for a number, it must hold for all larger numbers, too.
+        low: Number that is not above the result.
         high: Number for which the condition holds.
 
     Returns:
-        Upper end of the last interval of the bisection, for which the condition holds.
+        Number for which the condition holds. It is above the least one by at most
+        (high − low)/2^BISECTION_STEPS.
     """
     for _ in range(BISECTION_STEPS):
         middle = 0.5 * (low + high)

@@ -1,23 +1,24 @@
 """Paths of an arm that slews, from the paths of any planner in the arm's plane.
 
-The arm's plane is the vertical plane that turns with the slew. Without zones in space, it turns
-evenly along each path of the planner. With zones there are three methods, whose order is given
-below. The shadow of a zone is an obstacle in the plane: a posture clear of it is clear of the zone
-at all slew angles of a turn.
+The arm's plane is the vertical plane that turns with the slew. Without zones in space, the slew
+turns at an even speed along each path of the planner. With zones there are three methods. The
+shadow of a zone is an obstacle in the arm's plane, made for a range of slew angles. A posture that
+is clear of the shadow is clear of the zone at all these slew angles.
 
 1. Direct: plan as if there were no zones, and find a slew motion that is clear (`among_zones`).
-2. Past shadows: plan among the shadows of all zones past which the plane turns.
-3. Carried: plan over a via point at which the plane may turn all the way. Before the
-   via point, the shadows at the start's slew angle are obstacles, after it those at the goal's.
+2. Past shadows: plan among the shadows that the zones have for the whole turn of the slew.
+3. Carried: plan through a via point at which the slew may make its whole turn. Before the via
+   point, the obstacles are the shadows at the slew angle of the start. After it they are the
+   shadows at the slew angle of the goal.
 
 If zones raise the cost of the direct path by at most FREE_COST_FACTOR, the other methods are
-dropped. Methods 2 and 3 are also used with the planner's baselines.
+dropped. Methods 2 and 3 are also used with the planner's baselines, that is, other planners.
 
-Method 1 has the first turn. Methods 2 and 3 with the first baseline, the quickest, are the quick
-proposers of `schedule_in_turn`. Without baselines, methods 2 and 3 with the planner itself take
-their place. Until there is a motion, all paths of one quick proposer are taken before those of the
-next. Once there is a motion, the two share all turns until one of them has ended. The one that is
-left has every second turn, and all others share the rest.
+`schedule_in_turn` decides the order of work. Method 1 has the first turn. Methods 2 and 3 with the
+first baseline are the quick proposers. Without baselines, methods 2 and 3 with the planner itself
+are. Until a motion is found, all paths of the first quick proposer come before those of the second.
+After that, the two share all turns until one of them has ended. The other one then has every second
+turn, and all other proposers share the rest.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ from mhsb_planner.slewing.turned_path import (
 )
 
 MIN_GRID_DISTANCE = 3.0
-"""Least distance between the tip positions of two postures, in grid spacings [-]."""
+"""Least distance between the tips of two carrying postures, in grid spacings [-]."""
 
 
 def yield_carrying_postures(
@@ -70,11 +71,13 @@ def yield_carrying_postures(
 ) -> Iterator[FloatArray]:
     """Yield postures in which the arm can slew from start to goal without collision.
 
-    The postures come from the posture table, with all actuators in mode N. They are clear of the
-    shadows of all zones. A shadow is an obstacle in the arm's plane: a posture that is clear of it
-    is clear of the zone at all slew angles of the turn. The postures are ordered by a lower bound
-    on the cost from the start through the posture to the goal, the least first. Each tip is at
-    least MIN_GRID_DISTANCE grid spacings away from the tips of all postures before.
+    They come from the posture table, with all actuators in mode N. They are clear of the shadows of
+    all zones. The shadow of a zone is an obstacle in the arm's plane. A posture that is clear of it
+    is clear of the zone at all slew angles of the turn.
+
+    The order is by a lower bound on the cost from the start through the posture to the goal, the
+    least first. Each tip is at least MIN_GRID_DISTANCE grid spacings away from the tips of all
+    postures yielded before.
 
     Args:
         machine_among_shadows: Arm without its slew. Its obstacles are the shadows of all zones past
@@ -108,7 +111,7 @@ def yield_carrying_postures(
 
 
 def _list_node_postures(graph: StepGraph) -> tuple[FloatArray, FloatArray]:
-    """Return the posture of each workspace node with all actuators in mode N, and its tip position.
+    """List the postures in the posture table for all actuators in mode N, and their tip positions.
 
     Nodes without such a posture have no row in the result.
 
@@ -116,7 +119,7 @@ def _list_node_postures(graph: StepGraph) -> tuple[FloatArray, FloatArray]:
         graph: Step graph with the posture table.
 
     Returns:
-        Postures, float64[nodes, n], [rad or m], and tip positions (x, z), float64[nodes, 2], [m].
+        Postures, float64[k, n], [rad or m], and tip positions (x, z), float64[k, 2], [m].
     """
     postures = graph.table.posture[:, 0]
     feasible = np.isfinite(postures).all(axis=1)
@@ -125,7 +128,7 @@ def _list_node_postures(graph: StepGraph) -> tuple[FloatArray, FloatArray]:
 
 
 def _find_goal_lengths(graph: StepGraph, goal: tuple[float, ...]) -> FloatArray:
-    """Return the cylinder lengths in the tabulated posture whose tip is nearest to the goal.
+    """Return the cylinder lengths in the posture of the table whose tip is nearest to the goal.
 
     Args:
         graph: Step graph with the posture table.
@@ -143,11 +146,12 @@ MAX_CARRYING_POSTURES = 4
 """Largest number of via points that the method "carried" tries."""
 
 FREE_COST_FACTOR = 1.005
-"""Cost of the direct path relative to that without zones, up to which other methods are dropped."""
+"""Largest ratio of the direct path's cost with zones to its cost without zones [-].
+
+If the ratio is not larger, the other methods are dropped."""
 
 MAX_CARRYING_PSI_DEVIATION = 0.15
-"""Largest deviation of the end-link angle at a via point from that in the carrying posture [rad].
-"""
+"""Largest difference of end-link angles between the via point and its carrying posture [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,11 +170,12 @@ class SlewingPaths:
     def bound(self, task: PathRequest, most_cells: int) -> float:
         """Compute a lower bound on the energy of every plan for a request, the slew's oil included.
 
-        The bound is found for the arm's plane, with oil and least time of the slew added.
+        The bound is computed in the arm's plane, with oil and least time of the slew added.
 
         Args:
             task: Path request of the whole arm.
-            most_cells: Limit on the effort: largest number of cells that the branch and bound adds.
+            most_cells: Largest number of cells that the branch and bound may add. It limits the
+                effort.
 
         Returns:
             Energy [J].
@@ -184,8 +189,8 @@ class SlewingPaths:
         """Yield paths of the whole arm from the start posture to the goal.
 
         The planner finds paths in the arm's vertical plane, which turns with the slew. Without
-        zones in space, each planar path is combined with a slew at constant speed. With zones,
-        several methods look for paths on which the arm keeps clear.
+        zones in space, each planar path is combined with a slew at an even speed. With zones,
+        several methods search paths on which the arm keeps clear.
 
         Args:
             task: Path request of the whole arm, with the goal (x, y, z) in `base_link`.
@@ -195,8 +200,8 @@ class SlewingPaths:
             Paths of the whole arm, as proposals.
 
         Raises:
-            MhsbError: The tip at the goal is too near to a zone. Or there is no path at all, or
-                none was found before the deadline.
+            MhsbError: The tip at the goal is too near to a zone, there is no path at all, or none
+                was found before the deadline.
         """
         in_plane, slew = self._convert_to_plane(task)
         in_the_plane = PlanePaths(self.planner, self.graph)
@@ -208,7 +213,7 @@ class SlewingPaths:
         yield from self._yield_paths_among_zones(task, in_plane, slew, progress)
 
     def _turn_evenly(self, task: PathRequest, path: DiscretePath, end_angle: float) -> DiscretePath:
-        """Combine a planar path with a slew at even speed; zones are ignored.
+        """Combine a planar path with a slew at an even speed, without regard to zones.
 
         Args:
             task: Path request of the whole arm.
@@ -228,18 +233,19 @@ class SlewingPaths:
     ) -> Iterator[PathProposal]:
         """Yield clear paths of the whole arm among zones in space, by three methods.
 
-        The three methods take turns in the order of `schedule_in_turn`.
+        The methods take turns in the order of `schedule_in_turn`:
 
-        The direct method takes planar paths as if there were no zones. The method "past shadows"
-        takes planar paths that are clear at every slew angle. The method "carried" takes planar
-        paths through a via point at which the arm may slew. Each planar path is combined with a
-        slew motion on which the arm keeps clear. A planar path without such a slew motion is
-        skipped. A path with a via point, or with steps in which the slew turns alone, is yielded a
-        second time, with rests added there.
+        - Direct: planar paths as if there were no zones.
+        - Past shadows: planar paths that are clear at every slew angle of the turn.
+        - Carried: planar paths through a via point at which the arm may slew.
+
+        Each planar path is combined with a slew motion on which the arm keeps clear. If there is no
+        such slew motion, the planar path is skipped. A path with a via point, or with steps in
+        which the slew turns alone, is yielded a second time, with rests at these places.
 
         If zones raise the cost of a direct path by no more than FREE_COST_FACTOR, the other methods
-        are dropped. An error ends only its own method. When the time is up, the function ends if a
-        path has been found.
+        are dropped. An error ends only its own method. If the deadline has passed and a path has
+        been found, the function returns.
 
         Args:
             task: Path request of the whole arm.
@@ -251,8 +257,8 @@ class SlewingPaths:
             Paths of the whole arm, as proposals.
 
         Raises:
-            MhsbError: No method has given a clear path. The error is a DeadlineError if the time is
-                up, else that of the direct method, else a NoPathError.
+            MhsbError: No method has given a clear path. It is a DeadlineError if the deadline has
+                passed. Otherwise it is the error of the direct method, or a NoPathError.
         """
         began = float(task.departure[0])
         paths = PlanePaths(self.planner, self.graph).paths(in_plane, progress)
@@ -299,7 +305,8 @@ class SlewingPaths:
             progress: State of the planning loop, with the deadline of the search.
 
         Returns:
-            DeadlineError if the time is up, else `refused`, else NoPathError.
+            DeadlineError if the deadline has passed. Otherwise `refused`, or NoPathError if that is
+            None.
         """
         if progress.search_deadline.has_passed:
             return DeadlineError(SEARCH_TASK)
@@ -315,8 +322,9 @@ class SlewingPaths:
     ) -> Iterator[PathProposal]:
         """Yield planar paths on which the arm is clear of zones at every slew angle of the turn.
 
-        The obstacles of these paths are the shadows of all zones past which the arm slews. A
-        posture clear of a zone's shadow is clear of the zone at all slew angles of the turn.
+        The obstacles of these paths are the shadows of the zones: obstacles in the arm's plane. A
+        posture that is clear of a zone's shadow is clear of the zone at all slew angles of the
+        turn.
 
         Args:
             planner: The planner itself, or a baseline (planner for comparison).
@@ -326,7 +334,7 @@ class SlewingPaths:
 
         Yields:
             Planar paths without a via point, as proposals. A path of a baseline may come twice, for
-            two methods of making a motion of it.
+            two methods of fitting a trajectory to it.
         """
         for path in self._create_source_among_shadows(planner, *slew_angles).paths(
             in_plane, progress
@@ -342,10 +350,11 @@ class SlewingPaths:
     ) -> Iterator[PathProposal]:
         """Yield planar paths through a via point at which the arm may slew without collision.
 
-        Zones are avoided at the start's slew angle before the via point, and at the goal's slew
-        angle after it. There are two rounds over at most MAX_CARRYING_POSTURES via points. In the
-        first round each leg (to or from the via point) is the first path found, in the second round
-        the cheapest. Via points without a path are skipped.
+        Before the via point, zones are avoided at the slew angle of the start. After it they are
+        avoided at the slew angle of the goal. There are two rounds over at most
+        MAX_CARRYING_POSTURES via points. In the first round, the first path found to the via point
+        and from it is taken, in the second round the cheapest. Via points without a path are
+        skipped.
 
         Args:
             planner: The planner itself, or a baseline (planner for comparison).
@@ -355,8 +364,8 @@ class SlewingPaths:
 
         Yields:
             Planar paths as proposals, each with the index of the step after its via point
-            (`via_step`). A path of a baseline may come twice, for two methods of making a motion of
-            it.
+            (`via_step`). A path of a baseline may come twice, for two methods of fitting a
+            trajectory to it.
         """
         turning = self.machine.make_planar_arm_with_shadows(*slew_angles)
         postures = list(
@@ -378,10 +387,10 @@ class SlewingPaths:
     ) -> Iterator[PathProposal]:
         """Yield a path as one proposal, or as up to two proposals if a baseline has made it.
 
-        S3 (trajectory stage) makes a motion of a path: it fits a polynomial or follows the path. A
-        path of a baseline (planner to compare with) comes for the method of the planner named in
-        the request, then for the baseline's method, both with `for_comparison` set. The second one
-        is missing if the options name a method.
+        A trajectory is fitted to a path (S3) by one of two methods: a polynomial, or following the
+        path with ramps. A path of a baseline (planner for comparison) is proposed for the method of
+        the planner named in the request, and then for the method of the baseline. Both proposals
+        have `for_comparison` set. The second one is left out if the options name a method.
 
         Args:
             planner: Planner that has made the path.
@@ -405,19 +414,19 @@ class SlewingPaths:
         progress: PlanProgress,
         thorough: bool,
     ) -> tuple[DiscretePath, DiscretePath]:
-        """Plan a planar path to a via point, and another from rest there on to the goal.
+        """Plan a planar path to a via point, and another path from rest there to the goal.
 
-        The via point is the tip in the carrying posture, in which the arm may slew. The end-link
-        angle there must be within MAX_CARRYING_PSI_DEVIATION of that in the carrying posture. Both
-        paths are planned without the oil and time that the slew needs.
+        The via point is the tip position of the carrying posture, in which the arm may slew. The
+        end-link angle at the via point may differ from that of the carrying posture by
+        MAX_CARRYING_PSI_DEVIATION. Both paths are planned without the oil and time of the slew.
 
         Args:
             posture: Carrying posture without the slew, float64[n], [rad or m].
-            ends: Path source among the zones at the start's slew angle, and path source among the
-                zones at the goal's slew angle.
+            ends: Path source among the zones at the slew angle of the start, and path source among
+                the zones at the slew angle of the goal.
             in_plane: Path request in the arm's plane.
             progress: State of the planning loop, with the deadline of the search.
-            thorough: True takes the cheapest path of each leg, False the first that is found.
+            thorough: True takes the cheapest path of each part, False the first that is found.
 
         Returns:
             Path to the via point and path from there to the goal.
@@ -440,8 +449,8 @@ class SlewingPaths:
     ) -> PlanePaths:
         """Create a source of planar paths that are clear of zones at all slew angles of a turn.
 
-        The shadow of a zone is an obstacle in the arm's plane. A posture clear of it is clear of
-        the zone at all slew angles of the turn.
+        The shadow of a zone is an obstacle in the arm's plane. A posture that is clear of it is
+        clear of the zone at all slew angles of the turn.
 
         Args:
             planner: Planner that finds the paths.
@@ -457,9 +466,8 @@ class SlewingPaths:
     def _convert_to_plane(self, task: PathRequest) -> tuple[PathRequest, float]:
         """Convert a path request of the whole arm into one for the arm without its slew.
 
-        The slew demand of the result has the oil and the least time that the slew needs. The
-        result's `brake` is None, because the motion of the whole arm contains the braking of a
-        moving start.
+        The result contains the oil and the least time that the slew needs (`slew_demand`). Its
+        `brake` is None, because the motion of the whole arm contains the braking.
 
         Args:
             task: Path request of the whole arm.

@@ -1,7 +1,7 @@
 """Combination of a path in the arm's plane with a slew motion into a path of the whole arm.
 
-Gravity does not load a slew. So postures and modes are chosen in the plane alone, and the slew
-takes its oil at P_S whenever it turns.
+Gravity does not load a slew. Postures and modes are therefore chosen in the plane alone. The slew
+takes its oil at the main pump's pressure whenever it turns.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from mhsb_planner.slewing.slew_distribution import (
 )
 
 REST_STEP = -1
-"""Mark of a step in which the joints of the plane rest and the slew alone turns."""
+"""Index that marks a step in which the slew turns alone and all other joints rest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,10 @@ class SlewMotion:
 
     @property
     def path_index(self) -> IntArray:
-        """Index of the path's posture at the start and after each step of the arm, int64[p + 1]."""
+        """Index of the path's posture at the start and after each step of the whole arm.
+
+        int64[p + 1], in ascending order.
+        """
         return np.append(0, np.cumsum(self.step != REST_STEP))
 
 
@@ -55,7 +58,7 @@ def compute_even_turning(
 
     The slew's piston has the same speed in all steps, except in steps in which its largest speed or
     the main pump's flow requires a lower one. If the slew cannot keep up with the path, all steps
-    become longer by one factor. For a path without steps the slew turns alone, as quickly as
+    become longer by one factor. If the path has no steps, the slew turns alone, as quickly as
     possible.
 
     Args:
@@ -87,10 +90,11 @@ def compute_even_turning(
 
 
 def find_rest_steps(turning: SlewMotion, via_step: int | None) -> IntArray:
-    """Return the steps of the whole arm before which all joints but the slew rest.
+    """Find the steps of the whole arm before which the joints in the plane must come to rest.
 
-    These are: the first step of each series in which the slew turns alone (unless it is step 0),
-    the first step after each series, and the step after a via point.
+    In a series of steps the slew may turn alone. The first step of each such series is returned,
+    unless it is step 0, and the first step after the series. The step after a via point is
+    returned, too.
 
     Args:
         turning: Slew motion along a path.
@@ -111,12 +115,12 @@ def combine_with_slew(
 ) -> DiscretePath:
     """Combine a planar path and a slew motion into a path of the whole arm.
 
-    Joint 1 is in mode N throughout. In each step the slew's piston of area A [m²] moves by s [m],
-    and the step becomes longer by ΔT [s]. The energy of the step then grows by
+    Joint 1, the slew, is in mode N throughout. In each step its piston of area A [m²] moves by s
+    [m], and the step becomes longer by ΔT [s]. The energy of the step then grows by
 
         ΔE = P_S (A s + n q_leak ΔT)
 
-    with the supply pressure P_S [Pa] and the leakage flow q_leak of each of n valves [m³/s]. The
+    P_S is the main pump's pressure [Pa] and q_leak the leakage flow of each of n valves [m³/s]. The
     cost grows by the weighted sums of ΔE and ΔT.
 
     Args:
@@ -136,7 +140,7 @@ def combine_with_slew(
     way = np.abs(np.diff(length))
 
     def spread_over_steps(values: FloatArray) -> FloatArray:
-        """Return a quantity of the path's steps for each step of the whole arm.
+        """Assign a quantity of the path's steps to the steps of the whole arm.
 
         Args:
             values: Value of each path step, float64[k].
