@@ -1,1 +1,1 @@
-"""Goals as they come, replanning in motion and the hand-over of plans; free of ROS."""
+"""Handling of goals while the arm moves: replanning, hand-over of plans and stops; without ROS."""

@@ -1,8 +1,9 @@
 """Arm state: what the planner knows of the arm from its messages, and the command in force.
 
-A simulator may run at another speed than real time, and falls behind if it cannot keep up. Plans
-are stamped in the arm's time, which is estimated here from the stamps of the arm's messages: a plan
-that is in time by any other clock may come too late.
+Plans are stamped by the arm's clock, which is estimated here from the stamps of the arm's messages.
+This clock may run at another speed than real time: a simulator may be slower or faster. A plan that
+is in time by any other clock may come too late. The steady clock is the planner's own clock, which
+is never set.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.types import FloatArray, ModeArray
 
 STAMP_WINDOW = 1.0
-"""Age up to which a stamp is used to compute the time [s]; the least delayed stamp counts.
+"""Age up to which a stamp is used to compute the time of the arm's clock [s].
 
-The age is relative to the latest stamp that was kept.
+The age is relative to the latest stamp that was kept. The least delayed stamp counts.
 """
 
 SPEED_WINDOW = 3.0
@@ -34,33 +35,33 @@ A shorter span gives no reliable speed.
 """
 
 STAMP_SPACING = 0.02
-"""Length of a time slot, of which only the least delayed stamp is kept [s]."""
+"""Length of a time slot [s]. Of each slot only the least delayed stamp is kept."""
 
 MIN_CLOCK_JUMP = 1.0
-"""Difference between a stamp and its expected time above which the clock has been set ahead [s]."""
+"""Time by which a stamp is ahead of its expected time if the clock has jumped [s]."""
 
 MAX_UNIT_RATE_DEVIATION = 0.1
-"""Largest deviation of a clock's speed from 1 that is attributed to delays of messages [-]."""
+"""Largest deviation of a clock's speed from 1 that is explained by delays of messages [-]."""
 
 
 class ArmClockEstimator:
-    """Map from the steady clock [s] to the arm's clock [ns]."""
+    """Estimator of the arm's clock [ns] at a time of the steady clock [s]."""
 
     def __init__(self) -> None:
         self.forget()
 
     def forget(self) -> None:
-        """Drop all stamps, because another arm sends them or the arm has been restarted."""
+        """Drop all stamps, because another arm sends them or the arm was restarted."""
         self._stamps: deque[tuple[float, int]] = deque()
         self._last: tuple[float, int] | None = None
 
     def add_stamp(self, stamp_ns: int, steady_time: float) -> bool:
-        """Add a stamp, and return whether it is not earlier than the stamp before.
+        """Add a stamp, and return whether it is not earlier than the previous stamp.
 
-        All earlier stamps are dropped if the arm's clock has gone back, or has jumped ahead: more
-        than `MIN_CLOCK_JUMP` beyond the time expected from the earlier stamps. In each time slot of
-        `STAMP_SPACING` only the least delayed stamp is kept. Stamps older than `SPEED_WINDOW` are
-        dropped.
+        All earlier stamps are dropped if the arm's clock has gone back or has jumped ahead. It has
+        jumped ahead if the stamp is more than `MIN_CLOCK_JUMP` later than the earlier stamps let
+        expect. In each time slot of `STAMP_SPACING` only the least delayed stamp is kept. Stamps
+        older than `SPEED_WINDOW` are dropped.
 
         Args:
             stamp_ns: Stamp by the arm's clock [ns].
@@ -87,7 +88,7 @@ class ArmClockEstimator:
     def keep_last_stamp_only(self) -> None:
         """Drop all stamps but the last one.
 
-        The caller does this if it finds that the extrapolated clock is ahead of the arm's clock.
+        The caller uses this if the extrapolated time turns out to be ahead of the arm's clock.
         """
         if self._last is not None:
             self._stamps = deque([self._last])
@@ -119,11 +120,11 @@ class ArmClockEstimator:
 
     @property
     def speed(self) -> float:
-        """Speed of the arm's clock: seconds on that clock per second of the steady clock.
+        """Speed of the arm's clock: seconds on that clock per second of the steady clock [-].
 
-        It is the slope between the first and the last kept stamp, which reach back SPEED_WINDOW. It
-        is 1 if these two are less than SHORTEST_SPAN apart, or if the slope deviates from 1 by at
-        most MAX_UNIT_RATE_DEVIATION.
+        It is the slope between the first and the last kept stamp, over at most SPEED_WINDOW. It is
+        1 in two cases: the two stamps are less than SHORTEST_SPAN apart, or the slope deviates from
+        1 by at most MAX_UNIT_RATE_DEVIATION.
         """
         if not self._stamps:
             return 1.0
@@ -134,12 +135,15 @@ class ArmClockEstimator:
         return 1.0 if abs(speed - 1.0) <= MAX_UNIT_RATE_DEVIATION else speed
 
     def convert_duration(self, seconds: float) -> float:
-        """Convert a real duration to the arm's clock [s].
+        """Convert a real duration to a duration by the arm's clock.
 
-        The duration is multiplied by the estimated speed of the arm's clock, but by at least 1.
+        It is multiplied by the estimated speed of the arm's clock, or by 1 if this is slower.
 
         Args:
             seconds: Duration by the steady clock [s].
+
+        Returns:
+            Duration by the arm's clock [s], not shorter than `seconds`.
         """
         return seconds * max(1.0, self.speed)
 
@@ -147,8 +151,8 @@ class ArmClockEstimator:
         """Extrapolate the arm's clock to the present.
 
         Each stamp that is at most `STAMP_WINDOW` older than the last one is extrapolated at the
-        estimated speed of the clock. The latest result is returned, since it comes from the least
-        delayed stamp.
+        estimated speed of the clock. The latest of these times is returned, since it comes from the
+        least delayed stamp.
 
         Args:
             steady_time: Present time by the steady clock [s].
@@ -170,7 +174,7 @@ class ArmClockEstimator:
 
 
 OLDEST_STATE = 0.5
-"""Age above which a measured or commanded state counts as outdated [s]."""
+"""Largest age at which a measurement or a reference is still used [s]."""
 
 NO_PLAN = 0
 """Value of `plan_in_force` while the arm holds its position without a plan."""
@@ -181,8 +185,8 @@ REST_SPEED = 0.01
 REST_TIME = 0.2
 """Time for which the arm must stand still before it counts as at rest [s].
 
-No motion stays below `REST_SPEED` for so long: joints that reverse together pass that range within
-0.1 s.
+No motion stays below `REST_SPEED` for so long. If all joints reverse at the same time, they are
+below it for less than 0.1 s.
 """
 
 
@@ -204,10 +208,10 @@ class StampedState:
 class RestDetector:
     """Detector of a measured standstill of the arm.
 
-    An arm that a servo holds vibrates: measured velocities of up to 0.06 rad/s occur beside
-    positions within 0.1 mrad. Therefore two speeds are computed over the last `REST_TIME` before
-    the last measurement. The smaller one counts. One is the largest measured velocity. The other is
-    the largest change of a joint's position, divided by `REST_TIME`.
+    An arm that a servo holds vibrates. Measured velocities reach 0.06 rad/s while positions stay
+    within 0.1 mrad. Therefore two speeds are computed over the last `REST_TIME` before the last
+    measurement, and the smaller one counts. One is the largest measured velocity. The other is the
+    largest change of a joint's position, divided by `REST_TIME`.
     """
 
     def __init__(self) -> None:
@@ -218,7 +222,7 @@ class RestDetector:
         """Add a measurement, and drop measurements that are older than `REST_TIME`.
 
         The series of measurements starts anew after a gap of more than `OLDEST_STATE`. Measurements
-        of all publishers are added to one series. So if two arms use one name, both must rest.
+        of all publishers are added to one series. If two arms use one name, both must rest.
 
         Args:
             state: Measured position [rad or m] and velocity [rad/s or m/s] of all joints.
@@ -249,15 +253,14 @@ class RestDetector:
         return last - self._since >= REST_TIME and self._compute_speed() < REST_SPEED
 
     def describe_motion(self, steady_time: float) -> str:
-        """Return a clause that says why the arm does not count as resting.
+        """Describe why the arm does not count as resting.
 
         Args:
             steady_time: Present time by the steady clock [s].
 
         Returns:
-            A clause without capital letter and full stop. If nothing was measured within
-            `OLDEST_STATE`, it says so. Otherwise it gives the measured joint speed and its limit
-            [rad/s].
+            Clause without capital letter and full stop. It states that nothing was measured within
+            `OLDEST_STATE`, or it states the measured joint speed and its limit [rad/s].
         """
         if not self._states or steady_time - self._states[-1][0] > OLDEST_STATE:
             return f"nothing was measured of the arm in the last {OLDEST_STATE:g} s (joint_states)"
@@ -281,30 +284,31 @@ class RestDetector:
 
 @dataclass
 class ArmState:
-    """Latest messages and findings about the arm; None means that nothing was received.
+    """Latest messages of the arm, and what follows from them.
+
+    None means that nothing was received.
 
     Attributes:
         joint_count: Number of joints.
         reference: State that the servo follows.
         measured: Measured joint state; its acceleration is 0.
-        plan_in_force_ns: Stamp of the plan that the arm reports as in force [ns]; `NO_PLAN` while
-            it holds.
+        plan_in_force_ns: Stamp of the plan that the arm reports to execute [ns]. `NO_PLAN` while it
+            holds its position.
         modes: Mode of each actuator as the arm reports it, uint8[n].
-        own_command: This planner's last command that the arm has confirmed. An arm that reports no
-            plan in force is assumed to follow what it was sent.
-        fault: Sentence on the fault for which the arm has stopped and takes no plan; empty without
-            one.
-        plan_delay_ns: Time by which the arm follows plans later than stamped, since its reference
-            governor has slowed them [ns].
-        publisher_conflict: Sentence that names several publishers of the arm's reference; empty
-            with one.
-        qos_mismatch: Sentence that names publishers whose quality of service does not match; empty
-            without.
-        machine_difference: Sentence on how the arm's machine file differs from the planner's; empty
-            if equal.
-        is_machine_known: Whether the arm has reported its machine, or has been found not to report
-            it.
-        first_state_at: Time of the first state by the steady clock [s]; infinite before.
+        own_command: This planner's last command that the arm has confirmed. Some arms do not report
+            their plan in force; for these every sent command counts as confirmed.
+        fault: Sentence on the fault for which the arm has stopped and takes no plan. Empty if there
+            is no fault.
+        plan_delay_ns: Time by which the arm executes plans later than stamped, because its
+            reference governor has slowed them [ns].
+        publisher_conflict: Sentence that names the publishers of the arm's reference if there are
+            several. Empty if there is one.
+        qos_mismatch: Sentence that names publishers whose quality of service does not match. Empty
+            if there are none.
+        machine_difference: Sentence on how the arm's machine file differs from the planner's. Empty
+            if they are equal.
+        is_machine_known: True if the arm has reported its machine, or turned out not to report it.
+        first_state_at: Time of receipt of the first state by the steady clock [s]; infinite before.
         clock_estimator: Estimator of the arm's clock.
         rest_detector: Detector of a measured standstill.
     """
@@ -326,11 +330,11 @@ class ArmState:
     rest_detector: RestDetector = field(default_factory=RestDetector)
 
     def forget(self) -> None:
-        """Drop what depends on the arm's clock, after a clock jump or a reset.
+        """Drop all data that depend on the arm's clock, after a clock jump or a reset.
 
-        Dropped are the reference, the measured state, this planner's command, the stamp of the plan
+        These are the reference, the measured state, this planner's command, the stamp of the plan
         in force, the plan delay and the clock estimate. The modes stay, since they have no stamp.
-        The report that no plan is in force (`NO_PLAN`) stays, too: it may have come before the
+        The report that no plan is in force (`NO_PLAN`) stays, too. It may have come before the
         stamp that shows the jump.
         """
         self.reference = self.measured = self.own_command = None
@@ -369,20 +373,19 @@ class ArmState:
         self.rest_detector.add_measurement(state, steady_time)
 
     def get_plan_time_ns(self, steady_time: float, ros_ns: int) -> int:
-        """Return the present time of plans, in which plans are stamped [ns].
+        """Return the present time of plans: the time by which plans are stamped.
 
-        It is the extrapolated time of the arm's clock minus `plan_delay_ns`. After a silence of
-        more than `OLDEST_STATE`, the ROS clock takes the place of the extrapolated time if the ROS
-        clock is earlier. The reason: the arm may publish the ROS clock, which then stands still
-        with the arm.
+        It is the extrapolated time of the arm's clock minus `plan_delay_ns`. If the arm has been
+        silent for more than `OLDEST_STATE`, the ROS clock replaces the extrapolated time if it is
+        earlier. The arm itself may publish the ROS clock, which then stands still with the arm.
 
         Args:
             steady_time: Present time by the steady clock [s].
             ros_ns: Present time by the ROS clock [ns].
 
         Returns:
-            Time of plans [ns]. If no stamp has come from the arm, it is `ros_ns`, from which no
-            delay is subtracted.
+            Time of plans [ns]. If no stamp has come from the arm, it is `ros_ns` without a
+            subtraction.
         """
         silence = self.clock_estimator.time_since_last_stamp(steady_time)
         if silence == math.inf:
@@ -403,9 +406,9 @@ class ArmState:
             steady_time: Present time by the steady clock [s].
 
         Returns:
-            Position, velocity and acceleration of all joints. This is the reference if it was
-            received at most `OLDEST_STATE` ago. Otherwise it is the measured state, if this was
-            received so recently. None if both are older or missing.
+            Position, velocity and acceleration of all joints. It is the reference if this was
+            received at most `OLDEST_STATE` ago, otherwise the measured state. None if both are
+            older or missing.
         """
         for heard in (self.reference, self.measured):
             if heard is not None and self.is_fresh(heard, steady_time):
@@ -421,7 +424,7 @@ class ArmState:
     def modes_in_force(self) -> ModeArray:
         """Mode of each actuator as the arm reports it, uint8[n].
 
-        If the arm has reported none, all are N (fed by the main pump alone).
+        If the arm has not reported modes, all are N (fed by the main pump alone).
         """
         if self.modes is not None:
             return self.modes
@@ -434,8 +437,8 @@ class ArmState:
             now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
-            True if this planner's last confirmed command has not ended and, as far as known, is the
-            one that the arm executes. Some arms do not report which plan they execute; for these,
+            True if this planner's last confirmed command has not ended, and if it is the one that
+            the arm reports to execute. Some arms do not report which plan they execute; for these,
             the first condition suffices.
         """
         own = self.own_command

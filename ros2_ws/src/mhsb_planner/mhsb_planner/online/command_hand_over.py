@@ -1,6 +1,7 @@
 """Hand-over of commands to the arm: stamps, commit horizons, confirmations and refusals.
 
-A command is a joint trajectory with its mode schedule. The time of plans is the arm's clock less
+A command is a joint trajectory with its mode schedule. The commit horizon is the time from the
+stamp of a command until it leaves the previous command. The time of plans is the arm's clock minus
 the delay by which speed scaling has slowed plans.
 """
 
@@ -26,8 +27,9 @@ LONGEST_WAIT = 2.0
 """Longest time for which a goal waits for a state, a receiver of plans, or an arm at rest [s]."""
 
 CONFIRMATION_TIMEOUT = 0.1
-"""Time after a plan's change after which an unconfirmed plan counts as not taken [s]. The arm must
-have sent a state after that time.
+"""Time for the arm to confirm a plan, from the time at which the plan leaves the previous one [s].
+
+After it the plan counts as not taken, if the arm has sent a state since then.
 """
 
 AHEAD_NS = SECOND_NS // 10
@@ -41,15 +43,17 @@ SENT_COMMAND_CAPACITY = 16
 
 
 class HandOver:
-    """Commands from being sent to the arm's confirmation or refusal; at most one is unconfirmed.
+    """Record of sent commands until the arm confirms or refuses them.
 
-    The lifecycle sends a command with `send`. It reports the arm's answer with `confirm` or
-    `give_up`, the end of waiting for it after `is_overdue`. It withdraws a plan with `revoke`. The
-    other methods choose stamps and commit horizons.
+    At most one command is unconfirmed. The lifecycle of goals sends a command with `send`. It
+    reports the arm's confirmation with `confirm`, and a refusal with `give_up`. It also calls
+    `give_up` if `is_overdue` returns True. It withdraws a plan with `revoke`. The other methods
+    choose stamps and commit horizons.
 
     Attributes:
         unconfirmed: Command that has been sent and not confirmed; None if there is none.
-        horizon_estimator: Estimator of the commit horizon.
+        horizon_estimator: Estimator of the commit horizon (time from a command's stamp until it
+            leaves the previous command).
     """
 
     def __init__(self, arm_state: ArmState, clock: Clock, outbox: PlannerIO) -> None:
@@ -70,9 +74,9 @@ class HandOver:
 
     @property
     def goals(self) -> list[PendingGoal]:
-        """Goal of the plan that was sent and not answered yet, in a list.
+        """Goal of the unconfirmed plan (sent, without an answer) as a list of one element.
 
-        The list is empty without such a plan, and for a braking command.
+        The list is empty if there is no such plan, or if the unconfirmed command only brakes.
         """
         request = None if self.unconfirmed is None else self.unconfirmed.request
         return [] if request is None else [request.pending_goal]
@@ -80,10 +84,13 @@ class HandOver:
     # --- Stamps and commit horizons --------------------------------------------------------------
 
     def choose_stamp(self, now_ns: int) -> int:
-        """Return the earliest stamp for a new command, later than all stamps sent before [ns].
+        """Return the earliest stamp for a new command.
 
         Args:
             now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
+
+        Returns:
+            `now_ns`, or the last stamp sent plus 1 ns if that is later [ns].
         """
         return max(now_ns, self._last_stamp_ns + 1)
 
@@ -96,12 +103,15 @@ class HandOver:
         return self._last_stamp_ns > now_ns + AHEAD_NS
 
     def choose_horizon(self, pending_goal: PendingGoal, settings: Settings) -> CommitHorizon:
-        """Return the commit horizon (time until a new plan takes over) for a goal, in real time.
+        """Choose the commit horizon (time until a new plan takes over) for a goal, in real time.
 
         Args:
             pending_goal: The goal. Its `horizon_factor` lengthens the horizon if earlier plans for
                 it came too late.
-            settings: Settings for all goals, which bound the horizon.
+            settings: Settings for all goals, which give bounds or a fixed horizon.
+
+        Returns:
+            Commit horizon by the steady clock, without the machine's dead time.
         """
         return self.horizon_estimator.choose_horizon(
             settings.lead_min,
@@ -111,29 +121,34 @@ class HandOver:
         )
 
     def choose_horizon_from_rest(self, commit_horizon: CommitHorizon, settings: Settings) -> float:
-        """Return the commit horizon that a plan needs if it starts from rest [s].
+        """Choose the commit horizon of a plan that starts from rest, in real time.
 
         The commit horizon is the time from the stamp until the plan takes over. A plan from rest is
-        stamped when it is ready, so only transport and confirmation remain.
+        stamped when it is ready, so its horizon covers transport and confirmation only.
 
         Args:
-            commit_horizon: Commit horizon of a plan for the same goal in motion; its part for
-                transport is returned.
+            commit_horizon: Commit horizon that a plan for the goal would have in motion. Its
+                `transport_reserve` is read.
             settings: Settings for all goals; `lead_min` is the lower bound of the result.
+
+        Returns:
+            Commit horizon by the steady clock, without the machine's dead time [s].
         """
         return max(commit_horizon.transport_reserve, settings.lead_min)
 
     def choose_braking_horizon(self, tries: int, settings: Settings) -> float:
-        """Return the commit horizon of a braking command by the arm's clock [s].
+        """Choose the commit horizon of a braking command: the time from stamp to braking.
 
-        The commit horizon is the time from the stamp to the beginning of braking. The estimated
-        transport time is multiplied by `LATE_PLAN_FACTOR`^`tries`, and the product is limited to
-        `lead_min` … `lead_max` of the settings. The result is converted to the arm's clock, and the
+        It is the estimated transport time times `LATE_PLAN_FACTOR`^`tries`. It is limited to
+        `lead_min` and `lead_max` of the settings. It is then converted to the arm's clock, and the
         machine's dead time is added.
 
         Args:
             tries: Number of braking commands of this stop that the arm has not taken.
             settings: Settings for all goals.
+
+        Returns:
+            Commit horizon by the arm's clock [s].
         """
         wanted = LATE_PLAN_FACTOR**tries * self.horizon_estimator.transport_time
         horizon = min(max(settings.lead_min, wanted), settings.lead_max)
@@ -146,7 +161,7 @@ class HandOver:
 
         Args:
             seconds: Commit horizon in real time [s].
-            settings: Settings for all goals, which have the machine.
+            settings: Settings for all goals. Only `machine` is read.
 
         Returns:
             Commit horizon by the arm's clock [s].
@@ -157,8 +172,8 @@ class HandOver:
     def lengthen_horizon(self, pending_goal: PendingGoal, settings: Settings) -> bool:
         """Lengthen the commit horizon of a goal by `LATE_PLAN_FACTOR`, after a plan came too late.
 
-        The commit horizon is the time until a new plan takes over. Writes `horizon_factor` and
-        `late_plans_at_longest_horizon` of the goal.
+        The commit horizon is the time until a new plan takes over. The method writes
+        `horizon_factor` and `late_plans_at_longest_horizon` of the goal.
 
         Args:
             pending_goal: The goal.
@@ -176,10 +191,10 @@ class HandOver:
     def stamp_from_rest(
         self, replan: Replan, pending_goal: PendingGoal, settings: Settings, now_ns: int
     ) -> Replan | None:
-        """Give a plan that starts from rest a new stamp and a new commit horizon.
+        """Return a copy of a plan from rest with a new stamp and a new commit horizon.
 
         The stamp is `now_ns`, or the last stamp sent plus 1 ns if that is later. The commit horizon
-        (time from the stamp until the plan takes over) is chosen for the goal by the settings.
+        (time from the stamp until the plan takes over) is chosen by goal and settings.
 
         Args:
             replan: The plan.
@@ -188,8 +203,8 @@ class HandOver:
             now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
-            The plan with the new stamp. None if the command before still moves at that stamp,
-            because the arm's clock was set back.
+            The copy. None if the previous command still moves at the new stamp, because the arm's
+            clock was set back.
         """
         stamp_ns = self.choose_stamp(now_ns)
         if not replan.may_begin_at(stamp_ns):
@@ -202,9 +217,9 @@ class HandOver:
     # --- From sending to the answer --------------------------------------------------------------
 
     def send(self, sent: UnconfirmedPlan) -> bool:
-        """Send a command, and keep it as unconfirmed (without an answer of the arm).
+        """Send a command, and store it as unconfirmed (without an answer of the arm).
 
-        The last `SENT_COMMAND_CAPACITY` commands are remembered by their stamps.
+        The last `SENT_COMMAND_CAPACITY` commands are stored by their stamps.
 
         Args:
             sent: The command, with the times of its planning and sending and the request for it.
@@ -222,25 +237,25 @@ class HandOver:
         return self._arm_state.plan_in_force_ns is None
 
     def find_new_confirmation(self, stamp_ns: int) -> UnconfirmedPlan | None:
-        """Return the sent command that the arm has newly taken as its plan in force.
+        """Find the sent command that the arm has newly taken as its plan in force.
 
         Args:
             stamp_ns: Stamp of the plan in force [ns].
 
         Returns:
-            The command with this stamp. None if this planner did not send it, or if it is the last
-            one confirmed.
+            The command with this stamp. None if this planner did not send it, or if it was
+            confirmed before.
         """
         sent = self._sent_commands.get(stamp_ns)
         return None if sent is None or sent.command is self._arm_state.own_command else sent
 
     def find_plan_of_command(self, command: Command, settings: Settings) -> Replan | None:
-        """Return the plan from which a command was made, if plan and settings match.
+        """Find the plan from which a command was made, if it was made with given settings.
 
         Args:
-            command: Command that a new plan shall continue.
-            settings: Settings of the new plan. They must be the same object as those of the earlier
-                plan.
+            command: Command that a new plan will continue.
+            settings: Settings of the new plan. They must be the same object as the settings of the
+                earlier plan.
 
         Returns:
             The plan. None if this planner did not send the command, if the command only brakes, or
@@ -254,9 +269,9 @@ class HandOver:
     def confirm(self, sent: UnconfirmedPlan) -> None:
         """Store that the arm follows a command.
 
-        The command becomes `own_command` of the arm state, even if `give_up` was called before its
-        confirmation came. Some arms report which plan they execute. For these, the time since
-        planning becomes a sample of the estimated transport time.
+        The command becomes `own_command` of the arm state, even if `give_up` was called for it
+        before. If the arm reports which plan it executes, the time since planning becomes a sample
+        of the estimated transport time.
 
         Args:
             sent: The command.
@@ -275,10 +290,11 @@ class HandOver:
             now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
-            True if it was sent more than `LONGEST_WAIT` ago in real time. Also True if it was sent
-            more than `CONFIRMATION_TIMEOUT` ago in real time, and the arm has sent a state more
-            than that after the command left the one before it. While the arm is silent, its
-            confirmation may be late, too.
+            True if the command was sent more than `LONGEST_WAIT` ago in real time. Also True if two
+            conditions are met: it was sent more than `CONFIRMATION_TIMEOUT` ago, and the arm has
+            sent a state more than this time after the command's change. The change is the time at
+            which the command leaves the previous one. If the arm has been silent since the change,
+            its confirmation may just be late.
         """
         now, estimator = self._clock.steady_time(), self._arm_state.clock_estimator
         waited = now - sent.sent_at
@@ -290,9 +306,9 @@ class HandOver:
     def give_up(self, sent: UnconfirmedPlan, reason: HandOverReason) -> None:
         """Store that the arm has not taken the command that was sent last.
 
-        For the reason `LATE`, the estimated transport time becomes longer. For the reason `STAMP`
-        (the arm did not accept the plan's stamp), the estimate of the arm's clock starts again from
-        the last stamp that the arm has sent.
+        For the reason `LATE`, the estimated transport time becomes longer. The reason `STAMP` means
+        that the arm did not accept the command's stamp. The estimate of the arm's clock then starts
+        again from the last stamp of the arm.
 
         Args:
             sent: The command. Only `planned_at` is read.
@@ -307,13 +323,13 @@ class HandOver:
             self._arm_state.clock_estimator.keep_last_stamp_only()
 
     def revoke(self) -> list[PendingGoal]:
-        """Make the unconfirmed plan (sent, without an answer) void.
+        """Mark the unconfirmed plan (sent, without an answer) as void: it is not wanted any more.
 
-        If the arm takes a void plan after all, the lifecycle stops the arm.
+        If the arm takes a void plan after all, the lifecycle of goals stops the arm.
 
         Returns:
-            The plan's goal in a list. The list is empty without an unconfirmed plan, or for a
-            braking command.
+            The plan's goal as a list of one element. The list is empty if there is no unconfirmed
+            plan, or if the unconfirmed command only brakes.
         """
         if self.unconfirmed is not None:
             self.unconfirmed.is_void = True
@@ -323,9 +339,9 @@ class HandOver:
         """Drop all commands and stamps after a clock jump.
 
         Returns:
-            Goal of the unconfirmed plan (sent, without an answer) in a list. The list is empty in
-            three cases: there is no such plan, it is a braking command, or `revoke` has made the
-            plan void (not wanted any more).
+            Goal of the unconfirmed plan (sent, without an answer) as a list of one element. The
+            list is empty in three cases: there is no such plan, the command only brakes, or
+            `revoke` has marked the plan as void.
         """
         revoked = self.unconfirmed is not None and self.unconfirmed.is_void
         goals = [] if revoked else self.goals

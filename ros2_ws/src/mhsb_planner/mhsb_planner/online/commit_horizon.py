@@ -1,10 +1,10 @@
-"""Commit horizon: the time ahead of now at which a new plan takes over from the old one.
+"""Commit horizon: the time from now at which a new plan takes over from the old one.
 
-The commit horizon is the sum of two durations. The first is the 0.95 quantile of the time to the
-first feasible motion. The second is the 0.95 quantile of the time from there until the arm has
-confirmed a plan. By the arm's clock, the machine's dead time is added. Time for improving a plan
-does not count: improvement uses what is left of the horizon. Recent plans count more, so that a
-horizon that load has made long shortens again after a few plans.
+The commit horizon is the sum of two durations. The first is the 0.95 quantile of the time from the
+request to the first feasible motion. The second is the 0.95 quantile of the time from the end of
+planning until the arm has confirmed the plan. The machine's dead time is added. Time to improve a
+plan is not included: a plan is improved in the time that is left of the horizon. Recent plans count
+more. A horizon that has become long under load is therefore short again after a few plans.
 """
 
 from __future__ import annotations
@@ -19,19 +19,20 @@ from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 
 DURATION_QUANTILE = 0.95
-"""Share of plans that the commit horizon must suffice for."""
+"""Share of plans for which the commit horizon must be long enough [-]."""
 
 SAMPLE_CAPACITY = 50
 """Number of last plans whose durations are kept."""
 
 HALF_LIFE = 4.0
-"""Number of newer plans after which a duration counts half.
+"""Number of newer plans after which the weight of a duration is halved.
 
-What was usual 20 plans ago no longer affects the 0.95 quantile.
+Durations of 20 plans ago no longer affect the 0.95 quantile.
 """
 
 LATE_PLAN_FACTOR = 1.5
-"""Factor on the commit horizon for a plan that is made again because the one before was late."""
+"""Factor on the commit horizon of a plan that is made again because the previous one was late [-].
+"""
 
 MIN_TRANSPORT_SHARE = 0.15
 """Least time for transport and confirmation, as a share of the time to the first motion.
@@ -49,9 +50,15 @@ INITIAL_PLANNING_TIME, INITIAL_TRANSPORT_TIME = 0.05, 0.02
 
 
 def compute_offline_horizon(machine: Machine) -> float:
-    """Compute the commit horizon of plans that are made in simulated time [s].
+    """Compute the commit horizon of plans that are made in simulated time.
 
-    It is `OFFLINE_LEAD` plus the machine's dead time.
+    The simulated time stands still while a plan is made, so planning takes no part of the horizon.
+
+    Args:
+        machine: Machine with its dead time.
+
+    Returns:
+        Commit horizon: `OFFLINE_LEAD` plus the machine's dead time [s].
     """
     return OFFLINE_LEAD + compute_dead_time(machine)
 
@@ -60,10 +67,10 @@ class CommitHorizon(NamedTuple):
     """Commit horizon of one plan.
 
     Attributes:
-        total: Time from the plan's stamp to where it leaves the plan before [s].
-        transport_reserve: Part of it that is reserved for encoding, transport and confirmation
-            after planning [s].
-        is_longest: Whether no longer horizon is allowed: it is fixed, or at its upper bound.
+        total: Time from the plan's stamp until it leaves the previous plan [s].
+        transport_reserve: Part of this time that is reserved for encoding, transport and
+            confirmation after planning [s].
+        is_longest: True if no longer horizon is allowed: it is fixed, or at its upper bound.
     """
 
     total: float
@@ -72,7 +79,7 @@ class CommitHorizon(NamedTuple):
 
 
 class CommitHorizonEstimator:
-    """Estimator of the commit horizon, from the real durations of earlier plans."""
+    """Estimator of the commit horizon from durations of earlier plans, by the steady clock."""
 
     def __init__(self) -> None:
         self._first_motion: deque[float] = deque([INITIAL_PLANNING_TIME], maxlen=SAMPLE_CAPACITY)
@@ -96,9 +103,9 @@ class CommitHorizonEstimator:
 
     @property
     def horizon(self) -> float:
-        """Estimated commit horizon: time from a plan's stamp to where it leaves the old plan [s].
+        """Estimated commit horizon: time from a plan's stamp until it leaves the old plan [s].
 
-        It is a high quantile of the time to the first feasible motion, plus the time reserved for
+        It is the 0.95 quantile of the time to the first feasible motion, plus the time reserved for
         transport and confirmation.
         """
         return compute_recent_quantile(np.array(self._first_motion)) + self._transport_reserve
@@ -126,10 +133,10 @@ class CommitHorizonEstimator:
         Args:
             lower_bound: Lower bound [s].
             upper_bound: Upper bound [s].
-            fixed_horizon: Horizon to use instead of the estimate, without regard to the bounds [s];
-                0 for the estimate.
-            horizon_factor: Factor on both estimates; above 1 if plans for the goal came too late
-                before.
+            fixed_horizon: Horizon to use instead of the estimate, without regard to the bounds [s].
+                0 means that the estimate is used.
+            horizon_factor: Factor on both estimates [-]. It is above 1 if earlier plans for the
+                goal came too late.
 
         Returns:
             Horizon [s], part for transport [s], and `is_longest`: the horizon is fixed or at its
@@ -148,10 +155,10 @@ def compute_recent_quantile(samples: FloatArray, quantile: float = DURATION_QUAN
 
     Args:
         samples: Values in order of age, the newest last, shape (n,) with n at least 1.
-        quantile: Share of the total weight, 0 to 1.
+        quantile: Share of the total weight, 0 to 1 [-].
 
     Returns:
-        The smallest sample x for which all samples up to x together have at least this share.
+        The smallest sample x such that all samples up to x together have at least this share.
     """
     weight = 0.5 ** (np.arange(len(samples))[::-1] / HALF_LIFE)
     order = np.argsort(samples)

@@ -1,4 +1,4 @@
-"""Execution of a plan in force, which ends as reached, replaced, stopped or aborted.
+"""Execution of the plan in force, which ends as reached, replaced, stopped or aborted.
 
 The time of plans is the arm's clock minus the delay by which speed scaling has slowed plans.
 """
@@ -22,9 +22,9 @@ from mhsb_planner.online.pending_goal import PendingGoal
 from mhsb_planner.online.settings import Settings
 
 EARLY_NS = 3 * SECOND_NS // 10
-"""Time before a plan's end from which on its end counts as regular [ns].
+"""Largest time before a plan's end at which the arm may hold without having dropped the plan [ns].
 
-A plan that ends earlier was ended by a stop, a fault or a reset.
+If the arm holds earlier, a stop, a fault or a reset has ended the plan.
 """
 
 SAME_PLACE = 0.1
@@ -34,16 +34,18 @@ If a joint is farther away from its planned position, the arm has been restarted
 """
 
 REASON_NS = SECOND_NS
-"""Time after an early end of a plan within which the arm's report may give the reason [ns].
+"""Time after an early end of a plan within which the arm may still report the reason [ns].
 
 `plan_in_force` and `/diagnostics` come in any order.
 """
 
 STAY_TIME = SECOND_NS // 5
-"""Time for which the tip must stay at a goal that it has reached, without dead time [ns]."""
+"""Time for which the tip must stay at a goal to have reached it, without dead times [ns]."""
 
 STAY_DEAD_TIMES = 2.0
-"""Dead times of the machine that are added to it: the time in which a correction acts."""
+"""Number of dead times of the machine that are added to STAY_TIME [-].
+
+A correction of the servo acts within this time."""
 
 
 class ExecutionResult(NamedTuple):
@@ -52,7 +54,7 @@ class ExecutionResult(NamedTuple):
     Attributes:
         outcome: Code of the result.
         sentence: The result in words.
-        reason: Verdict code of the cause; None if there is none to report.
+        reason: Verdict code of the cause; None if there is no cause to report.
     """
 
     outcome: Outcome
@@ -65,16 +67,18 @@ class Execution:
     """Goal whose plan the arm has confirmed, and that plan.
 
     Attributes:
-        pending_goal: The goal and its history.
+        pending_goal: Record of the goal.
         command: Command that the arm has confirmed.
-        target: Place where the command leads: the goal, or a little ahead of a moving goal.
+        target: Place to which the command leads: the goal, or a place a little ahead of a moving
+            goal.
         plan: Summary of the command as the goal's verdict states it.
-        settings: Settings of the plan; a later goal at the same place needs the same settings.
+        settings: Settings of the plan. A later goal at the same place may take over the plan if its
+            settings are the same object.
         change_ns: Time at which the command leaves the previous command, in the time of plans [ns].
-        dropped_since: Time at which the arm was first seen without the plan before its end [ns],
-            and the ending without a reported reason; None while the arm follows the plan.
+        dropped_since: Time at which the arm was first found to have dropped the plan [ns], and the
+            result if no reason is reported. None while the arm follows the plan.
         distances: Times since the plan's end [ns] and distances of the measured tip from the goal
-            [m] that still count for the judgement of the arrival, in time order.
+            [m], in time order. Only those that still count for the arrival are kept.
     """
 
     pending_goal: PendingGoal
@@ -100,14 +104,15 @@ class Execution:
           reference decides between `STOPPED` and `ABORTED`; this is returned `REASON_NS` later.
         - The plan has ended: the distances of the measured tip from the goal decide.
 
-        Some arms do not report which plan they execute; they are assumed to follow this one. Writes
-        `dropped_since` and `distances`.
+        Some arms do not report which plan they execute; they are assumed to follow this one. The
+        method writes `dropped_since` and `distances`.
 
         Args:
-            machine: Machine by which the tip's place is computed.
+            machine: Machine from which the tip position is computed.
             arm_state: Arm state.
             now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
-            is_last: Whether the tip is not waited for any longer after the plan's end.
+            is_last: True if the result is needed now. After the plan's end, the arrival is then
+                judged by the distances so far.
 
         Returns:
             Outcome, sentence and cause; None while the execution goes on.
@@ -132,8 +137,8 @@ class Execution:
         """Judge how the execution ends if the arm holds before the plan's end.
 
         If the arm reports a fault, the execution is aborted at once. Otherwise the first call
-        chooses the result by the place of the reference. It stores time and result in
-        `dropped_since`. The result is returned when `REASON_NS` have passed since the first call.
+        chooses the result by the place of the reference, and stores it with the time in
+        `dropped_since`. It is returned when `REASON_NS` have passed since the first call.
 
         Args:
             arm_state: Arm state.
@@ -150,7 +155,7 @@ class Execution:
         return ending if now_ns - since_ns >= REASON_NS else None
 
     def _judge_by_reference(self, arm_state: ArmState, now_ns: int) -> ExecutionResult:
-        """Judge by the arm's reference whether it was stopped, or was restarted elsewhere.
+        """Judge by the arm's reference whether the arm was stopped, or was restarted elsewhere.
 
         Args:
             arm_state: Arm state. Only `reference` is read.
@@ -158,7 +163,7 @@ class Execution:
 
         Returns:
             `STOPPED` if the reference of every joint is within `SAME_PLACE` of the plan's position
-            at `now_ns`. Otherwise, or without a reference, `ABORTED`.
+            at `now_ns`. `ABORTED` otherwise, or if there is no reference.
         """
         planned = self.command.trajectory.sample(now_ns).position
         heard = arm_state.reference
@@ -171,21 +176,21 @@ class Execution:
     ) -> ExecutionResult | None:
         """Judge after the plan's end whether the measured tip stays at the goal or in its region.
 
-        The end is counted one dead time of the machine later, when the last command has acted. From
-        then on the tip must stay within the settings' `reached_tolerance` for `STAY_TIME` plus
-        `STAY_DEAD_TIMES` dead times, so that a tip that passes the goal does not count. If joint
-        states were never measured, the goal counts as reached. Writes `distances`.
+        The check begins one dead time of the machine after the plan's end. From then on the tip
+        must stay within `reached_tolerance` of the settings for `STAY_TIME` plus `STAY_DEAD_TIMES`
+        dead times. A tip that only passes the goal therefore does not count. If joint states were
+        never measured, the goal counts as reached. The method writes `distances`.
 
         Args:
-            machine: Machine by which the tip's place is computed.
+            machine: Machine from which the tip position is computed.
             arm_state: Arm state. Only `measured` is read.
             since_ns: Time since the plan's end, in the time of plans [ns].
-            is_last: Whether the tip is judged now, by the distances so far.
+            is_last: True if the arrival is judged now, by the distances so far.
 
         Returns:
-            None before the end. After it, `REACHED` once the tip has stayed. Otherwise None until
-            `compute_settling_time` has passed since the plan's end; then the largest distance in
-            the last stretch of that length decides between `REACHED` and `ABORTED`.
+            None before the check begins. `REACHED` as soon as the tip has stayed. The check ends
+            when `compute_settling_time` has passed since the plan's end. The largest distance in
+            the last stretch of the required length then decides between `REACHED` and `ABORTED`.
         """
         dead_ns = round(compute_dead_time(machine) * SECOND_NS)
         if since_ns < dead_ns:

@@ -1,17 +1,17 @@
-"""Lifecycle of goals: waiting, being planned for, sent, in force, ended; free of ROS.
+"""Lifecycle of goals: waiting, being planned for, sent, in force, ended; without ROS.
 
 At most one goal waits (the newest), one is being planned for, one plan is unconfirmed, and one is
-in force. A plan replaces the one in force only when the arm has confirmed it. An epoch counter
-marks events that make plans void while they are being made: stops, faults, clock jumps and new
-settings.
+in force. A plan replaces the plan in force only when the arm has confirmed it. Stops, faults, clock
+jumps and new settings make a plan void while it is being made. An epoch counter counts these
+events.
 
-Every goal gets one verdict, and every accepted goal one execution report. A plan that comes too
-late is made again with a longer commit horizon as long as its goal is the newest. A plan from rest
-is only stamped anew. `goal_states` has the table of what each event does to a goal.
+Every goal gets one verdict, and every accepted goal gets one execution report. A plan that comes
+too late is made again with a longer commit horizon, unless a newer goal has come. A plan from rest
+only gets a new stamp. `goal_states` has a table of the effect of each event on a goal.
 
-A command is a joint trajectory with its mode schedule. From its stamp on it repeats the command
-before. From its change on, one commit horizon later, it differs from that command. The time of
-plans is the arm's clock minus the delay by which speed scaling has slowed plans.
+A command is a joint trajectory with its mode schedule. From its stamp on it repeats the previous
+command. At its change, one commit horizon later, it leaves the previous command. The time of plans
+is the arm's clock minus the delay by which speed scaling has slowed plans.
 """
 
 from __future__ import annotations
@@ -59,28 +59,30 @@ from mhsb_planner.online.stop_sequence import ARM_STOPPED, STOP_ASKED, StopSeque
 from mhsb_planner.online.verdicts import compose_acceptance_sentence, find_verdict_code
 
 REFERENCE_TIMEOUT = 0.1
-"""Silence of the arm above which its execution is not judged, as it may have stopped moving [s]."""
+"""Silence of the arm above which the execution of a plan is not judged [s].
+
+The arm may have stopped moving, or its messages may be late."""
 
 FINAL_REFUSALS = {
     HandOverReason.FAULT: Verdict.FAULT,
     HandOverReason.INVALID: Verdict.INTERNAL,
     HandOverReason.STOPPED: Verdict.STOPPED,
 }
-"""Verdict of a goal whose plan the arm refuses for a reason that does not let it be planned again.
-"""
+"""Reasons of the arm's refusal after which a goal is not planned for again, and its verdict."""
 
 
 class GoalLifecycle:
     """State machine of goals, from their arrival to their execution report.
 
-    Goals and the arm's messages come in as events; plan requests, commands and reports go out.
-    Every public method handles one event, and none of them takes long. Three collaborators keep the
-    state: the `GoalQueue` before a plan is sent, the `HandOver` until the arm has confirmed it, and
-    the `StopSequence` while the arm is stopped. The `Execution` of the plan in force is kept here.
+    Goals and the arm's messages come in as events. Plan requests, commands and reports go out.
+    Every public method handles one event, and none of them takes long. Three other classes keep
+    the state: `GoalQueue` before a plan is sent, `HandOver` until the arm has confirmed it, and
+    `StopSequence` while the arm is stopped. The `Execution` of the plan in force is kept here.
 
     Attributes:
-        arm_state: Arm state.
-        execution: Execution of the plan that the arm has confirmed; None once it has ended.
+        arm_state: What is known of the arm.
+        execution: Execution of the plan that the arm has confirmed; None if it has ended or there
+            is none.
     """
 
     def __init__(
@@ -95,12 +97,12 @@ class GoalLifecycle:
         Args:
             settings: Settings for goals that come without settings.
             brake: Function that makes a braking command. Its arguments are the command in force,
-                the earliest stamp that the braking command may have [ns], and the commit horizon
-                (time from that stamp until braking begins) [s]. It returns the braking command and
-                the time at which braking begins [ns]. All times are in the time of plans (the arm's
-                clock minus the arm's delay behind its plans).
+                the earliest stamp of the braking command [ns], and the time from stamp to braking
+                [s]. It returns the braking command and the time at which braking begins [ns]. Times
+                [ns] are in the time of plans (the arm's clock minus the arm's delay behind its
+                plans).
             clock: Steady clock and ROS clock.
-            outbox: Carries out what the lifecycle decides: make a plan, send a command, send a
+            outbox: Interface that carries out decisions: make a plan, send a command, send a
                 report.
         """
         self.arm_state = ArmState(settings.machine.joint_count)
@@ -136,7 +138,7 @@ class GoalLifecycle:
 
     @property
     def is_idle(self) -> bool:
-        """True if all goals have ended, no sent command lacks an answer, and no stop goes on."""
+        """True if all goals have ended, no command is unconfirmed, and no stop is under way."""
         return not (
             self._queue.goals
             or self._hand_over.unconfirmed
@@ -147,7 +149,7 @@ class GoalLifecycle:
     def get_state(self, pending_goal: PendingGoal) -> GoalState:
         """Return the state of a goal: waiting, being planned for, and so on.
 
-        Several plans may be made for one goal, so that several states apply.
+        Several plans may be made for one goal, so that several states may apply.
 
         Args:
             pending_goal: The goal.
@@ -180,13 +182,14 @@ class GoalLifecycle:
         """Accept a goal for planning or refuse it, and begin to plan if nothing prevents it.
 
         Args:
-            goal: Where the tip shall go.
+            goal: Place to which the tip must go.
             received_at: Time of receipt by the steady clock [s]; None means now.
-            adjust_settings: Derives this goal's settings from the settings for all goals.
+            adjust_settings: Function that derives this goal's settings from the settings for all
+                goals.
             on_report: Called with each report on this goal. The outbox gets the reports, too.
 
         Returns:
-            The goal's record, also if the goal was refused.
+            Record of the goal, also if the goal was refused.
         """
         now = self._clock.steady_time()
         came = now if received_at is None else received_at
@@ -203,13 +206,14 @@ class GoalLifecycle:
     ) -> PlanRequest:
         """Build the request for a plan that will not be executed.
 
-        A goal that comes now and does not move would get the same request. Goals and plans in
-        progress are not affected.
+        It is the request that a goal at rest would get if it came now. Goals and plans in progress
+        are not affected.
 
         Args:
-            goal: Where the tip would go.
-            adjust_settings: Derives this goal's settings from the settings for all goals.
-            horizon_factor: Factor on the commit horizon (time until a new plan takes over).
+            goal: Place to which the tip would go.
+            adjust_settings: Function that derives this goal's settings from the settings for all
+                goals.
+            horizon_factor: Factor on the commit horizon (time until a new plan takes over) [-].
 
         Returns:
             Request for the planning worker.
@@ -232,13 +236,13 @@ class GoalLifecycle:
         return self._build_request(pending_goal, start, now, now_ns)
 
     def tick(self) -> None:
-        """Handle the passing of time; to be called periodically.
+        """Handle the passing of time. The method must be called periodically.
 
         The steps come in this order:
 
         1. Give up a sent command that the arm has not confirmed in time.
         2. If a moving goal has stopped, let it wait for a plan to its exact place.
-        3. End the execution of a goal if the arm's reports say that it is over.
+        3. End the execution of a plan if the arm's reports say that it is over.
         4. Begin a stop if the newest goal was cancelled.
         5. Take the next step of a stop that is under way.
         6. Begin to plan for a waiting goal.
@@ -257,12 +261,16 @@ class GoalLifecycle:
     def _start_planning(self) -> None:
         """Begin to plan for the waiting goal, if nothing prevents it.
 
-        Nothing happens while a plan is made or unconfirmed (sent, without an answer), or while the
-        arm is being stopped. The goal waits on if the arm is not ready, for instance not connected
-        (`GoalQueue.must_wait`). If no plan can start from the arm's state, it also waits on, or is
-        refused (`GoalQueue.postpone`). If the arm moves under a command of somebody else, the arm's
-        own ~/stop is called once for each goal. If the plan in force leads to the goal already, the
-        goal takes that plan over. Otherwise a plan is requested.
+        The first of these cases that applies decides:
+
+        - A plan is being made or is unconfirmed (sent, without an answer), or the arm is being
+          stopped: nothing happens.
+        - The arm is not ready, for example not connected (`GoalQueue.must_wait`): the goal waits.
+        - No plan can start from the arm's state: the goal waits on or is refused
+          (`GoalQueue.postpone`). If the arm moves under a command that this planner did not send,
+          the arm's own ~/stop is called, once for each goal.
+        - The plan in force leads to the goal already: the goal takes over this plan.
+        - Otherwise a plan is requested.
         """
         queue, pending_goal = self._queue, self._queue.waiting
         is_busy = queue.request or self._hand_over.unconfirmed or self._stop.is_under_way
@@ -294,7 +302,7 @@ class GoalLifecycle:
         until the new plan takes over) then covers planning, transport, confirmation and the
         machine's dead time. For an arm at rest the horizon does not cover planning, because the
         plan is stamped when it is ready. The deadline is the same in both cases: the horizon of a
-        moving arm without its part for transport. The target of a moving goal is extrapolated.
+        moving arm without its part for transport. A moving goal is extrapolated.
 
         Args:
             pending_goal: The goal.
@@ -330,19 +338,20 @@ class GoalLifecycle:
         )
 
     def _take_over_plan_in_force(self, pending_goal: PendingGoal, now_ns: int) -> bool:
-        """Let a goal take over the plan in force if that plan leads to it already.
+        """Let a goal take over the plan in force if this plan leads to the goal already.
 
         Four conditions must hold. The arm still executes a plan of this planner. The plan's target
         is within 0.1 mm of the goal. Plan and goal have the same settings. The goal does not move.
-        The earlier goal then ends as replaced, and this goal is accepted with `continued` set. If
-        both are the same goal, nothing is reported.
+
+        The earlier goal of the plan then ends as replaced. This goal is accepted, with `continued`
+        set in its plan summary. If both are the same goal, nothing is reported.
 
         Args:
             pending_goal: The goal.
             now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
-            True if the goal needs no new plan. That includes a goal that is being executed itself.
+            True if the goal needs no new plan. This includes a goal that is being executed already.
         """
         execution, now = self.execution, self._clock.steady_time()
         if (
@@ -371,24 +380,24 @@ class GoalLifecycle:
     def handle_plan_answer(self, request: PlanRequest, answer: Replan | Exception | None) -> None:
         """Handle the answer to a plan request, then begin to plan if a goal waits.
 
-        An answer to a request that has been withdrawn or replaced is ignored; no planning begins
-        then. If the epoch (count of events that make plans void) or the plan in force has changed,
-        the goal is planned for again. Otherwise the answer decides:
+        An answer to a request that has been withdrawn or replaced is ignored, and no planning
+        begins. If an event has made the plan void (`epoch` has changed), or if the plan in force
+        has changed, the goal is planned for again. Otherwise the answer decides:
 
-        - A plan is sent.
-        - None ends the goal: the arm is there already.
+        - A plan: it is sent.
+        - None: the arm is at the goal already, and the goal ends.
         - `DeadlineError`: the goal is planned for again with a longer commit horizon (time until a
           new plan takes over). It is refused after `MAX_LATE_PLANS` tries at the longest horizon.
         - Another `MhsbError`: if the arm executes a plan to this very goal, that plan goes on. If
           the target was extrapolated from a moving goal, the goal's own place is planned for.
           Otherwise the goal is refused.
-        - Any other exception refuses the goal with `INTERNAL`.
+        - Any other exception: the goal is refused with `INTERNAL`.
 
-        After a plan, `horizon_estimator` gets the time of planning; after a `DeadlineError`,
-        `LATE_PLAN_FACTOR` times that time.
+        After a plan, the time of planning is added to `horizon_estimator`. After a `DeadlineError`,
+        `LATE_PLAN_FACTOR` times this time is added.
 
         Args:
-            request: The request that was answered.
+            request: Request that was answered.
             answer: The plan, the error that planning raised, or None.
         """
         queue, pending_goal = self._queue, request.pending_goal
@@ -422,13 +431,13 @@ class GoalLifecycle:
         self._start_planning()
 
     def _send_plan(self, request: PlanRequest, replan: Replan, steady_time: float) -> None:
-        """Send a plan, and accept its goal if that has no verdict yet.
+        """Send a plan, and accept its goal if the goal has no verdict yet.
 
-        A plan that starts from rest first gets the present time as its stamp. If the command before
-        still moves at that time, the goal is planned for again instead. The change is the time at
-        which the plan leaves the command before. A plan whose change has passed counts as too late
-        and is not sent. If the plan is sent, `attempts`, `plan_stamp_ns` and `lead_ms` of the goal
-        are updated.
+        A plan that starts from rest first gets the present time as its stamp. If the previous
+        command still moves at this time, the goal is planned for again instead. The change is the
+        time at which the plan leaves the previous command. If it has passed, the plan counts as too
+        late and is not sent. If the plan is sent, `attempts`, `plan_stamp_ns` and `lead_ms` of the
+        goal are updated.
 
         Args:
             request: Request of the plan.
@@ -486,10 +495,11 @@ class GoalLifecycle:
 
         Args:
             request: Request of the plan that was too late.
-            code: Verdict if the goal is refused. A goal that was accepted is aborted with
-                `DEADLINE` instead.
-            sentence: What went wrong; the report's sentence begins with it.
-            replan: Plan from rest to be stamped and sent again; None to make a new plan.
+            code: Verdict if the goal is refused. If the goal was accepted before, it is aborted
+                with `DEADLINE` instead.
+            sentence: What went wrong. The report's sentence begins with it.
+            replan: Plan from rest that gets a new stamp and is sent again. None means that a new
+                plan is made.
         """
         pending_goal, now = request.pending_goal, self._clock.steady_time()
         if not self._hand_over.lengthen_horizon(pending_goal, self.settings):
@@ -508,10 +518,10 @@ class GoalLifecycle:
     def handle_reference(self, state: MotionState, stamp_ns: int) -> None:
         """Store the reference that the servo follows, and begin to plan if a goal waits.
 
-        The order of the stamps may show that several publishers send references; a change of this
-        is logged. If several publishers are possible, a reference with an earlier stamp is ignored.
-        If the clock was set back, `handle_clock_jump` is called first. If no joint state has come
-        yet, the reference also serves to detect rest.
+        The order of the stamps may show that several publishers send references. A warning is
+        logged when this begins or ends. As long as several publishers are possible, a reference
+        with an earlier stamp is ignored. If the clock was set back, `handle_clock_jump` is called
+        first. If no joint state has come yet, the reference also serves to detect rest.
 
         Args:
             state: Position, velocity and acceleration of all joints.
@@ -544,11 +554,11 @@ class GoalLifecycle:
         self.arm_state.modes = modes
 
     def handle_plan_in_force(self, stamp_ns: int) -> None:
-        """Store which plan the arm has in force, and act on it.
+        """Store which plan the arm has in force, and handle the consequences.
 
-        If it is a sent command of this planner that was not confirmed before, it is confirmed.
-        After that, for any stamp, the execution is judged, a stop under way takes its next step,
-        and planning begins if a goal waits.
+        If it is a sent command of this planner that was not confirmed before, it is confirmed. Then
+        the execution is judged, a stop under way takes its next step, and planning begins if a goal
+        waits.
 
         Args:
             stamp_ns: Stamp of the plan [ns]; `NO_PLAN` while the arm holds its position.
@@ -564,9 +574,8 @@ class GoalLifecycle:
     def handle_plan_refusal(self, stamp_ns: int, reason: HandOverReason, sentence: str) -> None:
         """Handle the arm's report that it has not taken a plan.
 
-        Only a report on the unconfirmed command (sent, without an answer) has an effect. The
-        command is given up, its goal is planned for again or ended, and planning begins if a goal
-        waits.
+        Only a report on the unconfirmed command (sent, without an answer) has an effect. The goal
+        of this command is then planned for again or ended, and planning begins if a goal waits.
 
         Args:
             stamp_ns: Stamp of the plan [ns].
@@ -579,14 +588,14 @@ class GoalLifecycle:
             self._start_planning()
 
     def handle_arm_fault(self, sentence: str) -> None:
-        """Store the fault that the arm reports; a new fault ends all goals.
+        """Store the fault that the arm reports, and end all goals if it is a new fault.
 
-        Goals without a verdict are refused with `FAULT`, and accepted ones are aborted. An
+        Goals without a verdict are refused with `FAULT`, and accepted goals are aborted. An
         unconfirmed plan (sent, without an answer) becomes void: if the arm takes it after all, the
         arm is stopped. If a stop is under way, its next step is taken (brake, or call ~/stop).
 
-        If the arm reports that the fault is cleared, only that is stored. If it reports the fault
-        that is known already, nothing happens.
+        If the arm reports that the fault is cleared, only this is stored. If it reports the same
+        fault again, nothing happens.
 
         Args:
             sentence: The fault in words; empty if the arm has none.
@@ -609,9 +618,9 @@ class GoalLifecycle:
         A difference is logged when it appears or changes.
 
         Args:
-            difference: The difference in one sentence; empty if the files agree. None if the arm
-                does not report its machine. None counts as agreement, which is logged if nothing
-                was known before.
+            difference: The difference in one sentence; empty if the files are equal. None if the
+                arm does not report its machine. The files then count as equal, and a warning is
+                logged if nothing was known before.
         """
         if difference is None and not self.arm_state.is_machine_known:
             self._outbox.warn(
@@ -622,7 +631,11 @@ class GoalLifecycle:
         self.arm_state.machine_difference, self.arm_state.is_machine_known = difference or "", True
 
     def handle_plan_delay(self, delay_ns: int) -> None:
-        """Store the time by which the arm follows plans later than stamped [ns]."""
+        """Store the time by which the arm executes plans later than stamped.
+
+        Args:
+            delay_ns: Delay, caused by the reference governor [ns].
+        """
         self.arm_state.plan_delay_ns = delay_ns
 
     def handle_arm_stop(
@@ -631,8 +644,8 @@ class GoalLifecycle:
         """Handle the arm's report of its last stop, and end the goals that came before it.
 
         A stop is ignored if it was reported before, or if this planner has called for it. Otherwise
-        all goals that were received before this report end as stopped, up to a short time after the
-        stop (`StopSequence.find_void_time`). If the arm executes a plan for such a goal, the arm is
+        goals that were received up to a certain time end as stopped
+        (`StopSequence.find_void_time`). If the arm executes a plan for such a goal, the arm is
         stopped again.
 
         Args:
@@ -662,13 +675,13 @@ class GoalLifecycle:
         self._continue_stop()
 
     def handle_clock_jump(self, sentence: str) -> None:
-        """Drop what is known of the arm after a clock jump, and plan for unfinished goals again.
+        """Drop the arm's data after a clock jump, and plan for unfinished goals again.
 
         The goal that is being executed ends as aborted. A goal that is being planned for, or has an
         unconfirmed plan (sent, without an answer), is planned for again.
 
         Args:
-            sentence: What has happened to the clock; logged and reported.
+            sentence: What has happened to the clock. It is logged and reported.
         """
         self._outbox.warn(f"{sentence}: what was known of the arm is forgotten")
         self._queue.epoch += 1
@@ -682,15 +695,15 @@ class GoalLifecycle:
     def _handle_confirmation(self, sent: UnconfirmedPlan) -> None:
         """Handle the arm's confirmation that it follows a command.
 
-        The confirmation may come after waiting for it was given up. A braking command is stored as
-        confirmed; the stop is finished if it is known when the arm will rest. If zones have changed
-        since the braking command was made, the remainder of its motion is checked for obstacles.
+        The confirmation may also come after the command was given up.
 
-        A plan begins the execution of its goal, and further plans for that goal are withdrawn.
-        Another goal that was being executed ends as replaced. If the plan became void (was revoked)
-        before this confirmation, the arm is stopped. If settings have changed since the plan's
-        request and an obstacle lies ahead, the arm is stopped, and the goal is then planned for
-        again.
+        For a braking command, the stop is finished if it is known when the arm will rest. If zones
+        have changed since the command was made, the remaining motion is checked for obstacles.
+
+        For a plan, the execution of its goal begins, and further plans for this goal are withdrawn.
+        Another goal that was being executed ends as replaced. If the plan was revoked before this
+        confirmation, the arm is stopped. If settings have changed since the plan's request and an
+        obstacle lies ahead, the arm is stopped. The goal is then planned for again.
 
         Args:
             sent: The command that the arm has confirmed.
@@ -725,13 +738,13 @@ class GoalLifecycle:
         """Handle that the arm has not taken a command and goes on with the previous command.
 
         After a braking command or a void plan (withdrawn after it was sent), the stop takes its
-        next step. After another plan the first of these cases decides:
+        next step. After any other plan the first of these cases decides:
 
         1. Its goal has ended: nothing happens.
         2. The reason is in `FINAL_REFUSALS`: the goal ends.
         3. A newer goal waits: the goal ends as superseded.
-        4. The plan starts from rest, the arm is still at its start, and nothing has made it void:
-           it gets a new stamp and is sent again.
+        4. The plan starts from rest, the arm is still at its start, and no event has made the plan
+           void: it gets a new stamp and is sent again.
         5. Otherwise a new plan for the goal is made, with a longer commit horizon (time until the
            plan takes over).
 
@@ -766,9 +779,9 @@ class GoalLifecycle:
         """Bring the arm to rest, whatever has set it in motion, and end all goals.
 
         If a stop is under way already, it goes on, and `done` is called at its end, too. Goals that
-        wait or are being planned for are ended as stopped at once. An unconfirmed plan (sent,
-        without an answer) becomes void: if the arm takes it, the arm is stopped. The goals of that
-        plan and of the plan in force end when the arm has stopped.
+        wait or are being planned for end as stopped at once. An unconfirmed plan (sent, without an
+        answer) becomes void: if the arm takes it, the arm is stopped. Its goal and the goal of the
+        plan in force end when the arm has stopped.
 
         Args:
             done: Called once with success and sentence. Success means that the arm is measured at
@@ -785,8 +798,8 @@ class GoalLifecycle:
     def cancel(self, pending_goal: PendingGoal) -> None:
         """Cancel a goal: stop the arm, unless a newer goal has come.
 
-        The goal's `is_cancelled` is set. While a newer goal has not ended, the arm is not stopped.
-        If the newer goal ends first, for example by a refusal, the arm is stopped then.
+        The goal's `is_cancelled` is set. The arm is not stopped while a newer goal is in progress.
+        If the newer goal ends before this one, for example by a refusal, the arm is stopped then.
 
         Args:
             pending_goal: The goal.
@@ -800,17 +813,18 @@ class GoalLifecycle:
         A goal is in progress while it waits, is being planned for, is executed, or has a plan that
         the arm has not answered yet. Nothing happens while a stop is under way.
 
-        All goals end as stopped. Those that wait or are being planned for end at once, the others
-        when the arm has stopped.
+        A stop ends all goals as stopped. Goals that wait or are being planned for end at once, the
+        others when the arm has stopped.
         """
         newest = next(iter(self._goals_not_ended()), None)
         if newest is not None and newest.is_cancelled and not self._stop.is_under_way:
             self.stop(lambda success, sentence: None)
 
     def change_settings(self, settings: Settings) -> None:
-        """Use other settings for all goals; a plan that is being made is made again.
+        """Replace the settings for all goals.
 
-        If zones have changed and an obstacle lies ahead on the motion in force, the arm is stopped.
+        A plan that is being made is made again. If zones have changed and an obstacle lies ahead on
+        the motion in force, the arm is stopped.
 
         Args:
             settings: The new settings.
@@ -833,10 +847,10 @@ class GoalLifecycle:
             self._stop.report_waiting()
 
     def _continue_stop(self) -> None:
-        """Take the next step of a stop under way, and finish it when there is a result.
+        """Take the next step of the stop under way, and finish the stop if it has a result.
 
-        A step may be a braking command, which is sent, or a call of the arm's own ~/stop. Nothing
-        happens without a stop.
+        A step is a braking command, which is sent, or a call of the arm's own ~/stop. Without a
+        stop, nothing happens.
         """
         braking = self._stop.take_step(self.settings)
         if braking is not None:
@@ -844,7 +858,7 @@ class GoalLifecycle:
         self._finish_stop(self._stop.find_result())
 
     def _finish_stop(self, result: tuple[bool, str] | None) -> None:
-        """Finish the stop under way, and plan for the goal that was to be planned for after it.
+        """Finish the stop under way, and let its `goal_after_stop` wait for planning.
 
         If the stop has succeeded, the execution of the plan in force ends. If it has failed, the
         execution goes on.
@@ -873,19 +887,23 @@ class GoalLifecycle:
         return self._queue.goals + self._hand_over.goals
 
     def _goals_not_ended(self) -> list[PendingGoal]:
-        """Return the goals that have not ended, newest first."""
+        """Return the goals in progress, newest first.
+
+        A goal is in progress while it waits, is being planned for, has a plan that the arm has not
+        answered yet, or is executed.
+        """
         executed = [] if self.execution is None else [self.execution.pending_goal]
         return self._goals_before_confirmation() + executed
 
     def _is_being_executed(self, pending_goal: PendingGoal) -> bool:
-        """Return whether the arm executes a plan for this very goal."""
+        """Return whether the arm executes a plan for this very goal, not for one at its place."""
         return self.execution is not None and self.execution.pending_goal is pending_goal
 
     def _accept_plan_end(self) -> None:
-        """Declare the goal's own place the target of the plan in force.
+        """Set the target of the plan in force to the goal's own place.
 
-        The plan for a moving goal ends a little beyond the goal's place. This call prevents a
-        further plan to the exact place. Nothing happens if no plan is executed.
+        The plan for a moving goal ends a little beyond the goal's place. Because of this call, no
+        further plan to the exact place is made. If no plan is executed, nothing happens.
         """
         if self.execution is not None:
             self.execution.target = self.execution.pending_goal.goal
@@ -893,8 +911,8 @@ class GoalLifecycle:
     def _plan_to_stopped_goal(self) -> None:
         """Plan once more for a goal that moved and now stands still.
 
-        The plan in force ends a little beyond the goal's place. The goal therefore becomes the
-        waiting goal, with `needs_exact_place` set. Nothing happens in these cases:
+        The plan in force ends a little beyond the place of such a goal. The goal becomes the
+        waiting goal again, with `needs_exact_place` set. Nothing happens in these cases:
 
         - No plan is being executed.
         - The plan in force ends at the goal's exact place already.
@@ -912,16 +930,16 @@ class GoalLifecycle:
             self._queue.put_back(pending_goal)
 
     def _judge_execution(self) -> None:
-        """End the execution of the present goal if the arm's reports say that it is over.
+        """End and report the execution of the plan in force if the arm's reports say it is over.
 
-        The end is reported. Nothing happens in these cases:
+        Nothing happens in these cases:
 
         - A stop is under way.
-        - Another plan for the same goal is wanted, is being made, or was sent without an answer
-          yet.
+        - A further plan for the same goal is waited for, is being made, or was sent without an
+          answer yet.
         - The arm has been silent for more than `REFERENCE_TIMEOUT`: it may be frozen, or its
-          messages are late. After `LONGEST_WAIT` the execution is judged by the last reports.
-        - The tip has reached the end of its plan, but the goal has moved on and still moves.
+          messages may be late. After `LONGEST_WAIT` the last reports decide.
+        - The tip has reached the end of the plan, but the goal has moved on and still moves.
         """
         execution, now = self.execution, self._clock.steady_time()
         if execution is None or self._stop.is_under_way:

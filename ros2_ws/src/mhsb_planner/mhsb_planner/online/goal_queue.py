@@ -1,4 +1,4 @@
-"""Queue of goals before a plan for them is sent: the waiting goal and the one being planned for.
+"""Queue of goals without a sent plan: the goal that waits, and the goal that is planned for.
 
 The time of plans is the arm's clock minus the delay by which speed scaling has slowed plans.
 """
@@ -25,8 +25,9 @@ from mhsb_planner.online.verdicts import find_verdict_code
 from mhsb_planner.search import goal_clearance
 
 FIRST_REPORT = 1.2
-"""Time after the arm's first state within which it reports its machine [s]; it reports every
-second."""
+"""Time after the arm's first state within which the arm reports its machine [s].
+
+It reports the machine every second."""
 
 START_UP = 6.0
 """Time after the planner's start during which goals wait for the arm's first state [s].
@@ -36,20 +37,21 @@ On a busy machine the discovery of a running arm takes seconds.
 
 
 class GoalQueue:
-    """Goals before a plan for them is sent: at most one waits, and one is being planned for.
+    """Queue of goals without a sent plan: at most one waits, and one is being planned for.
 
-    A goal enters with `admit` or, to be planned for again, with `put_back`. The lifecycle takes the
-    waiting goal out, and sets `request` when planning for it begins. A newer goal supersedes the
-    waiting one. An epoch counter marks events that make the plan void that is being made.
+    A new goal enters with `admit`, and a goal that must be planned for again with `put_back`. When
+    planning begins, the lifecycle of goals clears `waiting` and sets `request`. A newer goal
+    supersedes the waiting one. Some events, such as a stop, make a plan void while it is being
+    made. The counter `epoch` counts these events.
 
     Attributes:
-        waiting: Goal that waits for planning to begin; None without one.
-        request: Request for the plan that is being made; None without one.
+        waiting: Goal that waits for planning to begin; None if there is none.
+        request: Request for the plan that is being made; None if there is none.
         settings: Settings for goals that come without settings.
-        epoch: Number of events so far that made the plan void that was being made.
+        epoch: Number of events so far that made void a plan that was being made.
         stream: Estimator of the velocity of a moving goal.
-        void_until: Time of receipt up to which goals are void since the arm was stopped, by the
-            steady clock [s].
+        void_until: Time by the steady clock [s]. Goals received up to it are refused, because the
+            arm was stopped.
     """
 
     def __init__(
@@ -66,8 +68,8 @@ class GoalQueue:
             settings: Settings for goals that come without settings.
             arm_state: Arm state.
             clock: Source of the present time.
-            outbox: Knows whether the arm is connected.
-            reports: Sends verdicts.
+            outbox: Interface that reports whether the arm is connected.
+            reports: Sender of verdicts.
         """
         self.waiting: PendingGoal | None = None
         self.request: PlanRequest | None = None
@@ -93,14 +95,14 @@ class GoalQueue:
     def admit(self, pending_goal: PendingGoal, executed: PendingGoal | None) -> bool:
         """Let a new goal wait for planning, or refuse it at once.
 
-        The goal is refused if the arm reports a fault or another machine file, if the goal's place
-        is out of reach, or if its options do not fit. A goal received before the last stop of the
-        arm is refused as stopped. An older waiting goal ends as superseded, unless the arm executes
-        a plan for it.
+        The goal is refused if the arm reports a fault or another machine file. It is refused if it
+        is out of reach, or if its options do not fit. It is also refused if it was received before
+        the last stop of the arm (`void_until`). An older waiting goal ends as superseded, unless
+        the arm executes a plan for it.
 
         Args:
             pending_goal: The new goal.
-            executed: Goal that the arm executes a plan for; None without one.
+            executed: Goal for which the arm executes a plan; None if there is none.
 
         Returns:
             True if the new goal waits; False if it was refused.
@@ -126,14 +128,14 @@ class GoalQueue:
         return True
 
     def check_place(self, pending_goal: PendingGoal) -> None:
-        """Raise an MhsbError if the tip can never be at the goal.
-
-        That is the case if the goal lies outside the workspace, or too near to an obstacle. An
-        error is also raised if the goal's own options do not fit.
+        """Check that the tip can be at the goal, and that the goal's options fit.
 
         Args:
-            pending_goal: The goal. Its own settings are derived and cached if they are not known
-                yet.
+            pending_goal: The goal. Its own settings are derived and cached if necessary.
+
+        Raises:
+            MhsbError: The goal lies outside the workspace, is too near to an obstacle, or has
+                options that do not fit.
         """
         machine, goal = pending_goal.get_settings(self.settings).machine, pending_goal.goal
         machine.check_in_workspace(goal.position)
@@ -142,7 +144,7 @@ class GoalQueue:
     def put_back(self, pending_goal: PendingGoal) -> None:
         """Let a goal wait for a new plan, or end it as superseded if a newer goal waits.
 
-        Nothing happens if the goal has ended.
+        If the goal has ended, nothing happens.
 
         Args:
             pending_goal: The goal. Its `waiting_since` is set to the present time.
@@ -156,12 +158,12 @@ class GoalQueue:
         self.waiting = pending_goal
 
     def withdraw(self, pending_goal: PendingGoal) -> None:
-        """Take a goal out of the queue.
+        """Remove a goal from the queue.
 
-        The goal no longer waits. If a plan for it is being made, the answer will be ignored.
+        The goal no longer waits. If a plan for it is being made, the plan will be ignored.
 
         Args:
-            pending_goal: The goal; nothing happens if it is not in the queue.
+            pending_goal: The goal. If it is not in the queue, nothing happens.
         """
         if self.waiting is pending_goal:
             self.waiting = None
@@ -169,16 +171,16 @@ class GoalQueue:
             self.request = None
 
     def clear(self) -> None:
-        """Take all goals out, and make the plan void that is being made: it will not be used."""
+        """Remove all goals from the queue. A plan that is being made will not be used."""
         self.waiting = self.request = None
         self.epoch += 1
 
     # --- Begin of planning -----------------------------------------------------------------------
 
     def must_wait(self, pending_goal: PendingGoal, stamps_are_ahead: bool) -> bool:
-        """Return whether the waiting goal must wait before planning for it begins.
+        """Return whether planning for the waiting goal must not begin yet.
 
-        The goal waits until all of these hold, but for at most `LONGEST_WAIT`:
+        The goal waits until all of these conditions are met, but for at most `LONGEST_WAIT`:
 
         - The arm is connected so that it would receive a plan.
         - If the arm sends a reference, it has also reported which plan it executes.
@@ -187,8 +189,11 @@ class GoalQueue:
 
         Args:
             pending_goal: The waiting goal.
-            stamps_are_ahead: Whether the last stamp sent is ahead of the time of plans (the arm's
+            stamps_are_ahead: True if the last stamp sent is ahead of the time of plans (the arm's
                 clock minus the arm's delay behind its plans).
+
+        Returns:
+            True if the goal must wait.
         """
         arm, now = self._arm_state, self._clock.steady_time()
         is_half_known = arm.reference is not None and arm.plan_in_force_ns is None
@@ -202,11 +207,11 @@ class GoalQueue:
         """Return whether the caller must call the arm's own ~/stop so that planning can begin.
 
         Args:
-            error: Reason why no plan can start.
+            error: Error that says why no plan can start.
 
         Returns:
-            True if the arm moves under a command of somebody else, and True was not returned for
-            this goal before.
+            True if the arm moves under a command that this planner did not send. For each goal,
+            True is returned only once.
         """
         foreign = isinstance(error, MovingError) and self._arm_state.plan_in_force_ns != NO_PLAN
         is_needed = foreign and not self._arm_stop_called
@@ -216,13 +221,13 @@ class GoalQueue:
     def postpone(self, pending_goal: PendingGoal, error: MhsbError) -> None:
         """Let the waiting goal wait on because no plan can start, or refuse it.
 
-        The goal is refused at once if the arm has another machine file, and otherwise once it has
-        waited for `LONGEST_WAIT`. While the arm has never sent a state, it is not refused within
-        `START_UP` after the planner's start.
+        The goal is refused at once if the arm has another machine file. Otherwise it is refused
+        when it has waited for `LONGEST_WAIT`. If the arm has never sent a state, it is not refused
+        within `START_UP` after the planner's start.
 
         Args:
-            pending_goal: The waiting goal, with the time since which it waits.
-            error: Reason why no plan can start. A refusal has its code and sentence.
+            pending_goal: The waiting goal.
+            error: Error that says why no plan can start. It gives code and sentence of a refusal.
         """
         now = self._clock.steady_time()
         starts = self._arm_state.first_state_at == math.inf and now - self._started_at < START_UP
@@ -234,11 +239,11 @@ class GoalQueue:
     def choose_target(
         self, pending_goal: PendingGoal, commit_horizon: float, dead_time: float
     ) -> tuple[Goal, float]:
-        """Choose the target of a plan for a goal, and return it with the goal's period.
+        """Choose the place to which a plan for a goal leads, and return it with the goal's period.
 
-        A moving goal is extrapolated (`GoalStream.extrapolate`). If the goal has stopped, or its
-        `needs_exact_place` is set, the target is its exact place. A stopped goal keeps its period.
-        The planner then still keeps the posture near the present one, as for a moving goal.
+        For a moving goal it is extrapolated (`GoalStream.extrapolate`). If the goal has stopped, or
+        its `needs_exact_place` is set, it is the goal's own place. The period of a stopped goal is
+        still returned, so that the planner keeps the posture near the present one.
 
         Args:
             pending_goal: The goal.
@@ -248,7 +253,7 @@ class GoalQueue:
 
         Returns:
             Target, and period of the goal: median time between its last messages [s]. If its last
-            messages give no velocity, the target is the goal itself and the period 0.
+            messages give no velocity, the target is the goal itself and the period is 0.
         """
         stream, goal, now = self.stream, pending_goal.goal, self._clock.steady_time()
         if not any(stream.velocity):
@@ -266,9 +271,10 @@ class GoalQueue:
             now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
-            True if two conditions are met. The epoch (count of events that make plans void) is that
-            of the request. The arm still executes the plan of that time, or holds its position
-            after the end of the request's `start_command` (or at most `EARLY_NS` before it).
+            True if two conditions are met. First, no event since the request has made the plan void
+            (`epoch`). Second, the arm still executes the same plan as at the request, or holds its
+            position at the end of the request's `start_command`. It may hold up to `EARLY_NS`
+            before this end.
         """
         start, in_force_ns = request.start_command, self._arm_state.plan_in_force_ns
         has_ended = now_ns >= start.trajectory.end_ns - EARLY_NS

@@ -20,11 +20,13 @@ NEWER_GOAL_SENT = "a newer goal came before the arm had taken the plan"
 """Sentence on a goal that was superseded after a plan had been sent."""
 
 OUTCOME_OF_VERDICT = {Verdict.SUPERSEDED: Outcome.REPLACED, Verdict.STOPPED: Outcome.STOPPED}
-"""Outcome of an accepted goal that ends for the reason of a verdict; any other is `ABORTED`."""
+"""Outcome of the execution report by verdict code, for an accepted goal that ends early.
+
+For codes that are not listed, the outcome is `ABORTED`."""
 
 
 class GoalReports:
-    """Sender of verdicts and execution reports; goals that have ended get no further report."""
+    """Sender of verdicts and execution reports. Goals that have ended get no further report."""
 
     def __init__(self, clock: Clock, outbox: PlannerIO) -> None:
         self._clock = clock
@@ -45,10 +47,10 @@ class GoalReports:
         self._report(pending_goal, GoalVerdict.of(pending_goal.goal, code, sentence, plan))
 
     def report_at_goal(self, pending_goal: PendingGoal) -> None:
-        """End a goal because the tip is at its place already.
+        """End a goal because the tip is at the goal already.
 
         A goal without a verdict is accepted with `AT_GOAL` and a plan of 0 J and 0 s. A goal that
-        was accepted before gets an execution report with the outcome `REACHED` instead.
+        was accepted before gets an execution report with the outcome `REACHED`.
 
         Args:
             pending_goal: The goal; it is marked as ended.
@@ -65,13 +67,14 @@ class GoalReports:
     def end(self, pending_goal: PendingGoal, code: Verdict, sentence: str) -> None:
         """End a goal: with a verdict, or with an execution report if the goal was accepted before.
 
-        Nothing happens if the goal has ended already. An accepted goal ends with the outcome in
-        `OUTCOME_OF_VERDICT`. Codes without an entry there give `ABORTED`, with the code as reason.
+        If the goal has ended already, nothing happens. An accepted goal ends with the outcome in
+        `OUTCOME_OF_VERDICT`. If the code is not listed there, the outcome is `ABORTED` with the
+        code as reason.
 
         Args:
             pending_goal: The goal; it is marked as ended.
             code: Code of the verdict.
-            sentence: Why the goal ends.
+            sentence: Reason why the goal ends.
         """
         if pending_goal.has_verdict:
             outcome = OUTCOME_OF_VERDICT.get(code, Outcome.ABORTED)
@@ -103,7 +106,7 @@ class GoalReports:
 
         Args:
             pending_goal: The goal.
-            outcome: How its execution has ended.
+            outcome: Code of how the execution has ended.
             sentence: The outcome in words.
             reason: Verdict code of the cause; None if the report states no cause.
         """

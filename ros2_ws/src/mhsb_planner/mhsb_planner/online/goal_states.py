@@ -1,7 +1,7 @@
-"""States of a goal, and the table of what each event does to a goal in each state.
+"""States of a goal, and a table of the effect of each event on a goal in each state.
 
 `GoalLifecycle` handles the events. A test brings a goal into each state, lets each event happen,
-and compares state and report with the table. `docs/goal_states.md` is written from it.
+and compares state and report with the table. `docs/goal_states.md` is written from the table.
 """
 
 from __future__ import annotations
@@ -13,7 +13,10 @@ from mhsb_model.verdict import Outcome, Verdict
 
 
 class GoalState(Enum):
-    """State of a goal; the furthest one if further plans for it are made. The value explains it."""
+    """State of a goal. The value of each member is a sentence that explains it.
+
+    If further plans are made for a goal, its most advanced state counts.
+    """
 
     WAITING = "It waits for planning to begin."
     PLANNING = "A plan for it is being made."
@@ -29,8 +32,8 @@ class Transition(NamedTuple):
 
     Attributes:
         next_state: State of the goal after the event.
-        report: Code of the verdict or execution report that it gets; None without one.
-        action: What else happens, as a clause; empty if nothing does.
+        report: Code of the verdict or execution report that the goal gets; None if it gets none.
+        action: Clause that says what else happens; empty if nothing else happens.
     """
 
     next_state: GoalState
@@ -144,4 +147,6 @@ GOAL_TRANSITIONS: dict[str, dict[GoalState, Transition]] = {
         GoalState.PLANNING: Transition(GoalState.PLANNING, action="the plan is made anew"),
     },
 }
-"""Transitions by event and state; a goal in any other state keeps it and gets no report."""
+"""Transitions by event and state.
+
+A goal in a state that is not listed for an event keeps its state and gets no report."""

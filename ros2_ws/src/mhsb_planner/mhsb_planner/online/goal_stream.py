@@ -1,8 +1,9 @@
-"""Goal that moves: sent again and again, from a teleoperator's stick or from a camera.
+"""Stream of goals: a moving goal that is sent again and again, by a joystick or a camera.
 
-The goal's velocity is computed from the places and receipt times of its last messages; the stamps
-of goals are not used. A plan ends where the goal will be a little later. The goal may stop at any
-moment, so this is at most `MAX_LOOKAHEAD_TIME` plus the machine's dead time later.
+The goal's velocity is computed from positions and receipt times of the last messages. The stamps of
+goals are not used. A plan ends at the place where the goal will be a little later: at most
+`MAX_LOOKAHEAD_TIME` plus the machine's dead time. It is not more because the goal may stop at any
+moment.
 """
 
 from __future__ import annotations
@@ -17,31 +18,32 @@ from mhsb_model.goal import Goal
 from mhsb_model.types import Position
 
 MAX_VELOCITY_SAMPLES = 5
-"""Number of last goals from which the velocity is computed; at least three are needed."""
+"""Number of last goals from which the velocity is computed. At least three are needed."""
 
 LONGEST_PERIOD = 0.5
 """Time between two goals above which they are independent of each other [s]."""
 
 MAX_GOAL_SPEED, MIN_GOAL_SPEED = 0.5, 1e-3
-"""Speeds between which a goal counts as moving [m/s].
+"""Largest and smallest speed at which a goal counts as moving [m/s].
 
-A faster goal is a different goal; a slower one stands.
+A goal that seems to be faster is a different goal. A slower goal counts as standing still.
 """
 
 MAX_LOOKAHEAD_TIME = 0.06
-"""Largest time by which the end of a plan may lead the goal, if the machine has no dead time [s].
+"""Largest time by which the end of a plan may be ahead of the goal, without dead time [s].
 
-The tip follows the closer, the longer this is, and passes the goal by as much as the goal would
-move in this time if it stops. On lines at 100 mm/s with a goal every 50 ms, the median distance was
-9.6, 8.0, 6.4 and 5.4 mm with 0.017, 0.034, 0.05 and 0.06 s.
+With a longer time the tip follows a moving goal more closely. If the goal stops, the tip passes it
+by the distance that the goal would have moved in this time. Measured on lines at 100 mm/s with a
+goal every 50 ms: the median distance was 9.6, 8.0, 6.4 and 5.4 mm with 0.017, 0.034, 0.05 and
+0.06 s.
 """
 
 STREAM_END_PERIODS = 1.5
-"""Number of periods without a goal after which the stream has ended."""
+"""Number of periods without a goal after which the goal counts as having stopped [-]."""
 
 
 class _ReceivedGoal(NamedTuple):
-    """Goal as it was received.
+    """Position of a goal, and the time of its receipt.
 
     Attributes:
         position: Place of the goal in `base_link`, (x, z) or (x, y, z) [m].
@@ -61,10 +63,9 @@ class GoalStream:
     def add_goal(self, goal: Goal, received_at: float) -> None:
         """Add a goal to the stream, or begin a new stream with it.
 
-        A new stream begins if more than `LONGEST_PERIOD` has passed since the last goal. It also
-        begins if the goal has moved faster than `MAX_GOAL_SPEED` since then. The earlier goals are
-        then forgotten. A goal is ignored if its time of receipt is not later than that of the last
-        goal.
+        A new stream begins if more than `LONGEST_PERIOD` has passed since the last goal, or if the
+        goal has moved faster than `MAX_GOAL_SPEED` since then. All earlier goals are then dropped.
+        A goal is ignored if it was not received later than the last goal.
 
         Args:
             goal: The goal. Only `position` is read.
@@ -82,15 +83,15 @@ class GoalStream:
 
     @property
     def period(self) -> float:
-        """Median time from one goal to the next [s]; NaN with fewer than two goals."""
+        """Median time from one goal to the next [s]; NaN if there are fewer than two goals."""
         return float(np.median(np.diff([each.received_at for each in self._received])))
 
     @property
     def velocity(self) -> Position:
-        """Velocity of the goal along each axis of its position, by least squares [m/s].
+        """Velocity of the goal, fitted to the last positions by least squares [m/s].
 
-        It has two elements (x, z) or three (x, y, z). All are 0 if the goal is slower than
-        `MIN_GOAL_SPEED`. With fewer than three received goals it is (0, 0).
+        It has the elements (x, z) or (x, y, z) of the position. All are 0 if the goal is slower
+        than `MIN_GOAL_SPEED`. With fewer than three received goals it is (0, 0).
         """
         if len(self._received) < 3:
             return 0.0, 0.0
@@ -108,7 +109,7 @@ class GoalStream:
 
         Returns:
             True if the velocity is not 0, and the last message came at most STREAM_END_PERIODS
-            median message periods ago.
+            times the median period ago.
         """
         if not any(self.velocity):
             return False
@@ -117,13 +118,14 @@ class GoalStream:
     def extrapolate(
         self, goal: Goal, age: float, commit_horizon: float, dead_time: float = 0.0
     ) -> Goal:
-        """Move a goal on along the stream's velocity, to the place where a plan for it should end.
+        """Extrapolate a moving goal to the place at which a plan for it should end.
 
-        The place is that of the goal after the commit horizon (time until the plan takes over), one
-        period and the dead time. The first two together count at most `MAX_LOOKAHEAD_TIME`.
+        It is the place of the goal after three times: the commit horizon (time until the plan takes
+        over), one period of the goal, and the dead time. The first two together count with at most
+        `MAX_LOOKAHEAD_TIME`.
 
         Args:
-            goal: The goal that was received last.
+            goal: Goal that was received last.
             age: Time since it was received [s].
             commit_horizon: Commit horizon, without the dead time [s].
             dead_time: Dead time of the machine [s].

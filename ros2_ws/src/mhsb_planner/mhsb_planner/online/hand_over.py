@@ -1,9 +1,10 @@
-"""Plan hand-over: the message of a new plan begins with what is left of the old one.
+"""Hand-over of plans: a new command first repeats the old one, and then leaves it.
 
-A command is a joint trajectory with its mode schedule. The stamp of the new command is the
-planner's present time. Its new part begins one commit horizon later, at the change. Until then it
-repeats the old curve, so that the receiver can take it over at any moment in between. All times are
-in the time of plans: the arm's clock minus the delay by which speed scaling has slowed plans.
+A command is a joint trajectory with its mode schedule. The new command begins at its stamp, the
+planner's present time. One commit horizon later, at the change, it leaves the old command. Until
+the change it repeats the old motion. The arm can therefore take it at any time between stamp and
+change. All times are in the time of plans: the arm's clock minus the delay by which speed scaling
+has slowed plans.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ from mhsb_model.types import IntArray
 
 @dataclass(frozen=True)
 class HandOverTimes:
-    """Times of a hand-over.
+    """Times at which a new command takes over from an old one.
 
     Attributes:
-        stamp_ns: Absolute time at which the new command begins [ns].
+        stamp_ns: Absolute time at which the new command begins; it first repeats the old one [ns].
         change_ns: Absolute time at which it leaves the old command [ns].
     """
 
@@ -33,18 +34,18 @@ class HandOverTimes:
 
 
 def choose_hand_over_times(in_force: Command, now_ns: int, commit_horizon_ns: int) -> HandOverTimes:
-    """Choose when a command takes over from another one: its stamp and its change.
+    """Choose the stamp and the change of a command that takes over from another one.
 
-    From its stamp on, the new command repeats the old one. The change is the time at which it
-    leaves the old one. It comes `commit_horizon_ns` after the stamp. Two trajectory points closer
-    than `MIN_POINT_SPACING_NS` make the quintic between them inaccurate. So the stamp is chosen in
-    steps:
+    From its stamp on, the new command repeats the old one. At the change, `commit_horizon_ns`
+    later, it leaves the old one. Two trajectory points must not be closer than
+    `MIN_POINT_SPACING_NS`, or the quintic between them is inaccurate. The stamp is therefore chosen
+    in steps:
 
     1. The stamp is `now_ns`, but at least `MIN_POINT_SPACING_NS` after the old stamp.
-    2. If an old point follows the stamp by less than this spacing, the stamp moves to that point.
+    2. If an old point follows the stamp by less than this spacing, the stamp moves to this point.
     3. If an old point precedes the change by less than this spacing, stamp and change are delayed.
 
-    Steps 2 and 3 are repeated until no point is too near to stamp and change.
+    Steps 2 and 3 are repeated until no old point is too near.
 
     Args:
         in_force: Command that is to be replaced. Only `trajectory` is read.
@@ -70,7 +71,7 @@ def choose_hand_over_times(in_force: Command, now_ns: int, commit_horizon_ns: in
 
 
 def join_commands(in_force: Command, times: HandOverTimes, new: Command) -> Command:
-    """Build the command that repeats the one in force up to the change, then follows the new one.
+    """Build the command that repeats the command in force up to the change, and then a new one.
 
     The old modes stay in force up to the change. If the old trajectory ends before the change, its
     last position is held in between.
@@ -78,15 +79,14 @@ def join_commands(in_force: Command, times: HandOverTimes, new: Command) -> Comm
     Args:
         in_force: Command that is replaced.
         times: Stamp of the result, and change (time at which it leaves `in_force`).
-        new: Command for the time from the change on. It starts with the state of the old trajectory
-            there; its stamp is ignored.
+        new: Command for the time from the change on. It must start with the state of the old
+            trajectory at the change. Its stamp is ignored.
 
     Returns:
         Joined command with the stamp `times.stamp_ns`.
 
     Raises:
-        ValueError: Position or velocity of `new` differ from the old ones at the change by more
-            than `MAX_HAND_OVER_JUMP`.
+        ValueError: Position or velocity at the change differ by more than `MAX_HAND_OVER_JUMP`.
     """
     old = in_force.trajectory
     _check_continuity(old.sample(times.change_ns), new.trajectory)
@@ -104,14 +104,14 @@ def join_commands(in_force: Command, times: HandOverTimes, new: Command) -> Comm
 
 
 def _check_continuity(left: MotionState, new: Trajectory) -> None:
-    """Raise ValueError if a trajectory does not start in a given state.
-
-    Position and velocity of each joint may differ by at most `MAX_HAND_OVER_JUMP`. Acceleration is
-    not compared.
+    """Check that a trajectory starts with a given position and velocity.
 
     Args:
         left: State in which the old trajectory is left.
-        new: The new trajectory; its first point is compared.
+        new: The new trajectory; its first point is compared. Accelerations are not compared.
+
+    Raises:
+        ValueError: Position or velocity of a joint differ by more than `MAX_HAND_OVER_JUMP`.
     """
     jump = max(
         float(np.abs(new.position[0] - left.position).max()),
@@ -122,10 +122,10 @@ def _check_continuity(left: MotionState, new: Trajectory) -> None:
 
 
 def _compute_stamp_delay(points: IntArray, stamp_ns: int, commit_horizon_ns: int) -> int:
-    """Compute by how much a stamp must be delayed to keep away from an old trajectory's points.
+    """Compute the delay of a stamp that keeps old trajectory points away from stamp and change.
 
-    No point may lie in the `MIN_POINT_SPACING_NS` after the stamp, nor in the same time before the
-    change. The change is the time at which the new command leaves the old one.
+    No old point may be less than `MIN_POINT_SPACING_NS` after the stamp, or less than this before
+    the change. The change is the time at which the new command leaves the old one.
 
     Args:
         points: Absolute times of the old trajectory's points, increasing, int64[k], [ns].
@@ -146,18 +146,18 @@ def _compute_stamp_delay(points: IntArray, stamp_ns: int, commit_horizon_ns: int
 
 
 def _compute_prefix_times(old: Trajectory, times: HandOverTimes) -> IntArray:
-    """Return the times of the points at which a new command repeats the old one.
+    """Compute the times of the points at which a new command repeats the old one.
 
-    They are the stamp and all points of the old trajectory between stamp and change. If the old
-    trajectory ends before the change, its last position is held. The hold gets evenly spaced
-    points, at most `MAX_POINT_SPACING_NS` apart.
+    They are the stamp, and all points of the old trajectory between stamp and change. If the old
+    trajectory ends before the change, its last position is held until then. The hold gets evenly
+    spaced points, at most `MAX_POINT_SPACING_NS` apart.
 
     Args:
         old: Trajectory that is repeated.
         times: Stamp of the new command, and change (time at which it leaves the old one).
 
     Returns:
-        Absolute times, increasing, int64[k], [ns]. The first is the stamp; the change is not
+        Absolute times in ascending order, int64[k], [ns]. The first is the stamp. The change is not
         included.
     """
     points = old.stamp_ns + old.offset_ns

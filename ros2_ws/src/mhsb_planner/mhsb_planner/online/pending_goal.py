@@ -1,4 +1,4 @@
-"""Record of a goal from its arrival to its end: reports sent, plans tried, own settings."""
+"""Record of a goal from its receipt to its end: reports sent, plans tried, own settings."""
 
 from __future__ import annotations
 
@@ -21,28 +21,31 @@ def keep_settings(settings: Settings) -> Settings:
 
 
 def ignore_report(report: Report) -> None:
-    """Ignore a report."""
+    """Do nothing with a report; the default listener of a goal."""
 
 
 @dataclass
 class PendingGoal:
-    """Record of a goal from its arrival on, kept until it has ended.
+    """Record of a goal from its receipt until it has ended.
 
     Attributes:
-        goal: Where the tip shall go.
+        goal: Place to which the tip must go.
         received_at: Time of receipt by the steady clock [s].
-        waiting_since: Time since when it waits to be planned for, or to be planned for again [s].
-        has_verdict: Whether it has got its verdict and was accepted.
-        attempts: Number of plans that were sent for it.
-        plan_stamp_ns: Stamp of the last of these plans [ns]; 0 without one.
-        lead_ms: Time from receipt of the goal to where that plan leaves the previous plan [ms].
-        horizon_factor: Factor on the commit horizon; grows with each plan that came too late.
-        late_plans_at_longest_horizon: Number of times that even the longest commit horizon was too
-            short.
-        needs_exact_place: Whether it is planned for at its exact place even if it moves.
-        has_ended: Whether it has ended.
-        is_cancelled: Whether it has been cancelled.
-        adjust_settings: Derives its settings from the settings for all goals.
+        waiting_since: Time by the steady clock from which on the goal has waited for planning, or
+            for planning again [s].
+        has_verdict: True if the goal was accepted by a verdict.
+        attempts: Number of plans that were sent for the goal.
+        plan_stamp_ns: Stamp of the last plan that was sent for the goal [ns]; 0 if there is none.
+        lead_ms: Time from receipt of the goal until this plan leaves the previous plan [ms].
+        horizon_factor: Factor on the commit horizon (time until a new plan takes over) [-]. It
+            grows with each plan that comes too late.
+        late_plans_at_longest_horizon: Number of plans that came too late even at the longest commit
+            horizon.
+        needs_exact_place: True if the plan must lead to the goal's own place even if the goal
+            moves.
+        has_ended: True if the goal has got its last report.
+        is_cancelled: True if the goal has been cancelled.
+        adjust_settings: Function that derives the goal's settings from the settings for all goals.
         on_report: Called with each report on this goal.
     """
 
@@ -63,11 +66,11 @@ class PendingGoal:
     _settings: tuple[Settings, Settings] | None = field(default=None, repr=False)
 
     def get_settings(self, common_settings: Settings) -> Settings:
-        """Return the settings with which this goal is planned for.
+        """Return the settings of plans for this goal.
 
         They are derived from the settings for all goals by `adjust_settings`. The result is cached:
-        it stays the same object as long as `common_settings` is the same object. If later settings
-        for all goals do not fit the goal's own options, its previous settings are kept.
+        it stays the same object as long as `common_settings` is the same object. If new settings
+        for all goals do not fit the goal's own options, the goal keeps its previous settings.
 
         Args:
             common_settings: Settings for all goals.
@@ -76,7 +79,7 @@ class PendingGoal:
             Settings for this goal.
 
         Raises:
-            MhsbError: The goal's options do not fit `common_settings` at the first call.
+            MhsbError: At the first call, the goal's options do not fit `common_settings`.
         """
         before, own = self._settings or (None, None)
         if own is None or before is not common_settings:
@@ -95,13 +98,12 @@ def summarize_plan(replan: Replan, plan_ms: float, lead_ms: float) -> PlanSummar
     Args:
         replan: The plan.
         plan_ms: Time from receipt of the goal to the plan's publication [ms].
-        lead_ms: Time from receipt of the goal to the time at which the plan leaves the plan before
-            [ms].
+        lead_ms: Time from receipt of the goal until the plan leaves the previous plan [ms].
 
     Returns:
-        Stamp [ns], energy by both prices of boosted oil [J], lower bound on the energy [J],
-        duration [s] and number of mode switches. Also the excess over V_max (allowed piston speed)
-        as a share of it, the total time with cavitation [s], and both given times.
+        Stamp [ns], energy in both energy readings [J], lower bound on the energy [J], duration [s]
+        and number of mode switches. Also the excess of piston speed over V_max as a share of V_max,
+        the total time with cavitation [s], and the two given times.
     """
     plan = replan.plan
     return PlanSummary(

@@ -1,6 +1,6 @@
-"""Request of the lifecycle for a plan, and its record of a command that it has sent.
+"""Request for a plan, and record of a sent command that the arm has not confirmed yet.
 
-A command is a joint trajectory with its mode schedule. The time of plans is the arm's clock less
+A command is a joint trajectory with its mode schedule. The time of plans is the arm's clock minus
 the delay by which speed scaling has slowed plans.
 """
 
@@ -24,28 +24,30 @@ from mhsb_planner.online.replanning import Replan, Replanner
 from mhsb_planner.online.settings import Settings
 
 TRACED_NS = 5_000_000
-"""Time between the places of the tip at which passed via points are looked for [ns]."""
+"""Time between the tip positions by which passed via points are found [ns]."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlanRequest:
-    """Request for a plan.
+    """Request of the goal lifecycle for a plan.
 
     Attributes:
-        epoch: Epoch of the lifecycle at the request; the answer is void if it has changed.
-        pending_goal: The goal.
-        target: Place to which the plan shall lead: the goal, or where a moving goal will be.
+        epoch: `GoalQueue.epoch` at the request. If it has changed, the answer is void.
+        pending_goal: Record of the goal.
+        target: Place to which the plan must lead: the goal, or the place where a moving goal will
+            be.
         period: Median time between the goal's last messages [s]; 0 if these give no velocity.
         settings: Settings of the plan.
         start_command: Command that the plan continues.
-        in_force_ns: Stamp of the plan in force at the request [ns]; `NO_PLAN` if the arm held, None
-            if it does not report which plan it executes.
-        now_ns: Time of plans at the request [ns].
-        commit_horizon: Commit horizon by the arm's clock [s].
+        in_force_ns: Stamp of the plan in force at the request [ns]. `NO_PLAN` if the arm held its
+            position, None if it does not report which plan it executes.
+        now_ns: Time of plans at the request [ns]: earliest stamp of the new command.
+        commit_horizon: Time from the new command's stamp until it leaves `start_command`, by the
+            arm's clock [s].
         requested_at: Time of the request by the steady clock [s].
-        deadline: Instant by which the answer is wanted.
-        previous_plan: Plan from which `start_command` was made, if it has the same settings, else
-            None.
+        deadline: Instant by which the answer is needed.
+        previous_plan: Plan from which `start_command` was made, if it has the same settings;
+            otherwise None.
     """
 
     epoch: int
@@ -62,16 +64,16 @@ class PlanRequest:
     previous_plan: Replan | None = None
 
     def make_plan(self, replanner: Replanner) -> Replan | None:
-        """Make the requested plan; runs in the worker's thread.
+        """Make the requested plan. The method runs in the thread of the planning worker.
 
-        The replanner is first changed to the machine of the request, and keeps it. The plan does
-        not lead again through via points that the tip passes before the plan takes over.
+        The machine of `replanner` is first changed to that of the request. The plan does not lead
+        again through via points that the tip passes before the plan takes over.
 
         Args:
-            replanner: Makes the plan.
+            replanner: Maker of the plan.
 
         Returns:
-            The plan with its command. Its `improvement_time` is the time spent here after the first
+            The plan with its command. Its `improvement_time` is the time spent after the first
             feasible motion was found [s]. None if the arm rests at the goal already.
 
         Raises:
@@ -93,12 +95,12 @@ class PlanRequest:
         return replace(replan, improvement_time=spent - replan.plan.seconds["first_motion"])
 
     def _find_via_points_ahead(self) -> tuple[Position, ...]:
-        """Return the via points that the new plan still has to pass.
+        """Find the via points that the new plan still has to pass.
 
-        These are all via points of the settings in two cases: the new plan starts from rest, or no
-        earlier plan with the same settings exists. Otherwise they are those via points of the
-        earlier plan that the tip has not passed when the new plan takes over. So the tip passes
-        each via point a single time between two rests, even if goals follow each other in motion.
+        If the new plan starts from rest, these are all via points of the settings. The same holds
+        if there is no earlier plan with the same settings. Otherwise they are the via points of the
+        earlier plan that the tip has not passed when the new plan takes over. The tip therefore
+        passes each via point once between two rests, even if goals follow each other in motion.
 
         Returns:
             Via points in `base_link`, each (x, z) or (x, y, z) [m].
@@ -124,15 +126,18 @@ class UnconfirmedPlan:
 
     Attributes:
         command: The command.
-        change_ns: Time at which it leaves the command before, in the time of plans [ns].
-        planned_at: Time at which it was made, at the latest the deadline, by the steady clock [s].
-        sent_at: Time at which it was sent, by the steady clock [s].
-        replan: Plan from which it was made; None for a braking command.
-        request: Request of that plan; None for a braking command.
-        is_void: Whether the arm should no longer take it; if it does, it is stopped.
-        braking_machine: Machine with the zones for which a braking command was made, else None.
-        obstacle_sentence: Sentence on where a braking command for an obstacle comes to rest, else
-            empty.
+        change_ns: Time at which it leaves the previous command, in the time of plans [ns].
+        planned_at: Time at which planning ended, but not later than the deadline, by the steady
+            clock [s].
+        sent_at: Time at which the command was sent, by the steady clock [s].
+        replan: Plan from which the command was made; None for a braking command.
+        request: Request of this plan; None for a braking command.
+        is_void: True if the command is not wanted any more. If the arm takes it, the arm is
+            stopped.
+        braking_machine: Machine with the zones for which a braking command was made; None for a
+            plan.
+        obstacle_sentence: Sentence on the place at which a braking command for an obstacle comes to
+            rest; empty for any other command.
     """
 
     command: Command

@@ -1,4 +1,4 @@
-"""Interfaces that the lifecycle of goals needs: a clock and an outbox."""
+"""Interfaces that the goal lifecycle needs: a clock, and an outbox for its decisions."""
 
 from __future__ import annotations
 
@@ -23,10 +23,13 @@ class Clock(Protocol):
 
 
 class PlannerIO(Protocol):
-    """Outbox of a lifecycle: planning worker, arm, user and log."""
+    """Outbox of the goal lifecycle: planning worker, arm, user and log."""
 
     def start_planning(self, request: PlanRequest) -> None:
-        """Start to make a plan; `GoalLifecycle.handle_plan_answer` gets the answer later."""
+        """Start to make a plan in the background.
+
+        The answer is passed to `GoalLifecycle.handle_plan_answer` later.
+        """
         ...
 
     def send(self, command: Command) -> None:
@@ -48,20 +51,20 @@ class PlannerIO(Protocol):
             on_answer: Called with success and sentence when the arm answers.
 
         Returns:
-            False if the service is not there.
+            True if the service was called, False if it is not available.
         """
         ...
 
     def is_arm_connected(self) -> bool:
-        """Return whether the arm would receive a plan."""
+        """Return whether the arm is connected so that it would receive a plan."""
         ...
 
     def describe_publisher_conflict(self) -> str:
         """Return a sentence that names the publishers of `reference` if there are several.
 
-        The ROS graph decides, which shows a killed process for a while.
+        The publishers are those in the ROS graph, which shows a killed process for a while.
 
         Returns:
-            The sentence; empty with one publisher or none.
+            The sentence; empty if there is one publisher or none.
         """
         ...

@@ -1,4 +1,4 @@
-"""Progress of the motion to a goal, and the energy it has taken, by the plan in force.
+"""Progress of the motion to a goal, and the energy that it has taken according to its plans.
 
 The time of plans is the arm's clock minus the delay by which speed scaling has slowed plans.
 """
@@ -20,11 +20,15 @@ SPACING_NS = 10_000_000
 class Progress:
     """Progress of one goal over all plans that are made for it.
 
+    The change of a plan is the time at which it leaves the previous plan.
+
     Attributes:
-        time_share: Elapsed share of the time of the plan in force, counted from its change, 0 to 1.
+        time_share: Elapsed share of the time from the change of the plan in force to its end, 0 to
+            1 [-].
         time_left: Time until the end of the plan in force, in the time of plans [s].
-        energy_j: Energy taken since the change of the first plan, in the paper's reading [J].
-        energy_series_j: The same energy in the series reading [J].
+        energy_j: Energy since the change of the first plan, in the energy reading `paper` [J].
+        energy_series_j: Energy since the change of the first plan, in the energy reading `series`
+            [J].
     """
 
     def __init__(self) -> None:
@@ -34,9 +38,9 @@ class Progress:
     def update(self, execution: Execution, now_ns: int) -> None:
         """Update the elapsed share, the time left and the energy.
 
-        A time before the change (where the plan leaves the one before) counts as the change. A time
-        after the plan's end counts as the end. The energy of the time since the last update is
-        added.
+        A time before the plan's change (the time at which it leaves the previous plan) counts as
+        the change. A time after the plan's end counts as the end. The energy of the time since the
+        last update is added.
 
         Args:
             execution: Execution of the plan in force.
@@ -63,15 +67,14 @@ def compute_energy_between(
     The steps of the rule are at most `SPACING_NS` long. The cylinder forces include inertia.
 
     Args:
-        machine: Machine whose hydraulics give the price of oil.
+        machine: Machine with its hydraulics.
         command: Joint trajectory and modes.
-        first_ns: Begin, by the clock of the command's stamps [ns].
+        first_ns: Beginning, by the clock of the command's stamp [ns].
         last_ns: End, after `first_ns`, by the same clock [ns].
 
     Returns:
-        Energy of this part of the motion [J]. Its field `paper` prices boosted oil by p_L/η (load
-        pressure, pump efficiency). `series` takes the servo pumps in series with the main pump; the
-        remaining fields show how `series` is made up.
+        Energy of this part of the motion [J]. The field `paper` follows the published model. All
+        other fields count main pump and servo pumps in series.
     """
     parts = -(-(last_ns - first_ns) // SPACING_NS)
     edges = np.linspace(first_ns, last_ns, parts + 1).astype(np.int64)

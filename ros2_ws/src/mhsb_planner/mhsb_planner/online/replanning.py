@@ -1,9 +1,9 @@
 """Planning while the arm moves: from the command in force to the command that takes over.
 
-A command is a joint trajectory with its mode schedule. A new command repeats the old one until its
-commit horizon is over. It leaves the old one there with equal position, velocity and acceleration.
-If the old command still moves at that time, it is first braked along its path. The time of plans is
-the arm's clock minus the delay by which speed scaling has slowed plans.
+A command is a joint trajectory with its mode schedule. A new command first repeats the old one for
+the time of its commit horizon. It then leaves the old one with equal position, velocity and
+acceleration. This time is called its change. The time of plans is the arm's clock minus the delay
+by which speed scaling has slowed plans.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ from mhsb_planner.posture.s1_posture_table import PostureTable
 
 @dataclass(frozen=True, eq=False)
 class Replan:
-    """Command that takes over from another one, with the plan that it was made from.
+    """Command that takes over from an old command, with the plan from which it was made.
 
     Attributes:
-        command: Command to publish.
-        previous_command: Command that it takes over from.
-        plan: Plan that it was made from.
-        change_ns: Absolute time at which it leaves the old command [ns].
-        starts_from_rest: Whether the old command has ended at the stamp of the new one, so that the
-            new one may also begin later.
+        command: New command, to be sent to the arm.
+        previous_command: Old command, which the new one replaces.
+        plan: Plan from which the new command was made.
+        change_ns: Absolute time at which the new command leaves the old one [ns].
+        starts_from_rest: True if the old command has ended at the stamp of the new one. The new one
+            may then also begin later.
         improvement_time: Time spent on improving the plan after its first feasible motion was found
             [s].
-        via: Via points in `base_link` that it passes after the change [m].
+        via: Via points in `base_link` that the tip passes after the change [m].
     """
 
     command: Command
@@ -56,10 +56,10 @@ class Replan:
     via: tuple[Position, ...] = ()
 
     def may_begin_at(self, now_ns: int) -> bool:
-        """Return whether the plan may begin at another time.
+        """Return whether the new command may get a given time as its stamp.
 
         Args:
-            now_ns: The other time, by the clock of the stamps [ns].
+            now_ns: New stamp, by the clock of the old stamp [ns].
 
         Returns:
             True if the plan starts from rest and the old command has ended at `now_ns`.
@@ -67,7 +67,7 @@ class Replan:
         return self.starts_from_rest and self.previous_command.trajectory.end_ns <= now_ns
 
     def with_stamp(self, now_ns: int, commit_horizon: float) -> Replan:
-        """Return a copy of this plan, whose command begins at another time.
+        """Return a copy of this plan whose command begins at another time.
 
         Args:
             now_ns: Earliest new stamp, by the clock of the old stamp [ns]. The new stamp may be a
@@ -75,8 +75,7 @@ class Replan:
             commit_horizon: Time from the stamp until the plan leaves the old command [s].
 
         Returns:
-            The copy. Its command has the new stamp, and `change_ns` is the absolute time at which
-            it leaves the old command.
+            The copy, with new `command` and `change_ns`.
 
         Raises:
             ValueError: The plan does not start from rest, or the old command still moves at
@@ -111,7 +110,12 @@ class Replanner:
         return self._run_example(kinds)
 
     def change_machine(self, machine: Machine) -> None:
-        """Plan for another payload, supply pressure, V_max, zones or number of booster modules."""
+        """Replace the machine for which plans are made.
+
+        Args:
+            machine: The same arm with another payload, supply pressure, V_max, number of booster
+                modules or other zones.
+        """
         self._planner.change_machine(machine)
 
     def replan(
@@ -125,21 +129,21 @@ class Replanner:
     ) -> Replan | None:
         """Plan from the command in force to a goal.
 
-        The new command repeats `in_force` up to the change, one commit horizon after its stamp.
-        There it takes over.
+        The new command repeats `in_force` from its stamp on. At its change, one commit horizon
+        later, it leaves `in_force`.
 
         Args:
             in_force: Command that the new one continues.
             now_ns: Earliest stamp of the new command, by the clock of the old stamp [ns]. The stamp
-                may come a few milliseconds later.
+                may be a few milliseconds later.
             goal: Goal of the tip in `base_link`, (x, z) or (x, y, z) [m].
             commit_horizon: Commit horizon (time from stamp to change) [s].
             options: Options of the plan.
-            deadline: Instant by which the plan is wanted.
+            deadline: Instant by which the plan is needed.
 
         Returns:
-            The plan with its command. None if the old command rests at the change and the goal is
-            reached there, including the wanted angle of the end link.
+            The plan with its command. None if the arm rests at the goal at the change, with the end
+            link at the angle that the options ask for.
 
         Raises:
             MhsbError: No plan could be made; `Planner.plan` lists the errors.
@@ -165,12 +169,12 @@ class Replanner:
     def make_braking_command(
         self, in_force: Command, now_ns: int, commit_horizon: float
     ) -> tuple[Command, int]:
-        """Make the command that brakes along the path of the one in force, then holds.
+        """Make a command that brakes along the path of the command in force, and then holds.
 
         Args:
             in_force: Command that is braked.
             now_ns: Earliest stamp of the result, by the clock of the old stamp [ns]. The stamp may
-                come a few milliseconds later.
+                be a few milliseconds later.
             commit_horizon: Time from the stamp to the beginning of braking [s]. The result repeats
                 `in_force` during this time.
 
@@ -187,17 +191,18 @@ class Replanner:
         return brake_along(self._planner.machine, in_force.trajectory, times.change_ns)
 
     def _run_example(self, kinds: Iterable[str]) -> Command:
-        """Plan a move to a neighbouring workspace node, and plan it again on its way.
+        """Plan a move to a neighbouring workspace node, and plan it again while the arm moves.
 
         The purpose is to compile all code, since the first call of each function takes long. Each
-        planner plans twice, at 1 s and at 1.5 s. Each plan starts from the command of the last plan
-        that succeeded. Errors of planning are suppressed.
+        planner plans twice, with stamps of 1 s and of 1.5 s. Each plan starts from the command of
+        the last plan that succeeded. Errors of planning are ignored.
 
         Args:
             kinds: Names of the planners to run, one after the other.
 
         Returns:
-            Command of the last plan that succeeded. If none did: a command that holds the position.
+            Command of the last plan that succeeded. If no plan succeeded, a command that holds the
+            position.
         """
         graph = self._planner.graph
         patterns = len(graph.table.patterns)

@@ -10,37 +10,36 @@ from mhsb_model.machine import Machine
 from mhsb_planner.planner import PlanOptions
 
 CONFIDENCE_SIGMAS = 1.96
-"""Number of standard deviations on either side of an estimate that contain the true value in 95 %
-of all cases.
-"""
+"""Half width of the 95 % confidence interval of an estimate, in standard deviations [-]."""
 
 MAX_RELATIVE_UNCERTAINTY = 0.1
-"""Largest half width of the 95 % interval at which an estimate is used, as a share of the payload.
-"""
+"""Largest half width of the 95 % interval at which an estimate is used, over the payload [-]."""
 
 MIN_RELATIVE_CHANGE = 0.03
-"""Smallest change of the payload for which plans are made anew, as a share of the payload.
+"""Smallest change of the payload that is used in plans, as a share of the payload [-].
 
-Every change takes new prices of all steps.
+After every change the costs of all steps of the search must be computed again.
 """
 
 
 def choose_payload(estimates: Sequence[Estimate], previous_payload: float | None) -> float | None:
     """Choose the payload to plan with, from the arm's estimates.
 
-    Take the first estimate that is named `payload`, marked as known, positive, accurate and new. It
-    is accurate if half its 95 % interval is at most `MAX_RELATIVE_UNCERTAINTY` of its value. It is
-    new if it differs from `previous_payload` by more than `MIN_RELATIVE_CHANGE` of that payload.
-    Without a `previous_payload` every estimate is new.
+    The first estimate that meets these conditions is taken:
+
+    - Its quantity is `payload`. It is marked as known and is positive.
+    - It is accurate: half its 95 % interval is at most `MAX_RELATIVE_UNCERTAINTY` of its value.
+    - It is new: it differs from `previous_payload` by more than `MIN_RELATIVE_CHANGE` of this
+      payload, or `previous_payload` is None.
 
     Args:
-        estimates: Estimates by the arm of any quantity, each with value and standard deviation. The
-            payload is in kg.
-        previous_payload: Estimated payload that plans have used so far [kg]; None if there was
-            none.
+        estimates: Estimates of the arm for any quantities, each with value and standard deviation.
+            That of the payload is in kg.
+        previous_payload: Estimated payload that plans have used so far [kg]; None if plans have
+            used no estimate.
 
     Returns:
-        Value of the estimate [kg]; `previous_payload` if no estimate is taken.
+        Value of the estimate [kg]; `previous_payload` if no estimate meets the conditions.
     """
     for each in estimates:
         if each.quantity != "payload" or not each.known or each.value <= 0.0:
@@ -55,7 +54,7 @@ def choose_payload(estimates: Sequence[Estimate], previous_payload: float | None
 
 
 REACHED_TOLERANCE = 0.010
-"""Default of the largest distance of the measured tip from a reached goal or its region [m]."""
+"""Default of `Settings.reached_tolerance` [m]."""
 
 
 @dataclass(frozen=True)
@@ -65,13 +64,12 @@ class Settings:
     Attributes:
         machine: Machine with the payload, supply pressure, V_max and zones to plan with.
         options: Options of plans.
-        lead_min: Lower bound of the commit horizon [s].
+        lead_min: Lower bound of the commit horizon (time until a new plan takes over) [s].
         lead_max: Upper bound of the commit horizon [s].
-        planning_budget: Fixed commit horizon [s]; 0 lets it adapt between its bounds.
-        reached_tolerance: Largest distance of the measured tip from a reached goal or its region
-            [m].
-        lost_servo_pumps: Numbers of failed servo pumps, from 1; the machine is planned without
-            them.
+        planning_budget: Fixed commit horizon [s]. 0 means that it is estimated, within the bounds.
+        reached_tolerance: Largest distance of the measured tip from the goal, or from its region,
+            at which the goal counts as reached [m].
+        lost_servo_pumps: Numbers of failed servo pumps, from 1. `machine` does not have them.
     """
 
     machine: Machine
@@ -84,7 +82,7 @@ class Settings:
 
     @property
     def lost_pumps_clause(self) -> str:
-        """Clause on failed servo pumps, to be appended to the sentence of a refusal.
+        """Clause on failed servo pumps that is appended to the sentence of a refusal.
 
         It begins with a semicolon and lists the numbers of the pumps, from 1. It is empty if no
         pump has failed.

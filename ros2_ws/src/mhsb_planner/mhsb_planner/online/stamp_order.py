@@ -1,4 +1,4 @@
-"""Order of the stamps of `reference`: detects a clock that was set back, and several publishers."""
+"""Check of the order of stamps, which shows a clock that was set back, or several publishers."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from collections.abc import Callable
 from enum import Enum
 
 DECIDED_AFTER = 1.0
-"""Time within which the stamps of two publishers go back at least a second time [s].
+"""Time after which a second step back of stamps no longer means several publishers [s].
 
-A reference comes at least twice a second, and a clock is not set back twice within this time.
+Two publishers send references at least twice a second, so their stamps go back again sooner. A
+clock is not set back twice within this time.
 """
 
 SECOND_PUBLISHER_TIMEOUT = 3.0
-"""Time without a further step back of stamps after which there counts as being one publisher [s].
-"""
+"""Time without a further step back of stamps after which a second publisher counts as gone [s]."""
 
 
 class Order(Enum):
-    """Conclusion from a stamp about the clocks of the publishers of a topic."""
+    """Conclusion from the stamp of a message about the clocks of the publishers of its topic."""
 
     FORWARD = "later than all before"
     BACK = "the clock was set back"
@@ -26,11 +26,11 @@ class Order(Enum):
 
 
 class StampOrder:
-    """Detector that distinguishes a clock set back from several publishers with other clocks.
+    """Detector that tells a clock that was set back from several publishers with different clocks.
 
-    The stamps of one publisher go back once when its clock is set. With two publishers they go back
-    again and again. The ROS graph shows a killed process for a while, so the number of publishers
-    alone does not decide.
+    The stamps of one publisher go back once when its clock is set back. With two publishers they go
+    back again and again. The ROS graph shows a killed process for a while, so the number of
+    publishers in it is not sufficient.
 
     Attributes:
         publisher_conflict: Sentence that names several publishers whose clocks differ; empty
@@ -41,9 +41,9 @@ class StampOrder:
         """Begin without a stamp.
 
         Args:
-            several_publishers: Function that asks the ROS graph. It returns a sentence that names
-                the publishers if there are several, otherwise an empty text. It is called at each
-                step back of the stamps.
+            several_publishers: Function that returns a sentence that names the publishers in the
+                ROS graph if there are several, otherwise an empty text. It is called at each step
+                back of the stamps.
         """
         self.publisher_conflict = ""
         self._several_publishers = several_publishers
@@ -54,8 +54,8 @@ class StampOrder:
     def add_stamp(self, stamp_ns: int, steady_time: float) -> Order:
         """Classify the stamp of a message, and update `publisher_conflict`.
 
-        A step back is a stamp that is earlier than the stamp of the message before. What it means
-        depends on the publishers that the ROS graph shows:
+        A step back is a stamp that is earlier than the stamp of the previous message. Its meaning
+        depends on the number of publishers in the ROS graph:
 
         - One publisher: its clock was set back, and `publisher_conflict` is cleared.
         - Several publishers: for `DECIDED_AFTER` after the step back, every stamp earlier than the
@@ -91,11 +91,11 @@ class StampOrder:
         return Order.BACK
 
     def _has_several_publishers(self, steady_time: float) -> bool:
-        """Return whether the ROS graph shows several publishers, after a stamp that went back.
+        """Return whether the ROS graph shows several publishers, and update `publisher_conflict`.
 
-        A stamp went back if it is earlier than the stamp before it. The time of this event is
-        stored. With one publisher, `publisher_conflict` is cleared. With several, it is set if the
-        previous such event was at most `DECIDED_AFTER` ago.
+        The method is called at each step back, that is, if a stamp is earlier than the previous
+        stamp. The time of the step back is stored. With one publisher, `publisher_conflict` is
+        cleared. With several, it is set if the previous step back was at most `DECIDED_AFTER` ago.
 
         Args:
             steady_time: Time of receipt of this stamp by the steady clock [s].

@@ -1,9 +1,10 @@
 """Start state: the command that a new plan continues.
 
-A plan continues the command in force (trajectory and mode schedule) if that is this planner's own.
-Otherwise it starts from the reference that the servo follows. Hardware without a reference starts
-from this planner's last command, or from measured joint states at rest. The time of plans is the
-arm's clock minus the delay by which speed scaling has slowed plans.
+A command is a joint trajectory with its mode schedule. A plan continues the command in force if
+this planner has sent it. Otherwise the plan starts from the reference that the servo follows. If
+the arm does not publish a reference, the plan starts from this planner's last command, or from
+measured joint states at rest. The time of plans is the arm's clock minus the delay by which speed
+scaling has slowed plans.
 """
 
 from __future__ import annotations
@@ -17,16 +18,16 @@ from mhsb_planner.online.arm_state import OLDEST_STATE, REST_SPEED, ArmState
 
 
 class NoStateError(MhsbError):
-    """Error: it is not known where the arm is."""
+    """Error: the present state of the arm is not known."""
 
     def __init__(self, sentence: str = "", mismatch: str = "") -> None:
-        """Compose the sentence.
+        """Create the error.
 
         Args:
-            sentence: Sentence of the error. If empty, the sentence says that no fresh state of the
-                arm was received.
-            mismatch: Sentence on publishers whose quality of service does not match; appended if
-                not empty.
+            sentence: Sentence of the error. Empty means a sentence that no fresh state of the arm
+                was received.
+            mismatch: Sentence on publishers whose quality of service does not match. It is appended
+                if it is not empty.
         """
         sentence = sentence or (
             "nothing is known of the arm: no reference or joint_states in the last "
@@ -40,20 +41,21 @@ class OtherMachineError(MhsbError):
 
 
 class MovingError(MhsbError):
-    """Error: the arm moves under a command that this planner does not know."""
+    """Error: the arm moves under a command that this planner did not send."""
 
 
 def find_start_command(arm_state: ArmState, steady_time: float, now_ns: int) -> Command:
-    """Return the command that a plan made now has to continue.
+    """Find the command that a plan made now has to continue.
 
     Some arms report which plan they execute; others do not. A state is fresh if it was received at
     most `OLDEST_STATE` ago. The first source that exists decides:
 
-    1. This planner's last confirmed command, if it is the one that the arm reports to execute.
-    2. A fresh reference of the arm. At rest, the result holds the arm there; in motion, it is an
-       error.
+    1. This planner's last confirmed command, if the arm reports that it executes this command.
+    2. A fresh reference of the arm. If it rests, the result holds the arm there. If it moves,
+       `MovingError` is raised.
     3. This planner's last confirmed command, if the arm does not report which plan it executes.
-    4. A fresh measurement. At rest, the result holds the arm there; in motion, it is an error.
+    4. A fresh measurement. If it rests, the result holds the arm there. If it moves, `MovingError`
+       is raised.
 
     Args:
         arm_state: Arm state.
@@ -86,7 +88,7 @@ def find_start_command(arm_state: ArmState, steady_time: float, now_ns: int) -> 
 
 
 def _from_reference(arm_state: ArmState, state: MotionState, now_ns: int) -> Command:
-    """Return a command that holds the arm at a reference that rests.
+    """Create a command that holds the arm at its reference, which must rest.
 
     Args:
         arm_state: Arm state, which gives the modes in force.
@@ -109,7 +111,7 @@ def _from_reference(arm_state: ArmState, state: MotionState, now_ns: int) -> Com
 
 
 def _from_measured(arm_state: ArmState, state: MotionState, now_ns: int) -> Command:
-    """Return a command that holds the arm at the measured joint positions.
+    """Create a command that holds the arm at the measured joint positions.
 
     Args:
         arm_state: Arm state, which gives the modes in force.

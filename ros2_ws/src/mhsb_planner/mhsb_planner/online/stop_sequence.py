@@ -1,8 +1,8 @@
-"""Stop of the arm: braking of the own plan, calls of the arm's own ~/stop, and the result.
+"""Stop of the arm: braking commands for this planner's plan, calls of the arm's own ~/stop.
 
 A stop is finished when the arm is measured at rest. It is also finished when the arm has confirmed
-a braking command, if the time at which the arm will rest is known. The time of plans is the arm's
-clock minus the delay by which speed scaling has slowed plans.
+a braking command, if it is known when the arm will rest. The time of plans is the arm's clock minus
+the delay by which speed scaling has slowed plans.
 """
 
 from __future__ import annotations
@@ -42,45 +42,47 @@ CALL_PERIOD = 1.0
 """Time without an answer after which the arm's ~/stop is called again [s]."""
 
 OWN_REPORT = 2.0
-"""Time after an own call of ~/stop within which the arm reports that stop [s]."""
+"""Time after this planner's call of ~/stop within which the arm reports the stop [s]."""
 
 MAX_BRAKING_COMMANDS = 3
 """Number of braking commands that are sent before the arm's own ~/stop is called."""
 
 BRAKING_TIMEOUT = 1.0
-"""Time after the beginning of a stop for which braking commands are sent [s].
+"""Time after the beginning of a stop in which braking commands are sent [s].
 
 After it the arm's own ~/stop is called.
 """
 
 SETTLING_TIME = 0.3
-"""Time from the reference's end of braking until the measured arm counts as at rest [s].
+"""Time from the end of the reference's motion until the measured arm counts as at rest [s].
 
 On all machine files the measured speed falls below 0.005 rad/s before the reference has stopped.
 """
 
 LATE_SHARE = 0.5
-"""Largest share of its commit horizon that a braking for an obstacle may take to compute.
+"""Largest share of the commit horizon in which a braking for an obstacle may be computed [-].
 
-Beyond it the braking is made again with a longer horizon. A larger share lets more of them come too
-late.
+If it takes longer, it is computed again with a longer horizon. With a larger share, more of these
+commands would come too late.
 """
 
 OLD_STOP = 1.0
-"""Largest delay of the arm's clock, as known from its messages, when it reports a stop [s]."""
+"""Time after a stop of the arm in which goals are void if they were received before its report [s].
+
+It covers the delay with which the arm's clock is known from its messages."""
 
 LATE_REPORT = 0.1
-"""Delay of a stop's report beyond which the planner did not run when it was sent [s].
+"""Delay of the report of a stop above which this process must have been suspended [s].
 
-A report takes some milliseconds, also if the planner is busy: the middleware receives it then. A
-process that was suspended receives everything at once when it goes on, in any order.
+A report takes some milliseconds, also if the planner is busy, because the middleware receives it. A
+process that was suspended receives all messages at once when it goes on, in any order.
 """
 
 STOP_ASKED = "the planner was asked to stop"
-"""Reason of a stop that was asked for at the planner."""
+"""Reason of a stop that a user has requested from the planner."""
 
 ARM_STOPPED = "the arm was asked to stop"
-"""Reason of a stop that was asked for at the arm."""
+"""Reason of a stop that somebody has requested from the arm."""
 
 AT_REST = "the arm stands still"
 """Sentence of a stop that has succeeded."""
@@ -91,17 +93,18 @@ class _Stop:
     """Stop that is under way.
 
     Attributes:
-        reason: Why the arm is stopped, as execution reports state it.
-        started_at: Time at which it began, by the steady clock [s].
+        reason: Reason of the stop, as execution reports state it.
+        started_at: Time at which the stop began, by the steady clock [s].
         on_finished: Functions to call once with success and sentence when the stop is finished.
         goals: Goals that end with the stop.
-        goal_after_stop: Goal to plan for after the arm is stopped, or None.
-        tries: Number of braking commands sent so far.
-        is_braking_confirmed: Whether the arm has confirmed one of them.
-        last_call_at: Time of the last call of the arm's own ~/stop, by the steady clock [s].
+        goal_after_stop: Goal to plan for after the arm has stopped; None for no goal.
+        tries: Number of braking commands made so far.
+        is_braking_confirmed: True if the arm has confirmed one of these commands.
+        last_call_at: Time of the last call of the arm's own ~/stop, by the steady clock [s]; -inf
+            if there was no call.
         answer: Success and sentence of the arm's own ~/stop; None before it has answered.
-        obstacle: Name of the obstacle ahead that is braked for; empty without one.
-        obstacle_set_ns: Time at which that obstacle was set, in the time of plans [ns].
+        obstacle: Name of the obstacle for which the arm brakes; empty if there is none.
+        obstacle_set_ns: Time at which this obstacle was set, in the time of plans [ns].
     """
 
     reason: str
@@ -120,9 +123,9 @@ class _Stop:
 class StopSequence:
     """Sequence of steps that brings the arm to rest: brake, call its own ~/stop, find the result.
 
-    A stop begins with `begin`, `join` or `begin_for_obstacle`. While it `is_under_way`, the
-    lifecycle calls `take_step` and `find_result` after each event, `confirm_braking` if the arm has
-    taken a braking command, and `finish` once there is a result.
+    A stop begins with `begin`, `join` or `begin_for_obstacle`. While it is under way, the goal
+    lifecycle calls `take_step` and `find_result` after each event. It calls `confirm_braking` when
+    the arm has taken a braking command, and `finish` as soon as there is a result.
     """
 
     def __init__(
@@ -138,14 +141,14 @@ class StopSequence:
         Args:
             arm_state: Arm state.
             brake: Function that makes a braking command. Its arguments are the command in force,
-                the earliest stamp that the braking command may have [ns], and the commit horizon
-                (time from that stamp until braking begins) [s]. It returns the braking command and
-                the time at which braking begins [ns]. All times are in the time of plans (the arm's
-                clock minus the arm's delay behind its plans).
+                the earliest stamp of the braking command [ns], and the time from stamp to braking
+                [s]. It returns the braking command and the time at which braking begins [ns]. Times
+                [ns] are in the time of plans (the arm's clock minus the arm's delay behind its
+                plans).
             clock: Source of the present time.
-            outbox: Calls the arm's ~/stop, and writes the log.
-            hand_over: Chooses stamp and commit horizon of braking commands, and knows whether a
-                sent command waits for the arm's answer.
+            outbox: Interface that calls the arm's ~/stop and writes the log.
+            hand_over: Record of sent commands. It chooses stamp and commit horizon of braking
+                commands.
         """
         self._arm_state = arm_state
         self._brake = brake
@@ -168,19 +171,20 @@ class StopSequence:
         """Begin a stop, unless one is under way, and return the stop under way.
 
         Args:
-            reason: Why the arm is stopped, as execution reports state it. It is ignored if a stop
-                is under way already.
+            reason: Reason of the stop, as execution reports state it. It is ignored if a stop is
+                under way already.
         """
         self._stop = self._stop or _Stop(reason, self._clock.steady_time())
         return self._stop
 
     def join(self, done: Callable[[bool, str], None], goals: list[PendingGoal]) -> None:
-        """Begin a stop that a user has asked for, or join the one under way.
+        """Begin a stop that a user has requested, or join the stop under way.
+
+        If a goal was to be planned for after the stop under way, it now ends with the stop.
 
         Args:
             done: Called once with success and sentence when the stop is finished.
-            goals: Goals that end with the stop. If another goal was to be planned for after the
-                stop, it ends with the stop, too.
+            goals: Goals that end with the stop.
         """
         stop = self.begin(STOP_ASKED)
         stop.on_finished.append(done)
@@ -201,8 +205,8 @@ class StopSequence:
                 ignored if a stop is under way already.
 
         Returns:
-            True if there is an obstacle. False without one, or if the arm executes no command of
-            this planner.
+            True if there is an obstacle. False if there is none, or if the arm executes no command
+            of this planner.
         """
         own, now_ns = self._arm_state.own_command, self._now_ns()
         if own is None or not self._arm_state.executes_own(now_ns):
@@ -219,13 +223,13 @@ class StopSequence:
         return True
 
     def call_arm_stop(self, on_answer: Callable[[bool, str], None]) -> bool:
-        """Call the arm's own ~/stop once, and remember the call.
+        """Call the arm's own ~/stop once, and store the time of the call.
 
         Args:
             on_answer: Called with success and sentence when the arm answers.
 
         Returns:
-            False if the service is not available.
+            True if the service was called, False if it is not available.
         """
         if not self._outbox.stop_arm(on_answer):
             return False
@@ -235,18 +239,18 @@ class StopSequence:
     def find_void_time(
         self, stop_ns: int, age: float = 0.0, received_at: float | None = None
     ) -> float | None:
-        """Return the time up to which goals are void, after the arm's report of its last stop.
+        """Find the time up to which goals are void, after the arm's report of its last stop.
 
-        A goal is void if it was received before the report, and not later than `OLD_STOP` after the
-        stop. If this is the first report, it must have been received before the stop: the first
-        messages that a planner receives may be seconds old, and the stop is then older than it
-        seems. A stop that this planner called for (~/stop) makes no goal void. Each call accounts
-        for one reported stop, unless the stop came before the call, or the last call is more than
-        `OWN_REPORT` ago.
+        Void goals end as stopped. They were received before the report, and not later than
+        `OLD_STOP` after the stop. If this is the first report, they were received before the stop:
+        the first messages that a planner receives may be seconds old, and the stop is then older
+        than it seems. A stop that this planner called for (~/stop) makes no goal void. Each call
+        accounts for one reported stop, unless the stop came before the call, or the last call is
+        more than `OWN_REPORT` ago.
 
-        If the report came more than `LATE_REPORT` after its stop, this process was suspended, and
-        goals that came meanwhile may still be unread. The report then counts as received
-        `LATE_REPORT` later than now, so that these goals are void, too.
+        If the report came more than `LATE_REPORT` after its stop, this process was suspended. Goals
+        that came in this time may still be unread. The report then counts as received `LATE_REPORT`
+        later than now, so that these goals are void, too.
 
         Args:
             stop_ns: Time of the stop by the arm's clock [ns]; 0 means never.
@@ -255,7 +259,7 @@ class StopSequence:
 
         Returns:
             Latest time of receipt of a void goal, by the steady clock [s]. None if there was no
-            stop (0), if it was reported before, or if this planner has called for it.
+            stop, if the stop was reported before, or if this planner has called for it.
         """
         now, arm = self._clock.steady_time(), self._arm_state
         before, self._last_stop_ns = self._last_stop_ns, stop_ns
@@ -282,7 +286,7 @@ class StopSequence:
         The first of these cases decides:
 
         1. No stop is under way: nothing happens.
-        2. A braking command may be sent (`_may_brake`): it is made, unless another command was sent
+        2. A braking command can help (`_may_brake`): it is made, unless another command was sent
            and not answered yet. Each further braking command has a longer commit horizon (time
            until braking begins).
         3. The arm has confirmed a braking command: nothing happens.
@@ -293,7 +297,7 @@ class StopSequence:
             settings: Settings for all goals.
 
         Returns:
-            Braking command to send; None if there is none to send now.
+            Braking command to send; None if there is nothing to send now.
         """
         stop, own = self._stop, self._arm_state.own_command
         if stop is None:
@@ -314,9 +318,12 @@ class StopSequence:
             stop: The stop under way.
 
         Returns:
-            True if all of these hold. The arm executes a command of this planner. The arm has no
-            fault, and its reference has one publisher. No braking command is confirmed. Fewer than
-            `MAX_BRAKING_COMMANDS` were made. The stop began at most `BRAKING_TIMEOUT` ago.
+            True if all of these conditions are met:
+
+            - The arm executes a command of this planner.
+            - The arm has no fault, and its reference has one publisher.
+            - No braking command is confirmed, and fewer than `MAX_BRAKING_COMMANDS` were made.
+            - The stop began at most `BRAKING_TIMEOUT` ago.
         """
         arm, waited = self._arm_state, self._clock.steady_time() - stop.started_at
         given_up = stop.tries >= MAX_BRAKING_COMMANDS or waited > BRAKING_TIMEOUT
@@ -328,8 +335,8 @@ class StopSequence:
         """Call the arm's ~/stop if it has not answered and the last call is `CALL_PERIOD` ago.
 
         Args:
-            stop: The stop. Writes `last_call_at` if ~/stop was called, and later `answer` when the
-                arm answers.
+            stop: The stop. Its `last_call_at` is written if ~/stop was called, and its `answer`
+                later, when the arm answers.
         """
 
         def store_answer(success: bool, sentence: str) -> None:
@@ -344,10 +351,10 @@ class StopSequence:
     def _make_braking(self, stop: _Stop, own: Command, settings: Settings) -> UnconfirmedPlan:
         """Make a command that brakes along the path of the command in force.
 
-        If the stop has an obstacle, the braking is chosen to rest before it. The reason of the stop
-        then becomes a sentence on where the arm rests. If computing this takes more than
-        `LATE_SHARE` of the commit horizon (time until braking begins), it is repeated with a longer
-        horizon.
+        If the stop has an obstacle, a braking is chosen that rests before it, if there is one. The
+        reason of the stop then becomes a sentence on the place of rest, which is also logged. If
+        this takes more than `LATE_SHARE` of the commit horizon (time until braking begins), it is
+        repeated with a longer horizon.
 
         Args:
             stop: The stop under way.
@@ -385,10 +392,10 @@ class StopSequence:
             sent: The braking command.
 
         Returns:
-            Success and a sentence on when the arm will rest; this finishes the stop. None if the
-            time of rest is not known: the reference governor has delayed plans, or the arm does not
-            report which plan it executes. Only a measured rest then finishes the stop. None also
-            without a stop.
+            True and a sentence with the time until the arm rests; with this result the stop can be
+            finished. None if this time is not known: the reference governor has delayed plans, or
+            the arm does not report which plan it executes. Only a measured rest then finishes the
+            stop. None also if no stop is under way.
         """
         if sent.obstacle_sentence:
             self._report_obstacle(sent.obstacle_sentence)
@@ -404,17 +411,18 @@ class StopSequence:
     # --- End -------------------------------------------------------------------------------------
 
     def find_result(self) -> tuple[bool, str] | None:
-        """Return how the stop ends, if the arm rests or cannot be brought to rest.
+        """Find the result of the stop: the arm rests, or it cannot be brought to rest.
 
         The stop succeeds if the arm is measured at rest and will stay there, and no command is
         unconfirmed (sent, without an answer). It fails in three cases:
 
         - The arm's ~/stop answers without success.
         - After `STOP_TIMEOUT`, the arm has neither confirmed a braking command nor answered ~/stop.
-        - After `REST_TIMEOUT`, it is still not at rest.
+        - After `REST_TIMEOUT`, the arm is still not at rest.
 
         Returns:
-            Success and sentence; None while the arm may still come to rest, or without a stop.
+            Success and sentence. None while the arm may still come to rest, or if no stop is under
+            way.
         """
         stop, arm, now = self._stop, self._arm_state, self._clock.steady_time()
         if stop is None:
@@ -448,10 +456,10 @@ class StopSequence:
             decides:
 
             - It answered with success: True if the arm executes no command of this planner. Also
-              True if several publishers send its reference, since its reports then mean nothing.
+              True if several publishers send its reference, since its reports are then useless.
             - It answered without success: False.
-            - It has not answered: True if three conditions hold. The service could not be called,
-              or `STOP_TIMEOUT` has passed. No conflict of several publishers is known. No plan is
+            - It has not answered: True if three conditions are met. The service could not be called
+              or `STOP_TIMEOUT` has passed, only one publisher sends the reference, and no plan is
               reported as in force.
         """
         arm = self._arm_state
@@ -473,18 +481,18 @@ class StopSequence:
     ) -> PendingGoal | None:
         """Finish the stop: end its goals, then call all functions that wait for it.
 
-        The goal in `execution` ends as reached if the tip is at the goal, else as stopped. But the
-        goal to plan for after the stop does not end.
+        The goal of `execution` ends as reached if the tip is at the goal, otherwise as stopped. If
+        it is the goal to plan for after the stop, it does not end.
 
         Args:
-            result: Success and sentence, for the functions that wait. Success means that the arm
-                rests or has confirmed that it brakes.
-            execution: Execution that ends with the stop; None without one.
-            machine: Machine by which the tip's place is computed.
-            reports: Sends execution reports.
+            result: Success and sentence, passed to the functions that wait. Success means that the
+                arm rests or has confirmed that it brakes.
+            execution: Execution that ends with the stop; None if there is none.
+            machine: Machine from which the tip position is computed.
+            reports: Sender of execution reports.
 
         Returns:
-            Goal to plan for if the arm has stopped; None if there is no such goal or no stop.
+            Goal to plan for now; None if there is no such goal, or if no stop was under way.
         """
         stop = self._stop
         if stop is None:
@@ -508,20 +516,20 @@ class StopSequence:
     def report_waiting(self) -> None:
         """Log that the arm will brake for an obstacle after its answer to the last plan.
 
-        Nothing happens without a stop, or if the stop has a reason already, for example because a
-        braking command was made.
+        Nothing happens if no stop is under way, or if the stop has a reason already, for example
+        because a braking command was made.
         """
         if self._stop is not None and not self._stop.reason:
             self._report_obstacle(describe_waiting(self._stop.obstacle))
 
     def _report_obstacle(self, sentence: str) -> None:
-        """Make a sentence on an obstacle ahead the reason of the stop, and log it.
+        """Store a sentence on an obstacle ahead as the reason of the stop, and log it.
 
-        A stop that was asked for by a user or at the arm keeps its own reason. A sentence that
-        equals the last one is not logged again.
+        A stop that was requested from the planner or from the arm keeps its own reason. A sentence
+        that equals the last one is not logged again.
 
         Args:
-            sentence: The sentence.
+            sentence: Sentence on the obstacle and the braking.
         """
         if self._stop is not None and self._stop.reason not in (STOP_ASKED, ARM_STOPPED):
             self._stop.reason = sentence

@@ -1,4 +1,4 @@
-"""Verdict code and sentence of a goal, from the plan or the error that planning gives."""
+"""Verdict code and sentence of a goal, from its plan or from the error that planning raised."""
 
 from __future__ import annotations
 
@@ -34,26 +34,25 @@ ERROR_VERDICTS: tuple[tuple[type[MhsbError], Verdict], ...] = (
     (OtherMachineError, Verdict.MACHINE),
     (RequestError, Verdict.OPTIONS),
 )
-"""Errors of planning with the verdict code of each; the first match counts."""
+"""Types of errors with the verdict code of each. The first type that matches counts."""
 
 MIN_REPORTED_EXCESS = 0.005
-"""Least excess of a piston's speed over V_max that the verdict's sentence states, as a share of it.
-"""
+"""Least excess of a piston's speed over V_max that a verdict states, as a share of V_max [-]."""
 
 
 def find_verdict_code(error: MhsbError) -> Verdict:
-    """Return the verdict code of an error, `INTERNAL` if it has no code."""
+    """Return the verdict code of an error; `INTERNAL` if its type is not in `ERROR_VERDICTS`."""
     return next(
         (code for kind, code in ERROR_VERDICTS if isinstance(error, kind)), Verdict.INTERNAL
     )
 
 
 def compose_acceptance_sentence(replan: Replan, goal: Goal) -> str:
-    """Return the sentence of the verdict on an accepted goal.
+    """Compose the sentence of the verdict on an accepted goal.
 
-    It states the end of the tip's path and the duration. If they apply, it adds three things: that
-    time ran out before the search was complete; an excess over V_max (allowed piston speed) of at
-    least `MIN_REPORTED_EXCESS`; and the plan's warnings.
+    It states the end of the tip's path and the duration. If the search ran out of time, it says so.
+    An excess of piston speed over V_max is stated if it is at least `MIN_REPORTED_EXCESS`. The
+    plan's warnings follow.
 
     Args:
         replan: The plan.

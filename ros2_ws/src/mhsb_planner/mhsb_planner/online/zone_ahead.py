@@ -1,10 +1,10 @@
-"""Zone that is set ahead of the moving arm: whether the motion meets it, and how the arm brakes.
+"""Braking for a zone that is set ahead of the moving arm.
 
-The arm brakes along its path by the softest braking that rests before the zone with the margin. If
-there is none, it takes the braking with the greatest least clearance that keeps the machine's
-limits, usually the hardest. A sentence states the place at which the command that is sent comes to
-rest, its commit horizon included. Absolute times are in the time of plans: the arm's clock minus
-the delay by which speed scaling has slowed plans.
+The arm brakes along its path. The softest braking is taken that rests before the zone, at least the
+margin away from it. If there is none, the braking within the machine's limits that keeps most
+clearance is taken, usually the hardest. A sentence for log and report states the place of rest.
+Absolute times are in the time of plans: the arm's clock minus the delay by which speed scaling has
+slowed plans.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ LOOK_NS = 2_000_000
 """Time between the postures at which clearances are measured [ns]."""
 
 CLEARANCE_DIGITS = 4
-"""Decimals to which clearances are compared, in m: a tenth of a millimetre.
+"""Number of decimals of clearances [m] that are compared: a tenth of a millimetre.
 
-So rounding decides nothing.
+Differences by rounding therefore have no effect.
 """
 
 
@@ -44,17 +44,16 @@ class ZoneStop:
     """Command that brakes for an obstacle ahead, with its clearances.
 
     Attributes:
-        command: Command that repeats the motion in force up to the change, then brakes along its
-            path.
+        command: Command that first repeats the motion in force, and then brakes along its path.
         change_ns: Absolute time at which it begins to brake [ns].
-        touches_obstacle: Whether the arm touches an obstacle during the command, or is in one at
+        touches_obstacle: True if the arm touches an obstacle during the command, or is in one at
             the command's stamp.
-        passed_clearance: Least clearance of the old motion from the time at which the obstacle was
-            set to the command's stamp [m].
-        begin_clearance: Clearance at the command's stamp, negative inside an obstacle [m].
-        least_clearance: Least clearance of the command [m].
-        rest_clearance: Clearance in the posture in which it comes to rest [m].
-        nearest_obstacle: Name of the obstacle that is nearest in that posture.
+        passed_clearance: Least clearance of the old motion, from the time at which the obstacle was
+            set to the command's stamp [m]. Negative inside an obstacle, like all clearances.
+        begin_clearance: Clearance at the command's stamp [m].
+        least_clearance: Least clearance during the command [m].
+        rest_clearance: Clearance in the posture in which the arm comes to rest [m].
+        nearest_obstacle: Name of the obstacle that is nearest in this posture.
         margin: Clearance that motions should keep [m].
     """
 
@@ -102,22 +101,22 @@ class ZoneStop:
 
     @property
     def keeps_margin(self) -> bool:
-        """True if the arm touches nothing and rests at least the margin away from everything."""
+        """True if the arm touches no obstacle and rests at least the margin away from all."""
         return not self.touches_obstacle and self.rest_clearance >= self.margin
 
     @property
     def rank(self) -> tuple[float, float]:
-        """Key by which braking commands are compared; the greatest is the best.
+        """Sort key of braking commands; the greatest key is the best command.
 
-        It holds the least clearance during the command and the clearance at rest [m]. Both are
-        rounded to `CLEARANCE_DIGITS` decimals.
+        It consists of the least clearance during the command and the clearance at rest [m]. Both
+        are rounded to `CLEARANCE_DIGITS` decimals.
         """
         return round(self.least_clearance, CLEARANCE_DIGITS), round(
             self.rest_clearance, CLEARANCE_DIGITS
         )
 
     def describe(self, obstacle: str) -> str:
-        """Return a sentence on where the arm comes to rest, for the log and the execution report.
+        """Describe where the arm comes to rest, for the log and the execution report.
 
         Args:
             obstacle: Name of the obstacle that the motion in force meets.
@@ -128,10 +127,10 @@ class ZoneStop:
             - The arm touches nothing and has passed the obstacle already.
             - It touches nothing and stops before the obstacle.
             - It stops nearer to the obstacle than the margin. Distance and margin are stated.
-            - It was in an obstacle at the command's stamp. The depth at rest is stated. If it
-                rests beyond the obstacle, the sentence says so.
-            - It cannot stop before the obstacle. The depth at rest is stated. If it rests
-                beyond, the greatest depth on the way is stated.
+            - It was in an obstacle at the command's stamp. The depth at rest is stated, or that the
+              arm rests beyond the obstacle.
+            - It cannot stop before the obstacle. The depth at rest is stated. If it rests beyond
+              the obstacle, the greatest depth on the way is stated.
         """
         if not self.touches_obstacle and self.passed_clearance < 0.0:
             return (
@@ -166,24 +165,24 @@ class ZoneStop:
 
 
 def find_obstacle_ahead(machine: Machine, in_force: Command, now_ns: int) -> str | None:
-    """Return the name of the first obstacle that the remaining part of a motion touches.
+    """Find the first obstacle that the remaining part of a motion touches.
 
     Args:
         machine: Machine with the zones in force.
         in_force: Command whose motion is checked up to its end.
-        now_ns: Time from which on it is checked, by the clock of its stamp [ns].
+        now_ns: Time at which the check begins, by the clock of the command's stamp [ns].
 
     Returns:
-        Name of the obstacle; None if the motion touches none.
+        Name of the obstacle; None if the motion touches no obstacle.
     """
     contact = find_contact_ahead(machine, in_force.trajectory, now_ns)
     return None if contact is None else contact.name
 
 
 def describe_waiting(obstacle: str) -> str:
-    """Return the sentence for the time in which the arm has yet to answer the last plan.
+    """Return a sentence that the arm will brake for an obstacle after its answer to the last plan.
 
-    Until then it cannot be braked for the obstacle.
+    Before this answer, the planner cannot brake the arm for the obstacle.
 
     Args:
         obstacle: Name of the obstacle across the motion in force.
@@ -192,7 +191,7 @@ def describe_waiting(obstacle: str) -> str:
 
 
 def describe_missing_braking(obstacle: str, ending: str) -> str:
-    """Return the sentence for the case that the arm took no command that brakes for an obstacle.
+    """Return a sentence that the arm has taken no command that brakes for an obstacle.
 
     Args:
         obstacle: Name of the obstacle.
@@ -206,20 +205,19 @@ def make_braking_for_obstacle(
 ) -> ZoneStop:
     """Make the command that brakes along the path in force for an obstacle ahead.
 
-    Take the softest braking that touches nothing and rests at least the machine's margin away from
-    every obstacle. If there is none, take the braking whose least clearance on the way is greatest,
-    usually the hardest. If several have this clearance, the greatest clearance at rest decides.
+    The softest braking is taken that touches no obstacle and rests at least the machine's margin
+    away from all obstacles. If there is none, the braking is taken whose least clearance on the way
+    is greatest, usually the hardest. If several have this clearance, the clearance at rest decides.
 
     Args:
         machine: Machine with the zones in force.
         in_force: Command that the arm executes; it still moves.
-        now_ns: Earliest stamp of the result, by the clock of plans [ns].
+        now_ns: Earliest stamp of the result, in the time of plans [ns].
         commit_horizon: Time from the stamp to the beginning of braking [s]. The result repeats
             `in_force` during this time.
-        since_ns: Time at which the obstacle was set, by the same clock [ns]. The result's
-            `passed_clearance` is the least clearance from then to its stamp. A negative value means
-            that the arm has been in an obstacle. If the arm is clear now, it has passed that
-            obstacle.
+        since_ns: Time at which the obstacle was set, in the time of plans [ns]. From then to its
+            stamp, the result measures `passed_clearance`. If this is negative and the arm is clear
+            now, the arm has passed the obstacle already.
 
     Returns:
         The command with its clearances.
@@ -236,11 +234,11 @@ def make_braking_for_obstacle(
 
 
 def _generate_brakings(machine: Machine, in_force: Command, at_ns: int) -> Iterator[Command]:
-    """Yield braking commands of a motion, the softest first.
+    """Yield braking commands along the path of a motion, the softest first.
 
-    The first brakes as planned stops do; the others brake harder and harder. The generator ends
-    before the first harder one that breaks a limit of the machine. Obstacles do not count as
-    limits.
+    The first one brakes as at a usual stop and is not checked. The others brake harder and harder.
+    The generator ends before the first of these that breaks a limit of the machine. Obstacles do
+    not count as limits.
 
     Args:
         machine: Machine with its limits.
@@ -275,12 +273,12 @@ def _compute_clearances(
     Args:
         machine: Machine with the zones in force.
         motion: The motion.
-        from_ns: Begin of the stretch, by the clock of the motion's stamp [ns].
-        until_ns: End of the stretch, not before its begin [ns].
+        from_ns: Beginning of the stretch, by the clock of the motion's stamp [ns].
+        until_ns: End of the stretch, not before its beginning [ns].
 
     Returns:
-        Clearance at each of k samples, negative inside an obstacle, float64[k], [m]; and row of the
-        nearest obstacle at each sample in `machine.obstacles`, int64[k].
+        Clearance at each of k samples, negative inside an obstacle, float64[k], [m]. Second, the
+        row of the nearest obstacle in `machine.obstacles` at each sample, int64[k].
     """
     at_ns = np.append(np.arange(from_ns, until_ns, LOOK_NS), until_ns)
     postures = frozen(motion.sample_many(at_ns)[0])

@@ -1,6 +1,6 @@
 """Feasible intervals of the end-link angle ψ at a tip position, for three turning joints.
 
-The tip is held and ψ varies. A posture then becomes infeasible only if the wrist (the last joint)
+The tip is held and ψ varies. A posture then becomes infeasible only if the wrist (last joint)
 gets to the edge of its reach, or a joint gets to a limit. Each of these events fixes one side of a
 triangle, and the law of cosines gives ψ. Between two such angles, the postures of an elbow branch
 are either all feasible or all infeasible.

@@ -388,9 +388,10 @@ class SlewingPaths:
         """Yield a path as one proposal, or as up to two proposals if a baseline has made it.
 
         A trajectory is fitted to a path (S3) by one of two methods: a polynomial, or following the
-        path with ramps. A path of a baseline (planner for comparison) is proposed for the method of
-        the planner named in the request, and then for the method of the baseline. Both proposals
-        have `for_comparison` set. The second one is left out if the options name a method.
+        path with ramps. A path of a baseline (planner for comparison) is proposed twice: for the
+        method of the planner named in the request, and for the method of the baseline. Both
+        proposals have `for_comparison` set. The second one is left out if the options name a
+        method.
 
         Args:
             planner: Planner that has made the path.

@@ -56,8 +56,8 @@ def compute_even_turning(
 ) -> SlewMotion:
     """Compute a slew motion at an even speed along a planar path, without regard to zones.
 
-    The slew's piston has the same speed in all steps, except in steps in which its largest speed or
-    the main pump's flow requires a lower one. If the slew cannot keep up with the path, all steps
+    The slew's piston has the same speed in all steps. It is slower in a step if its largest speed
+    or the main pump's flow requires this. If the slew cannot keep up with the path, all steps
     become longer by one factor. If the path has no steps, the slew turns alone, as quickly as
     possible.
 
