@@ -1,7 +1,8 @@
 """Machine model of a hydraulic manipulator with booster modules; knows no ROS.
 
-The public names of the packages are imported at their first use: a package's `__init__` runs before
-each of its modules, and would otherwise import the whole suite, even for a command's help.
+Each public name of a package is imported at its first use. A package's `__init__` runs before each
+of its modules. If it imported all public names at once, even a command's `--help` would load the
+whole suite.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ def import_on_use(package: str, modules: Mapping[str, str]) -> Callable[[str], A
 
     Args:
         package: Name of the package, for error messages.
-        modules: Full name of the module that defines an exported name, by that name.
+        modules: Mapping from each exported name to the full name of the module that defines it.
 
     Returns:
         Function that takes an exported name and returns its object. It imports the module that

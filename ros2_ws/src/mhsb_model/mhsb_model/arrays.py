@@ -100,7 +100,9 @@ class MachineArrays(NamedTuple):
 
 
 def collect_actuator_values(config: MachineConfig, name: str) -> FloatArray:
-    """Return one value for each actuator: its own, or the common one of the file if it has none.
+    """Return one value for each actuator.
+
+    An actuator without an own value in the file gets the common value of all actuators.
 
     Args:
         config: Content of the machine file.
@@ -119,15 +121,16 @@ def _compute_closed_valve_leakage(config: MachineConfig) -> tuple[float, float]:
 
         q = q_leak (1 − s + s κ),   κ = ℓ/(ℓ + o)
 
-    The share s of the leakage q_leak flows past the lands if they have no overlap. o is the mean
-    overlap of both directions, and ℓ the `circuit.land_length`.
+    q_leak is the leakage without overlap. Its share s flows past the lands of the spool, and an
+    overlap multiplies this part by κ. o is the mean overlap of both directions, and ℓ is
+    `circuit.land_length`.
 
     Args:
         config: Content of the machine file.
 
     Returns:
-        Leakage q at the main pump's pressure [m³/s], and the share s κ q_leak/q of it that flows
-        past the lands [-].
+        Leakage q at the main pump's pressure [m³/s], and the share of q that flows past the lands,
+        s κ q_leak/q [-].
     """
     valve, real, length = config.hydraulics.valve, config.imperfections, config.circuit.land_length
     share = valve.land_leakage
@@ -139,8 +142,8 @@ def _compute_closed_valve_leakage(config: MachineConfig) -> tuple[float, float]:
 def make_machine_arrays(config: MachineConfig) -> MachineArrays:
     """Convert a configuration into the flat arrays that kernels take.
 
-    A slewing platform (joint 1) gets a link without length, mass and inertia in the plane. Each
-    actuator's V_max is the smaller of its own and the common one.
+    If joint 1 slews, its link is the platform. In the plane this link has no length, mass and
+    inertia. Each actuator's V_max is the smaller of its own and the common one.
 
     Args:
         config: Content of the machine file.
@@ -159,7 +162,11 @@ def make_machine_arrays(config: MachineConfig) -> MachineArrays:
     fastest = collect_actuator_values(config, "max_piston_speed")
 
     def collect_link_values(name: str) -> FloatArray:
-        """Return one property of every link; 0 for a slewing platform."""
+        """Return one property of every link, such as its mass; 0 for a slewing platform.
+
+        Args:
+            name: Name of the property in section `link` of a joint.
+        """
         values = [getattr(joint.link, name) for joint in joints]
         return frozen(np.array([0.0, *values[1:]] if slews else values))
 

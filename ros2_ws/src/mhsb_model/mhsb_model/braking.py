@@ -35,8 +35,8 @@ def brake_along(machine: Machine, trajectory: Trajectory, at_ns: int) -> Traject
         q(t) = Q(σ(t)),  σ̇ = 1 − 3u² + 2u³,  u = t/T
 
     Q is the trajectory, and t the time since `at_ns`. σ is the time that has passed on Q; it slows
-    down from the rate σ̇ = 1 to 0 within the braking time T. So every posture is one of Q, and no
-    posture is passed faster than on Q. The arm comes to rest at σ(T) = T/2. Position, velocity and
+    down from the rate σ̇ = 1 to 0 within the braking time T. So the arm passes only postures of Q,
+    and none of them faster than Q does. The arm comes to rest at σ(T) = T/2. Position, velocity and
     acceleration are continuous. T is chosen so that the fastest piston decelerates by at most about
     `PEAK_DECELERATION`.
 
@@ -85,7 +85,7 @@ def retime_along(
     path_rate: FloatArray,
     path_rate_slope: FloatArray,
 ) -> Trajectory:
-    """Compute a motion that passes the path of a trajectory with another timing and ends at rest.
+    """Compute a motion that follows the path of a trajectory with another timing and ends at rest.
 
         q(t) = Q(σ(t)),  q̇ = Q′ σ̇,  q̈ = Q″ σ̇² + Q′ σ̈
 
@@ -240,10 +240,11 @@ def _offsets(duration_ns: int) -> IntArray:
 def _find_remaining_point_times(trajectory: Trajectory, at_ns: int) -> IntArray:
     """Choose the point times for the part of a trajectory after an absolute time.
 
-    They are 0 and the times of the trajectory's own later points, so that the same quintic
-    polynomials join them. There are two exceptions. Points less than `MIN_POINT_SPACING_NS` after
-    `at_ns` are dropped, which changes the first interval slightly. If the first remaining point is
-    more than `MAX_POINT_SPACING_NS` after `at_ns`, another point is inserted half-way to it.
+    The first point time is 0. The others are the trajectory's own later points, so that the quintic
+    pieces between them stay the same. There are two exceptions. Points less than
+    `MIN_POINT_SPACING_NS` after `at_ns` are dropped, which changes the first interval slightly. If
+    the first remaining point is more than `MAX_POINT_SPACING_NS` after `at_ns`, another point is
+    inserted half-way to it.
 
     Args:
         trajectory: The motion; it must end at least `MIN_POINT_SPACING_NS` after `at_ns`.

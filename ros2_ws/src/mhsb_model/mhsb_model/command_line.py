@@ -62,8 +62,8 @@ def set_interrupt_note(words: str) -> None:
     """Set the words that are printed if the user interrupts the running command from now on.
 
     Args:
-        words: Clause on which results are kept, and where, for instance "out/summary.json has 3 of
-            10 draws". It replaces the words of earlier calls.
+        words: Clause that says which results are kept and where, for instance "out/summary.json has
+            3 of 10 draws". It replaces the words of earlier calls.
     """
     _interrupt_note[:] = [words]
 
@@ -82,7 +82,7 @@ def check_suffix(option: str, file: Path | None, suffix: str) -> None:
 class NumberRange:
     """Range of an argument's numbers, as metadata: `Annotated[float, NumberRange(0.0, 5.0)]`.
 
-    The help shows it. A number outside of it is refused before the command begins.
+    The help shows the range. A number outside the range is refused before the command begins.
 
     Attributes:
         least: Smallest allowed number.
@@ -430,7 +430,8 @@ def _suggest_option(word: str, command: Callable[..., Any]) -> str:
     """Return "; did you mean --OPTION?" with the nearest option of a command, or an empty text.
 
     Args:
-        word: First word that the command does not take; words that are no option have no hint.
+        word: First word of the command line that the command does not know. A word that does not
+            begin with `--` gives an empty text.
         command: A function, or a dataclass with a method `run`.
     """
     near = difflib.get_close_matches(word.partition("=")[0], _list_options(command), 1)
@@ -459,7 +460,7 @@ def _list_options(target: Callable[..., Any]) -> list[str]:
 def _describe_bad_value(argument: Any, message: str, arguments: list[str]) -> str:
     """Return a sentence that says which values an argument takes and what was given instead.
 
-    What was given are the words after the argument's flag on the command line. If there are none,
+    The given value is the words after the argument's flag on the command line. If there are none,
     it is the last word that tyro's message quotes.
 
     Args:

@@ -388,7 +388,7 @@ def boosted_supply(
 
     P_S is the main pump's pressure, and p_max the maximum boost pressure. p_L is the load pressure
     in the direction of v, and m(v) the drop across the fully open valve. p_0 is the pressure that
-    holds the load at rest. It counts in motion, too.
+    holds the load at rest; during a motion the line pressure does not fall below it.
 
     Args:
         oil: Pressures of supply and tank, boost margin and maximum boost pressure.
@@ -478,7 +478,7 @@ def compute_slip_flow(slip: float, pumps: int, rise: float) -> float:
 
 @kernel
 def scale_leakage(land_leakage: float, ratio: FloatOrArray) -> FloatOrArray:
-    """Return the factor on the leakage of a valve at another pressure drop than the rated one.
+    """Return the ratio of a valve's leakage at some pressure drop to its leakage at the rated drop.
 
         f = (1 − s) √r + s r
 
@@ -543,9 +543,13 @@ def compute_sinking_speed(m: MachineArrays, j: int, force: float, supply: float)
 
         v = 2 G ((A − a) (p + p_T)/2 − F) / (A² + a²),   G = s q_leak/(P_S − p_T)
 
-    It follows from A p_A − a p_B = F and the flows past the four lands of the spool, each G Δp with
-    the mean overlap of the valve: A v = G (p − p_A) − G (p_A − p_T) and −a v = G (p − p_B) −
-    G (p_B − p_T). The seal of the piston is tight.
+    This follows from the force balance A p_A − a p_B = F and from the flows past the four lands of
+    the spool. Each land passes G Δp, with G at the valve's mean overlap:
+
+        A v = G (p − p_A) − G (p_A − p_T)
+        −a v = G (p − p_B) − G (p_B − p_T)
+
+    The seal of the piston is taken to be tight.
 
     Args:
         m: Arrays of the machine, with the main pump's pressure P_S, the leakage q_leak of a closed

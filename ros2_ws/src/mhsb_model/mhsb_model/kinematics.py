@@ -41,8 +41,8 @@ def add_extension(slides: BoolArray, retracted_length: FloatArray, q: FloatArray
 
     Args:
         slides: Whether each joint is prismatic, shape (n,).
-        retracted_length: That length of each link with its joint at q = 0, shape (n,) [m]. It may
-            be the link's length, or the distance of its centre of mass from the joint.
+        retracted_length: Length for each link with its joint at q = 0, shape (n,) [m]: the link's
+            own length, or the distance of its centre of mass from the joint.
         q: Joint angles [rad], or extensions [m] of sliding joints, shape (n,).
         j: Index of the link.
 

@@ -207,11 +207,12 @@ class Machine:
         """Planar part of a slewing arm, without joint 1.
 
         For an arm that does not slew it is the machine itself. Planners choose postures for the
-        planar part. Its joint j is joint j + 1 of the slewing arm. Three things differ besides:
+        planar part. Its joint j is joint j + 1 of the slewing arm. Three values differ from those
+        of the slewing arm:
 
         - The main pump's largest flow is smaller by the leakage of the slew's valve.
         - `arrays.external_leakage` is that leakage [m³/s], because it still costs energy.
-        - It has no keep-out zones; ground, base and self-collision stay.
+        - The planar part has no keep-out zones; ground, base and self-collision stay.
         """
         if not self.slews:
             return self
@@ -319,8 +320,8 @@ class Machine:
     def patterns(self) -> ModeArray:
         """All mode combinations that the machine's booster modules allow, one per row.
 
-        uint8 of shape (combinations, n), read-only. Row 0 is all N; the rows are in lexicographic
-        order of the mode codes 0 N, 1 DB, 2 SB.
+        The array is uint8 of shape (combinations, n), read-only. Row 0 is all N. The rows are in
+        lexicographic order of the mode codes 0 N, 1 DB, 2 SB.
         """
         modules = self.config.hydraulics.modules
         return mode_patterns(self.joint_count, modules.count, modules.per_mode)
@@ -701,7 +702,7 @@ class Machine:
 
     @property
     def _own_file_rating(self) -> FileRating:
-        """Payload and supply pressure of the machine file, even if this machine was changed."""
+        """Payload and supply pressure of the original file, also for a copy from `changed`."""
         own = FileRating(self.arrays.payload, self.arrays.supply_pressure)
         return own if self.file_rating is None else self.file_rating
 
@@ -736,7 +737,11 @@ class Machine:
         return ends.min(axis=1), ends.max(axis=1)
 
     def cylinder_lengths(self, q: FloatArray) -> FloatArray:
-        """Return the distance between the pins of each cylinder, shape (n,) [m]."""
+        """Return the distance between the pins of each cylinder, shape (n,) [m].
+
+        Args:
+            q: Joint positions, shape (n,) [rad or m].
+        """
         rows = self.arrays.linkage
         return np.array([linkage.cylinder_length(rows[j], q[j]) for j in range(self.joint_count)])
 

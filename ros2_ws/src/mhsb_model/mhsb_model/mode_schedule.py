@@ -16,10 +16,10 @@ ignored."""
 
 @dataclass(frozen=True, eq=False)
 class ModeSchedule:
-    """Modes of all actuators over time; each row is in force until the next, the last one for good.
+    """Modes of all actuators over time, as rows that each hold until the next row begins.
 
-    Creating one raises ValueError if shapes disagree, times do not increase or a mode code does not
-    exist. All arrays are read-only.
+    The last row holds for all later times. Creating a schedule raises ValueError if shapes
+    disagree, times do not increase or a mode code does not exist. All arrays are read-only.
 
     Attributes:
         stamp_ns: Absolute time of the first row [ns].

@@ -36,8 +36,8 @@ class ModeProperties(NamedTuple):
 
     Attributes:
         boosted: Whether servo pumps raise the supply pressure, so that booster modules are needed.
-        on_rail: Whether the actuator's line is connected to the rail, at one pressure with all
-            others there.
+        on_rail: Whether the actuator's line is connected to the rail. All lines on the rail have
+            the same pressure.
         rank: Strength; a mode can do everything that modes of lower rank can.
     """
 

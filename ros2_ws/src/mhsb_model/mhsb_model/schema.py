@@ -560,7 +560,7 @@ ExpectedDelay = Annotated[
 
 
 class ControllerSection(Section):
-    """Section of one controller, with the keys of it that plans depend on.
+    """Section of one controller; only the keys that plans depend on are declared here.
 
     The controller declares all keys of its section itself, and `mhsb_control.registry` checks them.
     """
@@ -572,7 +572,13 @@ class ControllerSection(Section):
 
     @model_serializer(mode="wrap")
     def _dump_given_keys(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out keys that the file does not have: not every controller knows them."""
+        """Return the keys of the section that the file gives, without those that it leaves out.
+
+        Not every controller knows the keys `preview` and `expected_delay`.
+
+        Args:
+            dump: pydantic's own serializer of the section.
+        """
         return {key: value for key, value in dump(self).items() if key in self.model_fields_set}
 
 

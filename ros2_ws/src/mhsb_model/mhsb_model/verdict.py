@@ -126,8 +126,8 @@ class PlanSummary:
 class GoalVerdict:
     """A verdict on one goal, with a sentence for people.
 
-    A verdict that accepts its goal has a plan, any other has none; otherwise creating it raises
-    ValueError.
+    A verdict has a plan if it accepts its goal, and otherwise none. Creating a verdict against this
+    rule raises ValueError.
 
     Attributes:
         code: The verdict.
@@ -169,7 +169,7 @@ class GoalVerdict:
 
     @property
     def goal(self) -> Goal:
-        """Goal on which the verdict is."""
+        """The goal that this verdict answers."""
         return Goal(self.goal_stamp_ns, self.goal_x, self.goal_z, self.goal_y)
 
     def __post_init__(self) -> None:

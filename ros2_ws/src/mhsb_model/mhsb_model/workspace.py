@@ -67,9 +67,9 @@ def move_stays_in_workspace(m: MachineArrays, start: FloatArray, end: FloatArray
     The tip may be outside the workspace by `WORKSPACE_TOLERANCE`. If the tip is farther outside at
     one of the ends, it may be as far outside during the whole move, plus the tolerance.
 
-    An upper bound on the tip's way is tried first. If it does not prove that the tip stays inside,
-    `MOVE_SAMPLES` postures between the ends are checked. Positions between these samples are then
-    not checked.
+    An upper bound on how far the tip moves is tried first. If this bound does not prove that the
+    tip stays inside, `MOVE_SAMPLES` postures between the ends are checked. Positions between these
+    samples are not checked.
 
     Args:
         m: Arrays of the machine.

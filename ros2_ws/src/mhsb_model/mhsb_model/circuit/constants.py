@@ -39,9 +39,9 @@ BULK_MODULUS_SLOPE = 0.005
 def build_cylinders(machine: Machine) -> Records[CylinderConstants]:
     """Build the records of a machine's cylinders and of the servo valve of each.
 
-    The shortest and the longest cylinder length are those at the two joint limits. The drive of a
-    slew may be a rotary motor. Its oil volume is added to the dead volume, and does not depend on
-    the position: `swept_volume_factor` is 0.
+    The shortest and the longest cylinder length are the lengths at the two joint limits. A slew may
+    be driven by a rotary motor, whose oil volume does not depend on its position. For a motor, this
+    volume is added to the dead volume, and `swept_volume_factor` is 0.
 
     Args:
         machine: Machine with n actuators.
@@ -216,7 +216,7 @@ def _compute_volume_constants(machine: Machine, state: _OilState) -> dict[str, f
         state: The oil at its temperature.
 
     Returns:
-        Values by the names of `CircuitConstants`.
+        Dict from field names of `CircuitConstants` to their values.
     """
     oil, accumulator = machine.config.circuit, machine.config.imperfections.accumulator
     beta = state.bulk_modulus
@@ -243,7 +243,7 @@ def _compute_pump_constants(machine: Machine, state: _OilState, substep: float) 
         substep: Duration of one integration step of the circuit [s].
 
     Returns:
-        Values by the names of `CircuitConstants`.
+        Dict from field names of `CircuitConstants` to their values.
     """
     arrays, oil = machine.arrays, machine.config.circuit
     swing = oil.main_pump_time
@@ -277,7 +277,7 @@ def _compute_servo_valve_constants(
         substep: Duration of one integration step of the circuit [s].
 
     Returns:
-        Values by the names of `CircuitConstants`.
+        Dict from field names of `CircuitConstants` to their values.
     """
     valve, oil, real = (
         machine.config.hydraulics.valve,
@@ -314,7 +314,7 @@ def _compute_further_valve_constants(
         substep: Duration of one integration step of the circuit [s].
 
     Returns:
-        Values by the names of `CircuitConstants`.
+        Dict from field names of `CircuitConstants` to their values.
     """
     oil, thinner = machine.config.circuit, state.viscosity_ratio
     switching_drop = oil.switching_valve_pressure_drop
@@ -340,7 +340,7 @@ def _compute_friction_constants(machine: Machine, state: _OilState) -> dict[str,
         state: The oil at its temperature.
 
     Returns:
-        Values by the names of `CircuitConstants`.
+        Dict from field names of `CircuitConstants` to their values.
     """
     oil, stiction = machine.config.circuit, machine.config.imperfections.stiction
     return {

@@ -43,9 +43,9 @@ def compute_dead_time(machine: Machine) -> float:
         machine: The machine as declared in its file (the real one may differ).
 
     Returns:
-        Delay of computer and bus plus velocity lag of the valve's spool (T of this module) [s]. If
-        `Machine.expected_delay` is longer, it is returned instead. The result is 0 for machines
-        with pressure sensors, whose servos need no commands ahead.
+        Dead time [s]: the delay of computer and bus plus the velocity lag of the valve's spool, but
+        at least `Machine.expected_delay`. The result is 0 for machines with pressure sensors,
+        because their servos need not send commands ahead.
     """
     config = machine.config
     if config.imperfections.sensors.pressure != "none":

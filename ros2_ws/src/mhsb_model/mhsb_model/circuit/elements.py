@@ -47,8 +47,8 @@ def compute_land_conductance(conductance: float, overlap: float, length: float) 
         G = G₀ ℓ/(ℓ + max(0, λ))
 
     The flow through the gap between land and sleeve is inversely proportional to the length of the
-    gap. The rounded edges leave a length ℓ at zero overlap. An open land, λ < 0, leaks like one
-    without overlap, beside the flow of its metering edge.
+    gap. The rounded edges leave a length ℓ at zero overlap. An open land (λ < 0) leaks like one
+    without overlap. The flow through its open metering edge is not included.
 
     Args:
         conductance: Leakage G₀ at zero overlap [m³/(s Pa)].
@@ -73,8 +73,9 @@ def compute_null_leakage(c: CircuitConstants, drop: float) -> float:
         Q = orifice(k_leak, Δp) + G Δp
 
     The first term is the flow through an orifice (`compute_orifice_flow`) with the coefficient
-    k_leak. The second term is the flow past the lands. Each work port passes G Δp/2, if the
-    pressures of both chambers add up to those of line and tank.
+    k_leak. The second term is the flow past the lands, half of it on the way through each work
+    port. This holds if p_A + p_B = p_line + p_tank, with the pressures of both chambers, the line
+    and the tank.
 
     Args:
         c: Constants of the circuit. The land conductance G is that at the valve's overlap.
@@ -247,9 +248,9 @@ def advance_pressure_and_cavity(
 ) -> tuple[float, float]:
     """Compute pressure and vapour volume of a node after oil has flowed into it.
 
-    The node holds C (p − p_v) − V_v more oil than would just fill it at the vapour pressure p_v. If
-    this excess is negative after the step, the pressure is p_v, and vapour fills the missing
-    volume.
+    At the vapour pressure p_v a certain volume of oil just fills the node. Before the step, the
+    node holds C (p − p_v) − V_v more than that. The inflow is added to this excess. If the sum is
+    negative, the new pressure is p_v, and vapour fills the missing volume.
 
     Args:
         pressure: Pressure p before [Pa].

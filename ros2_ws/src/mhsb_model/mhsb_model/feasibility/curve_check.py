@@ -334,7 +334,8 @@ def _keeps_limits(piece: QuinticPiece, low: float, high: float, rate_limits: Flo
         rate_limits: Limits of speed, acceleration and jerk of the joint, float64[3].
 
     Returns:
-        True if all control values are finite and within the limits; rates below them.
+        True if all control values are finite, positions are within their limits, and the magnitudes
+        of all other quantities are below their limits.
     """
     for value in piece.position:
         if not low <= value <= high:
@@ -386,7 +387,8 @@ def _check_piece(
     The control values are compared first, since the curve stays between the least and the greatest
     of them. Extrema are computed only if a control value exceeds its limit. Each quantity has its
     extrema at the roots of its derivative. So the roots of jerk, acceleration and speed are found
-    in this order, each set between the roots before it.
+    in this order. Between two neighbouring roots of its derivative, a quantity has at most one
+    root.
 
     Args:
         piece: Piece of the joint's curve.

@@ -30,8 +30,9 @@ def check_machine_rules(config: MachineConfig) -> list[str]:
 def check_actuator_speed_limits(config: MachineConfig) -> list[str]:
     """Check that no actuator's own speed limit exceeds the common limit V_max.
 
-    A machine file must keep this rule. It is not part of `check_machine_rules`, since that also
-    checks changed machines: a lower V_max that a caller asks for simply applies to all actuators.
+    Only machine files must keep this rule. `check_machine_rules` does not include it, since it also
+    checks changed machines. If a caller lowers V_max of a machine, the new V_max simply limits all
+    actuators.
 
     Args:
         config: Content of a machine file.

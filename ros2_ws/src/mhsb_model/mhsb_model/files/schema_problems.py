@@ -271,8 +271,9 @@ def _find_models_below(models: Sequence[type[BaseModel]], part: str | int) -> li
         part: Key, or a list index. For an index, `models` is returned.
 
     Returns:
-        Models; none for a plain value. If no model declares the key, these are the models that an
-        open model allows for undeclared keys, or none.
+        Models; empty for a plain value. If none of `models` declares the key, the result is the
+        models of undeclared keys. Only models that allow undeclared keys have such models;
+        otherwise the list is empty.
     """
     if isinstance(part, int):
         return list(models)

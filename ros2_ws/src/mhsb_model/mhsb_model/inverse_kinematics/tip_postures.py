@@ -248,7 +248,9 @@ def close_chain(
 def _close_with_revolute_joints(
     m: MachineArrays, tip: OuterTip, i: int, j: int, side: int, q: FloatArray
 ) -> bool:
-    """Close the chain with two revolute joints, while all other joints stay where they are.
+    """Move two revolute joints so that the tip is at a point.
+
+    All other joints stay where they are. There are up to two solutions.
 
     The links from joint i to joint j form a rigid body of the length D₁. The links from joint j to
     the tip form a second rigid body, of the length D₂. t is the distance from joint i to the tip,
@@ -289,7 +291,9 @@ def _close_with_revolute_joints(
 def _close_with_prismatic_joints(
     m: MachineArrays, tip: OuterTip, i: int, j: int, side: int, q: FloatArray
 ) -> bool:
-    """Close the chain with two joints of which one or both slide; all other joints stay.
+    """Move two joints, at least one of them prismatic, so that the tip is at a point.
+
+    All other joints stay where they are. There are up to two solutions.
 
     The vectors are in the base frame. t leads from joint i to the point. With qᵢ = qⱼ = 0, a leads
     from joint i to joint j, and b from joint j to the tip. e and f are unit vectors along which
@@ -454,10 +458,10 @@ def solve_posture_with_held_joints(
 
 @kernel(borrows=True)
 def find_closure_side(m: MachineArrays, q: FloatArray, i: int, j: int) -> int:
-    """Return which of the two solutions of `close_chain` a posture is, for given joints.
+    """Return the argument `side` with which `close_chain` would return a given posture.
 
-    `close_chain` moves joints i and j so that the tip is at a point. The result is 1 in these
-    cases, else −1:
+    `close_chain` moves joints i and j so that the tip is at a point, and `side` selects one of two
+    solutions. The result is 1 in these cases, else −1:
 
     - Both joints turn: the tip is to the left of the line from joint i to joint j.
     - Only j slides: the tip is ahead of joint i, seen along the direction in which j slides.

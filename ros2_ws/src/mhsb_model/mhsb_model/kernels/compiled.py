@@ -45,9 +45,10 @@ class KernelType(types.Dispatcher):
     def get_call_type(self, context: Any, args: tuple, kws: dict) -> Any:
         """Resolve a call by another kernel, and compile the called version if necessary.
 
-        Numba calls this method as a hook. Constant arguments count by their type alone, so that one
-        compilation serves all values. The version is compiled with low optimization, since it is
-        optimized again in its caller.
+        Numba calls this method as a hook. A version is the kernel compiled for one combination of
+        argument types. The value of a constant argument is ignored, so that one version serves all
+        values. The version is compiled with low optimization, since it is optimized again in its
+        caller.
 
         Args:
             context: Numba's typing context.
@@ -84,8 +85,9 @@ def create_dispatcher(
 ) -> Any:
     """Create the numba dispatcher of a function, which compiles the function at its first call.
 
-    Compiled versions are cached in a subfolder for this function alone, if the cache folder can be
-    written. They release the interpreter lock. Divisions by 0 give inf or nan as in NumPy.
+    A compiled version belongs to one combination of argument types. Versions are cached in a
+    subfolder for this function alone, if the cache folder can be written. They release the
+    interpreter lock. Divisions by 0 give inf or nan as in NumPy.
 
     Args:
         function: Python function.

@@ -36,9 +36,10 @@ class Kernel:
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Call the compiled function; the first call for new argument types compiles it.
 
-        A version is compiled, or loaded from the disk, while its file lock is held. So other
-        processes wait instead of compiling it too. If it cannot be stored on disk, this is logged,
-        and it is used from memory.
+        A version is the code for one combination of argument types. It is compiled, or loaded from
+        the disk, while the kernel's file lock is held. So other processes wait instead of compiling
+        it too. If the version cannot be stored on disk, this is logged, and the version is used
+        from memory.
         """
         return self._run(*arguments, **named)
 

@@ -4,7 +4,8 @@ The first process that misses a kernel in the cache compiles it. Other processes
 meanwhile wait and then load it. So nodes that start together, and the processes of `pool`, share
 the work without knowing of each other. A damaged file counts as missing.
 
-Numba reads and writes the files. Each dispatcher has its own folder, to which this module adds a
+A compiled version of a kernel belongs to one combination of argument types and has its own file.
+Numba reads and writes these files. Each dispatcher has its own folder, to which this module adds a
 lock and the hashes of the compiled versions.
 """
 
@@ -66,6 +67,8 @@ class SharedDispatcher:
 
     def run_locked(self, compile_version: Callable[[], Version]) -> Version:
         """Run a function that compiles or loads a version, while the kernel's file lock is held.
+
+        A version is the kernel compiled for one combination of argument types.
 
         If another process holds the lock for longer than LONGEST_WAIT, the function runs without
         it. If the kernel has no cache folder, the function runs once, without a lock, and its

@@ -246,8 +246,8 @@ def row_clearance(
     """Compute the clearance between the obstacle and the link, or the tip, of one table row.
 
     The clearance is the signed distance between the obstacle and the link's line, minus the value
-    in column RADIUS_COLUMN. This is the link's radius (0 for the tip alone), in the rows of
-    `Obstacles.path_rows` with a margin.
+    in column RADIUS_COLUMN. This value is the link's radius, or 0 for the tip alone. In the rows of
+    `Obstacles.path_rows` a margin is added to it.
 
     Args:
         m: Machine with n joints.
@@ -383,8 +383,8 @@ def clearance(
         leeway: Distance that is added to the clearance of each row, float64[rows], [m]; usually 0.
 
     Returns:
-        Least clearance with its leeway [m], negative in an obstacle, and the index of its row; inf
-        and −1 without obstacles.
+        Least clearance, leeway included [m], and the index of its row. The clearance is negative if
+        the arm is in an obstacle. Without obstacles the result is inf and −1.
     """
     joint = joint_positions(m, q)
     least, nearest = math.inf, -1
@@ -427,8 +427,8 @@ def compute_leeway(
 ) -> FloatArray:
     """Compute by how much each row's clearance in a posture falls short of a required clearance.
 
-    If an arm starts in an obstacle, this leeway is added to all later clearances. So the arm can
-    leave the obstacle without a collision being reported.
+    This shortfall is the leeway of the row. If an arm starts in an obstacle, the leeway is added to
+    all later clearances. So the arm can leave the obstacle without a collision being reported.
 
     Args:
         m: Machine with n joints.

@@ -52,9 +52,9 @@ def compute_shadows(
 
     A shadow is an obstacle in the arm's plane. It covers the points of the plane that are in the
     zone at any of these slew angles. A zone has up to two shadows, one ahead of the slew's axis and
-    one behind it, and none if the plane does not reach it. The range of angles is widened a little,
-    so that links with a radius keep clear of zones beside the plane. The radii include the margin
-    of discrete paths for this.
+    one behind it. It has none if the plane does not reach it. The range of angles is widened a
+    little, so that links with a radius keep clear of zones beside the plane. The widening is
+    computed from link radii that include the margin of discrete paths.
 
     Args:
         zones: Obstacles of the slewing arm; those in its plane are ignored.
@@ -136,7 +136,7 @@ def _project_zone(
 
 
 def compute_distance_range(row: FloatArray, low: float, high: float) -> tuple[float, float] | None:
-    """Compute the least and the greatest distance from the slew's axis of a zone within a sector.
+    """Compute how near and how far a zone is from the slew's axis within a sector of slew angles.
 
     Distances are horizontal. The extrema lie at the ends of the sector, or at special angles of the
     zone within it: corners and normals of a box, centre and tangents of a circle. Rays at these
@@ -165,16 +165,17 @@ def compute_distance_range(row: FloatArray, low: float, high: float) -> tuple[fl
 def _special_angles(row: FloatArray) -> list[float]:
     """Return the angles at which a zone's distance from the slew's axis can have an extremum.
 
-    The distance is that at which a horizontal ray from the axis enters or leaves the zone, as a
-    function of the ray's angle.
+    A horizontal ray from the axis enters the zone at one distance and leaves it at another. Both
+    are functions of the ray's angle.
 
     Args:
         row: Zone in space, a row of the obstacle table, float64[ROW_WIDTH].
 
     Returns:
-        For a box, the angles of its corners and of its faces' normals [rad]. A cylinder or a sphere
-        is a circle from above: the angles of its centre and of both tangents. If the axis is inside
-        the circle, centre ± π/2 takes the place of the tangents.
+        Angles [rad]. For a box, these are the angles of its corners and of its faces' normals. A
+        cylinder or a sphere is a circle if seen from above, and the angles are those of its centre
+        and of both tangents. If the axis is inside the circle, centre ± π/2 takes the place of the
+        tangents.
     """
     if row[KIND_COLUMN] == SPACE_BOX_KIND:
         across, along = (

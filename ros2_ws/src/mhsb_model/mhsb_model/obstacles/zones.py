@@ -180,7 +180,9 @@ class Zones:
 
 
 def _split_field_name(field: str) -> tuple[HoldsFor, str]:
-    """Split the name of a field of `Zones` into what its zones hold for and their kind.
+    """Split the name of a field of `Zones` into the scope of its zones and their kind.
+
+    The scope says whether the zones hold for the whole arm ("arm") or for its tip alone ("tip").
 
     Args:
         field: For example `tip_boxes` or `boxes`.
@@ -338,11 +340,10 @@ def _list_obstacles(
         joints_before_plane: 1 if joint 1 slews, so that its link is not in the plane, else 0.
 
     Returns:
-        One pair for each obstacle: its name, and a list of kind, link and shape. `link` is the
-        index (from 0) of the first link in the plane that may not touch the obstacle; all later
-        ones may not, either. If it equals `links`, only the tip may not. The shape is in [m]. For
-        self-collision, the list is kind and the indices of the two links that may not touch, the
-        later first.
+        One pair for each obstacle: its name, and a list of kind, link index and shape [m]. The link
+        with this index (from 0) and all later links in the plane must not touch the obstacle. If
+        the index equals `links`, only the tip must not touch it. For self-collision, the list is
+        the kind and the indices of the two links, the later one first.
     """
     found: list[tuple[str, list[float]]] = []
     named = 1 + joints_before_plane  # number of the first link in the plane
