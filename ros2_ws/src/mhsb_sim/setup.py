@@ -7,7 +7,14 @@ PACKAGE = "mhsb_sim"
 
 
 def share_folder(folder: str) -> list[tuple[str, list[str]]]:
-    """Every file below `folder`, for the same place below the package's share folder."""
+    """List all files below a folder, to be installed at the same place below the share folder.
+
+    Args:
+        folder: Folder of the package.
+
+    Returns:
+        Pairs of target folder and list of files, as `data_files` of setuptools.
+    """
     files = sorted(path for path in Path(folder).rglob("*") if path.is_file())
     return [(f"share/{PACKAGE}/{path.parent}", [str(path)]) for path in files]
 

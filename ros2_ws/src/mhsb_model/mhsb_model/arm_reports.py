@@ -23,9 +23,10 @@ class HandOverReason(StrEnum):
     NONE = ""
     """The plan was applied."""
     LATE = "late"
-    """The reference had already left the part of the curve that both plans share."""
+    """At its stamp the plan was on the reference, but the reference has left the common part since.
+    """
     JUMP = "jump"
-    """The plan was never on the reference."""
+    """Already at its stamp, the plan was not on the reference."""
     STAMP = "stamp"
     """The stamp is not newer than that of the plan before, or far ahead of the arm's time."""
     INVALID = "invalid"
@@ -50,9 +51,10 @@ class HandOverReport:
         outcome: Result of the plan.
         sentence: Explanation for a person.
         plan_stamp_ns: Stamp of the plan [ns].
-        position_jump: New minus old reference position at the instant of the hand-over [rad]; NaN
-            if unknown.
-        velocity_jump: New minus old reference velocity at that instant [rad/s]; NaN if unknown.
+        position_jump: Largest difference between the new and the old reference position over all
+            joints, at the instant of the hand-over [rad or m]; NaN if unknown.
+        velocity_jump: Largest difference of their velocities at that instant [rad/s or m/s]; NaN if
+            unknown.
         reason: Reason why the plan was not applied.
     """
 

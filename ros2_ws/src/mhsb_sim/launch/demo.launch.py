@@ -1,4 +1,4 @@
-"""Starts the demo, which stands in mhsb_tools; its former spelling stays.
+"""Launch file that starts the demo of mhsb_tools, so that the former spelling still works.
 
 ros2 launch mhsb_tools demo.launch.py
 """
@@ -13,6 +13,6 @@ from launch import LaunchDescription
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Include the demo's launch file; all arguments are passed on."""
+    """Include the demo's launch file of mhsb_tools, and pass on all arguments."""
     demo = Path(get_package_share_directory("mhsb_tools"), "launch", "demo.launch.py")
     return LaunchDescription([IncludeLaunchDescription(PythonLaunchDescriptionSource(str(demo)))])

@@ -25,12 +25,25 @@ ARGUMENTS = {  # name: (default, type, meaning)
 
 
 def make_value(name: str) -> ParameterValue:
-    """Return a launch argument as a parameter of its type."""
+    """Return the value of a launch argument, converted to its type, as a node's parameter.
+
+    Args:
+        name: Key in ARGUMENTS.
+    """
     return ParameterValue(LaunchConfiguration(name), value_type=ARGUMENTS[name][1])
 
 
 def make_state_publisher(context) -> list[Node]:
-    """Return robot_state_publisher, which makes TF of URDF and joint states, if it is installed."""
+    """Return the node robot_state_publisher, or nothing if it is not installed.
+
+    The node computes TF frames from the URDF and the joint states.
+
+    Args:
+        context: Launch context, from which the argument `machine` is read.
+
+    Returns:
+        List of one node; empty if the package is not installed.
+    """
     try:
         get_package_share_directory("robot_state_publisher")
     except PackageNotFoundError:
@@ -52,7 +65,7 @@ def make_state_publisher(context) -> list[Node]:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """All nodes, and the arguments to set them up."""
+    """Return the launch description: arguments, planner, simulator and robot_state_publisher."""
     arguments = [
         DeclareLaunchArgument(name, default_value=default, description=meaning)
         for name, (default, _, meaning) in ARGUMENTS.items()

@@ -6,7 +6,7 @@ from mhsb_model.errors import ArgumentError, MhsbError
 
 
 class SimulationDivergedError(MhsbError):
-    """The state of the simulation is no longer finite.
+    """The state of the simulation is not finite, or far too large.
 
     Attributes:
         quantity: Name of the quantity that is not finite.

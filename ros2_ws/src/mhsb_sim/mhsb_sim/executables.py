@@ -9,8 +9,9 @@ from mhsb_model.process import forward_to_tools, make_node_entry, run_named
 def sim_node() -> NoReturn:
     """Run the simulator node.
 
-    The node draws nothing. Without MUJOCO_GL, MuJoCo would look for GLFW in a separate process,
-    which prints a traceback if a signal ends the node meanwhile.
+    The node draws nothing, so the variable MUJOCO_GL is set to `disable` unless the user has set
+    it. Otherwise MuJoCo would look for GLFW in a separate process. That process prints a traceback
+    if a signal ends the node.
     """
     os.environ.setdefault("MUJOCO_GL", "disable")
     make_node_entry("mhsb_sim.ros.sim_node")()

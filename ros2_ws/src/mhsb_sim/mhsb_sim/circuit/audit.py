@@ -41,10 +41,10 @@ def audit_elements(
 ) -> None:
     """Add to each element's counter the energy that flows into the element in a substep.
 
-    This energy is flow times pressure drop times duration, with the mean values of the substep.
-    Energies in and out are therefore equal at every node (Tellegen's theorem). For a servo pump,
-    shaft energy and losses are added instead. The net oil that returns to the tank, and its energy
-    at tank pressure, are counted, too.
+    The energy is flow times pressure drop times duration, with the mean values of the substep. So
+    the energies into and out of every node are equal (Tellegen's theorem). For a servo pump, the
+    energy at its shaft and its losses are added instead. The net oil that returns to the tank is
+    counted, too, with its energy at tank pressure.
 
     Args:
         net: Elements of this substep, CircuitElement, each with its two nodes, its flow [m³/s] and
@@ -55,8 +55,8 @@ def audit_elements(
         c: Constants of the circuit. Reads the duration `substep` [s] and the efficiency of the
             servo pumps.
         e: Energy counters [J], updated in place: those of the elements, and `return_oil`.
-        counters: The same counters as a flat array, float64[energies]. It is needed for registered
-            kinds of valves (`valves.registry`), whose counters have an index but no name.
+        counters: The same counters as a flat array, float64[energies], updated in place. Registered
+            kinds of valves (`valves.registry`) have counters with an index but no name.
         volume: Oil counters [m³]. Only `returned` is updated, in place.
     """
     tank, dt = len(pressure) - 1, c.substep
@@ -96,7 +96,7 @@ def audit_elements(
 def audit_main_pump(
     flow: float, pressure: float, c: CircuitConstants, e: CircuitEnergies, volume: CircuitVolumes
 ) -> None:
-    """Add the oil and the work that the main pump has delivered in a substep, and its shaft work.
+    """Add the main pump's oil, hydraulic energy and shaft work of a substep to the counters.
 
     Args:
         flow: Mean flow of the pump in the substep [m³/s].
@@ -116,11 +116,11 @@ def audit_main_pump(
 
 @kernel(borrows=True)
 def audit_drag(modules: Records[ModuleState], c: CircuitConstants, e: CircuitEnergies) -> None:
-    """Add the work W that the drag of all m servo pumps takes in a substep.
+    """Add the work W that the drag of all servo pumps takes in a substep to the energy counters.
 
         W = Σ_k P_d (Q_k/Q_full) Δt
 
-    Drag does not depend on the pressure.
+    k counts the servo pumps. The drag does not depend on the pressure.
 
     Args:
         modules: Records of the booster modules, ModuleState[m], with their flows Q_k [m³/s].
@@ -145,10 +145,10 @@ def audit_node(
     e: CircuitEnergies,
     volume: CircuitVolumes,
 ) -> None:
-    """Add the energy and oil that a node has stored in a substep.
+    """Add the energy and oil that a node has stored in a substep to the counters.
 
-    The oil C (after − before) counts as compression. The rest of the inflow counts as oil that
-    fills the vapour cavity; the rest is negative if the cavity grows.
+    The part C (after − before) of the inflow counts as compression. The rest counts as oil that
+    fills the node's vapour cavity. The rest is negative if the cavity grows.
 
     Args:
         capacity: Capacity C of the node, oil volume per pressure [m³/Pa].
@@ -169,13 +169,13 @@ def audit_node(
 
 
 def energy_gap(energies: dict[str, float]) -> float:
-    """Return the error of the energy balance: energy from the pumps less energy accounted for.
+    """Return the error of the energy balance: energy from the pumps minus energy accounted for.
 
-    `main_pump` and `servo_pumps` are the energy from the pumps. All other counters but
-    UNBALANCED_ENERGIES are parts into which that energy has gone.
+    `main_pump` and `servo_pumps` are the energy from the pumps. The other counters, except
+    UNBALANCED_ENERGIES, say where this energy has gone.
 
     Args:
-        energies: Energies by the names of CircuitEnergies [J].
+        energies: Energies by the field names of CircuitEnergies [J].
 
     Returns:
         The difference [J]; zero apart from rounding.
@@ -187,12 +187,12 @@ def energy_gap(energies: dict[str, float]) -> float:
 
 
 def volume_gap(volumes: dict[str, float]) -> float:
-    """Return the error of the oil balance: oil from the main pump less oil accounted for.
+    """Return the error of the oil balance: oil from the main pump minus oil accounted for.
 
-    `main_pump` is the oil from the pump. All other counters are parts into which that oil has gone.
+    `main_pump` is the oil from the pump. All other counters say where this oil has gone.
 
     Args:
-        volumes: Volumes by the names of CircuitVolumes [m³].
+        volumes: Volumes by the field names of CircuitVolumes [m³].
 
     Returns:
         The difference [m³]; zero apart from rounding.
@@ -206,11 +206,11 @@ def energy_by_source(energies: dict[str, float]) -> dict[str, dict[str, float]]:
     Do not add hydraulic and shaft energies: the shaft energy includes the hydraulic one.
 
     Args:
-        energies: Energies by the names of CircuitEnergies [J].
+        energies: Energies by the field names of CircuitEnergies [J].
 
     Returns:
-        For each of "main_pump" and "servo_pumps" two energies [J]: "hydraulic", given to the oil,
-        and "shaft", taken at the shaft.
+        Two energies [J] for each of "main_pump" and "servo_pumps": "hydraulic" is given to the oil,
+        and "shaft" is taken from the motor at the shaft.
     """
     return {
         "main_pump": {"hydraulic": energies["main_pump"], "shaft": energies["main_pump_shaft"]},

@@ -93,11 +93,12 @@ def stamp(
 
     Args:
         inflow: Net flow into each node [m³/s]. Updated in place.
-        conductance: Matrix G, float64[nodes, nodes], [m³/(s Pa)]. Updated in place.
+        conductance: Matrix G of the linear system, float64[nodes, nodes], [m³/(s Pa)]. Updated in
+            place.
         i: Node from which the flow comes.
-        j: Node into which it goes.
+        j: Node into which the flow goes.
         flow: Flow from i to j [m³/s].
-        slope: dQ/d(pᵢ − pⱼ) [m³/(s Pa)].
+        slope: Slope dQ/d(pᵢ − pⱼ) of the flow [m³/(s Pa)].
     """
     inflow[i] -= flow
     inflow[j] += flow
@@ -111,9 +112,9 @@ def stamp(
 def solve_in_place(matrix: FloatArray, right: FloatArray, size: int) -> None:
     """Solve a symmetric positive definite linear system by elimination without pivoting.
 
-    Zeros of the matrix are skipped. So the cost is O(actuators) if the nodes of different actuators
-    are connected only through the common nodes, which are numbered last. Only the upper triangle is
-    read.
+    Zeros of the matrix are skipped. In a circuit, nodes of different actuators are connected only
+    through the common nodes, which are numbered last. The cost is then proportional to the number
+    of actuators. Only the upper triangle is read.
 
     Args:
         matrix: The system matrix, float64[≥ size, ≥ size]. Overwritten.
@@ -169,8 +170,8 @@ class Circuit(NamedTuple):
     def advance(self, length: FloatArray, speed: FloatArray, substeps: int) -> None:
         """Advance the circuit in place by some substeps, with given piston motion.
 
-        The pistons displace oil at their speeds. The lengths, which give the chamber volumes, are
-        not updated during the call.
+        The pistons displace oil at their speeds. The cylinder lengths, which determine the chamber
+        volumes, are constant during the call.
 
         Args:
             length: Length of each cylinder, float64[n], [m].
@@ -198,7 +199,8 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
         substep: Length of a substep [s].
 
     Returns:
-        The circuit, without oil flow, vapour or energy counted. Only the tank is at tank pressure.
+        The circuit at rest. There is no vapour, all energy and oil counters are 0, and the tank is
+        at tank pressure.
     """
     arrays = machine.arrays
     actuator_count, module_count = machine.joint_count, arrays.module_count
@@ -229,7 +231,7 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
 
 
 def set_rest_pressures(circuit: Circuit, machine: Machine, q: FloatArray, modes: ModeArray) -> None:
-    """Set the pressures at which the arm rests in a posture, with closed valves.
+    """Set the pressures at which the arm rests in a posture with closed valves.
 
     The chamber pressures satisfy
 
@@ -240,9 +242,9 @@ def set_rest_pressures(circuit: Circuit, machine: Machine, q: FloatArray, modes:
     symmetric valve about its centre gives the second equation. If a chamber would fall below tank
     pressure, the pressures of both chambers are raised.
 
-    Lines are at the main pump's pressure. Boosted lines are at the pressure that holds the load
-    with its margin, if that is higher. The rail has the highest pressure of the lines on it. The
-    join valves of actuators on the rail are open.
+    Each line is at the main pump's pressure. A boosted line is at the pressure that holds the load
+    with the boost margin, if that is higher. The rail has the highest pressure of its lines: those
+    of the actuators in SB. The join valves of these actuators are open.
 
     Args:
         circuit: Circuit, updated in place: `pressure`, `cavity` and, of the actuators, `force` and
@@ -313,9 +315,9 @@ def move_spool(actuator: ActuatorState, c: CircuitConstants) -> None:
         ẍ + 2 ζ ω ẋ + ω² (x − u) = 0
 
     x is the spool position, −1 … 1, and u the command after the hysteresis. ω is the natural
-    frequency [rad/s] and ζ the damping ratio. |ẋ| stays within the rate limit. A fault can change
-    the motion: a seized spool does not move, and a spool that does not follow its command goes to
-    `runaway`.
+    frequency [rad/s] and ζ the damping ratio. |ẋ| stays within the rate limit. Two faults change
+    the motion. A seized spool does not move. A spool that does not follow its command goes to the
+    position `runaway`.
 
     Args:
         actuator: State of one servo valve and cylinder. Writes `spool_target` (u), `spool` (x) and
@@ -344,7 +346,7 @@ def move_spool(actuator: ActuatorState, c: CircuitConstants) -> None:
 def update_friction(
     actuator: ActuatorState, speed: float, share: float, c: CircuitConstants, dt: float
 ) -> None:
-    """Compute the friction of a cylinder after a time at constant speed.
+    """Compute the friction of a cylinder after it has moved at a constant speed for a time.
 
     If the bristle stiffness σ₀ is above 0, the friction F follows the LuGre model,
 
@@ -383,8 +385,8 @@ def update_friction(
 def connect_supply(circuit: Circuit, count: int) -> int:
     """Add the elements between manifold, rail and tank to the list of elements.
 
-    These are a check valve, relief valves, and the valves of all registered kinds
-    (`valves.registry`), wherever they are placed.
+    These are the check valve of the rail and two relief valves. The valves of all registered kinds
+    (`valves.registry`) are added, too, wherever they are in the circuit.
 
     Args:
         circuit: The circuit. Writes into `net` (the list of elements) in place.
@@ -417,7 +419,8 @@ def connect_supply(circuit: Circuit, count: int) -> int:
 def connect_servo_pumps(circuit: Circuit, count: int) -> int:
     """Advance servo pumps and diverters by a substep, and add the pumps to the list of elements.
 
-    Each pump has up to two elements: one feeds the rail, the other its own line.
+    A diverter leads a pump's flow to the rail or to the actuator's own line. So each pump has up to
+    two elements for its flow, and two for its slip.
 
     Slip is proportional to the pressure rise, in both directions. It also lets oil through a pump
     that stands still.
@@ -471,8 +474,9 @@ def connect_lands(circuit: Circuit, j: int, count: int) -> int:
     """Add the leakage past the lands of a servo valve's spool to the elements of a substep.
 
     Two of the four lands have the overlap o − x, and two have o + x. o is the overlap of the
-    centred spool, and x the spool position (−1 … 1). If the isolating valves are shut, the oil
-    flows from line to tank, through the two lands of each work port in series.
+    centred spool, and x the spool position (−1 … 1). If the valves that isolate the chambers are
+    shut, the oil flows from line to tank instead. It passes the two lands of each work port in
+    series.
 
     Args:
         circuit: The circuit. Writes into `net` in place, and adds to `supply_flow` of the actuator.
@@ -514,9 +518,11 @@ def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
 
     The list has the elements of the present substep with their flows and slopes.
 
-    Lock valves are shut in two cases: the servo valve is open less than `lock_valve_opening`, or
-    the line's pressure (their pilot) is below 1/LOCK_VALVE_PILOT_RATIO of the higher chamber
-    pressure. Shut, they are tight in both directions.
+    Lock valves isolate the chambers, and are tight in both directions if shut. They shut in two
+    cases:
+    - The opening of the servo valve is below `lock_valve_opening`.
+    - The line's pressure, which pilots them, is below the higher chamber pressure divided by
+      LOCK_VALVE_PILOT_RATIO.
 
     Args:
         circuit: The circuit. Writes into `net` (the list of elements) and `actuators` in place.
@@ -576,11 +582,11 @@ def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
 
 @kernel(inline="always")
 def displace_oil(circuit: Circuit, j: int, length: float, speed: float) -> None:
-    """Add the oil that a piston displaces to its chambers, and set the capacities of their nodes.
+    """Add the oil that a piston displaces to the inflow of its chambers, and set their capacities.
 
     Args:
-        circuit: The circuit. Adds to the inflow of both chambers, and sets the capacity of both and
-            of the supply line, in place.
+        circuit: The circuit, changed in place. The inflow of both chambers is added to. The
+            capacities of both chambers and of the supply line are set.
         j: Index of the actuator.
         length: Length of its cylinder [m].
         speed: Speed of its piston [m/s].
@@ -599,7 +605,8 @@ def displace_oil(circuit: Circuit, j: int, length: float, speed: float) -> None:
 def add_gas(circuit: Circuit) -> None:
     """Add the capacities of free air in the oil, and of the accumulator at the manifold.
 
-    Air counts at the pressures before the substep, and at no less than the vapour pressure.
+    The capacity of air depends on the pressure. It is computed for each node's pressure before the
+    substep, but at least for the vapour pressure.
 
     Args:
         circuit: The circuit. Updates the capacities of its nodes in place.
@@ -621,13 +628,14 @@ def add_gas(circuit: Circuit) -> None:
 
 @kernel(inline="always")
 def solve_pressure_changes(circuit: Circuit, count: int) -> None:
-    """Solve the implicit step of a substep for the change of every node's pressure.
+    """Solve the linear system of a substep for the pressure change of every node.
 
         (G + C/dt) Δp = inflow
 
-    G is the matrix of the elements' slopes, and C the diagonal matrix of the nodes' capacities. A
-    node with a vapour cavity gets a large capacity, unless the cavity may fill up in this substep.
-    The tank's pressure does not change.
+    G is the matrix of the elements' slopes, C the diagonal matrix of the nodes' capacities, and dt
+    the duration of the substep. A node with a vapour cavity gets a large capacity, so that its
+    pressure stays, unless the cavity may fill up in this substep. The tank's pressure does not
+    change.
 
     Args:
         circuit: The circuit. The inflows [m³/s], `nodes[0]`, are overwritten with the pressure
@@ -655,7 +663,7 @@ def apply_pressure_changes(circuit: Circuit) -> None:
     """Apply the pressure changes of a substep, and count what each node has stored.
 
     No pressure falls below the vapour pressure. At vapour pressure, vapour fills the volume that
-    the oil leaves: the cavity of the node.
+    the oil leaves. This volume is the node's cavity.
 
     Args:
         circuit: The circuit. Reads the pressure changes in `nodes[0]`. Writes pressures, cavities
@@ -679,9 +687,9 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
     """Advance the circuit in place by some substeps, with given piston motion.
 
     Each substep moves valves and pumps, linearises every element at the present pressures, and
-    solves for the pressures after it. Energy and oil are counted. Friction and the cylinder forces
-    are computed after the last substep. The pistons displace oil at their speeds, but the lengths,
-    which give the chamber volumes, are not updated.
+    solves for the new pressures. It also updates the counters of energy and oil. Friction and the
+    cylinder forces are computed after the last substep. The pistons displace oil at their speeds.
+    The cylinder lengths, which determine the chamber volumes, are constant during the call.
 
     Test oracle: SciPy's Radau method on the same equations (test/circuit/test_network.py).
 

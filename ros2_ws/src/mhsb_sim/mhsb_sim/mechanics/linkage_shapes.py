@@ -52,8 +52,8 @@ def compute_linkage_bars(machine: Machine, q: FloatArray) -> list[Bar]:
         q: Joint positions, float64[n], [rad or m].
 
     Returns:
-        Bars in `base_link` (x forward, y to the left, z up), actuator by actuator; the barrel of
-        each is its last bar.
+        Bars in `base_link` (x forward, y to the left, z up), in the order of the actuators. The
+        last bar of each actuator is the barrel of its cylinder.
     """
     bars = compute_planar_bars(machine, q)
     return [_slew_bar(machine, float(q[0]), bar) for bar in bars] if machine.slews else bars
@@ -62,16 +62,16 @@ def compute_linkage_bars(machine: Machine, q: FloatArray) -> list[Bar]:
 def compute_planar_bars(machine: Machine, q: FloatArray) -> list[Bar]:
     """Compute the round bars of all linkages in the arm's own plane, before it is slewed.
 
-    The bars lie at y = LINKAGE_OFFSET, beside the links. Motors and rack-and-pinion drives have
-    none.
+    The bars lie at y = LINKAGE_OFFSET, beside the links. Motors and rack-and-pinion drives have no
+    bars.
 
     Args:
         machine: The machine.
         q: Joint positions, float64[n], [rad or m].
 
     Returns:
-        Bars with x forward and z up in that plane, actuator by actuator. The last bar of an
-        actuator is the barrel of its cylinder.
+        Bars with x forward and z up in the arm's plane, in the order of the actuators. The last bar
+        of each actuator is the barrel of its cylinder.
     """
     joints, size = machine.joint_positions(q), machine.relative_size
     # angle[j] is that of the link before joint j, angle[j + 1] that of the link after it.
@@ -126,7 +126,7 @@ def _compute_pin_position(joint: FloatArray, angle: float, pin: Pin) -> FloatArr
     """Compute the position of a pin of a link in the arm's plane.
 
     Args:
-        joint: Joint at the link's origin (x, z) [m].
+        joint: Position (x, z) of the joint at the link's origin [m].
         angle: Angle of the link above the horizontal [rad].
         pin: Polar coordinates of the pin in the link: radius [m] and angle [rad].
 
@@ -148,8 +148,8 @@ def _rotate_in_plane(x: float, z: float, angle: float) -> FloatArray:
 def _build_barrel(machine: Machine, j: int, parent_pin: FloatArray, rod_end: FloatArray) -> Bar:
     """Build the barrel of a cylinder, from the parent pin towards the rod's end.
 
-    The barrel's length is BARREL_SHARE of the cylinder's length at the joint limit where it is
-    shorter.
+    The barrel's length is BARREL_SHARE times the shorter of the cylinder's two lengths at the joint
+    limits.
 
     Args:
         machine: The machine.

@@ -73,7 +73,7 @@ def build_model(machine: Machine) -> mujoco.MjModel:
 def set_payload(model: mujoco.MjModel, mass: float) -> None:
     """Change the payload's mass at the tip of a model, also during a simulation.
 
-    Constants that MuJoCo derives from the masses are computed anew.
+    MuJoCo's constants that depend on the masses are computed again.
 
     Args:
         model: The model, changed in place.
@@ -132,8 +132,8 @@ def _add_link(
     Args:
         parent: Body of the link before, or the world.
         offset: Distance of the joint along the parent's x axis [m].
-        index: Index k of the joint, from 0. The body is named `link_<k + 1>`, its joint `joint_<k +
-            1>`.
+        index: Index k of the joint, from 0. The name of the body is `link_<k + 1>`, that of the
+            joint `joint_<k + 1>`.
         joint: Joint and link of the machine file.
         size: Size of the arm relative to the paper's, for drawn shapes.
 
@@ -199,7 +199,8 @@ def _draw_platform(body: mujoco.MjsBody, platform: Platform) -> None:
 def _draw_extension(body: mujoco.MjsBody, length: float, stroke: float, size: float) -> None:
     """Draw the sliding part of a telescope as a box.
 
-    The box reaches from the tip of the part back by link length plus stroke.
+    The box begins at the tip of the part and reaches back by the link length plus the stroke. So it
+    reaches the link before even if it is fully extended.
 
     Args:
         body: Body of the sliding part.
@@ -221,14 +222,15 @@ def _add_pins(
 ) -> None:
     """Add the pins of a linkage as sites of the links in which they are fixed.
 
-    Slider-cranks have a parent and a child pin, four-bars also a rocker pivot. Other linkages have
-    none. The sites are named `actuator_<k>_parent_pin` and so on.
+    A slider-crank has a parent pin and a child pin; a four-bar has a rocker pivot, too. Other
+    linkages have no pins. The names of the sites are `actuator_<k>_parent_pin`,
+    `actuator_<k>_child_pin` and `actuator_<k>_rocker_pivot`.
 
     Args:
         parent: Body of the link before the joint.
         body: Body of the link after the joint.
         offset: Distance of the joint along the parent's x axis [m].
-        index: Index of the actuator, from 0; k is one more.
+        index: Index of the actuator, from 0. The number k in the names is one more.
         linkage: Linkage of the machine file.
     """
     if not isinstance(linkage, SliderCrank | FourBar):
@@ -249,7 +251,7 @@ def _add_pins(
 
 
 def _add_motor(spec: mujoco.MjSpec, index: int) -> None:
-    """Add a motor on a joint, whose control is its torque [N m] or force [N], without limits.
+    """Add a motor without limits on a joint; its control is the torque [N m] or the force [N].
 
     Args:
         spec: Model specification, changed in place.
@@ -268,7 +270,7 @@ def _pin_position(offset: float, pin: Pin) -> tuple[float, float, float]:
     """Return the position of a pin in a body (x, y, z) [m].
 
     Args:
-        offset: Position on the body's x axis from which the pin's polar coordinates count [m].
+        offset: Origin of the pin's polar coordinates on the body's x axis [m].
         pin: Polar coordinates of the pin: radius [m] and angle [rad].
     """
     x = offset + pin.radius * math.cos(pin.angle)

@@ -1,8 +1,8 @@
 """Pictures of the arm, drawn off screen by MuJoCo.
 
-No screen is needed, but one of the OpenGL variants EGL or OSMesa (Debian packages libegl1,
-libegl-mesa0, libgl1-mesa-dri or libosmesa6). `python -m mhsb_sim.mechanics.render docs/arm.png`
-draws the picture of docs/index.md.
+No screen is needed. One of the OpenGL variants EGL or OSMesa must be installed (Debian packages
+libegl1, libegl-mesa0 and libgl1-mesa-dri, or libosmesa6). `python -m mhsb_sim.mechanics.render
+docs/arm.png` draws the picture of docs/index.md.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ README_POSTURES = ((0.30, -1.40, -1.50), (0.75, -0.95, -0.85), (0.95, -0.45, -0.
 def choose_backend() -> str | None:
     """Choose an OpenGL variant for off-screen pictures, and set the variable MUJOCO_GL to it.
 
-    MuJoCo reads the variable when it is imported, so this must be called before. A value that the
-    user has set is kept.
+    MuJoCo reads the variable when it is imported, so call this function before that import. A value
+    that the user has set is kept.
 
     Returns:
         Value of MUJOCO_GL; None if neither EGL nor OSMesa is installed.
@@ -103,8 +103,8 @@ def save_arm_picture(machine: Machine, postures: Sequence[FloatArray], file: Pat
 def _draw(machine: Machine, postures: Sequence[FloatArray], width: int, height: int) -> FloatArray:
     """Draw the arm in each posture, and blend the earlier pictures into the last one.
 
-    Where an earlier picture is darker than the last one, it is mixed in with the share
-    GHOST_OPACITY.
+    Each earlier picture is a pale shadow behind the last one. A pixel of it is mixed in with the
+    share GHOST_OPACITY if that makes the pixel darker.
 
     Args:
         machine: The machine.
@@ -165,7 +165,8 @@ def _add_bar(scene: Any, bar: Bar) -> None:
 def main() -> None:
     """Draw the picture of docs/index.md, and exit with code 0, or 1 if it cannot be drawn.
 
-    The first argument of the command line names the file; without it, the file is docs/arm.png.
+    The first argument of the command line names the file. Without an argument, the file is
+    docs/arm.png.
     """
     file = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs/arm.png")
     drawn = save_arm_picture(load_machine(), [np.array(q) for q in README_POSTURES], file)

@@ -35,15 +35,15 @@ Between grid points the moment arm may be longer by r h²/8, that is 4e-7 r."""
 
 
 def build_robot_description(machine: Machine) -> str:
-    """Build the URDF of an arm: links with mass and inertia, joint limits, payload, no cylinders.
+    """Build the URDF of an arm: links with mass and inertia, joint limits and payload.
 
-    The effort limit of a joint is the torque of its cylinder at supply pressure P_S, with the
-    larger piston area A and the longest moment arm r:
+    Cylinders are not part of the URDF. The effort limit of a joint is the torque of its cylinder at
+    supply pressure P_S. The larger piston area A and the longest moment arm r are taken:
 
         τ = P_S A max |r(q)|    [N m, or N of telescopes]
 
-    The velocity limit is the joint speed at which the piston does not exceed V_max (allowed piston
-    speed) in any posture:
+    The velocity limit is the largest joint speed at which the piston keeps V_max, its allowed
+    speed, in every posture:
 
         q̇ = V_max / max |r(q)|    [rad/s, or m/s of telescopes]
 
@@ -116,7 +116,7 @@ def _build_inertial(mass: float, center: float, along: float, across: float) -> 
 
 
 def _add_link(robot: Element, name: str, length: float, stroke: float, inertial: Element) -> None:
-    """Add a link, drawn as a box from its tip backward.
+    """Add a link, drawn as a box that reaches back from its tip.
 
     The box is as long as length plus stroke, so that a telescope overlaps the link before it. The
     tip is at x = `length` in the link's frame.
@@ -142,8 +142,8 @@ def _add_joint(
 ) -> None:
     """Add the joint between two links, with its axis and limits.
 
-    The limits are those of position, effort (torque at supply pressure) and velocity (at which the
-    piston does not exceed V_max, its allowed speed).
+    There are limits of position, effort and velocity. The effort limit is the torque at supply
+    pressure. At the velocity limit, the piston keeps V_max, its allowed speed.
 
     Args:
         robot: Root element, changed in place.

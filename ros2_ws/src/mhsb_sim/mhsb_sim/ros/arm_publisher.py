@@ -45,7 +45,7 @@ Simulated or real time counts, whichever passes first."""
 
 
 class ArmPublisher:
-    """Publisher of an arm: states at fixed rates of simulated time, and changes at once."""
+    """Publisher of an arm's states, at fixed rates of simulated time, and of changes, at once."""
 
     def __init__(self, node: Node, arm: SupervisedArm, with_clock: bool, faults: Faults) -> None:
         """Create all publishers of the node, and publish the robot description.
@@ -85,9 +85,10 @@ class ArmPublisher:
         return [self._publishers[topic.name] for topic in (topics.REFERENCE, topics.JOINT_STATES)]
 
     def restart(self) -> None:
-        """Reset all periods, and forget what was published, after a change of simulated time.
+        """Begin all periods anew, and forget what was published.
 
-        So plan in force and modes are published again, even if they have not changed.
+        The node calls this method after simulated time has been set. The plan in force and the
+        modes are then published again, even if they have not changed.
         """
         now_ns = self._simulator.time_ns
         self._next_state_ns = self._next_modes_ns = now_ns + STATE_PERIOD_NS
@@ -99,10 +100,10 @@ class ArmPublisher:
     def publish_due(self) -> bool:
         """Publish what is due after a step of the simulation.
 
-        Joint states, reference and actuator states come every STATE_PERIOD_NS, and /clock with them
-        if the node is its source. Modes come every MODES_PERIOD_NS, even if they have not changed,
-        and estimates with them if the servo has any. A new plan in force and new modes come at
-        once.
+        Every STATE_PERIOD_NS, joint states, reference and actuator states are published, and /clock
+        if the node is its source. Every MODES_PERIOD_NS, the modes are published even if they have
+        not changed, and estimates if the servo has any. A new plan in force and new modes are
+        published at once.
 
         Returns:
             True if joint states, reference and actuator states were published.
@@ -145,8 +146,9 @@ class ArmPublisher:
     def report_due(self) -> bool:
         """Return whether the simulator's report is due.
 
-        Its period is REPORT_PERIOD. It is DELAY_PERIOD if the delay of plans by speed scaling has
-        changed since the last report.
+        The period of the report is normally REPORT_PERIOD. It is DELAY_PERIOD if the plan delay has
+        changed since the last report. The plan delay is the time that the reference lags behind the
+        plan because of speed scaling.
 
         Returns:
             True if the period is over in simulated time or in real time.
@@ -158,12 +160,14 @@ class ArmPublisher:
         return max(time.monotonic() - wall, passed_ns / SECOND_NS) >= period
 
     def publish_report(self, sentence: str, level: Level) -> None:
-        """Publish the simulator's report on /diagnostics, and restart its period.
+        """Publish the simulator's report on /diagnostics, and begin its period anew.
 
-        Besides sentence and level it has: simulated time; speed relative to real time since the
-        last report; energies of the pumps [J]; last stop; plan delay [s]; number of interventions
-        of the mode guard, which changes the plan's modes; lost servo pumps; machine; and failed
-        callbacks.
+        Besides sentence and level, the report has these values:
+        - simulated time, and its speed relative to real time since the last report;
+        - energies of the pumps [J];
+        - time of the last stop, and plan delay [s];
+        - number of interventions of the mode guard, which changes the plan's modes;
+        - lost servo pumps, machine, and failed callbacks.
 
         Args:
             sentence: Health of the simulator as text.

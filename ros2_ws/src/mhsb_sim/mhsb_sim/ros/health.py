@@ -22,11 +22,12 @@ VALVES_CLOSED_SENTENCE = "running; the valves are closed until the next plan"
 class Health:
     """Health of an arm and its node, summed up as a level and a sentence.
 
-    It combines fault, warnings, lag, clock offset, failed callbacks and duplicate publishers.
+    The health depends on the arm's fault and warnings, the lag of the simulation, the clock offset,
+    failed callbacks and duplicate publishers.
 
     Attributes:
-        duplicates: Clause on publishers that exist twice on the ROS graph; empty if there are none.
-            See `mhsb_msgs_py.endpoints`.
+        duplicates: Clause that names topics with a second publisher on the ROS graph; empty if
+            there are none. See `mhsb_msgs_py.endpoints`.
     """
 
     def __init__(self, arm: SupervisedArm, pacer: Pacer, own_clock: bool, faults: Faults) -> None:
@@ -35,8 +36,8 @@ class Health:
         Args:
             arm: The arm.
             pacer: Maps real time to simulated time, and knows the lag of the simulation.
-            own_clock: Whether the simulator publishes /clock. Its time may then differ from the
-                system's.
+            own_clock: Whether the simulator publishes /clock. Simulated time may then differ from
+                the system's time.
             faults: Record of the node's failed callbacks.
         """
         self._arm = arm
@@ -57,8 +58,8 @@ class Health:
     def sentence(self) -> str:
         """Health of the simulator as text for a person.
 
-        The first of these that exists: the fault, all warnings, that the valves are closed, that
-        the simulator runs.
+        If there is a fault, it is the fault. Otherwise, if there are warnings, it is all warnings.
+        Otherwise it says whether the valves are closed, or that the simulator runs.
         """
         well = VALVES_CLOSED_SENTENCE if self._arm.simulator.valves_closed else "running"
         return self._arm.fault or "; ".join(filter(None, self._list_warnings())) or well
@@ -66,8 +67,9 @@ class Health:
     def has_changed(self) -> bool:
         """Return whether the health has changed in kind since the last call.
 
-        The kind is: the state of the arm, which warnings there are, and the text on duplicate
-        publishers. Numbers within the other warnings do not matter. A call of ~/stop is a change.
+        The kind consists of the state of the arm, the set of present warnings, and the text on
+        duplicate publishers. Numbers in the other warnings do not belong to it. A call of ~/stop is
+        a change, too.
 
         Returns:
             True if the kind has changed; False at the first call.
@@ -94,9 +96,9 @@ class Health:
         """Return the values whose change counts as a change of health.
 
         Returns:
-            Whether the simulation is halted, phase of the supervision, time of the last stop [ns],
-            whether the valves are closed, and the lost booster modules. Then for each warning but
-            the last whether there is one, and finally the text on duplicate publishers.
+            Tuple of: whether the simulation is halted; phase of the supervision; time of the last
+            stop [ns]; whether the valves are closed; lost booster modules; for each warning except
+            the last, whether it is present; text on duplicate publishers.
         """
         arm = self._arm
         phase = arm.supervision.phase

@@ -45,12 +45,12 @@ class Pacer:
         self._woken_ns = self.clock_ns
 
     def compute_due_ns(self, clock_ns: int, sim_ns: int) -> int:
-        """Compute the simulated time to be reached in a wake, and update `lag_ns` and `lags`.
+        """Compute the simulated time up to which to simulate now, and update `lag_ns` and `lags`.
 
-        Without a lag, the result is the simulated time that belongs to the clock time. While there
-        is a lag, simulated time advances faster, by the factor CATCH_UP at most. One wake makes up
-        for at most LONGEST_WAKE_NS of clock time. A lag beyond LARGEST_LAG_NS is given up by moving
-        the reference instant.
+        The node calls it each time it wakes. Without a lag, the result is the simulated time that
+        belongs to the clock time. While there is a lag, simulated time advances faster, by the
+        factor CATCH_UP at most. At most LONGEST_WAKE_NS of clock time counts for one call. The part
+        of a lag beyond LARGEST_LAG_NS is given up: the reference instant is moved.
 
         Args:
             clock_ns: Present time of the steady clock [ns].
@@ -74,7 +74,7 @@ class Pacer:
     def restart(self, clock_ns: int, sim_ns: int) -> None:
         """Make the present the reference instant, at which there is no lag.
 
-        To be called after a change of `factor` and after a reset.
+        Call it after a change of `factor` and after a reset of simulated time.
 
         Args:
             clock_ns: Present time of the steady clock [ns].

@@ -58,7 +58,7 @@ class SimNode(Node):
     """Node that simulates the arm with its hydraulics and servo, and executes plans."""
 
     def __init__(self) -> None:
-        """Declare the parameters, compile the kernels, build the arm, and start to serve.
+        """Declare the parameters, compile the kernels, build the arm, and create all interfaces.
 
         The arm stands at rest in its start posture. Faults of the parameter `fault` are injected.
         """
@@ -114,11 +114,12 @@ class SimNode(Node):
     # --- Time ------------------------------------------------------------------------------------
 
     def _tick(self) -> None:
-        """Advance the simulation up to the present, and publish.
+        """Advance the simulation up to the present, and publish states and reports.
 
-        One call takes about LONGEST_TICK_NS at most. If the last call ended more than LATE_WAKE_NS
-        ago, this call only returns, so that waiting messages are received first; the next call
-        advances. The very first call resets the arm, so that simulated time begins then.
+        A timer calls it. One call takes about LONGEST_TICK_NS at most. If the last call ended more
+        than LATE_WAKE_NS ago, this call does nothing, so that waiting messages are received first.
+        The next call then advances. The very first call resets the arm, so that simulated time
+        begins at that instant.
         """
         now_ns = time.monotonic_ns()
         if not self._last_callback_end_ns:
@@ -134,10 +135,10 @@ class SimNode(Node):
         self._last_callback_end_ns = time.monotonic_ns()
 
     def _simulate(self, due_ns: int, until_ns: int) -> None:
-        """Step and publish up to a simulated time, or until the steady clock shows a given time.
+        """Step the simulation and publish states, up to a simulated time or to a time limit.
 
-        That clock is checked only when states are published. Nothing happens if the simulation has
-        diverged (`halted`).
+        The time limit is checked only after states have been published. Nothing happens if the
+        simulation has diverged (`halted`).
 
         Args:
             due_ns: Simulated time to be reached and not exceeded [ns].
@@ -162,9 +163,9 @@ class SimNode(Node):
         self._restart_pacing()
 
     def _restart_pacing(self) -> None:
-        """Make real time and simulated time run on together from now, and publish all reports.
+        """Tie simulated time to real time anew from now, and publish all reports.
 
-        Periods of publishing begin anew, too.
+        Any lag is forgotten, and all periods of publishing begin anew.
         """
         self._pacer.restart(time.monotonic_ns(), self._arm.simulator.time_ns)
         self._publisher.restart()
@@ -198,8 +199,8 @@ class SimNode(Node):
     def _refuse_undecodable(self, raw: bytes, half: str, wall: float) -> Iterator[None]:
         """Context manager that refuses a plan if one of its two messages cannot be decoded.
 
-        A MessageError in the block refuses the plan. In any case, reports on plans are published at
-        the end.
+        If the block raises MessageError, the plan is refused and no error is raised. In any case,
+        reports on plans are published at the end.
 
         Args:
             raw: Serialised message, from which the stamp is read.
@@ -218,8 +219,8 @@ class SimNode(Node):
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Stop the arm: decelerate along the path of the plan in force, then hold.
 
-        Plans stamped up to now are refused, and a waiting plan is dropped. All reports are
-        published at once. Nothing is done if the simulation has diverged.
+        Plans whose stamp is not later than now are refused, and a waiting plan is dropped. All
+        reports are published at once. If the simulation has diverged, the arm is not stopped.
 
         Args:
             request: Empty request.
@@ -285,15 +286,15 @@ class SimNode(Node):
         return response
 
     def _stop_unwatched_arm(self) -> None:
-        """Stop the arm, because the callback that moves and supervises it fails."""
+        """Stop the arm, because the timer callback that moves and supervises it keeps failing."""
         self._arm.stop()
 
     def _end_fault(self) -> str:
         """End the injected faults, by setting the parameter `fault` to none.
 
         Returns:
-            Clause on the faults that have ended, such as `the fault KIND is healed; `. It is put
-            before another sentence. Empty if there were no faults.
+            Clause that says which faults have ended, such as `the fault KIND is healed; `. The
+            caller puts it before another sentence. Empty if there were no faults.
         """
         failing = self._settings.fault
         if failing == NO_FAULT:
@@ -330,9 +331,10 @@ class SimNode(Node):
     # --- Reports ---------------------------------------------------------------------------------
 
     def _save_estimates(self) -> None:
-        """Store what the servo has learnt, also in its file, unless a fault may have spoilt it.
+        """Keep what the servo has learnt, for later resets and in its file.
 
-        If the file cannot be written, a warning is logged.
+        Nothing is kept while the arm has a fault, since the fault may have spoilt the estimates. If
+        the file cannot be written, a warning is logged.
         """
         if self._arm.fault:
             return
@@ -352,11 +354,11 @@ class SimNode(Node):
         self._health.duplicates = describe_duplicates(self, self._publisher.exclusive_publishers)
 
     def _publish_reports(self) -> None:
-        """Publish hand-over reports, changes, and the simulator's report.
+        """Publish hand-over reports, changes of plan and modes, and the simulator's report.
 
-        Changes are a new plan in force and new modes. The simulator's report is published if it is
-        due, or if the health has changed in kind. Such a change is logged. Plans that were refused
-        or dropped are logged as warnings.
+        A new plan in force and new modes are published at once. The simulator's report is published
+        if it is due, or if the health has changed in kind. Such a change is logged. Plans that were
+        refused or dropped are logged as warnings.
         """
         for report in self._arm.take_reports():
             if report.outcome is not HandOverOutcome.APPLIED:

@@ -56,7 +56,7 @@ class SimParameters:
     Attributes:
         seed: Seed of the sensor noise.
         controller: Name of the servo controller; empty for the default of the machine's sensors.
-        estimates_file: File of what the servo has learnt; empty for none.
+        estimates_file: File with the estimates that the servo has learnt; empty for none.
         real_time_factor: Simulated seconds per second of real time.
         publish_clock: Whether the simulator is the source of /clock.
         payload: Payload at the tip [kg].
@@ -100,7 +100,8 @@ def declare_plant(node: Node, machine: Machine) -> Machine:
 def declare_parameters(node: Node, machine: Machine, plant: Machine) -> SimParameters:
     """Declare all parameters but `machine` and `plant`, check their values, and read them.
 
-    Controller and limits of supervision that are not given follow from the machine's sensors.
+    The controller that is not given follows from the machine's sensors. Limits of supervision that
+    are not given follow from the controller.
 
     Args:
         node: The node.
@@ -195,7 +196,7 @@ def read_parameters(node: Node) -> SimParameters:
 
 
 def check_changes(node: Node, plant: Machine, changes: Sequence[Parameter]) -> SetParametersResult:
-    """Check whether parameters may be changed.
+    """Check whether the new values of some parameters are allowed.
 
     Three rules are checked. A real-time factor other than 1 needs `publish_clock`. Faults must be
     valid. For each symptom of supervision, the value at which it warns must be at most the value at

@@ -74,8 +74,8 @@ def move_pistons(
 ) -> None:
     """Compute cylinder lengths, piston speeds and moment arms after a step of the mechanics.
 
-    MuJoCo's integrator is semi-implicit: its positions are half a step ahead of its velocities. The
-    positions are therefore moved back by half a step.
+    MuJoCo's integrator is semi-implicit: its positions are half a step ahead of its velocities. So
+    the results belong to positions that are moved back by half a step.
 
     Args:
         linkage: Parameters of the linkages, float64[n, LINKAGE_WIDTH].
@@ -112,15 +112,15 @@ def round_to_resolution(value: float, resolution: float) -> float:
 def compute_reading(channel: SensorChannel, reading: float, before: float, step: float) -> float:
     """Compute the reading of a sensor, with its faults.
 
-    A healthy sensor gives `reading`. A failing one adds `channel.error`. A frozen one repeats its
-    last reading. A dead one gives no reading: the result is `before`.
+    A healthy sensor gives `reading`. A faulty sensor adds `channel.error`. A frozen sensor repeats
+    its last reading. A dead sensor gives no reading, and the result is `before`.
 
     Args:
         channel: State of the sensor. Writes `last_reading` and `silent` (time without a reading) in
             place.
         reading: Reading of a healthy sensor, in the unit of the sensor.
         before: Last result for this sensor.
-        step: Time since the last call [s]. It is added to `silent` of a dead sensor. Of others,
+        step: Time since the last call [s]. It is added to `silent` if the sensor is dead; otherwise
             `silent` becomes 0.
 
     Returns:
@@ -146,14 +146,14 @@ def read_sensors(
 ) -> None:
     """Compute the readings of all sensors in a step, with noise, offsets, rounding and faults.
 
-    Offsets and errors first grow by the drift of one period. The order of sensors is: n lengths;
+    Offsets and errors first grow by their drift in one step. The order of sensors is: n lengths;
     cap, rod and line pressure of actuator 1, then of actuator 2 and so on; pressure of the rail;
-    speeds of the m servo pumps as flows. A length is rounded to the resolution of the joint
-    position.
+    speeds of the m servo pumps, as flows. A length sensor measures the joint position, whose
+    resolution rounds its reading.
 
     Args:
-        noise_rows: Noise of many steps, float64[rows, 4 n + 1 + m], [m, Pa or m³/s]. The offsets
-            are added to row `row` in place.
+        noise_rows: Noise of many steps, one row per step and one column per sensor, float64[rows, 4
+            n + 1 + m], [m, Pa or m³/s]. The offsets are added to row `row` in place.
         plant: True state of the plant.
         readings: Readings of the sensors. Written in place.
         channels: State of the sensors, SensorChannel[4 n + 1 + m]. Updated in place.
@@ -195,7 +195,7 @@ def read_sensors(
 def apply_forces(
     actuators: Records[ActuatorState], pressure: FloatArray, arm: FloatArray, joints: JointDrive
 ) -> bool:
-    """Apply the torques of the cylinders, τ = r (F − F_f), to the mechanics.
+    """Apply the cylinders' torques, τ = r (F − F_f), to the joints, and check the state.
 
     F is the force of the pressures, F_f the friction, r the moment arm.
 
@@ -223,7 +223,7 @@ def apply_forces(
 
 @kernel(borrows=True)
 def send_commands(servo_circuit: Components, circuit: Circuit, queue: CommandQueue) -> None:
-    """Pass the servo's commands to the circuit, with a delay of len(queue.rows) − 1 servo steps.
+    """Pass the servo's commands to the circuit, delayed by len(queue.rows) − 1 servo steps.
 
     A row of the queue holds n valve openings (−1 … 1), n commands of join valves, which connect a
     line to the rail (0 … 1), m flows of servo pumps [m³/s], and m commands of diverters, which lead

@@ -1,4 +1,4 @@
-"""Symptoms that show that an arm does not do what its servo wants, one class each.
+"""Symptoms which show that an arm does not do what its servo commands, one class for each.
 
 A symptom is a number that is small while all is well. `SupervisionLimits` holds the value at which
 it warns and the value at which the arm is stopped. A new symptom is a class and an entry in
@@ -30,7 +30,7 @@ from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, ArmSample, Finding
 
 @dataclass(frozen=True)
 class SupervisionLimits:
-    """Limits of the symptoms: a warning above the first value, a stop above the second.
+    """Limits of the symptoms, each as a pair (value to warn, value to stop the arm).
 
     The symptoms from `silent_sensor` on name a part that has failed; see `fault_isolation`.
 
@@ -163,7 +163,8 @@ class FollowingError:
 class Overpressure:
     """Largest ratio p/p_relief of pressure to relief setting over all chambers and lines [-].
 
-    Each pressure counts with its lowest value in the last `min_duration_samples` samples.
+    Each pressure counts with its lowest value in the last `min_duration_samples` samples, so that
+    short peaks are ignored.
     """
 
     name, unit = "overpressure", ""
@@ -206,10 +207,10 @@ class Overpressure:
 
 
 class SupplyLoss:
-    """Largest lack of supply pressure among the supply lines, 1 − p_line/P_S [-].
+    """Largest share of the main pump's pressure that a supply line lacks, 1 − p_line/P_S [-].
 
-    p_line is a line's pressure and P_S the main pump's. Each line counts with its smallest lack in
-    the last `min_duration_samples` samples.
+    p_line is the pressure of the line, and P_S that of the main pump. Each line counts with its
+    smallest share in the last `min_duration_samples` samples, so that short dips are ignored.
     """
 
     name, unit = "supply_loss", ""
@@ -248,13 +249,15 @@ class SupplyLoss:
 
 
 class Saturation:
-    """Time for which a valve's or servo pump's command has been saturated."""
+    """Time for which the command of a valve or of a servo pump has been saturated [s]."""
 
     name, unit = "saturation", "s"
     closes_valves = False
 
     def __init__(self, machine: Machine) -> None:
-        """Store texts for all valves, then all servo pumps, and set their counters to 0.
+        """Store the clauses of the findings, and set all counters to 0.
+
+        The order is: valves of all actuators, then servo pumps of all modules.
 
         Args:
             machine: The machine.
@@ -270,7 +273,8 @@ class Saturation:
         """Update the time for which each command has been saturated, and return the longest.
 
         A command is saturated if it is at least `full_command_share`. One unsaturated sample resets
-        its time to 0. Each call counts as WATCH_PERIOD_NS, so it must come once in that period.
+        the time of its command to 0. Each call counts as WATCH_PERIOD_NS, so call it once in that
+        period.
 
         Args:
             sample: State of the arm.
@@ -307,7 +311,8 @@ class HeldPlan:
             sample: State of the arm.
 
         Returns:
-            The time [s], 0 if the plan is not held; and a clause with time and reason.
+            The time [s], and a clause with the time and the reason. The time is 0 if the plan is
+            not held.
         """
         text = f"the plan has been held for {sample.held:.2f} s: {sample.hold_reason}"
         return Finding(sample.held, text)

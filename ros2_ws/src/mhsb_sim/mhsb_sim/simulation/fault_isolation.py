@@ -1,7 +1,8 @@
 """Symptoms that name the failed part, from sensor readings and servo commands alone.
 
-Each symptom compares two signals that cannot disagree in a healthy arm, however much the arm
-differs from its machine file. The tolerances follow from that; a fault within them stays unnamed.
+Each symptom compares two signals that cannot disagree in a healthy arm, even if the arm differs
+from its machine file. The tolerances allow for such differences. A fault that stays within the
+tolerances is not found.
 
 Source: R. Isermann, Fault-Diagnosis Systems, 2006 (parity relations, plausibility of signals).
 """
@@ -87,7 +88,7 @@ ISOLATION_SETTINGS = IsolationSettings()
 
 
 class SilentSensor:
-    """Time for which a sensor has given no reading."""
+    """Time for which a sensor has given no reading [s]."""
 
     name, unit = "silent_sensor", "s"
     closes_valves = True
@@ -126,13 +127,13 @@ class SilentSensor:
 
 
 class FrozenPressure:
-    """Time for which a pressure sensor has repeated its reading while others change."""
+    """Time for which a pressure sensor has repeated its reading while other readings change [s]."""
 
     name, unit = "frozen_pressure", "s"
     closes_valves = True
 
     def __init__(self, machine: Machine) -> None:
-        """Prepare the names and timers of all pressure sensors but the rail's.
+        """Prepare the names of all pressure sensors except the rail's, and set their times to 0.
 
         Args:
             machine: The machine.
@@ -148,9 +149,9 @@ class FrozenPressure:
     def evaluate(self, sample: ArmSample) -> Finding:
         """Find the pressure sensor whose reading has been unchanged for the longest time.
 
-        Each call counts as WATCH_PERIOD if at least one pressure reading has changed since the last
-        call. Otherwise it counts as 0: all sensors may then be slower than the calls. A change of a
-        reading sets the time of that sensor to 0.
+        A changed reading sets the time of its sensor to 0. If at least one reading has changed
+        since the last call, WATCH_PERIOD is added to the times of all other sensors. If no reading
+        has changed, no time is changed: the sensors may be slower than the calls.
 
         Args:
             sample: State of the arm. Only `sensed` (sensor readings) is read.
@@ -168,7 +169,7 @@ class FrozenPressure:
 
 
 class FrozenLength:
-    """Stroke of a piston's reference since its length sensor last changed its reading."""
+    """Stroke of a piston's reference since the reading of the length sensor last changed [m]."""
 
     name, unit = "frozen_length", "m"
     closes_valves = True
@@ -186,14 +187,14 @@ class FrozenLength:
     def evaluate(self, sample: ArmSample) -> Finding:
         """Find the length sensor that is most likely frozen.
 
-        This is the sensor whose piston should have moved furthest since the reading last changed.
+        This is the sensor whose piston should have moved farthest since its reading last changed.
 
         Args:
             sample: State of the arm.
 
         Returns:
-            Distance of that piston's reference from its value at the last change of the reading
-            [m], and a clause that names the sensor.
+            Distance that this piston's reference is away from its value at the last change of the
+            reading [m], and a clause that names the sensor.
         """
         now = sample.sensed.length
         wanted = self._machine.cylinder_lengths(sample.reference.position)
@@ -225,7 +226,7 @@ class JumpingLength:
             sample: State of the arm. Only `sensed` (sensor readings) is read.
 
         Returns:
-            Change of that reading divided by `farthest_jump` [-], and a clause that names the
+            Magnitude of this change divided by `farthest_jump` [-], and a clause that names the
             sensor. The value is 0 in the first sample.
         """
         before, self._length = self._length, sample.sensed.length
@@ -236,10 +237,11 @@ class JumpingLength:
 
 
 class DisagreeingLine:
-    """Lasting pressure difference of an unboosted line to all other such lines and to P_S.
+    """Lasting pressure difference between an unboosted line and all other unboosted lines [Pa].
 
-    Behind their check valves, all lines of actuators in mode N are at the main pump's pressure. A
-    line that its own servo pump feeds is not compared. P_S is the value of the machine file.
+    All lines of actuators in mode N are at the main pump's pressure, behind their check valves. So
+    they are compared with each other, and with the main pump's pressure of the machine file. A line
+    that a servo pump still feeds is not compared.
     """
 
     name, unit = "disagreeing_line", "Pa"
@@ -258,13 +260,13 @@ class DisagreeingLine:
         self._apart = np.zeros(machine.joint_count)
 
     def evaluate(self, sample: ArmSample) -> Finding:
-        """Find the line whose pressure differs most from all others that must be equal to it.
+        """Find the line whose pressure differs most from that of all other unboosted lines.
 
         Lines are compared if their actuators have been in mode N (main pump alone), with their
         servo pumps stopped, for `settled_time`. All of them should have the main pump's pressure
-        P_S. For each such line, take its differences to the other compared lines and to P_S. The
-        difference of smallest magnitude is filtered by a low-pass. For a line that is not compared,
-        or is the only one compared, 0 is filtered instead.
+        P_S. For each compared line, the differences to the other compared lines and to P_S are
+        computed. The one of smallest magnitude is passed through a low-pass filter. For a line that
+        is not compared, or is the only one, the filter gets 0.
 
         Args:
             sample: State of the arm. Only `sensed` (sensor readings) is read.
@@ -296,16 +298,16 @@ class DisagreeingLine:
 class DisagreeingValve:
     """Stroke of a piston that its valve's opening does not explain.
 
-    Valve opening and pressures of either chamber, A (cap side) and B (rod side), explain a piston
-    speed [m/s]:
+    Each chamber, A (cap side) and B (rod side), explains a piston speed by the valve's opening and
+    the pressures [m/s]:
 
         v_A = (Q_A − C_A ṗ_A)/A,   v_B = (Q_B + C_B ṗ_B)/a
 
     Q_A flows into chamber A and Q_B out of chamber B [m³/s]. C is the capacity of a chamber
     [m³/Pa], ṗ the rate of its pressure [Pa/s], A and a are the piston areas [m²]. All speeds
-    between v_A and v_B are explained too, within tolerances for gain, overlap and delay of the
-    valve. Speed beyond the tolerances is integrated to a stroke, which decays with the time
-    constant `forgetting_time`.
+    between v_A and v_B count as explained. Tolerances for gain, overlap and delay of the valve
+    widen this range. The part of the speed beyond the range is integrated to a stroke, which decays
+    with the time constant `forgetting_time`.
     """
 
     name, unit = "disagreeing_valve", "m"
@@ -363,11 +365,11 @@ class DisagreeingValve:
     ) -> tuple[FloatArray, FloatArray]:
         """Compute the range of piston speeds that valve openings and pressures explain.
 
-        A chamber's speed follows from its valve flow, and from the oil that its pressure change
-        compresses (see the class). Pressures and lengths are means of two samples; pressure rates
-        are their differences divided by WATCH_PERIOD. Each of the two valve commands is evaluated
-        as it is, and with `valve_opening_tolerance` added and subtracted. With two chambers, that
-        gives twelve speeds. The range covers all of them.
+        Each chamber gives one speed, by the equations of the class: the piston takes up the valve's
+        flow minus the oil that a pressure change compresses. Pressures and lengths are means of two
+        samples. Pressure rates are the differences of the two samples divided by WATCH_PERIOD. Each
+        of the two valve commands is evaluated as it is, and with `valve_opening_tolerance` added
+        and subtracted. With two chambers, this gives twelve speeds. The range covers all of them.
 
         Args:
             before: Readings of the last sample.
@@ -406,15 +408,15 @@ class DisagreeingValve:
 
 
 class ServoPumpMonitor:
-    """Monitor of servo pumps: finds pumps that do not follow their commands.
+    """Monitor that finds servo pumps that do not follow their commands.
 
     The flow of each pump is compared with the flow of a simulated healthy pump that gets the same
-    command. That pump has the lag and at most the power of the machine file. A pump that deviates
-    by more than `pump_deviation` for `pump_failure_time` fails. These tolerances allow three times
-    the file's lag.
+    command. The healthy pump has the lag and at most the power of the machine file. A pump counts
+    as failed if it deviates by more than `pump_deviation` for `pump_failure_time`. These tolerances
+    allow three times the lag of the file.
 
     Attributes:
-        failures: Clause on each failed pump, by the pump's index from 0.
+        failures: Clause that describes each failed pump, by the pump's index from 0.
     """
 
     def __init__(self, machine: Machine) -> None:
@@ -443,7 +445,7 @@ class ServoPumpMonitor:
                 are used.
 
         Returns:
-            True if a pump has been found to fail that had not failed before.
+            True if this call has found a new failed pump.
         """
         boost = max(sensed.pressure[:, LINE_SENSOR].max() - self._supply, 1.0)
         goal = np.minimum(sensed.pump_command, self._power / boost)
@@ -460,9 +462,10 @@ class ServoPumpMonitor:
         return bool(found)
 
     def describe_suspects(self, sensed: Sensed) -> str:
-        """Describe the pumps that have failed, and others that may be about to.
+        """Describe the pumps that have failed, and pumps that may be failing.
 
-        The others have deviated from a healthy pump for longer than `pump_suspicion_time`.
+        A pump may be failing if it has deviated from a healthy pump for longer than
+        `pump_suspicion_time`.
 
         Args:
             sensed: Readings and commands of this sample.

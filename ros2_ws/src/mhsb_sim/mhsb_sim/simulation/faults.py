@@ -1,7 +1,7 @@
 """Faults that can be injected into a running simulation, to test supervision.
 
-A fault is written KIND, KIND:PLACE or KIND:PLACE:VALUE, several separated by commas, for instance
-`servo_pump_dead:2, pressure_offset:actuator_1.cap_pressure:5e5`.
+A fault is written KIND, KIND:PLACE or KIND:PLACE:VALUE. Several faults are separated by commas, for
+instance `servo_pump_dead:2, pressure_offset:actuator_1.cap_pressure:5e5`.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ def compute_sag_pressure(nominal: float, sag: SupplySag, time: float) -> float:
 
     Args:
         nominal: Pressure without the sag [Pa].
-        sag: Its `start` [s], `fall` (duration of the fall) [s], `duration` of the low pressure [s],
-            and low `pressure` [Pa].
+        sag: The sag: `start` [s], `fall` (duration of the fall) [s], `duration` of the low pressure
+            [s], and low `pressure` [Pa].
         time: Time since the start of the simulation [s].
 
     Returns:
@@ -49,7 +49,7 @@ class FaultTarget(NamedTuple):
 
     Attributes:
         circuit: The circuit with all its components.
-        channels: Its sensors, SensorChannel[4 n + 1 + m]; see `sensors.build_channels`.
+        channels: The sensors, SensorChannel[4 n + 1 + m]; see `sensors.build_channels`.
     """
 
     circuit: Circuit
@@ -78,8 +78,7 @@ class FaultKind(NamedTuple):
             is only one place.
         default_value: Value if none is given; None if a fault of this kind has no value.
         unit: Unit of the value.
-        apply: Function that sets the fault in a plant; its further arguments are the index of the
-            place and the value.
+        apply: Function (plant, index of the place, value) that sets the fault in the plant.
         limits: Smallest and largest value.
     """
 
@@ -173,8 +172,8 @@ def set_faults(
     Args:
         faults: All faults that are to exist; others end.
         plant: The plant, changed in place.
-        constants: Constants of the circuit without faults, CircuitConstants[1]. They replace those
-            in the circuit first.
+        constants: Constants of the circuit without faults, CircuitConstants[1]. They are copied
+            into the circuit before the faults are set.
     """
     circuit, channels = plant
     circuit.constants[:] = constants

@@ -17,10 +17,10 @@ from mhsb_sim.simulation.supervised_arm import SupervisedArm
 
 
 def exercise_kernels() -> None:
-    """Run everything that can happen to an arm once, so that all kernels are compiled and loaded.
+    """Call all kernels of a simulated arm once, so that they are compiled and loaded.
 
-    The kernels are numba functions. With each servo controller, a simulated arm takes a plan, runs
-    steps, stops, closes its valves and is reset. The bars for pictures are computed, too.
+    For each servo controller, a simulated arm takes a plan, runs steps, stops, closes its valves
+    and is reset. The bars for pictures are computed, too.
     """
     for controller in REGISTERED_CONTROLLERS:
         simulator = Simulator(load_machine(), controller)

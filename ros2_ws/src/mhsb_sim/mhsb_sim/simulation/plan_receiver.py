@@ -1,8 +1,8 @@
 """Receiver of plans: pairs each trajectory with its mode schedule, and applies continuous plans.
 
 The two halves of a plan come as separate messages with the same stamp, in any order. A complete
-pair is applied only if the new trajectory equals the present reference at the arm's own time. Other
-plans are refused or dropped. Each stamp gets exactly one report.
+pair is applied only if the new trajectory equals the present reference at the arm's present time.
+Other plans are refused or dropped. Each stamp gets exactly one report.
 """
 
 from __future__ import annotations
@@ -35,23 +35,27 @@ NEVER_NS = 2**63 - 1
 
 
 class PlanTarget(Protocol):
-    """Interface of an arm that plans are handed over to; `Simulator` has it."""
+    """Interface that an arm needs so that plans can be handed over to it; `Simulator` has it."""
 
     @property
     def plan_time_ns(self) -> int:
-        """Time by which plans are followed [ns]; behind the clock if plans have been slowed."""
+        """Time of plans [ns]: simulated time minus the delay that speed scaling has caused."""
         ...
 
     @property
     def planned(self) -> MotionState:
-        """State that the plan in force has now, at its full speed."""
+        """State of the plan in force at the present time of plans, as at full speed.
+
+        Its velocity and acceleration are not reduced by speed scaling.
+        """
         ...
 
     def reference_at(self, time_ns: int) -> MotionState | None:
         """Return the reference at an earlier time.
 
         Args:
-            time_ns: Time of plans [ns]: the clock minus the delay that speed scaling has caused.
+            time_ns: Time of plans [ns]: simulated time minus the delay that speed scaling has
+                caused.
 
         Returns:
             The state; None if that time is no longer recorded.
@@ -70,11 +74,11 @@ class PlanTarget(Protocol):
 
 @dataclass
 class PendingPlan:
-    """A plan of which at least one half has come.
+    """A plan that waits for its second half or for its hand-over.
 
     Attributes:
         stamp_ns: Stamp of the plan [ns].
-        received: Time at which its first half came, by the steady clock [s].
+        received: Time of the steady clock at which its first half came [s].
         trajectory: Its trajectory, None until it comes.
         schedule: Its mode schedule, None until it comes.
     """
@@ -86,9 +90,10 @@ class PendingPlan:
 
     @property
     def due_ns(self) -> int:
-        """Time of plans at which the plan can be handed over [ns].
+        """Time from which on the plan can be handed over [ns].
 
-        It is the plan's stamp if both halves have come, else NEVER_NS.
+        It is the plan's stamp if both halves have come, else NEVER_NS. It is a time of plans:
+        simulated time minus the delay that speed scaling has caused.
         """
         complete = self.trajectory is not None and self.schedule is not None
         return self.stamp_ns if complete else NEVER_NS
@@ -98,8 +103,9 @@ class PlanReceiver:
     """Collects the halves of plans, and hands over complete plans that continue the reference.
 
     Attributes:
-        due_ns: Time of plans at which `update` has a plan to hand over [ns]: the clock minus the
-            delay that speed scaling has caused. NEVER_NS if no complete plan waits.
+        due_ns: Time from which on `update` has a plan to hand over [ns]; NEVER_NS if no complete
+            plan waits. It is a time of plans: simulated time minus the delay that speed scaling has
+            caused.
     """
 
     def __init__(self, machine: Machine, target: PlanTarget) -> None:
@@ -130,12 +136,12 @@ class PlanReceiver:
     def invalidate_plans(
         self, event: str, reason: HandOverReason = HandOverReason.STOPPED
     ) -> list[HandOverReport]:
-        """Refuse all plans that are stamped up to now, also those that come later.
+        """Refuse all plans with stamps up to the present time, also if they arrive later.
 
         A plan that waits to be handed over is dropped.
 
         Args:
-            event: Clause on the cause, such as "the arm was stopped", for the report.
+            event: Clause that names the cause, such as "the arm was stopped", for the report.
             reason: Reason code in the reports on these plans.
 
         Returns:
@@ -148,7 +154,7 @@ class PlanReceiver:
         """Refuse all plans until `open` is called, and drop the waiting one.
 
         Args:
-            fault: Sentence on the fault, for the reports.
+            fault: Sentence that describes the fault, for the reports.
 
         Returns:
             Report on the plan that was waiting; an empty list if there was none.
@@ -159,8 +165,8 @@ class PlanReceiver:
     def open(self) -> None:
         """Take plans again after `close`.
 
-        Plans stamped up to the present time of the simulator's plan clock are refused, with the
-        reason RESET in the report. Only later plans are taken.
+        Only plans with a stamp later than the present time of plans are taken. Others are refused,
+        and the reason in their reports is RESET.
         """
         self._fault = ""
         self._void_until_ns = self._target.plan_time_ns
@@ -176,8 +182,8 @@ class PlanReceiver:
             wall: Present time of the steady clock [s].
 
         Returns:
-            A report on this plan if it is refused. Otherwise a report on an older plan that is
-            dropped, if one was still waiting for its hand-over.
+            A report on this plan if it is refused. Otherwise, if an older plan was still waiting
+            for its hand-over, a report that the older plan is dropped. Else an empty list.
         """
         problem = find_trajectory_problem(self._machine, trajectory)
         pair, reports = self._find_pending_plan(trajectory.stamp_ns, problem, wall)
@@ -196,7 +202,8 @@ class PlanReceiver:
             wall: Present time of the steady clock [s].
 
         Returns:
-            Reports on this plan if it is refused, and on an older plan that it displaces.
+            A report on this plan if it is refused. Otherwise, if an older plan was still waiting
+            for its hand-over, a report that the older plan is dropped. Else an empty list.
         """
         problem = find_schedule_problem(self._machine, schedule)
         pair, reports = self._find_pending_plan(schedule.stamp_ns, problem, wall)
@@ -210,7 +217,7 @@ class PlanReceiver:
 
         Args:
             stamp_ns: Stamp of the plan [ns].
-            problem: Clause on why it cannot be read.
+            problem: Clause that says why it cannot be read.
             wall: Present time of the steady clock [s].
 
         Returns:
@@ -247,21 +254,21 @@ class PlanReceiver:
         The first of these cases decides:
 
         1. The stamp has a report already: the half is ignored.
-        2. The half belongs to the waiting plan. If it cannot be used, that plan is refused and
+        2. The half belongs to the waiting plan. If the half cannot be used, the plan is refused and
            removed.
         3. The half begins a new plan that `_find_refusal` refuses, because of a fault, `problem` or
            the stamp.
-        4. The half begins a new plan. A waiting older plan is displaced and removed. The caller
-           must store the new plan.
+        4. The half begins a new plan. An older plan that waits is dropped. The caller must store
+           the new plan.
 
         Args:
             stamp: Stamp of the half [ns].
-            problem: Clause on why this half cannot be used; None if it can.
+            problem: Clause that says why this half cannot be used; None if it can.
             wall: Time of the steady clock at which the half came [s]; stored in a new plan.
 
         Returns:
-            The plan, or None if the half is not kept. And a report on each plan that was refused or
-            displaced; its stamp counts as reported from now on.
+            The plan (None if the half is not kept), and a report on each plan that was refused or
+            dropped. The stamps of these plans count as reported from now on.
         """
         pending = self._pending
         if stamp in self._reported_stamps:
@@ -282,13 +289,13 @@ class PlanReceiver:
     def _find_refusal(self, stamp: int, problem: str | None) -> tuple[HandOverReason, str] | None:
         """Return why the first half of a plan is refused.
 
-        Checked are, in this order: a fault of the arm; a half that cannot be used; a stamp that is
-        not after the last start, stop, reset or end of a fault; a stamp not newer than the plan
-        before; a stamp too far ahead of the arm's time.
+        The first of these reasons is returned: the arm has a fault; the half cannot be used; the
+        stamp is not after the last start, stop, reset or end of a fault; the stamp is not newer
+        than that of the plan before; the stamp is too far ahead of the arm's time.
 
         Args:
             stamp: Stamp of the plan [ns].
-            problem: Clause on why this half cannot be used; None if it can.
+            problem: Clause that says why this half cannot be used; None if it can.
 
         Returns:
             Reason code and sentence; None if the half is accepted.
@@ -321,9 +328,10 @@ class PlanReceiver:
     def _hand_over(self, pair: PendingPlan) -> HandOverReport:
         """Apply a complete plan if it continues the reference, else refuse it.
 
-        A plan continues the reference if its position and velocity of every joint differ by at most
-        `MAX_HAND_OVER_JUMP` from those of the plan in force now. Speed scaling (slower execution)
-        does not change these velocities.
+        At the present time of plans, each joint's position and velocity of the new plan are
+        compared with those of the plan in force. The new plan continues the reference if no
+        difference exceeds `MAX_HAND_OVER_JUMP`. Velocities are compared at full speed: speed
+        scaling (slower execution) does not count.
 
         Args:
             pair: The complete plan, which is due.
@@ -420,14 +428,14 @@ class PlanReceiver:
 
 
 def compute_jump(old: MotionState, new: MotionState) -> tuple[float, float]:
-    """Return the largest differences of two states over all joints.
+    """Return the largest differences of position and of velocity between two states.
 
     Args:
         old: First state.
         new: Second state.
 
     Returns:
-        Largest |Δq| [rad or m] and largest |Δq̇| [rad/s or m/s].
+        Largest |Δq| [rad or m] and largest |Δq̇| [rad/s or m/s] over all joints.
     """
     return (
         float(np.max(np.abs(new.position - old.position))),
@@ -438,15 +446,15 @@ def compute_jump(old: MotionState, new: MotionState) -> tuple[float, float]:
 def find_trajectory_problem(machine: Machine, trajectory: Trajectory) -> str | None:
     """Return why the machine cannot follow a trajectory.
 
-    Checked are the number of joints, rest at the end, and the limits of the machine along the curve
-    (`describe_curve_problem`).
+    Three things are checked: the number of joints, rest at the end, and the machine's limits along
+    the curve (`describe_curve_problem`).
 
     Args:
         machine: The machine.
         trajectory: The trajectory.
 
     Returns:
-        A clause on the first problem; None if the machine can follow it.
+        A clause that describes the first problem; None if the machine can follow the trajectory.
     """
     if trajectory.joint_count != machine.joint_count:
         return (
@@ -461,15 +469,15 @@ def find_trajectory_problem(machine: Machine, trajectory: Trajectory) -> str | N
 def find_schedule_problem(machine: Machine, schedule: ModeSchedule) -> str | None:
     """Return why the machine cannot execute a mode schedule.
 
-    Checked are the number of actuators, and whether the machine has the booster modules that each
-    mode combination needs.
+    Two things are checked: the number of actuators, and whether the machine has the booster modules
+    that each mode combination needs.
 
     Args:
         machine: The machine.
         schedule: The mode schedule.
 
     Returns:
-        A clause on the first problem; None if the machine can execute it.
+        A clause that describes the first problem; None if the machine can execute the schedule.
     """
     actuators = schedule.modes.shape[1]
     if actuators != machine.joint_count:

@@ -1,4 +1,4 @@
-"""Plant files: the simulated machine, if it differs from what its servo knows, and their check.
+"""Plant files: descriptions of the simulated machine that differ from the machine its servo knows.
 
 A complete machine file is a plant file. A shorter one names only what differs from the machine
 file, in the same sections. Joints are named by their numbers: `joints: {0: {link: {mass: 5.2}}}`.
@@ -25,7 +25,7 @@ COMPARED_COUNTS: tuple[tuple[str, Callable[[Machine], object]], ...] = (
 
 
 def check_plant(machine: Machine, plant: Machine) -> None:
-    """Check that plant and servo's machine have equal numbers of joints and of booster modules.
+    """Check that two machines have equal numbers of joints and of booster modules.
 
     Args:
         machine: The machine that the servo knows.
@@ -48,7 +48,7 @@ MACHINE_FILE_KEY = "schema_version"
 
 
 def load_plant(machine: Machine, file: Path) -> Machine:
-    """Load the plant (machine to simulate) of a file.
+    """Load the plant, which is the machine to simulate, from a file.
 
     A complete machine file is recognised by its key `schema_version`. A shorter file lists only
     values that differ from `machine`, in the sections of a machine file.

@@ -21,8 +21,9 @@ class ArmSample:
         measured: True position, velocity and acceleration of the joints, without sensor errors.
         actuators: True pressures, flows and openings of the actuators.
         sensed: Readings of the sensors, and commands of the servo.
-        held: Time for which the mode guard has held the plan nearly still [s]; 0 if it does not.
-        hold_reason: Sentence on why the plan is held; empty if it is not.
+        held: Time for which the mode guard has held the plan nearly still [s]; 0 if it does not
+            hold the plan.
+        hold_reason: Sentence that says why the plan is held; empty if it is not held.
     """
 
     reference: MotionState

@@ -5,8 +5,8 @@ A reading is
     ⌊(x + o + d t + w)/r⌉ r
 
 with the true value x, the offset o and drift d of the sensor, the noise w of each reading, and the
-resolution r. ⌊ ⌉ rounds to the nearest integer. Length is measured as a joint's angle, so that its
-resolution is one of the angle [rad]; o, d, w are lengths of the cylinder [m].
+resolution r. ⌊ ⌉ rounds to the nearest integer. A length sensor measures the angle of a joint. So
+its resolution r is an angle [rad], while o, d and w are lengths of the cylinder [m].
 """
 
 from __future__ import annotations
@@ -95,11 +95,12 @@ class SensorClass:
 
     Attributes:
         noise: Standard deviation of a reading; None for the value of the machine file.
-        resolution: Resolution of a reading; of the joint angle [rad] for length sensors.
+        resolution: Resolution of a reading; for a length sensor, resolution of the joint angle
+            [rad].
         offset: Standard deviation of the offset among sensors.
         drift: Standard deviation of the drift among sensors, per second.
-        of_angle: True for a length sensor whose noise, offset and drift are of the joint angle
-            [rad]. They count as lengths at the joint's longest moment arm.
+        of_angle: True for a length sensor whose noise, offset and drift are given for the joint
+            angle [rad]. The joint's longest moment arm converts them to lengths.
     """
 
     noise: float | None = None
@@ -151,7 +152,7 @@ def build_channels(
         period: Time from one reading to the next [s].
 
     Returns:
-        Sensors, SensorChannel[4 n + 1 + m]; and standard deviation of the noise of each one,
+        Sensors, SensorChannel[4 n + 1 + m], and the standard deviation of each sensor's noise,
         float64[4 n + 1 + m], [m, Pa or m³/s].
     """
     n, m = machine.joint_count, machine.arrays.module_count

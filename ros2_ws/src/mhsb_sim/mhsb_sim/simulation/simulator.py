@@ -7,9 +7,10 @@ A step of length h consists of four parts:
 3. a step of the mechanics with the forces of the pressures at that time,
 4. the other half of the circuit, with the new piston positions.
 
-Mechanics and circuit are therefore evaluated at the middle of each other's step, and the error of a
-step is of second order (G. Strang, On the construction and comparison of difference schemes, 1968).
-Mechanics and circuit may take several steps in one of the servo.
+So the mechanics are evaluated in the middle of the circuit's step, and the circuit in the middle of
+the mechanics' step. This makes the method of second order (G. Strang, On the construction and
+comparison of difference schemes, 1968). Mechanics and circuit may take several steps in one step of
+the servo.
 """
 
 from __future__ import annotations
@@ -112,9 +113,9 @@ class Simulator:
             payload: Payload of the plant [kg]; None for the one in the plant's file.
             start_ns: Simulated time at the start [ns].
             plant: Machine that is simulated; None for `machine`.
-            estimates_file: File of what the servo has learnt before, with which the servo begins.
-                The file need not exist yet; `save_estimates` writes it. None for a servo that
-                begins anew.
+            estimates_file: File with the estimates that the servo learnt earlier; the servo begins
+                with them. The file need not exist yet; `save_estimates` writes it. None for a servo
+                that begins without estimates.
 
         Raises:
             EstimatesFileError: The estimates file is damaged or belongs to another machine.
@@ -154,8 +155,9 @@ class Simulator:
     def reset(self, time_ns: int = 0, posture: FloatArray | None = None) -> None:
         """Put the arm at rest, with all counters at zero and without faults.
 
-        The payload stays. The servo begins with the estimates that `save_estimates` stored last.
-        The arm holds in modes that carry its load. Sensor noise starts again from the seed.
+        The payload does not change. The servo begins with the estimates that `save_estimates`
+        stored last. The arm holds its posture in modes that carry its load. The random numbers of
+        the sensors start again from the seed.
 
         Args:
             time_ns: New simulated time [ns].
@@ -183,8 +185,8 @@ class Simulator:
     def _reset_mechanics(self, q: FloatArray) -> None:
         """Build the mechanical state at rest in a posture, and bind the kernels of a step to it.
 
-        Commands of the servo reach the circuit through a queue, later by the plant's computing
-        delay in whole steps. This queue is made here, too.
+        The queue of the servo's commands is created, too. It delays the commands by the plant's
+        computing delay, rounded to whole steps.
 
         Args:
             q: Joint positions, float64[n], [rad or m].
@@ -226,7 +228,7 @@ class Simulator:
         return self._sensor_steps * self._step_ns / SECOND_NS
 
     def _reset_servo(self, q: FloatArray, modes: ModeArray) -> None:
-        """Build the sensors' kernel and the servo, open the valves, and hold a posture.
+        """Build the sensors and the servo, open the valves, and hold a posture.
 
         Args:
             q: Joint positions to be held, float64[n], [rad or m].
@@ -272,7 +274,7 @@ class Simulator:
         return 0 if self._reference.has_ended else self._time_ns - self.plan_time_ns
 
     def catch_up(self) -> None:
-        """Remove the delay by which speed scaling has slowed plans, if the last plan has ended."""
+        """Set the delay that speed scaling has caused to 0 if the last plan has ended."""
         if self._reference.has_ended:
             self._reference.speed_scaling["delay"] = 0.0
 
@@ -293,7 +295,10 @@ class Simulator:
 
     @property
     def planned(self) -> MotionState:
-        """State that the reference would have now if the plan were not slowed."""
+        """State of the plan at the present reference position, as at full speed.
+
+        Its velocity and acceleration are not reduced by speed scaling.
+        """
         return self._reference.sample_at_full_speed(self._time_ns)
 
     def reference_at(self, time_ns: int) -> MotionState | None:
@@ -313,7 +318,7 @@ class Simulator:
 
     @property
     def joint_state(self) -> MotionState:
-        """True position and velocity of the joints now, and their acceleration in the last step.
+        """True position and velocity of the joints now, and their accelerations in the last step.
 
         Sensor errors are not included.
         """
@@ -328,7 +333,7 @@ class Simulator:
 
     @property
     def lost_modules(self) -> tuple[int, ...]:
-        """Indices of booster modules that are not used."""
+        """Indices, from 0, of booster modules that have failed and are not used."""
         return self._servo.lost_modules
 
     @property
@@ -379,9 +384,9 @@ class Simulator:
         Args:
             reference: Rows for position, velocity and acceleration of the reference, float64[3, n].
             position: True joint positions, float64[n], [rad or m].
-            pressure: Pressures of cap side, rod side and line of actuator 1, then of actuator 2 and
-                so on, then of rail, manifold (behind the main pump) and tank, float64[3 n + 3],
-                [Pa].
+            pressure: Pressures of all nodes, float64[3 n + 3], [Pa]: cap side, rod side and line of
+                actuator 1, then of actuator 2 and so on; at last rail, manifold (behind the main
+                pump) and tank.
             modes: Modes in force, uint8[n].
         """
         reference[:] = self._signals.reference[0]
@@ -411,13 +416,13 @@ class Simulator:
 
     @property
     def estimates(self) -> list[Estimate]:
-        """Estimates of the servo since its valves last opened."""
+        """What the servo has estimated of the machine since its valves last opened."""
         return self._servo.controller.estimates
 
     def save_estimates(self) -> None:
-        """Keep what the servo has learnt, and write it into its estimates file if it has one.
+        """Keep what the servo has learnt, and write it into the estimates file if there is one.
 
-        The servo begins with it after a reset, or when its valves open again. There is no effect if
+        The servo begins with it after a reset, and when its valves open again. Nothing happens if
         the controller learns nothing that can be kept.
 
         Raises:
@@ -433,10 +438,10 @@ class Simulator:
     def energies(self) -> dict[str, float]:
         """Energies since the start by name [J].
 
-        `main_pump` (hydraulic) and `servo_pumps` (at their shafts) are the energies delivered. The
-        other entries say where that energy went; together they add up to it. Two entries are no
-        terms of this sum (`UNBALANCED_ENERGIES`): `friction`, which is part of `piston_work`, and
-        `main_pump_shaft`, which includes `main_pump`.
+        `main_pump` (hydraulic) and `servo_pumps` (at the shafts) are the delivered energies. The
+        other entries say where this energy went, and their sum is equal to it. Two entries do not
+        belong to the sum (`UNBALANCED_ENERGIES`): `friction` is part of `piston_work`, and
+        `main_pump_shaft` includes `main_pump`.
         """
         energy = self._circuit.energy
         return {name: float(energy[name][0]) for name in energy.dtype.names or ()}
@@ -453,8 +458,8 @@ class Simulator:
     def volumes(self) -> dict[str, float]:
         """Oil volumes since the start by name [m³].
 
-        `main_pump` is the volume delivered. The other entries say where that oil went; together
-        they add up to it.
+        `main_pump` is the delivered volume. The other entries say where this oil went, and their
+        sum is equal to it.
         """
         volume = self._circuit.volume
         return {name: float(volume[name][0]) for name in volume.dtype.names or ()}
@@ -481,9 +486,8 @@ class Simulator:
     def stop(self) -> None:
         """Decelerate along the path of the plan in force, then hold; no effect without a plan.
 
-        While the arm decelerates, it keeps the modes for which the servo has last prepared the
-        circuit. At the end
-        the arm gets modes that hold its load there.
+        While the arm decelerates, the modes do not change. They are the modes for which the servo
+        has last prepared the circuit. At rest, the arm gets modes that hold its load there.
         """
         now = self.plan_time_ns
         if not self._reference.executes_plan(self._time_ns):
@@ -496,9 +500,9 @@ class Simulator:
     def close_valves(self) -> None:
         """Shut all valves and stop the servo pumps, until the next plan or a reset.
 
-        The servo's commands become 0, and the servo no longer acts. The isolating valves close,
-        too, without the servo's computing delay. The mode guard (which boosts actuators beyond the
-        plan) drops its requests.
+        The servo's commands become 0, and the servo does not run. The valves that isolate the
+        chambers close, too. They close without the servo's computing delay. The mode guard, which
+        boosts actuators beyond the plan, drops its requests.
         """
         actuators, modules = self._servo_circuit.actuators, self._servo_circuit.modules
         actuators["valve_command"] = actuators["join_command"] = 0.0
@@ -514,12 +518,15 @@ class Simulator:
         return self._control is _keep_commands
 
     def lower_trapped_pressure(self, drop: float) -> bool:
-        """Lower the pressure of oil that is trapped behind closed valves, by the relief valves.
+        """Let relief valves lower the pressure of oil that is trapped behind closed valves.
 
-        The oil of an actuator is trapped in two cases. The pressures of both chambers exceed the
-        mean of supply and tank pressure, so that opening the valve would drive oil back. Or the
-        joint is pressed against its end stop. The relief valves of that actuator are then set below
-        its higher chamber pressure. The settings are restored when the valves open.
+        The oil of an actuator is trapped in two cases:
+        - The pressures of both chambers exceed the mean of supply and tank pressure. If the valve
+          opened, oil would flow back.
+        - The joint is pressed against its end stop.
+
+        The relief valves of this actuator are then set below its higher chamber pressure, by
+        `drop`. The settings are restored when the valves open.
 
         Args:
             drop: Difference between the higher chamber pressure and the setting [Pa].
@@ -539,7 +546,7 @@ class Simulator:
     def hold_here(self) -> None:
         """Hold the arm's present posture from now on, clipped to the joint limits.
 
-        The reference steps to the true (simulated) posture, and the delay of plans is removed.
+        The reference jumps to the true (simulated) posture, and the delay of plans becomes 0.
         """
         q = self._within_limits(self._pistons[ANGLE_ROW])
         self._reference.speed_scaling["delay"] = 0.0
@@ -560,7 +567,7 @@ class Simulator:
         self._noise[:] = 0.0
 
     def inject_faults(self, faults: Sequence[Fault]) -> None:
-        """Inject faults, and end all others; a reset ends all.
+        """Inject faults, and end all other faults; a reset ends all faults.
 
         Args:
             faults: All faults that are to exist from now on.
@@ -568,10 +575,10 @@ class Simulator:
         set_faults(faults, FaultTarget(self._circuit, self._channels), self._healthy)
 
     def disable_modules(self, lost: Collection[int]) -> None:
-        """Assign no work to some booster modules from now on; others are used again.
+        """Stop using some booster modules from now on, and use all others again.
 
         Args:
-            lost: Indices of these modules, from 0.
+            lost: Indices, from 0, of the modules that are no longer used.
         """
         self._servo.lost_modules = tuple(sorted(lost))
         self._servo.prepare_modes()
@@ -624,8 +631,8 @@ class Simulator:
         """Read the sensors and run the servo.
 
         Noise is drawn for NOISE_ROWS steps at once. Sensors that are slower than the servo keep
-        their readings for several steps. While the valves are closed, only the sensors are read:
-        the servo keeps its commands, and the mode guard does nothing.
+        their readings for several steps. While the valves are closed, only the sensors are read.
+        The servo's commands then do not change, and the mode guard does nothing.
         """
         row = self._steps % NOISE_ROWS
         if row == 0:
@@ -636,7 +643,10 @@ class Simulator:
         self._control()
 
     def _open_valves(self) -> None:
-        """Let the servo act, restore the chambers' relief pressures, open isolating valves."""
+        """Let the servo act again, and open the valves that isolate the chambers.
+
+        The relief pressures of the chambers are restored.
+        """
         self._circuit.actuators["relief"] = self.plant.chamber_reliefs
         self._circuit.actuators["isolating_command"] = 0.0
         self._control = self._servo.step
@@ -658,10 +668,10 @@ class Simulator:
     def _follow(
         self, trajectory: Trajectory, schedule: ModeSchedule, *, planned: bool = False
     ) -> None:
-        """Follow a trajectory from now on; reference and modes are updated at once.
+        """Follow a trajectory from now on, and update reference and modes at once.
 
-        The start is recorded for `reference_at`, in the time of plans (simulated time minus the
-        delay of slowed plans).
+        The time at which the trajectory begins to be followed is recorded for `reference_at`. It is
+        a time of plans: simulated time minus the delay that speed scaling has caused.
 
         Args:
             trajectory: The trajectory.
@@ -673,14 +683,15 @@ class Simulator:
         self._servo.follow(self._time_ns, trajectory, schedule, planned=planned)
 
     def _modes_to_hold(self, q: FloatArray) -> ModeArray:
-        """Return modes for the arm at rest in a posture.
+        """Choose the modes in which the arm rests in a posture.
 
         Args:
             q: Joint positions, float64[n], [rad or m].
 
         Returns:
-            Mode of each actuator, uint8[n]: modes that hold its load there. If there are too few
-            booster modules, all have the present modes of the mode schedule.
+            Mode of each actuator, uint8[n]. These modes hold the load in the posture. If they need
+            more booster modules than there are, the present modes of the mode schedule are
+            returned.
         """
         return choose_stop_modes(self.machine, self.machine.piston_forces(q), self._reference.modes)
 
@@ -706,8 +717,8 @@ class Simulator:
         """Build the error that names the first quantity that is not finite or too large.
 
         The quantities are checked in a fixed order, causes before effects. Joint positions and
-        velocities may be up to LARGEST_STATE, other quantities up to LARGEST_VALUE. If all are
-        within, the error names the joint motion.
+        velocities must be below LARGEST_STATE, other quantities below LARGEST_VALUE. If all of them
+        are, the error names the joint motion.
 
         Returns:
             The error, to be raised.

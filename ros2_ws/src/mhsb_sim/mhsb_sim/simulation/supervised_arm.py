@@ -36,9 +36,9 @@ class SupervisedArm:
 
         Args:
             simulator: The simulator, at rest.
-            limits: Limits of the symptoms of faults, such as pressure or following error: for each,
-                a value that warns and a value that stops the arm. None: those that suit the
-                simulator's controller.
+            limits: Limits of the symptoms of faults, such as pressure or following error. Each is a
+                pair: the value at which supervision warns, and the value at which it stops the arm.
+                None takes the limits that suit the simulator's controller.
         """
         self.simulator = simulator
         limits = limits or SupervisionLimits.for_controller(simulator.controller_name)
@@ -49,9 +49,9 @@ class SupervisedArm:
         self._begin()
 
     def _begin(self) -> None:
-        """Return supervision and plan receiver to their initial state, without a reported fault.
+        """Return supervision and plan receiver to their initial state, without a fault.
 
-        All servo pumps are used again. Plans that are stamped up to now are refused.
+        All servo pumps are used again. Plans with stamps up to the present time are refused.
         """
         self.halted = False
         self.last_stop_ns = 0
@@ -65,10 +65,10 @@ class SupervisedArm:
 
     @property
     def fault(self) -> str:
-        """Sentence on why the arm is stopped and takes no plans; empty if it is not stopped.
+        """Sentence that says why the arm is stopped and takes no plans; empty if it is not stopped.
 
         It names the fault, the phase of the stop, and what ends the stop. If the simulation has
-        diverged (`halted`), it names the fault alone, and only `reset` ends the stop.
+        diverged (`halted`), it names the fault alone.
         """
         phase = self.supervision.phase
         if self.halted or phase is Phase.WATCHING:
@@ -78,12 +78,12 @@ class SupervisedArm:
 
     @property
     def warning(self) -> str:
-        """Sentence on failed servo pumps and a symptom that may stop the arm; empty if none."""
+        """Warning of failed servo pumps and of a symptom that may stop the arm; empty if none."""
         return self.supervision.warning
 
     @property
     def intervention(self) -> str:
-        """Sentence on how the mode guard changes the plan; empty if it does not.
+        """Sentence that says how the mode guard changes the plan; empty if it does not change it.
 
         The mode guard boosts actuators, or slows the plan, if the plan alone would let the arm sag.
         """
@@ -112,8 +112,8 @@ class SupervisedArm:
         nothing.
 
         Args:
-            wall: Present time of the steady clock [s], by which a trajectory waits for its mode
-                schedule for a limited time, and a mode schedule for its trajectory.
+            wall: Present time of the steady clock [s]. It serves to drop half a plan (trajectory or
+                mode schedule) that has waited too long for its other half.
         """
         if self.halted:
             return
@@ -133,8 +133,8 @@ class SupervisedArm:
     def hand_over(self, wall: float) -> None:
         """Hand over the waiting plan if it is due, or drop half a plan that has waited too long.
 
-        If the last plan has ended, the delay of plans is removed first. The report on the plan is
-        stored for `take_reports`.
+        If the last plan has ended, the delay that speed scaling has caused is first set to 0. The
+        report on the waiting plan is stored for `take_reports`.
 
         Args:
             wall: Present time of the steady clock [s].
@@ -175,7 +175,7 @@ class SupervisedArm:
 
         Args:
             stamp_ns: Stamp of the plan [ns].
-            problem: Clause on why it cannot be read.
+            problem: Clause that says why it cannot be read.
             wall: Present time of the steady clock [s].
         """
         self._reports += self._receiver.add_unusable(stamp_ns, problem, wall)
@@ -185,8 +185,8 @@ class SupervisedArm:
     def stop(self) -> bool:
         """Decelerate along the path of the plan in force, then hold.
 
-        Plans that are stamped up to now are refused, even if they arrive later. A simulation that
-        has diverged is left as it is.
+        Plans with stamps up to the present time are refused, even if they arrive later. If the
+        simulation has diverged, nothing is done.
 
         Returns:
             True if the reference was moving.
@@ -201,7 +201,8 @@ class SupervisedArm:
     def reset(self, time_ns: int) -> None:
         """Put the arm at rest into its start posture, and forget plans and faults.
 
-        Injected faults end, too. A change of payload that was still under way is completed at once.
+        Injected faults end, too. If a lighter payload was still being approached gradually, it is
+        set at once.
 
         Args:
             time_ns: New simulated time [ns].
@@ -219,15 +220,15 @@ class SupervisedArm:
         Three cases exist:
 
         - The simulation has diverged: it starts again in the present posture.
-        - Supervision has stopped the arm: it is released as soon as it rests with its payload. This
-          may happen after the call.
+        - Supervision has stopped the arm: the arm is released as soon as it rests and its payload
+          has the set value. This may happen after the call.
         - The arm is not stopped: servo pumps that were found to fail are used again.
 
         Args:
             time_ns: Simulated time at which a diverged simulation starts again [ns].
 
         Returns:
-            Sentence on what happens to the fault.
+            Sentence that says what happens to the fault.
         """
         if self.halted:
             self._restart_in_place(time_ns)
@@ -258,9 +259,9 @@ class SupervisedArm:
     def _watch(self) -> None:
         """Run supervision for one watch period, and adapt payload and plan receiver.
 
-        First the simulated payload decreases by one period's share, if a lighter one was set. If
+        If a lighter payload was set, the simulated payload first decreases for one period. If
         supervision stops the arm in this call, the receiver refuses plans from now on. If
-        supervision releases the arm, the receiver takes plans again. A release is begun if the user
+        supervision releases the arm, the receiver takes plans again. A release begins if the user
         has cleared the fault, the arm rests, and the payload has its set value.
         """
         self._reduce_payload()
@@ -276,7 +277,10 @@ class SupervisedArm:
         self._release_if_cleared()
 
     def _release_if_cleared(self) -> None:
-        """Begin to release the arm if its fault is being cleared and it rests with its payload."""
+        """Begin to release the arm if the user has cleared the fault and the arm rests.
+
+        The payload must also have its set value.
+        """
         if self._clearing and self._payload == self._payload_wanted and self.supervision.rests:
             self.supervision.release()
 

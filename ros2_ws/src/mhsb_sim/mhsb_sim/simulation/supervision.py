@@ -2,14 +2,15 @@
 
     watching → stopping → closed → held → venting → watching
 
-Beyond a limit the reference decelerates along its path. The valves close when the arm rests. They
-close earlier if the following error grows further or if rest does not come in time. They close at
-once if a part has failed that braking needs. A failed servo pump stops nothing: the servo does
-without it.
+If a symptom exceeds its stop limit, the reference decelerates along its path. The valves close when
+the arm rests. They close earlier if the following error grows further, or if the arm does not come
+to rest in time. They close at once if a part has failed that is needed for braking. A failed servo
+pump does not stop the arm: the servo does without it.
 
-Once the arm rests, the reference is set to the arm's actual posture. It never steps otherwise. The
-arm therefore stays where it is, even if the fault disappears. After its release the valves stay
-closed until the next plan opens them. The servo then starts without memory of what was before.
+When the arm rests, the reference is set to the arm's actual posture. This is the only case in which
+the reference jumps. So the arm stays where it is, even if the fault disappears. After the release
+of the arm the valves stay closed until the next plan opens them. The servo then starts without its
+former state.
 """
 
 from __future__ import annotations
@@ -91,9 +92,9 @@ class Supervision:
         settings: Tuned numbers of all supervisions.
         limits: Limits of the symptoms; may be replaced at any time.
         phase: Present phase.
-        fault: Why the arm has been stopped; empty if it has not.
-        warning: Text on failed servo pumps and on the first symptom above its warning value; empty
-            if there is neither.
+        fault: Sentence that says why the arm has been stopped; empty if it has not been stopped.
+        warning: Warning of failed servo pumps and of the first symptom above its warning value;
+            empty if there is neither.
     """
 
     settings: ClassVar[SupervisionSettings] = SupervisionSettings()
@@ -103,8 +104,7 @@ class Supervision:
 
         Args:
             simulator: The simulator.
-            limits: Limits of the symptoms: for each, a value that warns and a value that stops the
-                arm.
+            limits: Limits of the symptoms, each as a pair (value to warn, value to stop the arm).
         """
         self._simulator = simulator
         self.limits = limits
@@ -167,7 +167,7 @@ class Supervision:
 
     @property
     def rests(self) -> bool:
-        """True if all joints have been at rest, with a resting reference, for `rest_ns`.
+        """True if all joints and the reference have been at rest for `rest_ns`.
 
         A joint rests if its measured positions stay within a range of `rest_sway`.
         """
@@ -187,7 +187,7 @@ class Supervision:
         return failed
 
     def release(self) -> None:
-        """Begin to release a held arm; no effect in other phases than HELD.
+        """Begin to release a held arm; nothing happens in other phases than HELD.
 
         The phase becomes VENTING. `watch` ends the stop when no oil is trapped and the arm rests.
         The arm then moves with the next plan.
@@ -209,10 +209,11 @@ class Supervision:
         self.restart()
 
     def _evaluate_symptoms(self, sample: ArmSample) -> None:
-        """Check servo pumps and symptoms; stop using failed pumps, warn, or stop the arm.
+        """Evaluate servo pumps and symptoms, and warn or stop the arm if necessary.
 
-        The first symptom above its stop limit stops the arm. Otherwise `warning` is set: it names
-        the failed pumps and the first symptom above its warning limit.
+        Servo pumps that have failed are no longer used. The first symptom above its stop limit
+        stops the arm. Otherwise `warning` is set. It names the failed pumps and the first symptom
+        above its warning limit.
 
         Args:
             sample: State of the arm.
@@ -239,11 +240,12 @@ class Supervision:
     def _stop_for_fault(self, fault: str, closes: bool) -> None:
         """Stop the arm because of a fault, by braking or by closing its valves.
 
-        To brake means that the reference decelerates along its path (phase STOPPING). Closed valves
-        override the reference (phase CLOSED). `fault` is stored and `warning` cleared.
+        If the arm brakes, the reference decelerates along its path (phase STOPPING). If the valves
+        close, the servo does not act (phase CLOSED). `fault` is stored, and `warning` becomes
+        empty.
 
         Args:
-            fault: Sentence on the fault.
+            fault: Sentence that describes the fault.
             closes: True closes the valves at once; False brakes.
         """
         self.fault, self.warning = fault, ""
@@ -254,9 +256,9 @@ class Supervision:
             self._enter(Phase.CLOSED)
 
     def _enter(self, phase: Phase) -> None:
-        """Set the phase and the time at which it began, and forget the samples that show rest.
+        """Set the phase and the time at which it began, and forget the samples of the arm at rest.
 
-        So the arm must rest for the whole time again in the new phase.
+        So the arm must rest for the whole time `rest_ns` again in the new phase.
 
         Args:
             phase: The new phase.

@@ -38,7 +38,12 @@ def compute_seal_flow(numbers: FloatArray, drop: float) -> tuple[float, float]:
 
 
 def _list_places(site: CircuitSite, section: PistonSeal) -> list[ValvePlace]:
-    """Return the seal of each piston, between cap side and rod side."""
+    """Return the seal of each piston, between cap side and rod side.
+
+    Args:
+        site: Circuit of a machine.
+        section: Section `piston_seal` of the machine file, with the leakage of each seal.
+    """
     viscosity = compute_viscosity_ratio(site.machine.config.imperfections.oil_temperature)
     conductance = [section.leakage_flow / RATED_DROP / viscosity]
     return [

@@ -22,7 +22,12 @@ def compute_bleed_flow(numbers: FloatArray, drop: float) -> tuple[float, float]:
 
 
 def _list_places(site: CircuitSite, section: None) -> list[ValvePlace]:
-    """Return the bleed valve between rail and tank."""
+    """Return the bleed valve between rail and tank, as a list of one.
+
+    Args:
+        site: Circuit of a machine.
+        section: Not used, since this kind has no section in the machine file.
+    """
     return [ValvePlace(site.rail, site.tank, [float(site.constants["bleed_conductance"][0])])]
 
 

@@ -75,7 +75,8 @@ class PlacedValves(NamedTuple):
 
     Attributes:
         records: Kind, nodes and energy counter of each of k valves.
-        numbers: Numbers of each valve, filled up with zeros, shape (k, most numbers).
+        numbers: Numbers of each valve's flow equation, float64[k, w]. w is the largest count of
+            numbers of any valve; shorter rows are filled up with zeros.
     """
 
     records: Records[PlacedValve]
@@ -120,8 +121,8 @@ def read_valve_sections(machine: Machine) -> dict[str, Any]:
         machine: Machine, whose file may have the sections `circuit.valves`.
 
     Returns:
-        Instance of the schema, by the kind's name, for each section in the file. Keys that the
-        section leaves out have their defaults.
+        Checked section by name of its kind, for each section in the file. Keys that a section
+        leaves out have their defaults.
 
     Raises:
         MachineFileError: A section names no kind, has an unknown key or a wrong value.

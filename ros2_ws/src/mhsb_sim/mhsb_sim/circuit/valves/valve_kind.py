@@ -68,7 +68,8 @@ class ValveKind:
         name: Name of its energy counter, and of its section in `circuit.valves` of a machine file.
         section: Schema of that section, with unit, range and default of each key. None if every
             circuit has the valve.
-        list_places: Returns the valves of this kind in a circuit, by their section.
+        list_places: Function that returns all valves of this kind. It takes the circuit, and the
+            section of the machine file (None for a kind without section).
         compute_flow: Kernel (numbers, pressure drop [Pa]) that returns the flow from start to end
             [m³/s] and its slope dQ/dΔp ≥ 0 [m³/(s Pa)].
     """
