@@ -33,7 +33,7 @@ class ActuatorSample:
         supply_flow: Flow from the supply line through the valve [m^3/s].
         valve_opening: Opening of the servo valve, -1 to 1, positive if the piston extends.
         servo_pump_flow: Flow of the actuator's own booster module [m^3/s].
-        servo_pump_speed: Speed of its pump, as a share of the speed of full flow.
+        servo_pump_speed: Speed of this module's pump, as a share of full speed.
     """
 
     stamp_ns: int
@@ -99,8 +99,9 @@ def decode(message: JointState, actuator_names: Sequence[str]) -> ActuatorSample
         The sample.
 
     Raises:
-        MessageError: An entry is missing, unknown or given twice; an entry has no value or one that
-            is not finite; the stamp is impossible; or `velocity` or `effort` is not empty.
+        MessageError: One of these holds. An entry is missing, unknown or given twice. An entry has
+            no value, or a value that is not finite. The nanoseconds of the stamp make a second or
+            more. `velocity` or `effort` is not empty.
     """
     order = checks.find_joint_order("actuator states", message.name, entry_names(actuator_names))
     checks.check_empty("velocity", message.velocity)

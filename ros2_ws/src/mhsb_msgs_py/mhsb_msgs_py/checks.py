@@ -1,4 +1,4 @@
-"""Checks that decoding makes in every message with named joints; each error names the problem."""
+"""Checks of messages with named joints, which decoders call; each error names the problem."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def find_joint_order(what: str, given: Sequence[str], expected: Sequence[str]) -
         Index into `given` for each expected name, int64[len(expected)].
 
     Raises:
-        MessageError: Names are given twice, unknown or missing. Of these three problems, the error
-            states the first that occurs, with all names that have it.
+        MessageError: Names are given twice, unknown or missing. The error states the first of these
+            three problems that exists, and lists all names with this problem.
     """
     if list(given) == list(expected):
         return np.arange(len(expected))
@@ -43,12 +43,12 @@ def find_joint_order(what: str, given: Sequence[str], expected: Sequence[str]) -
 
 
 def check_values(what: str, given: Sequence[float], order: IntArray) -> FloatArray:
-    """Check that an array has one finite value for each name, and put the values into order.
+    """Check that an array has one finite value for each name, and reorder the values.
 
     Args:
         what: Name of the array for the error, such as "position".
         given: One value for each name of the message, in the order of the message.
-        order: For each expected name the index into `given`, as `find_joint_order` returns it.
+        order: Index into `given` of each expected name, from `find_joint_order`.
 
     Returns:
         Values in the order of the expected names, float64[len(order)].
@@ -60,13 +60,13 @@ def check_values(what: str, given: Sequence[float], order: IntArray) -> FloatArr
 
 
 def check_point_table(field: str, rows: Rows, order: IntArray) -> FloatArray:
-    """Check that each point has one finite value for each name, and put the values into order.
+    """Check that each point has one finite value for each name, and reorder the values.
 
     Args:
         field: Name of the array for the error, such as "positions".
         rows: Values of each point in the order of the message: a 2-D array, or one sequence for
             each point.
-        order: For each expected name the index into a row, as `find_joint_order` returns it.
+        order: Index into a row of each expected name, from `find_joint_order`.
 
     Returns:
         Values in the order of the expected names, float64[points, len(order)].
@@ -78,7 +78,12 @@ def check_point_table(field: str, rows: Rows, order: IntArray) -> FloatArray:
 
 
 def check_empty(what: str, given: Sequence[float]) -> None:
-    """Raise MessageError if an array that has no meaning here is not empty."""
+    """Raise MessageError if an array that must be empty has values.
+
+    Args:
+        what: Name of the array, for the error.
+        given: Values of the array.
+    """
     if len(given) != 0:
         raise MessageError(f"{what} has {len(given)} values; leave it empty")
 
@@ -100,7 +105,7 @@ def check_empty_rows(field: str, rows: Rows) -> None:
 def check_point_times(
     what: str, times_ns: Sequence[int] | IntArray, *, max_spacing_ns: int | None = None
 ) -> IntArray:
-    """Check the times of points: there is at least one, the first is 0, and they increase strictly.
+    """Check that there is at least one point time, and that times begin at 0 and increase strictly.
 
     Args:
         what: Name of the message for the error, such as "the trajectory".
@@ -111,7 +116,7 @@ def check_point_times(
         The times, int64[points], [ns].
 
     Raises:
-        MessageError: There is no point, the first is not at 0, times do not increase strictly, or
+        MessageError: There is no point, the first time is not 0, times do not increase strictly, or
             two neighbours are farther apart than `max_spacing_ns`.
     """
     if len(times_ns) == 0:
@@ -138,12 +143,12 @@ def check_point_times(
 
 
 def _reorder_rows(rows: Rows, order: IntArray, name_of_row: Callable[[int], str]) -> FloatArray:
-    """Check that each row has one finite value for each name, and put the values into order.
+    """Check that each row has one finite value for each name, and reorder the values.
 
     Args:
         rows: Values: a 2-D array, or one sequence for each row.
-        order: For each column of the result the index into a row.
-        name_of_row: Returns the name of the row with a given index, for errors.
+        order: Index into a row for each column of the result.
+        name_of_row: Function that returns the name of a row for errors, from the row's index.
 
     Returns:
         Values, float64[rows, len(order)].

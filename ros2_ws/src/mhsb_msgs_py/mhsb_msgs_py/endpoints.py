@@ -1,9 +1,10 @@
 """Publishers and subscriptions of the suite's own topics, and a check for duplicates of them.
 
-By default rclpy gives every publisher and subscription two events, which only log that the other
-end has another QoS or type. The executor checks each of them whenever it wakes. At hundreds of
-messages a second that took a third of the planner's processor time at rest. The other end logs such
-a mismatch. Subscriptions that people publish on by hand keep the events.
+By default rclpy gives every publisher and subscription two events. They only log that the other end
+of the topic has another QoS or type. The executor checks every event whenever it wakes. At hundreds
+of messages a second these checks took a third of the planner's processor time at rest. So the
+suite's own publishers and subscriptions have no events; the other end logs a mismatch.
+Subscriptions to topics on which people publish by hand keep the events.
 """
 
 from __future__ import annotations
@@ -57,10 +58,10 @@ def make_subscription(
 
 
 def describe_duplicates(node: Node, publishers: Sequence[Publisher]) -> str:
-    """Describe which names and topics of a node are used more than once in the ROS graph.
+    """Describe which node name and topics of a node are used more than once in the ROS graph.
 
-    Nodes with the node's full name are counted, and publishers on each of the given topics. One
-    call takes a fraction of a millisecond; one call a second is enough.
+    The function counts the nodes with this node's full name, and the publishers on the topic of
+    each given publisher. One call takes a fraction of a millisecond; one call a second is enough.
 
     Args:
         node: The node.

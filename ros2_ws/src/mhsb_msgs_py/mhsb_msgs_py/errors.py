@@ -13,9 +13,9 @@ LONGEST_SENTENCE = 400
 class MessageError(MhsbError):
     """Error: a message breaks its contract; the text names the value, the limit and what to do.
 
-    A message may contain anything that the text repeats. So the text is cut off after
-    `LONGEST_SENTENCE` characters. Characters that cannot be printed, line breaks included, are
-    replaced.
+    The text may repeat parts of the message, which can contain anything. So the text is cut off
+    after `LONGEST_SENTENCE` characters. Characters that cannot be printed, line breaks included,
+    are replaced.
     """
 
     def __init__(self, sentence: str) -> None:
@@ -36,7 +36,7 @@ class GoalError(MessageError):
 
     Attributes:
         code: Code of the goal's verdict.
-        goal: The goal as it was read; a goal at the origin with stamp 0 if it was not.
+        goal: The goal as it was read; if it was not read, a goal at the origin with stamp 0.
     """
 
     def __init__(self, code: Verdict, sentence: str, goal: Goal | None = None) -> None:

@@ -1,9 +1,8 @@
 """Codec of the values that an arm has estimated of itself, as sensor_msgs/JointState.
 
-Each number is an entry whose value is in `position`. An estimate such as `payload` or
-`actuator_1/friction` comes with its standard deviation, `payload/deviation`, and with
-`payload/known`, which is 0 if the motion so far has not determined it. `velocity` and `effort` stay
-empty.
+Each number is an entry whose value is in `position`. An estimate has three entries, for instance
+`payload`, `payload/deviation` (its standard deviation) and `payload/known`. The last one is 0 if
+the motion so far has not determined the estimate. `velocity` and `effort` stay empty.
 """
 
 from __future__ import annotations
@@ -63,9 +62,9 @@ def decode(message: JointState) -> list[Estimate]:
         and `known` entries that belong to no value are ignored.
 
     Raises:
-        MessageError: A name is given twice; a name has no value or one that is not finite; an
-            estimate lacks its deviation or its `known` entry; a deviation is negative; or
-            `velocity` or `effort` is not empty.
+        MessageError: One of these holds. A name is given twice. A name has no value, or a value
+            that is not finite. An estimate lacks its deviation or its `known` entry. A deviation is
+            negative. `velocity` or `effort` is not empty.
     """
     names = list(message.name)
     order = checks.find_joint_order("estimates", names, sorted(set(names)))

@@ -48,7 +48,7 @@ class Faults:
 
     Attributes:
         count: Number of faults since the start.
-        last: Sentence of the last one; empty if there was none.
+        last: Sentence that describes the last fault; empty if there was none.
         ending_errors: Types of exceptions that are meant to end the node.
     """
 
@@ -78,7 +78,9 @@ class Faults:
         self._last_at = self._stopped_at = -float("inf")
 
     def watch(self, *entities: Any) -> None:
-        """Watch callbacks: if one of them fails repeatedly, the arm is stopped.
+        """Watch callbacks, so that the arm is stopped if one of them fails repeatedly.
+
+        The arm is stopped after IN_A_ROW_TO_STOP failures of one callback in a row.
 
         Args:
             *entities: Subscriptions or timers whose callbacks are watched.
@@ -114,7 +116,7 @@ class Faults:
     def record_success(self, entity: Any) -> None:
         """Record that the callback of a subscription or timer has succeeded.
 
-        Its count of faults in a row starts again at 0.
+        Its number of faults in a row is set to 0.
 
         Args:
             entity: The subscription or timer.
@@ -125,7 +127,7 @@ class Faults:
     def wrap(self, place: str, callback: Callable[..., None]) -> Callable[..., None]:
         """Wrap a callback so that its exceptions are recorded as faults.
 
-        This is for callbacks that rclpy's executor does not call itself.
+        Use it for callbacks that rclpy's executor does not call itself.
 
         Args:
             place: Name of the callback, for the record.
@@ -147,11 +149,15 @@ class Faults:
         return guarded
 
     def get_recent_fault(self) -> str:
-        """Return the sentence of the last fault; empty if it is more than `SHOWN_FOR` ago."""
+        """Return the sentence of the last fault; empty after `SHOWN_FOR` seconds."""
         return self.last if time.monotonic() - self._last_at < SHOWN_FOR else ""
 
     def get_status_values(self) -> dict[str, str]:
-        """Return the values of a status on /diagnostics that describe the faults."""
+        """Return the values that describe the faults in a status on /diagnostics.
+
+        Returns:
+            `faults`, the number of faults, and `last_fault`, the sentence of the last one.
+        """
         return {"faults": str(self.count), "last_fault": self.last}
 
     def _count_in_a_row(self, place: str) -> None:
@@ -181,9 +187,9 @@ class Faults:
     def _log(self, place: str, error: Exception, sentence: str) -> None:
         """Log a fault, unless one of its kind was logged within the last `LOG_PERIOD`.
 
-        Faults are of one kind if callback, exception type and place in the code are equal. The
-        first fault of a kind is logged with its traceback, later ones as one line. At most
-        `MOST_KINDS` kinds are remembered; then all are forgotten at once.
+        Two faults are of one kind if callback, exception type and place in the code are equal. The
+        first fault of a kind is logged with its traceback, later ones as one line. When
+        `MOST_KINDS` kinds are remembered, all of them are forgotten at once.
 
         Args:
             place: Name of the callback.
@@ -228,7 +234,7 @@ def _describe_error(error: Exception) -> str:
         error: The exception.
 
     Returns:
-        Type and text; the type alone if making the text raises an exception itself.
+        Type and text; the type alone if the exception's own conversion to text fails.
     """
     try:
         return f"{type(error).__name__}: {error}"
@@ -243,8 +249,8 @@ def _format_traceback(error: Exception) -> str:
         error: The exception.
 
     Returns:
-        At most `DEEPEST_TRACE` calls, of which the last `LONGEST_TRACE` characters. A remark if no
-        traceback can be made.
+        The last `LONGEST_TRACE` characters of the text, which has at most `DEEPEST_TRACE` calls. If
+        no traceback can be made, a remark that says so.
     """
     try:
         lines = traceback.format_exception(error, limit=-DEEPEST_TRACE)

@@ -1,10 +1,11 @@
 """Codec of `Goal` as geometry_msgs/PoseStamped.
 
-In `base_link` the goal is (x, z), and y must be 0. In `work_plane`, the same plane laid flat for
-viewers that know only x and y, it is (x, y), and z must be 0. Arms that slew go to any (x, y, z) in
-`base_link`; for them, `work_plane` is the plane in which the arm is when the goal comes. The
-orientation has no meaning, and a quaternion of zeros is accepted. NaN in it is refused, since it
-shows a faulty sender. The stamp identifies the goal.
+A goal can be given in two frames. In `base_link` it is (x, z), and y must be 0. `work_plane` is the
+arm's plane laid flat, for viewers that know only x and y. In this frame the goal is (x, y), and z
+must be 0. Arms that slew go to any (x, y, z) in `base_link`. For them, `work_plane` is the plane in
+which the arm is when the goal comes. The orientation has no meaning, and a quaternion of zeros is
+accepted. An orientation with NaN is refused, since it shows a faulty sender. The stamp identifies
+the goal.
 """
 
 from __future__ import annotations
@@ -54,8 +55,8 @@ def decode(message: PoseStamped, frame_prefix: str = "", to_base: ToBase | None 
         message: The pose, in `base_link` or in `work_plane` (the arm's plane laid flat: x forward,
             y up).
         frame_prefix: Text before the names of frames.
-        to_base: For arms that slew: converts (x, y) in `work_plane` to (x, y, z) in `base_link`
-            [m]. None for arms that do not slew.
+        to_base: Function for arms that slew, which converts (x, y) in `work_plane` to (x, y, z) in
+            `base_link` [m]. None for arms that do not slew.
 
     Returns:
         The goal in `base_link`.
@@ -65,7 +66,7 @@ def decode(message: PoseStamped, frame_prefix: str = "", to_base: ToBase | None 
             or orientation, and `FRAME` for an unknown frame. It is `OUT_OF_WORKSPACE` for a goal
             more than OFF_PLANE_TOLERANCE beside the arm's plane. A GoalError of `to_base` keeps its
             code.
-        MessageError: The stamp is impossible.
+        MessageError: The nanoseconds of the stamp make a second or more.
     """
     position, orientation = message.pose.position, message.pose.orientation
     flat = message.header.frame_id == frame_name(WORK_PLANE_FRAME, frame_prefix)
@@ -105,7 +106,7 @@ def decode(message: PoseStamped, frame_prefix: str = "", to_base: ToBase | None 
 
 
 def _goal_as_sent(position: Point, flat: bool, stamp_ns: int, slews: bool) -> Goal:
-    """Return a goal from the numbers of a message alone, without a conversion by the slew angle.
+    """Return the goal that the numbers of a message give, without a conversion by the slew angle.
 
     Verdicts on poses that cannot be used refer to this goal.
 

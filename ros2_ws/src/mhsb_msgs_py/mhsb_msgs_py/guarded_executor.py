@@ -1,8 +1,8 @@
 """Executor of the suite's nodes: a callback that fails does not end its node.
 
-rclpy's executor raises whatever a callback raises, and an exception while a message is taken leaves
-the callback group occupied for good. Here each fault is recorded in the node's `faults`, a client
-that waits for an answer gets one, and the node goes on.
+rclpy's executor raises every exception of a callback. If an exception occurs while a message is
+taken, rclpy never frees the callback group again. This executor records each fault in the node's
+`faults`. A client that waits for an answer gets one, and the node goes on.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ Execution = Callable[[], Coroutine[Any, Any, None]]
 
 
 def get_faults(node: Node) -> Faults:
-    """Return the record of a node's faults; make one if the node has none.
+    """Return the record of a node's faults; create it if the node has none.
 
     Args:
         node: The node. A new record is stored as its attribute `faults`.
@@ -82,9 +82,10 @@ class GuardedExecutor(SingleThreadedExecutor):
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Serve one callback, and record an exception of a task or of the wait itself as a fault.
 
-        The exception is raised again, and so ends the process, in these cases: ROS has been shut
-        down; its type is in `Faults.ending_errors`; it is number `MAX_EXECUTOR_FAULTS` in a row; or
-        the executor has no node.
+        In these cases the exception is raised again, which ends the process:
+        - ROS has been shut down, or the executor has no node.
+        - The type of the exception is in `Faults.ending_errors`.
+        - It is exception number `MAX_EXECUTOR_FAULTS` in a row.
 
         Args:
             timeout_sec: Longest time to wait for work [s]; None waits without limit.
@@ -101,7 +102,9 @@ class GuardedExecutor(SingleThreadedExecutor):
             self._in_a_row = 0
 
     def _make_handler(self, entity: Any, node: Node, take_from_wait_list: Any) -> Task:
-        """Make the task that takes the input of one callback, executes it, and records exceptions.
+        """Make the task that takes an entity's input and executes its callback.
+
+        Exceptions of both are recorded as faults.
 
         Requests of services are taken by `_take_request`, and messages for the node's clock by
         `_take_clock`. All other input is taken by rclpy.
@@ -142,7 +145,7 @@ class GuardedExecutor(SingleThreadedExecutor):
             """Execute the callback, and record its success or its exception.
 
             Args:
-                execute: Coroutine function that executes it.
+                execute: Coroutine function that executes the callback.
             """
             try:
                 await execute()
@@ -154,7 +157,7 @@ class GuardedExecutor(SingleThreadedExecutor):
         return super()._make_handler(entity, node, guarded_take)
 
     def _take_request(self, node: Node, service: Service) -> Execution | None:
-        """Take a request from a service's queue.
+        """Take a request from a service's queue, to be answered later.
 
         The request is answered even if the callback fails. An answer that cannot be sent is logged.
 
@@ -163,7 +166,7 @@ class GuardedExecutor(SingleThreadedExecutor):
             service: The service.
 
         Returns:
-            Coroutine function that answers the request; None if the service was destroyed before.
+            Coroutine function that answers the request; None if the service has been destroyed.
         """
         try:
             with service.handle:
@@ -186,9 +189,10 @@ class GuardedExecutor(SingleThreadedExecutor):
     async def _compute_response(self, node: Node, service: Service, request: Any) -> Any:
         """Compute the response of a service; if its callback fails, the response gives the reason.
 
-        Services that set parameters are treated by themselves, and set at most `MOST_CHANGES`
-        parameters. SetParameters sets them one by one and refuses those beyond.
-        SetParametersAtomically sets all at once and refuses a longer request as a whole.
+        Services that set parameters are treated differently from others, and set at most
+        `MOST_CHANGES` parameters. SetParameters sets its parameters one by one, and refuses those
+        beyond this number. SetParametersAtomically sets all at once, and refuses a longer request
+        as a whole.
 
         Args:
             node: Node of the service.
@@ -196,8 +200,8 @@ class GuardedExecutor(SingleThreadedExecutor):
             request: The request.
 
         Returns:
-            Response of the service. After a fault it is empty, but `success` is False and `message`
-            names the fault, if it has these fields.
+            Response of the service. After a fault the response is empty. If it has the fields
+            `success` and `message`, they are False and a sentence that names the fault.
         """
         response = service.srv_type.Response()
         if service.srv_type is SetParameters:
@@ -222,11 +226,12 @@ class GuardedExecutor(SingleThreadedExecutor):
     async def _set_parameters(
         self, node: Node, service: Service, parameters: Sequence[Parameter], request: Any
     ) -> SetParametersResult:
-        """Set parameters, all of them or none.
+        """Set all parameters of a request, or none of them.
 
-        They are refused if there are more than `MOST_CHANGES`, if one is unknown, of an unknown
-        type or must not be deleted, or if the node refuses them. If a callback raises an exception,
-        a fault is recorded and the node's parameters are restored.
+        They are refused if there are more than `MOST_CHANGES`, or if the node refuses them. They
+        are also refused if one of them is unknown, has an unknown type, or would be deleted
+        although it must not be. If a callback raises an exception, a fault is recorded and the
+        node's parameters are restored.
 
         Args:
             node: Node of the parameters.
@@ -260,13 +265,14 @@ class GuardedExecutor(SingleThreadedExecutor):
 
 
 def _send_response(node: Node, service: Service, response: Any, header: Any, attempts: int) -> None:
-    """Send a response, and again every `RESPONSE_PERIOD` while its client cannot receive it.
+    """Send a response, and repeat this every `RESPONSE_PERIOD` while its client cannot receive it.
 
-    Whether the client can receive it is known only from a warning of rclpy. A response that cannot
-    be sent is logged.
+    Only a warning of rclpy tells whether the client can receive the response. If all attempts fail,
+    this is logged.
 
     Args:
-        node: Node of the service. Its callbacks are served between the attempts.
+        node: Node of the service. A timer of the node makes the next attempt, so its callbacks are
+            served meanwhile.
         service: The service.
         response: The response.
         header: Header of the request, which identifies the client.
@@ -290,7 +296,7 @@ def _send_response(node: Node, service: Service, response: Any, header: Any, att
         return
 
     def send_again() -> None:
-        """Make the next attempt."""
+        """Make the next attempt, and remove the timer that has called this function."""
         node.destroy_timer(timer)
         _send_response(node, service, response, header, attempts - 1)
 
@@ -299,7 +305,7 @@ def _send_response(node: Node, service: Service, response: Any, header: Any, att
 
 
 def _take_clock(subscription: Subscription) -> Execution | None:
-    """Take a time for the node's clock.
+    """Take a message of /clock from its subscription, to be applied later.
 
     Args:
         subscription: Subscription of /clock.
@@ -324,15 +330,15 @@ def _take_clock(subscription: Subscription) -> Execution | None:
 
 
 def _find_unusable_parameter(node: Node, parameters: Sequence[Parameter]) -> str:
-    """Return why parameters of a request cannot be set, whatever their values.
+    """Return why parameters of a request cannot be set, without a check of their values.
 
     Args:
         node: Node of the parameters. Only those in its `deletable_parameters` may be deleted.
         parameters: Parameters of the request.
 
     Returns:
-        One sentence on the first parameter that does not exist, has an unknown type or must not be
-        deleted; empty if there is none.
+        One sentence about the first parameter that does not exist, has an unknown type, or would be
+        deleted although it must not be. Empty if there is no such parameter.
     """
     deletable = getattr(node, "deletable_parameters", ())
     for parameter in parameters:

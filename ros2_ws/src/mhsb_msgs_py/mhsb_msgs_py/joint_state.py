@@ -41,7 +41,7 @@ def encode(sample: JointSample, joint_names: Sequence[str]) -> JointState:
 
     Args:
         sample: The sample.
-        joint_names: Names of the n joints.
+        joint_names: Names of the n joints, in the order of the sample's arrays.
     """
     return JointState(
         header=Header(stamp=stamps.to_time(sample.stamp_ns)),
@@ -63,9 +63,9 @@ def decode(message: JointState, joint_names: Sequence[str]) -> JointSample:
         The sample; its `effort` is None if the message has none.
 
     Raises:
-        MessageError: A name is missing, unknown or given twice; a joint lacks a finite value; or
-            the stamp is not a time that a clock may show (`stamps.from_clock`): it is before 1970,
-            or so late that later times would not fit into a message.
+        MessageError: One of these holds. A name is missing, unknown or given twice. A joint lacks a
+            finite value. The stamp is not a time that a clock may show (`stamps.from_clock`): it is
+            before 1970, or so late that later times would not fit into a message.
     """
     order = checks.find_joint_order("joint states", message.name, joint_names)
     return JointSample(

@@ -3,7 +3,7 @@
 A reliable subscription gets nothing from a best-effort publisher, such as a micro controller. A
 transient-local subscription gets nothing from a volatile publisher. ROS then delivers nothing and
 only logs an event. `MatchingSubscriptions` opens a second subscription with the publisher's own
-quality of service; the first one stays for all others.
+quality of service. The first one remains for all other publishers.
 """
 
 from __future__ import annotations
@@ -32,11 +32,12 @@ class _SubscribedTopic:
     """Topic with its subscriptions.
 
     Attributes:
-        topic: Name, type and the quality of service that is asked for.
-        callback: Called with message and information, once for each message.
+        topic: Name, type and requested quality of service.
+        callback: Function that is called once for each message, with the message and rclpy's
+            information on it.
         first: The subscription with the topic's own quality of service; None before it is made.
-        further: Further subscriptions, by the reliability and durability of the publishers that
-            the first one does not match.
+        further: Further subscriptions, each for publishers that the first one does not match. Keys
+            are the reliability and durability of these publishers.
         keys: Publishing time [ns] and sequence number of the last messages.
     """
 
@@ -47,11 +48,11 @@ class _SubscribedTopic:
     keys: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=MESSAGE_CAPACITY))
 
     def pass_on(self, message: Any, info: dict[str, int]) -> None:
-        """Pass a message to the callback, unless it has come by another subscription of the topic.
+        """Pass a message to the callback, unless another subscription has already received it.
 
-        If there are further subscriptions, duplicates are recognized by publishing time and
-        sequence number among the last MESSAGE_CAPACITY messages. Without further ones, all messages
-        are passed.
+        If the topic has further subscriptions, a message can come twice. Such duplicates are
+        recognized by publishing time and sequence number among the last MESSAGE_CAPACITY messages.
+        Without further subscriptions, all messages are passed on.
 
         Args:
             message: The message.
@@ -69,8 +70,8 @@ class MatchingSubscriptions:
     """Subscriptions of a node; `update` opens further ones if publishers need them.
 
     Attributes:
-        problem: One sentence that names all publishers whose quality of service a topic's own
-            subscription does not match; empty if there is none.
+        problem: One sentence that names all publishers with which a topic's own subscription does
+            not match; empty if there is none.
     """
 
     def __init__(self, node: Node) -> None:
@@ -95,8 +96,8 @@ class MatchingSubscriptions:
         Args:
             topic: Name, type and quality of service.
             callback: Called with each message and rclpy's information on it.
-            at_once: True to call `update` as soon as ROS finds a publisher that does not match. The
-                executor then checks for this event at every wake.
+            at_once: True to call `update` as soon as ROS finds a publisher that does not match.
+                This costs time, since the executor then checks for this event at every wake.
 
         Returns:
             The subscription with the topic's own quality of service.
@@ -112,9 +113,9 @@ class MatchingSubscriptions:
         """Open further subscriptions for publishers that a topic's own subscription does not match.
 
         There is one further subscription for each combination of reliability and durability that
-        such publishers offer. Its opening is logged. It is closed again when all its publishers are
-        gone. `problem` names all publishers that do not match the topic's own subscription, even if
-        a further subscription serves them.
+        such publishers offer. It is logged when it is opened, and closed again when all its
+        publishers are gone. `problem` is updated. It names all publishers that do not match the
+        topic's own subscription, even if a further subscription serves them.
         """
         problems = []
         for heard in self._topics:
@@ -134,12 +135,12 @@ class MatchingSubscriptions:
         self.problem = "; ".join(problems)
 
     def _open(self, subscribed: _SubscribedTopic, offer: Offer, problem: str) -> None:
-        """Subscribe to a topic once more, with a publisher's quality of service, and log this.
+        """Subscribe to a topic once more, with the quality of service of a publisher, and log this.
 
         Args:
             subscribed: The topic. The subscription is added to its `further` in place.
             offer: Reliability and durability of the publisher.
-            problem: Sentence on the mismatch.
+            problem: Sentence that describes the mismatch, for the log.
         """
         reliability, durability = offer
         qos = QoSProfile(
@@ -158,7 +159,13 @@ class MatchingSubscriptions:
     def _subscribe(
         self, subscribed: _SubscribedTopic, qos: QoSProfile, events: SubscriptionEventCallbacks
     ) -> Subscription:
-        """Create a subscription whose messages go to `subscribed.pass_on`."""
+        """Create a subscription whose messages go to `subscribed.pass_on`.
+
+        Args:
+            subscribed: The topic.
+            qos: Quality of service of the subscription.
+            events: Callbacks for events of the subscription.
+        """
         topic = subscribed.topic
         return self._node.create_subscription(
             topic.message, topic.name, subscribed.pass_on, qos, event_callbacks=events
@@ -187,7 +194,7 @@ def _matches(
 
 
 def _describe_mismatch(subscribed: _SubscribedTopic, offer: Offer) -> str:
-    """Describe how the quality of service of a publisher falls short of what a topic asks for.
+    """Describe how the quality of service of a publisher falls short of the requested one.
 
     Args:
         subscribed: The topic.

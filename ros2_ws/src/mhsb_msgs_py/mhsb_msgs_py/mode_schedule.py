@@ -42,9 +42,10 @@ def encode(schedule: ModeSchedule, actuator_names: Sequence[str]) -> JointTrajec
 
 
 def to_bytes(schedule: ModeSchedule, actuator_names: Sequence[str]) -> bytes:
-    """Encode a schedule to the bytes of its message.
+    """Encode a schedule as the serialized bytes of its message.
 
-    The bytes are those that rclpy would make of the message of `encode`, but in less time.
+    The result equals the message of `encode` after serialization by rclpy. This function takes less
+    time.
 
     Args:
         schedule: The schedule of n actuators.

@@ -40,7 +40,7 @@ NodeType = TypeVar("NodeType", bound=Node)
 
 
 class RosArgumentsError(ArgumentError):
-    """Error: what follows `--ros-args` cannot be used."""
+    """Error: the arguments after `--ros-args` cannot be used."""
 
 
 class RosError(MhsbError):
@@ -51,11 +51,12 @@ def spin_node(make_node: Callable[[], Node], arguments: list[str] | None = None)
     """Make a node and serve it until a signal asks the process to end.
 
     The executor has one thread, and survives exceptions in callbacks (`guarded_executor`). A timer
-    wakes it every `MAX_WAIT`, so that no signal is missed.
+    wakes the executor every `MAX_WAIT` seconds, so that no signal is missed.
 
     Args:
-        make_node: Makes the node.
-        arguments: Command line; rclpy reads what follows `--ros-args`. None for the process's own.
+        make_node: Function that makes the node.
+        arguments: Words of the command line, of which rclpy reads those after `--ros-args`. None
+            takes the process's own.
 
     Returns:
         The exit code 0.
@@ -87,12 +88,14 @@ def _do_nothing() -> None:
 def run_ros(arguments: list[str] | None = None) -> Iterator[None]:
     """Initialize rclpy, as a context manager, and shut it down at the end of the block.
 
-    In the block, SIGINT shuts ROS down and does not raise KeyboardInterrupt. The block may then
-    fail in any way: every exception but MhsbError becomes ExternalShutdownException. If a signal
-    ends the process by force, Fast DDS's shared-memory files are deleted before.
+    In the block, SIGINT shuts ROS down and does not raise KeyboardInterrupt. After the shutdown,
+    calls of rclpy may fail in any way. So every exception except MhsbError is then replaced by
+    ExternalShutdownException. If a signal ends the process by force, the shared-memory files of
+    Fast DDS are deleted first.
 
     Args:
-        arguments: Command line; rclpy reads what follows `--ros-args`. None for the process's own.
+        arguments: Words of the command line, of which rclpy reads those after `--ros-args`. None
+            takes the process's own.
 
     Raises:
         RosArgumentsError: rclpy refuses the arguments.
@@ -122,8 +125,8 @@ def run_ros(arguments: list[str] | None = None) -> Iterator[None]:
 def _remove_shared_memory() -> None:
     """Delete the shared-memory files of Fast DDS that this process has open.
 
-    Without this, half a megabyte would stay after the process. This process's own files are those
-    whose locks it has open.
+    Otherwise half a megabyte would remain after the end of the process. The files of this process
+    are found by their lock files, which the process has open.
     """
     for descriptor in Path("/proc/self/fd").iterdir():
         with contextlib.suppress(OSError):
@@ -134,9 +137,9 @@ def _remove_shared_memory() -> None:
 
 
 def _ignore_interrupt(number: int, frame: object) -> None:
-    """Do nothing on SIGINT, so that ROS itself shuts down.
+    """Do nothing on SIGINT, since ROS shuts itself down.
 
-    Python's KeyboardInterrupt could hit rclpy anywhere.
+    Python's KeyboardInterrupt could be raised anywhere inside rclpy.
     """
 
 
@@ -147,14 +150,14 @@ def serve_node(
 ) -> Iterator[tuple[SingleThreadedExecutor, NodeType]]:
     """Make an executor and the node that it serves, as a context manager.
 
-    The caller spins the executor. At the end of the block the node is destroyed and the executor
-    shut down. A warning is logged for each parameter that was given at the start but that the node
-    does not have. The executor is made before the node, since rclpy cannot make one after a
+    The caller spins the executor. At the end of the block, the node is destroyed and the executor
+    is shut down. A warning is logged for each parameter of the command line that the node does not
+    have. The executor is made before the node, since rclpy cannot make an executor after a
     shutdown.
 
     Args:
-        make_node: Makes the node.
-        make_executor: Makes the executor.
+        make_node: Function that makes the node.
+        make_executor: Function that makes the executor.
 
     Yields:
         The executor and the node.
@@ -190,7 +193,7 @@ def run_command_node(
     The caller spins the executor.
 
     Args:
-        make_node: Makes the node.
+        make_node: Function that makes the node.
 
     Yields:
         The executor and the node.
@@ -208,7 +211,7 @@ def run_command_node(
 
 
 def _warn_of_unknown_parameters(node: Node) -> None:
-    """Log a warning for each parameter that was given at the start but that the node does not have.
+    """Log a warning for each parameter of the command line that the node does not have.
 
     rclpy drops such parameters silently.
 
@@ -225,15 +228,16 @@ def _warn_of_unknown_parameters(node: Node) -> None:
 def spin_until(
     executor: SingleThreadedExecutor, condition: Callable[[], bool], timeout: float
 ) -> bool:
-    """Serve the nodes of an executor until a condition holds, or a time is up.
+    """Serve the nodes of an executor until a condition holds or a timeout passes.
 
     Args:
         executor: The executor.
-        condition: Checked before each callback, and at least every 0.05 s.
+        condition: Function that returns whether the condition holds. It is called before each
+            callback, and at least every 0.05 s.
         timeout: Longest time [s].
 
     Returns:
-        True if the condition holds; False if the time was up before.
+        True if the condition holds; False if the timeout passed first.
     """
     end = time.monotonic() + timeout
     while not condition():
@@ -263,9 +267,9 @@ def _remove_source_places(error: Exception) -> str:
 
 
 def _initialize(arguments: list[str] | None) -> None:
-    """Initialize rclpy, and turn its errors on bad arguments into one sentence.
+    """Initialize rclpy, and turn its errors about bad arguments into one sentence.
 
-    rclpy's own log line on them is suppressed.
+    rclpy's own log line about such an error is suppressed.
 
     Args:
         arguments: Command line; None for the process's own.

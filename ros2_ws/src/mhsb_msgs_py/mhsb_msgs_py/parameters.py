@@ -21,8 +21,8 @@ class NodeParameter:
         name: Name of the parameter.
         default: Initial value, which also determines the type.
         text: Description.
-        limits: Least and greatest number; None for no range. rclpy enforces it for single numbers,
-            not for arrays.
+        limits: Least and greatest number; None for no range. rclpy enforces the range for single
+            numbers, but not for arrays.
         read_only: Whether the parameter cannot be changed after the start.
         may_be_empty: Whether it is an array of numbers that may be empty.
     """
@@ -37,8 +37,8 @@ class NodeParameter:
     def declare(self, node: Node) -> Any:
         """Declare the parameter on a node, and return its value.
 
-        If the value may be empty (`may_be_empty`) and is, ROS cannot tell its type. It is then set
-        to the type double array.
+        ROS cannot tell the type of an empty array. If the value is empty and may be
+        (`may_be_empty`), its type is set to double array.
 
         Args:
             node: Node that gets the parameter.

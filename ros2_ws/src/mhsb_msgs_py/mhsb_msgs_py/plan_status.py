@@ -61,10 +61,10 @@ def _encode_verdict(verdict: GoalVerdict) -> DiagnosticStatus:
         verdict: The verdict.
 
     Returns:
-        Status with the verdict's sentence as message. Its level is that of the code: OK if
-        accepted, WARN if superseded, otherwise ERROR. Its values are code, stamp [s, as text] and
-        position [m] of the goal. If there is a plan, its energies, duration, switches and other
-        figures follow.
+        Status with the verdict's sentence as message. Its level is OK if the goal was accepted,
+        WARN if it was superseded, otherwise ERROR. Its values are the code, and stamp [s, as text]
+        and position [m] of the goal. If there is a plan, its stamp, energies, duration, switches
+        and other numbers follow.
     """
     values = {
         "code": verdict.code.value,
@@ -101,8 +101,8 @@ def _encode_execution_report(report: ExecutionReport) -> DiagnosticStatus:
 
     Returns:
         Status with the report's sentence as message and the level of its outcome. Its values are
-        code, stamps of goal and plan [s, as text], number of attempts, `lead_ms`, and the reason if
-        there is one.
+        code, stamps of goal and plan [s, as text], number of sent plans (`attempts`), `lead_ms`,
+        and the reason if there is one.
     """
     values = {
         "code": report.outcome.value,
@@ -158,13 +158,14 @@ def _decode_status(message: DiagnosticStatus) -> Report:
 
 
 def _decode_plan_summary(values: StatusValues) -> PlanSummary:
-    """Return the summary of a plan from the values of an accepted verdict's status.
+    """Return the summary of a plan from the status of a verdict that accepts its goal.
 
     Args:
         values: Values of the status.
 
     Returns:
-        Stamp [ns], energies and lower bound [J], duration [s] and other figures of the plan.
+        Summary with stamp [ns], energies and lower bound [J], duration [s] and other numbers of the
+        plan.
 
     Raises:
         MessageError: A value is missing or cannot be read.

@@ -1,4 +1,4 @@
-"""Fast codec of trajectory_msgs/JointTrajectory as arrays, from and to a message's bytes.
+"""Fast codec between arrays and the serialized bytes of trajectory_msgs/JointTrajectory.
 
 rclpy makes an object for each point and for each of its arrays, which takes some 20 µs a point.
 NumPy reads a whole message from its bytes at once. If the arrays of all points have the same
@@ -7,10 +7,10 @@ lengths, the points are in CDR (OMG DDS-XTypes, PLAIN_CDR, little endian) at eve
     uint32 count, padding to 8 bytes if the array is not empty, float64[count]    four times
     int32 sec, uint32 nanosec
 
-Alignment is counted from behind the 4 bytes of the encapsulation. Every middleware of ROS 2 Jazzy
-sends this on today's processors; bytes with another encapsulation are refused. A point with
-positions, and with velocities and accelerations or neither, ends 4 bytes beyond a multiple of 8.
-There the next point needs no padding. Other layouts are decoded by rclpy.
+Alignment is counted from the end of the encapsulation, the first 4 bytes of a message. Every
+middleware of ROS 2 Jazzy sends this encapsulation on today's processors; bytes with another one are
+refused. A point ends 4 bytes beyond a multiple of 8 if it has positions alone, or positions,
+velocities and accelerations. The next point then needs no padding. rclpy decodes all other layouts.
 """
 
 from __future__ import annotations
@@ -80,8 +80,8 @@ def read_point_arrays(message: JointTrajectory | bytes, what: str, max_points: i
         max_points: Largest number of points.
 
     Returns:
-        The content. If points differ in their fields or lengths, each row is a sequence of its own
-        length.
+        The content. If points differ in their fields or in lengths of arrays, each array is a list
+        of sequences, one for each point.
 
     Raises:
         MessageError: There are too many points, the bytes are no message, or the nanoseconds of a
@@ -96,13 +96,13 @@ def read_point_arrays(message: JointTrajectory | bytes, what: str, max_points: i
 
 
 def read_stamp(raw: bytes) -> int:
-    """Return the stamp of a serialized message, even if the rest of it cannot be used.
+    """Return the stamp of a serialized message, even if the rest of the message cannot be used.
 
     Args:
         raw: Bytes of the message.
 
     Returns:
-        Stamp [ns]; 0 if it cannot be read.
+        Stamp [ns]; 0 if the stamp, the joint names or the number of points cannot be read.
     """
     try:
         sec, nanosec = _HeadReader(raw).stamp
@@ -142,19 +142,25 @@ def to_bytes(arrays: PointArrays) -> bytes:
 
 
 def _check_count(what: str, count: int, most: int) -> None:
-    """Raise MessageError if a message has more points than allowed."""
+    """Raise MessageError if a message has more points than allowed.
+
+    Args:
+        what: Name of the message, for the error.
+        count: Number of points.
+        most: Largest allowed number.
+    """
     if count > most:
         raise MessageError(f"{what} has {count} points; give at most {most}")
 
 
 class _HeadReader:
-    """Start of a serialized message, before its points.
+    """Reader of the first part of a serialized message, which comes before the points.
 
     Attributes:
         stamp: Stamp as seconds and nanoseconds.
         joint_names: Names of the joints.
         point_count: Number of points.
-        start: Offset of the points, from behind the encapsulation, as alignment is counted.
+        start: Offset of the points, counted from the end of the encapsulation [bytes].
     """
 
     def __init__(self, raw: bytes) -> None:
@@ -180,7 +186,9 @@ class _HeadReader:
         self.start = self._at - len(CDR_ENCAPSULATION)
 
     def _read_numbers(self, layout: struct.Struct) -> tuple[int, ...]:
-        """Skip padding up to a multiple of 4 bytes, read numbers, and move the offset behind them.
+        """Skip padding up to a multiple of 4 bytes, and read numbers from the present offset.
+
+        The offset is moved to the end of the numbers.
 
         Args:
             layout: Layout of the numbers.
@@ -194,17 +202,17 @@ class _HeadReader:
         return numbers
 
     def _read_count(self) -> int:
-        """Read a number of elements, and move on."""
+        """Read a number of elements, and move the offset to its end."""
         return self._read_numbers(COUNT_FORMAT)[0]
 
     def _read_text(self) -> str:
-        """Read a text with its length, and move the offset behind it.
+        """Read a text with its length, and move the offset to its end.
 
         Returns:
             The text without its final zero byte.
 
         Raises:
-            MessageError: The text is longer than the bytes left.
+            MessageError: The text is longer than the remaining bytes.
         """
         length = self._read_count()
         if length > len(self._raw) - self._at:
@@ -214,10 +222,10 @@ class _HeadReader:
 
 
 def _read_message(message: JointTrajectory) -> PointArrays:
-    """Return the content of a message that rclpy has decoded.
+    """Return the content of a message that rclpy has decoded, as arrays.
 
     Raises:
-        MessageError: A time has a second or more in its nanoseconds.
+        MessageError: The nanoseconds of a time make a second or more.
     """
     times = [stamps.from_duration(point.time_from_start) for point in message.points]
     return PointArrays(
@@ -229,10 +237,10 @@ def _read_message(message: JointTrajectory) -> PointArrays:
 
 
 def _read_regular_bytes(raw: bytes, head: _HeadReader) -> PointArrays | None:
-    """Read all points at once from bytes with a regular layout.
+    """Read all points of a message at once from its bytes, if their layout is regular.
 
-    The layout is regular if all points fill the same fields, with arrays of one length. The fields
-    are the positions alone, or positions, velocities and accelerations.
+    The layout is regular if all points have the same non-empty arrays, and all these arrays have
+    one length. They are the positions alone, or positions, velocities and accelerations.
 
     Args:
         raw: Bytes of the message.
@@ -242,7 +250,7 @@ def _read_regular_bytes(raw: bytes, head: _HeadReader) -> PointArrays | None:
         The content. None if the layout is not regular, or if there are no points.
 
     Raises:
-        MessageError: A time has a second or more in its nanoseconds.
+        MessageError: The nanoseconds of a time make a second or more.
     """
     count, base = head.point_count, head.start + len(CDR_ENCAPSULATION)
     if count == 0 or len(raw) < base + COUNT_FORMAT.size:
@@ -278,7 +286,7 @@ def _read_points(head: _HeadReader, points: np.ndarray, given: tuple[str, ...]) 
         The content. Arrays that are not in `given` have no columns.
 
     Raises:
-        MessageError: A time has a second or more in its nanoseconds.
+        MessageError: The nanoseconds of a time make a second or more.
     """
     sec, nanosec = head.stamp
     for each in (nanosec, int(points["nanosec"].max())):
@@ -315,8 +323,8 @@ def _decode_by_rclpy(raw: bytes) -> JointTrajectory:
 def _make_point_dtype(columns: int, given: tuple[str, ...]) -> np.dtype:
     """Return the NumPy record type of a serialized trajectory point.
 
-    Values of 8 bytes are aligned to multiples of 8 in the message. The padding is right for a point
-    whose first byte has an address 8 k + 4.
+    Values of 8 bytes are aligned to multiples of 8 in the message. The padding in this type is
+    right for a point that begins 4 bytes beyond a multiple of 8.
 
     Args:
         columns: Number of values in each array that is not empty.

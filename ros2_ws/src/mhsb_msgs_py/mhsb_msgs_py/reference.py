@@ -60,8 +60,8 @@ def decode(message: JointTrajectory, joint_names: Sequence[str]) -> Reference:
         The reference.
 
     Raises:
-        MessageError: One of these holds. A name is missing, unknown or given twice. The message has
-            not exactly one point, or that point is not at time 0. A joint lacks a finite position,
+        MessageError: One of these holds. A name is missing, unknown or given twice. The number of
+            points is not 1, or the point is not at time 0. A joint lacks a finite position,
             velocity or acceleration. The stamp is not a time that a clock may show: it is before
             1970, or so late that later times would not fit into a message.
     """

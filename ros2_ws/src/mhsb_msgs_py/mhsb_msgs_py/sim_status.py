@@ -1,8 +1,9 @@
 """Codec of the simulator's reports on plans and on itself, as statuses on /diagnostics.
 
 A `HandOverReport` is sent once for every plan that the simulator applied, refused or dropped. A
-`SimulatorReport` is sent once a second. It is also sent at once when it turns faulty, begins or
-ceases to warn, or is asked to stop, and ten times a second while the delay of plans changes.
+`SimulatorReport` is sent once a second, and ten times a second while the delay of plans changes. It
+is also sent at once if a fault occurs, if a warning begins or ends, and if the arm is asked to
+stop.
 """
 
 from __future__ import annotations
@@ -93,7 +94,7 @@ def _get_node_name(namespace: str) -> str:
 
 
 def _encode_hand_over(report: HandOverReport) -> DiagnosticStatus:
-    """Return the status of a report on a plan.
+    """Return the status that encodes a hand-over report of a plan.
 
     Args:
         report: The report.
@@ -114,7 +115,7 @@ def _encode_hand_over(report: HandOverReport) -> DiagnosticStatus:
 
 
 def _encode_simulator(report: SimulatorReport) -> DiagnosticStatus:
-    """Return the status of a report of the simulator on itself.
+    """Return the status that encodes the simulator's report on itself.
 
     Args:
         report: The report.
@@ -151,7 +152,7 @@ def _decode_hand_over(message: DiagnosticStatus) -> HandOverReport:
         The report. Its reason is NONE if the status has none, as in recordings of earlier versions.
 
     Raises:
-        MessageError: Another value is missing, or a value cannot be read.
+        MessageError: A value other than the reason is missing, or a value cannot be read.
     """
     values = StatusValues(message)
     return HandOverReport(
@@ -171,13 +172,14 @@ def _decode_simulator(message: DiagnosticStatus) -> SimulatorReport:
     """Return the report of the simulator on itself that a status contains.
 
     Args:
-        message: The status. Values that recordings of earlier versions lack get their defaults.
+        message: The status. Recordings of earlier versions lack some values, which then get their
+            defaults.
 
     Returns:
         The report.
 
     Raises:
-        MessageError: Another value is missing, or a value cannot be read.
+        MessageError: A value that has no default is missing, or a value cannot be read.
     """
     values = StatusValues(message)
     return SimulatorReport(
@@ -200,7 +202,7 @@ def _decode_simulator(message: DiagnosticStatus) -> SimulatorReport:
 
 
 def _decode_choice(values: StatusValues, key: str, choices: type[Choice]) -> Choice:
-    """Return the member of an enumeration whose text is the value of a key.
+    """Return the member of an enumeration that a value of a status names.
 
     Args:
         values: Values of a status on a plan.

@@ -44,8 +44,8 @@ def from_clock(message: Time) -> int:
         Absolute time [ns].
 
     Raises:
-        MessageError: The time is before 1970; it is later than `LATEST_PRESENT`, so that later
-            times would not fit into a message; or its nanoseconds make a second or more.
+        MessageError: The time is before 1970, or later than `LATEST_PRESENT`, so that later times
+            would not fit into a message. Or its nanoseconds make a second or more.
     """
     if not 0 <= message.sec <= LATEST_PRESENT:
         raise MessageError(
@@ -87,7 +87,7 @@ def from_text(text: str) -> int:
     """Return the time that a text of `to_text` stands for.
 
     Args:
-        text: Seconds with nine decimals, such as "12.000000005"; a minus may precede.
+        text: Seconds with nine decimals, such as "12.000000005"; negative times begin with a minus.
 
     Returns:
         Time [ns].

@@ -19,14 +19,14 @@ from mhsb_msgs_py.errors import MessageError
 def make_status(
     name: str, level: Level, sentence: str, hardware_id: str, values: Mapping[str, str]
 ) -> DiagnosticStatus:
-    """Return a status message.
+    """Make a status message of /diagnostics from its parts.
 
     Args:
         name: Name of the status.
         level: Level of the status.
         sentence: Text of the status.
         hardware_id: Sender of the status.
-        values: Texts by key.
+        values: Texts of the values by key.
 
     Returns:
         The message.

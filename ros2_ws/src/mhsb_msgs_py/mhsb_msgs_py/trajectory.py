@@ -1,9 +1,10 @@
 """Codec of `Trajectory` as trajectory_msgs/JointTrajectory.
 
-Positions, velocities and accelerations are full, points are at most 20 ms apart, and the last one
-has zero velocity. The message passes the checks of ros2_control's joint_trajectory_controller. On
-both sides the curve is the quintic interpolation between its points. `to_bytes`, and bytes given to
-`decode`, use the serialized message, which is many times faster for long ones.
+Each point has positions, velocities and accelerations of all joints. Points are at most 20 ms
+apart, and the last one has zero velocity. The message passes the checks of ros2_control's
+joint_trajectory_controller. Sender and receiver join the points by the same quintic interpolation.
+`to_bytes` writes the serialized message directly, and `decode` reads it directly if it gets bytes.
+For long messages this is many times faster than rclpy.
 """
 
 from __future__ import annotations
@@ -57,9 +58,10 @@ def encode(trajectory: Trajectory, joint_names: Sequence[str]) -> JointTrajector
 
 
 def to_bytes(trajectory: Trajectory, joint_names: Sequence[str]) -> bytes:
-    """Encode a trajectory to the bytes of its message.
+    """Encode a trajectory as the serialized bytes of its message.
 
-    The bytes are those that rclpy would make of the message of `encode`, but in less time.
+    The result equals the message of `encode` after serialization by rclpy. This function takes less
+    time.
 
     Args:
         trajectory: The trajectory of n joints.
