@@ -5,21 +5,23 @@ It is piecewise linear over a few speeds v_k, with the commands θ_k there. The 
 
     u = g(v) = Σ_k φ_k(v) θ_k,    φ_k triangular
 
-A Kalman filter estimates θ from pairs of speed and command. Its initial covariance P₀ says how the
-real curve may differ from the assumed one p(v) = s v: by a dead band, a gain, and a bend.
+A Kalman filter estimates θ from pairs of speed and command. Its initial covariance P₀ says how far
+the real curve may differ from the assumed curve p(v) = s v: by a dead band (σ_d), a gain (σ_g), and
+a bend (σ_b). p is the vector of the assumed commands p(v_k).
 
     P₀ = σ_d² 1 1ᵀ + σ_g² p pᵀ + σ_b² I
 
-One pair therefore moves the whole curve. The covariance relaxes back to P₀ with the time constant
-of forgetting, so that it neither vanishes nor grows.
+So one pair moves the whole curve. The covariance returns to P₀ with the time constant of
+forgetting, so that it neither vanishes nor grows.
 
 The delay h is the time between a command and the motion that it causes. It contains dead time and
 lag. For each candidate h, the mean speed x_h that the commands should have caused in a window is
-compared with the measured mean speed y. The best candidate has the smallest residual
+compared with the measured mean speed y. The best candidate has the smallest residual. The sums run
+over all windows:
 
     J_h = Σ y² − (Σ x_h y)² / Σ x_h²
 
-which does not depend on the gain of the curve.
+This residual does not depend on the gain of the curve.
 
 Source: L. Ljung, System Identification (recursive least squares; delay by a grid of candidates).
 """
@@ -98,21 +100,22 @@ class ResponseSettings:
 
 
 class InverseCurve:
-    """Inverse valve curve of one direction, with its covariance.
+    """Inverse valve curve of one direction: the command for each piston speed, with its covariance.
 
     Attributes:
         speeds: Speeds of the knots, float64[k], [m/s].
         commands: Commands at the knots, float64[k]; strictly increasing.
         covariance: Covariance of `commands`, float64[k, k].
-        known_speed: Speed of the fastest knot whose standard deviation has ever been below half its
-            initial value [m/s]; 0 if there is none.
+        known_speed: Speed of the fastest knot that counts as known [m/s]; 0 if there is none. A
+            knot counts as known once its standard deviation has been below half of the initial
+            value.
     """
 
     def __init__(self, full_speed: float, max_speed: float, settings: ResponseSettings) -> None:
-        """Build the curve without a dead band that is linear up to the full command.
+        """Build a linear curve without a dead band, up to the full command.
 
         Args:
-            full_speed: Speed at the full command, as assumed [m/s].
+            full_speed: Assumed speed at the full command [m/s].
             max_speed: Speed limit of the actuator, which scales the knots [m/s].
             settings: Tuned numbers.
         """
@@ -131,15 +134,15 @@ class InverseCurve:
     def command_at(self, speed: float) -> float:
         """Return the command for a speed ≥ 0 [m/s]; for speed 0 it is the dead band.
 
-        Beyond the last knot the curve goes on straight. A command above 1 means that the speed is
-        out of reach.
+        Beyond the last knot the curve is extended as a straight line. A command above 1 means that
+        the speed cannot be reached.
         """
         beyond = max(speed - self.speeds[-1], 0.0)
         slope = (self.commands[-1] - self.commands[-2]) / (self.speeds[-1] - self.speeds[-2])
         return float(np.interp(speed, self.speeds, self.commands) + slope * beyond)
 
     def speeds_at(self, commands: FloatArray) -> FloatArray:
-        """Return the speeds [m/s] that commands ≥ 0 cause.
+        """Return the speeds that commands ≥ 0 cause [m/s].
 
         A speed is 0 within the dead band, and at most the speed of the last knot.
         """
@@ -155,13 +158,14 @@ class InverseCurve:
         )
 
     def restore(self, learnt: DirectionResponse) -> None:
-        """Begin with a curve from an estimates file.
+        """Replace the curve by a curve from an estimates file.
 
-        The curve is interpolated between its knots. The errors of the knots get the file's standard
-        deviations, at most those of a new curve, and the correlations of a new curve.
+        The file's curve is interpolated at the knots of this curve. The standard deviations are
+        those of the file, but at most those of a new curve. The correlations are those of a new
+        curve.
 
         Args:
-            learnt: The curve.
+            learnt: The curve of the file.
         """
         self.commands = np.interp(self.speeds, learnt.speeds, learnt.commands)
         self._keep_increasing()
@@ -172,14 +176,14 @@ class InverseCurve:
         self.known_speed = min(learnt.known_speed, float(self.speeds[-1]))
 
     def learn(self, speed: float, command: float, weight: float, spread: float = 0.0) -> None:
-        """Update the curve by a measured speed and the command that caused it.
+        """Update the curve with a measured speed and the command that caused it.
 
         Args:
             speed: Measured speed ≥ 0 [m/s].
             command: Command, 0 … 1.
-            weight: Weight of the pair, above 0 … 1: 1 if it is independent of earlier pairs, less
-                if its window overlaps the windows of earlier pairs.
-            spread: Change of the command within the window, which makes the pair uncertain.
+            weight: Weight of this pair of speed and command, above 0 … 1. It is 1 if the pair is
+                independent of earlier pairs, and less if its time window overlaps theirs.
+            spread: Change of the command within the time window, which makes the pair uncertain.
         """
         share = self._shares(speed)
         gain = self._correct(share, command, weight, spread)
@@ -190,16 +194,16 @@ class InverseCurve:
     def _correct(
         self, share: FloatArray, command: float, weight: float, spread: float = 0.0
     ) -> FloatArray:
-        """Correct the commands of all knots by one pair, and return the gain of the Kalman filter.
+        """Correct the commands of all knots with one pair of speed and command.
 
         Args:
             share: Weights φ_k of the knots at the speed of the pair, float64[k].
             command: Command of the pair, 0 … 1.
             weight: Weight of the pair, above 0 … 1.
-            spread: Change of the command within the window of the pair.
+            spread: Change of the command within the time window of the pair.
 
         Returns:
-            Change of each knot's command per error of the pair's command, float64[k] [-].
+            Gain: the change of each knot's command per error of the pair's command, float64[k] [-].
         """
         variance = self._settings.command_deviation**2 + spread**2
         correlated = self.covariance @ share
@@ -211,7 +215,7 @@ class InverseCurve:
     def _shares(self, speed: float) -> FloatArray:
         """Return the weights φ_k of the knots at a speed, float64[k].
 
-        Beyond the last knot, its weight is 1 and all others are 0.
+        Beyond the last knot, the weight of the last knot is 1 and all others are 0.
         """
         k = min(int(np.searchsorted(self.speeds, speed, "right")), len(self.speeds) - 1)
         left, right = self.speeds[k - 1 : k + 1]
@@ -221,10 +225,11 @@ class InverseCurve:
         return shares
 
     def raise_dead_band(self, command: float, weight: float) -> None:
-        """Raise the dead band if a command above it has not moved the piston.
+        """Raise the dead band because a command above it has not moved the piston.
 
-        Commands from `max_dead_band` on are ignored: something else holds the piston. The
-        covariance stays, because the command is only a lower bound of the dead band.
+        Commands within the dead band are ignored, and commands from `max_dead_band` on, since
+        something else then holds the piston. The covariance does not change, because the command is
+        only a lower bound of the dead band.
 
         Args:
             command: Command, 0 … 1.
@@ -234,12 +239,15 @@ class InverseCurve:
             self._correct(self._shares(0.0), command + self._settings.dead_band_step, weight)
 
     def forget(self, time: float) -> None:
-        """Relax the covariance towards the initial one during a time [s]."""
+        """Move the covariance towards the initial one, as in the given time [s] of forgetting."""
         share = min(time / self._settings.forgetting_time, 1.0)
         self.covariance += share * (self._prior - self.covariance)
 
     def _keep_increasing(self) -> None:
-        """Raise the first command to 0 at least, and each other a least step above the previous."""
+        """Raise commands where needed, so that the curve begins at 0 or above and increases.
+
+        The slope between two knots is then at least `min_slope_ratio` times the assumed one.
+        """
         offset = np.concatenate([[0.0], np.cumsum(self._min_steps)])
         above = np.maximum.accumulate(self.commands - offset)
         self.commands = np.maximum(above, 0.0) + offset
@@ -250,8 +258,8 @@ class DelayEstimate:
 
     Attributes:
         candidates: Candidates of the delay, float64[c], [s].
-        delay: Estimated delay [s]; the expected one until the motion is enough.
-        is_known: Whether the motion so far was enough to estimate it.
+        delay: Estimated delay [s]; the expected delay until there has been enough motion.
+        is_known: Whether there has been enough motion to estimate the delay.
     """
 
     def __init__(self, expected: float, max_speed: float, settings: ResponseSettings) -> None:
@@ -275,8 +283,8 @@ class DelayEstimate:
         """Update the estimate of the delay with the mean speed of the piston in a window.
 
         Args:
-            expected: Mean speed that the valve's characteristic curve predicts with each candidate
-                delay, float64[c], [m/s].
+            expected: Mean speed that the commands should have caused in the window, for each
+                candidate delay, float64[c], [m/s].
             moved: Measured mean speed [m/s].
             time: Time since the last call [s].
         """

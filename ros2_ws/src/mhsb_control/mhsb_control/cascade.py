@@ -346,9 +346,9 @@ def build_gain_record(
 ) -> Records[SharedGains]:
     """Build the record of the quantities that all axes of the cascade share.
 
-    They are the control period [s], the lag of a spool behind its command [s], and the boost margin
-    plus `supply_margin` [Pa]. The others are the part of the boost margin that inertia may use up
-    [Pa], and the highest boost pressure [Pa]. The gains of single joints are not in this record.
+    They are the control period, the lag of a spool behind its command, and the highest boost
+    pressure. Two are pressure margins: the boost margin plus `supply_margin`, and the part of the
+    boost margin that inertia may use up. The gains of single joints are not in this record.
 
     Args:
         machine: The machine as declared in its file (the real one may differ).
@@ -383,8 +383,9 @@ def build_axis_records(
         k_i = g.integral_gain k_p²
         τ   = max(servo.force_bias_time, min_bias_time_ratio ω_F/ω²)
 
-    A joint with a low natural frequency therefore gets low gains. The limit of |w| is V_max over
-    `integral_limit_ratio`.
+    So a joint with a low natural frequency gets low gains. k_p is the position gain, and k_i its
+    integral gain. ω_F is the bandwidth of the force loop, and τ the time constant of the force bias
+    d. The integral w is limited to V_max divided by `integral_limit_ratio`.
 
     Args:
         machine: The machine as declared in its file (the real one may differ).
@@ -433,7 +434,7 @@ def build_servo_arguments(
     estimates_load: bool = False,
     settings: CascadeSettings = CascadeSettings(),
 ) -> ServoArguments:
-    """Build the state of a servo before its first step.
+    """Build the arrays that the kernels of a servo work on, before its first step.
 
     Arrays of `signals` are shared and not copied, so that the kernels see every change.
 
@@ -482,14 +483,18 @@ def build_servo_arguments(
 def compute_piston_demands(s: ServoArguments) -> None:
     """Compute the demanded piston speed u of all axes, and update the load estimate.
 
-    The steps are: forces of the reference, oil stiffness, friction, bias d, and `demand_speed`. In
-    the first step d is set so that the feedforward equals the measured force. While a joint moves
-    steadily and its valve is not saturated, its measured force updates payload and friction.
+    For each axis, the forces of the reference, oil stiffness, friction and force bias d are
+    computed. `demand_speed` then gives u. In the first control step, d is set so that the
+    feedforward equals the measured force.
 
-    Steady means two things. The reference's piston speed is above `moving_speed` in one
-    direction, both now and at point PREVIEW_POINT. The inertia torque is below `max_inertia_share`
-    times the torque of the weight. If the estimates change, d changes by the opposite force, so
-    that the feedforward does not jump. Nothing is estimated if the variance of the payload is 0.
+    While a joint moves steadily and its valve is not saturated, its measured force updates the
+    estimates of payload and friction. A motion is steady if both of these hold:
+    - The reference's piston speed is above `moving_speed` in one direction, both now and at point
+      PREVIEW_POINT.
+    - The inertia torque is below `max_inertia_share` times the torque of the weight.
+
+    If the estimates change, d changes by the opposite force, so that the feedforward does not jump.
+    Nothing is estimated if the variance of the payload is 0.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Reads `reference`, `sensors`,
@@ -542,11 +547,12 @@ def compute_piston_demands(s: ServoArguments) -> None:
 def compute_reference_forces(s: ServoArguments, payload: float) -> None:
     """Compute lengths, piston speeds and forces of the reference, now and ahead.
 
-    The force is the torque of inverse dynamics over the moment arm, without friction. If commands
-    act at once, nothing is computed for later times, and the rate of the force stays 0. A closed
-    valve would have to hold the force of gravity, or the whole force if it is smaller in magnitude.
-    `max_speed_at_rest` is inf unless the reference has no speed now and at the preview point. It is
-    then the piston speed at which the joint moves with `rest_speed`.
+    The force is the torque of inverse dynamics divided by the moment arm, without friction. The
+    holding force is what a closed valve would have to hold: the force of gravity, or the whole
+    force if that is smaller in magnitude. If commands act at once, speeds and pump forces for later
+    times are the present ones. `force_to_command` and `force_rate` are then not computed.
+    `max_speed_at_rest` is inf while the reference moves, now or at the preview point. Otherwise it
+    is the piston speed at which the joint moves with `rest_speed`.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Reads `reference`,
@@ -636,20 +642,21 @@ def demand_speed(
         u = v_ref(t + T) + Ḟ_m(t + T)/k_h + w + ω_F (F_ref − F)/k_h
         F_ref = F_known + d + (k_p k_h/ω_F) e
 
-    F_m is the force of the reference without friction. The term with its rate Ḟ_m compresses the
-    oil; it is 0 if the controller writes no `command_times`. ω_F is the bandwidth of the force loop
-    [1/s], k_h the stiffness of the oil [N/m], k_p the gain of the position loop [1/s], and T the
-    time until a command acts [s]. |u| is limited to `deliverable_speed`, which the pumps can
-    supply, and while the reference rests also to `max_speed_at_rest`. The integral w
-    stays constant while the valve is saturated (anti-windup). While the reference rests, w changes
-    only if the joint error is between `min_rest_error` and `max_rest_error`.
+    F_m is the force of the reference without friction. The term with its rate Ḟ_m is the flow that
+    compresses the oil. It is 0 if the controller writes no `command_times`. ω_F is the bandwidth of
+    the force loop [1/s], and k_h the stiffness of the oil [N/m]. k_p is the gain of the position
+    loop [1/s], and T the time until a command acts [s]. |u| is limited to `deliverable_speed`,
+    which the pumps can supply. While the reference rests, it is also limited to
+    `max_speed_at_rest`. The integral w stays constant while the valve is saturated (anti-windup).
+    While the reference rests, w changes only if the joint error is between `min_rest_error` and
+    `max_rest_error`.
 
     Args:
         axis: State of the cylinder's control axis. Writes `feedforward` (F_known + d), `integral`
             (w) and `demand` (u) in place.
         known: F_known, feedforward force without the bias d [N].
         force: F, measured cylinder force [N].
-        error: e, reference length less measured length [m].
+        error: e, reference length minus measured length [m].
         gains: Quantities that all axes share, with the control period.
     """
     pull = axis.force_bandwidth / axis.stiffness
@@ -681,7 +688,7 @@ def compute_supply_need(
     The result is the greatest of three pressures plus the supply margin, limited to the range from
     P_S to the maximum boost pressure. p_L is the load pressure, and m(v) the drop over the fully
     open valve at the speed v. `inertia_margin` is the part of the boost margin that inertia may use
-    up.
+    up. The three pressures are:
 
         p_L(F_hold)                      holding
         p_L(F_hold) + m(v)               moving the held load
@@ -722,11 +729,11 @@ def set_supply_targets(
 ) -> None:
     """Compute the supply pressures that an actuator needs at two times.
 
-    The first one is the time at which a pump command sent now acts, the second one the preview
-    point. `compute_supply_need` gives both pressures, with the bias d added to all forces. The
-    first target is at least the target ahead, so that the line is charged in time. If the piston
-    reverses before the preview point, the first target also covers the whole force at standstill.
-    The pump takes over that force when the motion turns.
+    The first time is when a pump command sent now acts. The second time is the preview point.
+    `compute_supply_need` gives both pressures, with the force bias d added to all forces. The first
+    target is at least the second one, so that the line is charged in time. If the piston reverses
+    before the preview point, the first target is also at least the pressure that holds the whole
+    force at standstill. The pump has to carry this force when the piston reverses.
 
     Args:
         axis: State of the cylinder's control axis. Writes `supply_target` and `target_ahead` [Pa]
@@ -755,7 +762,8 @@ def set_supply_targets(
 def joins_rail(j: int, modes: ModeArray, module_home: IntArray, serves: IntArray) -> bool:
     """Return whether actuator j draws oil from the shared rail.
 
-    It draws from the rail if its mode is SB, or if a spare or a module of another line serves it.
+    It draws from the rail if its mode is SB. It also does so if a booster module serves it that is
+    a spare or belongs to another actuator's line.
 
     Args:
         j: Index of the actuator.

@@ -21,8 +21,9 @@ def compute_coasting_volumes(
     """Compute the oil that a coasting pump delivers up to given times, per unit of flow.
 
     A pump coasts after a stop command, which is sent at time 0 and acts after `delay`. Oil that is
-    delivered before the command acts is not counted. Then the pump keeps its flow Q for the time
-    t_k, at most `extra_delay`. After that its flow decays as a first-order lag:
+    delivered before the command acts is not counted. From then on, the pump keeps its flow Q for
+    the time `extra_delay`. After that its flow decays as a first-order lag. t is the time since the
+    command acts, and t_k the part of it at constant flow:
 
         V/Q = t_k + τ (1 − e^(−(t − t_k)/τ))
         t   = max(time − delay, 0),    t_k = min(t, extra_delay)
@@ -30,7 +31,7 @@ def compute_coasting_volumes(
     Args:
         lag: τ, time constant of the pump [s].
         delay: Time until the command acts [s].
-        extra_delay: Time for which the flow stays constant after that [s].
+        extra_delay: Time for which the flow stays constant after the command acts [s].
         time: Times after the command, float64[k], [s].
         volumes: Delivered volume V per flow Q at each time, float64[k], [s]. Written in place.
     """
@@ -57,10 +58,10 @@ def compute_coasting_limit(
 
         Q V_c(t) + pending ≤ V(t) − flow_uncertainty t + C Δp(t)
 
-    The condition is checked from the time on at which a command sent now acts; before it, nothing
-    can be changed. The times are the coming points of the reference, `spacing` apart, and
-    COASTING_SAMPLES − 1 evenly spaced times before the first of them. The earlier times matter,
-    since the pressure peaks when the pump has slowed down to the drawn flow.
+    The condition is checked from the time at which a command sent now acts; nothing can be changed
+    before that time. The times are the coming points of the reference, `spacing` apart, and
+    COASTING_SAMPLES − 1 evenly spaced times before the first of them. The times before the first
+    point matter, since the pressure peaks when the pump has slowed down to the drawn flow.
 
     Args:
         volume: V, oil drawn from the line up to each point, float64[points], [m³]. Element k
@@ -70,8 +71,8 @@ def compute_coasting_limit(
             first COASTING_SAMPLES times are evenly spaced from 0 to before point 1, the others are
             points 1, 2, ….
         capacity: C, capacity of the line [m³/Pa].
-        rises: Allowed pressure rise Δp at present, and from point PREVIEW_POINT on [Pa]. In between
-            Δp is linear in time.
+        rises: Allowed pressure rise Δp at present, and Δp from point PREVIEW_POINT on [Pa]. In
+            between Δp is linear in time.
         pending: Oil that arrives whatever is commanded now [m³].
         flow_uncertainty: Uncertain part of the drawn flow, which is not counted [m³/s].
         spacing: Time between two points [s].

@@ -44,16 +44,16 @@ class ServoSignals:
         reference: Joint positions q [rad or m], velocities q̇ and accelerations q̈,
             float64[REFERENCE_POINTS, 3, n]. The points are evenly spaced in time. Point 0 is now;
             point `PREVIEW_POINT` of `mhsb_control.reference` is the controller's `preview` later.
-        command_reference: q, q̇ and q̈ of the reference, float64[3, 3, n], when a valve command sent
-            now acts, when a spool that starts then has crossed its overlap, and when a pump command
-            sent now acts.
-        command_times: Times from now to these three states, float64[3], [s]; 0 if commands act at
-            once. The controller writes them.
+        command_reference: q, q̇ and q̈ of the reference at three times, float64[3, 3, n]. Row 0:
+            when a valve command sent now acts. Row 1: when a spool that starts to move then has
+            crossed its overlap. Row 2: when a pump command sent now acts.
+        command_times: Times from now to the three states of `command_reference`, float64[3], [s]; 0
+            if commands act at once. The controller writes them.
         sensors: Measured cylinder lengths and pressures, ActuatorReadings[n].
         rail_pressure: Measured pressure of the shared rail, float64[1], [Pa].
-        modes: Prepared modes, uint8[n]: the mode in force of each actuator, or already the boosted
-            mode that comes within `preview`, if modules are free for it.
-        modes_ahead: Modes in force `preview` later, uint8[n].
+        modes: Prepared modes, uint8[n]. It is the mode in force of each actuator. If a boosted mode
+            begins within `preview` and modules are free for it, it is already this mode.
+        modes_ahead: Modes that will be in force after the time `preview`, uint8[n].
         serves: Actuator that each module serves, int64[m]; −1 if idle.
         circuit: Circuit as the controller knows it, not the simulated one. The controller writes
             `valve_command` and `join_command` of its actuators, and `flow_command` and
@@ -77,11 +77,11 @@ class ServoSignals:
 
     @classmethod
     def at_rest(cls, circuit: Components, modes: ModeArray) -> Self:
-        """Build signals for an arm of which nothing has been measured yet.
+        """Build the signals of an arm at rest, before anything has been measured.
 
-        The cylinders have the pressures of a cylinder at rest without load. All lines and the rail
-        have the main pump's pressure. These values stay if no sensor measures them. Lengths and the
-        reference are 0, and all booster modules are idle.
+        The chambers have the pressures of a cylinder at rest without load. All lines and the rail
+        have the main pump's pressure. If the machine has no pressure sensors, these readings never
+        change. Lengths and the reference are 0, and all booster modules are idle.
 
         Args:
             circuit: Circuit as the controller knows it; it is shared, not copied.
@@ -112,12 +112,13 @@ class ServoSignals:
 
 
 class Controller(Protocol):
-    """A servo: takes a position reference and commands valve openings and servo pump flows.
+    """Interface of a servo controller, which commands valve openings and servo pump flows.
 
-    A controller that reads no pressures says so by an attribute `reads_pressures = False`. One that
-    follows less closely than supervision usually allows has an attribute `supervision_limits`: for
-    the names of the symptoms that need others, the pair of values at which supervision warns and
-    stops. One that learns which commands move its actuators may also be a `LearningController`.
+    A controller follows a position reference. Two attributes are optional. `reads_pressures =
+    False` says that the controller reads no pressures. `supervision_limits` gives other limits of
+    supervision than the usual ones, for a controller that follows less closely. It maps names of
+    symptoms to pairs (value to warn, value to stop the arm). A controller that learns the response
+    of its actuators may also be a `LearningController`.
     """
 
     gains_section: type[Section]
@@ -153,10 +154,10 @@ class Controller(Protocol):
 
 @runtime_checkable
 class LearningController(Protocol):
-    """A controller that learns delay and inverse curves of each actuator.
+    """Interface of a controller that learns delay and inverse valve curves of each actuator.
 
-    What it has learnt is kept over a restart of the servo, and in an estimates file. `isinstance`
-    and `issubclass` look only for the two methods.
+    The responses that it has learnt survive a restart of the servo, and are kept in an estimates
+    file. `isinstance` and `issubclass` check only that the two methods exist.
     """
 
     def get_learnt(self) -> dict[str, ActuatorResponse]:
@@ -164,7 +165,7 @@ class LearningController(Protocol):
         ...
 
     def restore(self, learnt: Mapping[str, ActuatorResponse]) -> None:
-        """Begin with responses that were learnt before.
+        """Replace the learnt responses by responses that were learnt earlier.
 
         Args:
             learnt: Response of each actuator by its name.

@@ -1,14 +1,15 @@
 """Coordinated control: valves and servo pumps act on one common speed demand.
 
 The valve opens as far as the demanded piston speed requires at the measured pressures. The servo
-pumps deliver the flow that the valves are about to take; the pressure error only trims it. No pump
-runs faster than it can be stopped before its oil would overfill the line, judged by the reference
-ahead. On the rail, pumps that are no longer needed count until they have come to rest.
+pumps deliver the flow that the valves are about to take, corrected a little by the pressure error.
+Each pump's flow is limited so that the pump can be stopped before its oil overfills the line. The
+reference ahead shows how much oil the line will take. On the rail, pumps that are no longer needed
+count until they have come to rest.
 
 Lines are charged ahead of a boost, by the prepared modes. A line is joined to the rail softly: the
 join valve is throttled to what the line needs until the pressures are equal. The oil that charges a
-line comes from the main pump as well, and is limited to what that can spare. The valve uses
-measured pressures, so that no pressure margin is kept beyond the plan's.
+line comes from the main pump, too, and is limited to what the main pump can spare. Since the valve
+uses measured pressures, the servo keeps no pressure margin beyond the plan's.
 """
 
 from __future__ import annotations
@@ -165,13 +166,13 @@ class CoordinatedController:
         """Build servo, pump and valve records, and bind the control kernel to them.
 
         A line whose join valve is open at the start counts as joined to the rail. The first
-        pressure target of each line is its present pressure. A declared delay of commands that is
-        not compensated is logged as a warning.
+        pressure target of each line is its present pressure. A warning is logged if the machine
+        file declares a longer delay of commands than this controller can compensate.
 
         Args:
             machine: The machine as declared in its file (the real one may differ).
             signals: Arrays that the controller reads and writes in each step.
-            gains: Gains of its section of the machine file.
+            gains: Gains of this controller, from its section of the machine file.
         """
         if limitation := describe_uncompensated_delay(machine):
             _log.warning("%s", limitation)
@@ -203,7 +204,7 @@ class CoordinatedController:
         self._control = bind_kernel(run_coordinated_step, cascade, valves, pumps, own)
 
     def update(self) -> None:
-        """Write all commands for the next step."""
+        """Compute all commands for the next step, and write them into the signals."""
         self._control()
 
     @property
@@ -270,9 +271,10 @@ def run_coordinated_step(
 def limit_gains_by_delay(s: ServoArguments, p: PumpState, settings: CoordinationSettings) -> None:
     """Limit the gains of all axes to what the reaction time and the valves' flow allow.
 
-    The reaction time T is the time from a measurement to its effect at the valve: a control period,
-    the lag of the spool and the estimated delay of commands [s]. c is the estimated compressibility
-    of the oil over the machine file's, limited to 1. See `limit_axis_gains`.
+    The reaction time T is the time from a measurement to its effect at the valve. It is the sum of
+    a control period, the lag of the spool and the estimated delay of commands. The estimated
+    compressibility of the oil, relative to the machine file's and at most 1, also limits the gains.
+    `limit_axis_gains` has the equations.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `reaction_time` [s] of `gains`,
@@ -304,15 +306,16 @@ def limit_axis_gains(
 
         ω_F ≤ c φ/T,    k_p ≤ ratio ω_F,    k_p ≤ ω_F/(1 + κ (1 − w) T),    k_i ∝ k_p²
 
-    φ is `max_phase_lag`, or `max_resonant_phase_lag` if the joint's highest frequency ω reaches
-    ω T = 1. κ (1 − w) T = w is how much softer the oil appears, see `compute_feedforward_share`.
-    No gain exceeds what `build_axis_records` has set.
+    φ is the phase lag `max_phase_lag`. If ω T ≥ 1, with the joint's highest natural frequency ω, it
+    is at most `max_resonant_phase_lag`. κ (1 − w) T is the relative softening of the oil that a
+    late measurement causes; it is equal to w (`compute_feedforward_share`). ratio is
+    `max_position_gain_ratio`. No gain exceeds the value that `build_axis_records` has set.
 
     Args:
         axis: State of the cylinder's control axis. Writes `force_bandwidth` (ω_F), `position_gain`
             (k_p) and `integral_gain` (k_i) in place.
         reaction_time: T, time from a measurement to its effect at the valve [s].
-        compressibility: c, compressibility of the oil over the machine file's, at most 1.
+        compressibility: c, compressibility of the oil relative to the machine file's, at most 1.
         max_position_gain_ratio: Largest k_p/ω_F.
         settings: Tuned numbers of the controller itself.
     """
@@ -333,10 +336,12 @@ def compute_feedforward_share(axis: ControlAxis, reaction_time: float) -> float:
 
         w = κ T/(1 + κ T)
 
-    An open valve damps oscillations of the force F at the rate κ. Keeping the flow constant at all
-    pressures takes this damping away. Measurements that are T old leave κ T Ḟ of it, as if the oil
-    were softer by the factor 1 + κ T. If the feedforward replaces the share w of F, a damping of κ
-    w remains, and the oil appears softer by 1 + w.
+    The flow through an open valve falls as the cylinder force F rises. This damps oscillations of F
+    at the rate κ. A valve whose opening follows the measured pressures keeps its flow constant, and
+    so loses this damping. If the measurements are T old, a term κ T Ḟ remains. It acts as if the
+    oil were softer by the factor 1 + κ T. So the opening is computed for F with the share w
+    replaced by the feedforward force. A damping of κ w then remains, and the oil appears softer
+    only by the factor 1 + w.
 
     Args:
         axis: State of the cylinder's control axis. Reads `flow_damping` (κ) [1/s].
@@ -357,7 +362,7 @@ def compute_speed_gain(
     pressures: tuple[float, float, float],
     smallest: float,
 ) -> tuple[float, float]:
-    """Compute the piston speed per valve opening, and the damping by the valve's flow.
+    """Compute the piston speed per valve opening, and the damping that the valve's flow causes.
 
     The valve is that of the machine file.
 
@@ -407,16 +412,17 @@ def compute_valve_command(
 ) -> None:
     """Compute the valve command that produces the demanded piston speed.
 
-    The opening x = u/G makes dF/dt = k_h (u − v) with the flows over both metering edges. u is the
-    demanded piston speed and v the actual one [m/s]. The speed G per opening, by
-    `compute_speed_gain`, is that at the measured pressures, moved with the stiffness of each
-    chamber to the force F + w (F_ff − F). F_ff is the feedforward, and w the share of
+    The opening is x = u/G. The flows over both metering edges then change the cylinder force F by
+    dF/dt = k_h (u − v). u is the demanded piston speed, v the actual one [m/s], and k_h the
+    stiffness of the oil. G is the piston speed per opening (`compute_speed_gain`). It is computed
+    at pressures that belong to the force F + w (F_ff − F). They are the measured pressures, changed
+    by the stiffness of each chamber. F_ff is the feedforward force, and w the share of
     `compute_feedforward_share`. `compute_opening` corrects for the estimated gain and overlap.
 
     The valve stays shut if the line pressure is below the load pressure p_L of the measured force.
-    An open valve would let the load sink. From p_L on, the command rises to its full value over the
-    laminar pressure. After a motion in the other direction, a chamber may hold a higher pressure
-    than the line; this does not shut the valve.
+    An open valve would let the load sink. As the line pressure rises from p_L by the laminar
+    pressure, the command rises to its full value. After a motion in the other direction, a chamber
+    may have a higher pressure than the line; this does not shut the valve.
 
     Args:
         axis: State of the cylinder's control axis, with u and stiffnesses. Writes `flow_damping`
@@ -476,8 +482,9 @@ def select_supply_targets(
 ) -> None:
     """Set the pressure targets of a line according to its mode.
 
-    In DB and SB they are the supply pressures that the motion needs, see `set_supply_targets`. In
-    mode N both are the measured line pressure, but at least P_S.
+    In DB and SB (boosted modes), the targets are the supply pressures that the motion needs
+    (`set_supply_targets`). In mode N, both targets are the measured line pressure, but at least the
+    main pump's pressure P_S.
 
     Args:
         axis: State of the cylinder's control axis. Writes in place `supply_target`, the pressure to
@@ -498,20 +505,21 @@ def select_supply_targets(
 
 @kernel(inline="always")
 def limit_speeds_by_pumps(s: ServoArguments, p: PumpState, min_speed_ratio: float) -> None:
-    """Compute the piston speeds that the pumps of boosted lines can supply, for the next step.
+    """Compute the largest piston speeds that the pumps of boosted lines can supply.
 
         |u|_max = (n Q_max − leakage − slip − flow of other axes on the rail)/A_dir
 
     For a line on the rail, n is the number of pumps that feed the rail; for other lines it is 1.
-    The limit is at least `min_speed_ratio` times the reference's speed. It is inf for a line
-    without boost (`line_flow` 0). Without this limit a line would lose pressure. Its pumps would
-    then run at full speed and overshoot when the piston has caught up.
+    A_dir is the piston area that the supply fills. The limit is at least `min_speed_ratio` times
+    the reference's speed. It is inf for a line without boost (`line_flow` 0). Without a limit, a
+    line would lose pressure. Its pumps would then run at full speed and overshoot when the piston
+    has caught up. The limit applies in the next step.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `deliverable_speed` of all axes
             [m/s] in place.
         p: State of the pumps. Reads the leakage estimates in `lines`.
-        min_speed_ratio: Share of the reference's speed that may always be demanded.
+        min_speed_ratio: Multiple of the reference's speed that may always be demanded.
     """
     axes, full = s.axes, s.constants[0].servo_pump_flow
     pumps, diverted = 0, p.gains[0].settings.min_diverted_share
@@ -549,7 +557,8 @@ def compute_reference_flow(axis: ControlAxis, cylinder: CylinderConstants) -> fl
         cylinder: Areas of the cylinder.
 
     Returns:
-        A_dir |v_ref| [m³/s], without leakage.
+        A_dir |v_ref| [m³/s], without leakage: the area that the supply fills times the piston
+        speed.
     """
     return inlet_area(cylinder.cap_area, cylinder.rod_area, axis.speed) * abs(axis.speed)
 
@@ -559,16 +568,16 @@ def control_join_valves(s: ServoArguments, p: PumpState, settings: CoordinationS
     """Open, throttle or shut the join valves of all lines, and set the rail's pressure targets.
 
     A line draws from the rail if its mode is SB, or if a spare module or one of another line serves
-    it (`joins_rail`). It is joined once its pressure and the rail's agree within `joined_drop`.
-    Before that its join valve is throttled: it passes what the line needs beyond its own pump, plus
-    a charging flow taken from `p.charging_flow_left`. The rail's targets are the highest targets of
-    the lines that are on it or about to join.
+    it (`joins_rail`). The line counts as joined once its pressure and the rail's differ by less
+    than `joined_drop`. Before that its join valve is throttled. It passes the flow that the line
+    needs beyond that of its own pump, plus a charging flow taken from `p.charging_flow_left`. The
+    rail's targets are the highest targets of the lines that are joined or about to join.
 
-    A line that no longer draws from the rail is shut off from it; it may leave early
-    (`may_leave_early`). If no line draws from the rail, all stay joined until the rail's pumps have
-    nearly stopped (`idle_flow_share`), because their oil would raise the pressure of a shut rail.
-    While a join valve closes, the rail's target is limited so that no more flow passes than the
-    line draws.
+    A line that no longer draws from the rail is shut off from it. A line may be shut off earlier
+    (`may_leave_early`). If no line draws from the rail any more, all lines stay joined until the
+    rail's pumps have nearly stopped (`idle_flow_share`). Otherwise the oil of these pumps would
+    raise the pressure of the shut rail. While a join valve closes, the rail's target is limited so
+    that no more flow passes the valve than the line draws.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `join` of all axes and
@@ -625,10 +634,11 @@ def may_leave_early(
 ) -> bool:
     """Return whether a line may leave the rail before its mode ends.
 
-    Three conditions must hold. Another boosted line on the rail needs a pressure that is higher by
-    more than `joined_drop`. The mode of the line at the preview point is not SB. One pump can
-    supply the line's flow; while the line is still joined, `early_leave_flow_share` of a pump's
-    flow must suffice.
+    Three conditions must hold:
+    - Another boosted line on the rail needs a pressure that is higher by more than `joined_drop`.
+    - The mode of the line at the preview point is not SB.
+    - One pump can supply the line's flow. While the line is still joined, `early_leave_flow_share`
+      of the pump's flow must suffice.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo.
@@ -649,7 +659,7 @@ def may_leave_early(
 
 @kernel(borrows=True)
 def join_line(s: ServoArguments, p: PumpState, j: int, settings: CoordinationSettings) -> float:
-    """Join a line to the rail if their pressures agree, and compute its join valve's opening.
+    """Compute the opening of a line's join valve, and join the line if the pressures agree.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `joined` of the axis in place.
@@ -658,7 +668,8 @@ def join_line(s: ServoArguments, p: PumpState, j: int, settings: CoordinationSet
         settings: Tuned numbers of the controller itself.
 
     Returns:
-        Opening of the join valve, 0 … 1; 1 if the line is joined.
+        Opening of the join valve, 0 … 1. It is 1 if the line is joined. Before, the valve is
+        throttled to the flow that the line needs beyond its own pump, plus the charging flow.
     """
     axis, c, line_pressure = s.axes[j], s.constants[0], s.sensors[j].line_pressure
     drop = s.rail_pressure[0] - line_pressure

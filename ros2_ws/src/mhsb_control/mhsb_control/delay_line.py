@@ -26,7 +26,7 @@ def build_delay_lines(count: int, step: float) -> FloatArray:
 
 
 def describe_uncompensated_delay(machine: Machine) -> str | None:
-    """Describe by how much the declared delay of commands exceeds `MAX_DELAY`.
+    """Describe that the declared delay of commands exceeds `MAX_DELAY`.
 
     Args:
         machine: The machine as declared in its file (the real one may differ).
@@ -45,7 +45,7 @@ def describe_uncompensated_delay(machine: Machine) -> str | None:
 
 @kernel(borrows=True)
 def delay_value(history: FloatArray, value: float, delay: int) -> float:
-    """Add a value to its history, and return the one that is some steps old.
+    """Add a value to a history, and return the value that is some steps old.
 
     Args:
         history: Values of the last steps, the newest first, float64[d + 1]. Written in place.

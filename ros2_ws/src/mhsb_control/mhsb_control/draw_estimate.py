@@ -2,14 +2,14 @@
 
     drawn = Q − q_leak − c C ṗ,        τ ḋ = (drawn − commanded) − d
 
-Q is the measured flow of the pumps, C the line's capacity computed from the machine file, and c the
-estimated factor on it (`mhsb_control/line_estimate`). The commanded flow is A_dir |u|, delayed by
-the lag with which commands act. d is the observed excess; a negative d is a shortfall. τ is
-`observation_delay`.
+Q is the measured flow of the pumps, and q_leak the leakage. C is the line's capacity computed from
+the machine file, c the estimated factor on C (`mhsb_control/line_estimate`), and ṗ the rate of the
+line's pressure. The commanded flow is A_dir |u|, with the lag with which commands act. d is the
+observed excess of the drawn flow; a negative d is a shortfall. τ is `observation_delay`.
 
 A valve whose overlap is not known yet passes less than it is opened for. Lines are stiff: oil that
 no piston takes raises the pressure of a line by 1 MPa in a few milliseconds. The shortfall of a
-line whose pressure is below its target is not used, since such a line has too little oil.
+line whose pressure is far below its target is not used, since such a line has too little oil.
 
 Source: W.-H. Chen, J. Yang, L. Guo, S. Li, Disturbance-observer-based control and related methods,
 IEEE Trans. Industrial Electronics 63, 2016.
@@ -61,7 +61,7 @@ class MeasuredLine(NamedTuple):
 
     Attributes:
         pressure: Pressure of the line [Pa].
-        supplied: Flow of the pumps less leakage [m³/s].
+        supplied: Flow of the pumps minus leakage [m³/s].
         fed_by_pumps_only: Whether pumps alone feed the line.
     """
 
@@ -77,7 +77,7 @@ def build_draw_observers(count: int) -> Records[DrawObserver]:
         count: Number n of lines.
 
     Returns:
-        DrawObserver[n + 1]: one record for each line, and the rail's as the last.
+        DrawObserver[n + 1]: one record for each line, and the last one for the rail.
     """
     return create_records(DrawObserver, count + 1)
 
@@ -92,12 +92,12 @@ def update_draw_observer(
     step: float,
     settings: DrawSettings,
 ) -> None:
-    """Update the observer of the flow that a line draws by one step.
+    """Advance the observer of the flow that a line draws by one control step.
 
         τ ḋ = (supplied − capacity ṗ − Q_c) − d,    τ = observation_delay
 
-    d is the observed excess: the drawn flow less the commanded one. Q_c is the commanded flow
-    behind a first-order lag. If anything but pumps may feed the line, d is set to 0.
+    d is the observed excess: drawn flow minus commanded flow. Q_c is the commanded flow after a
+    first-order lag. If anything but pumps may feed the line, d is set to 0.
 
     Args:
         draw: Observer of the line. Writes `excess_flow` (d), `delayed_command` (Q_c) [m³/s] and

@@ -25,10 +25,10 @@ class PressureSensorsError(ArgumentError):
     """Error: a controller reads pressures on a machine that measures none."""
 
     def __init__(self, name: str, machine: str, suitable: Iterable[str]) -> None:
-        """Make the message from the controller, the machine and the controllers that suit it.
+        """Make the message from the names of controller, machine and suitable controllers.
 
         Args:
-            name: The controller.
+            name: Name of the controller.
             machine: Name of the machine, which measures no pressures.
             suitable: Names of the registered controllers that read no pressures.
         """
@@ -42,10 +42,10 @@ class EstimatesFileError(MhsbError):
     """Error: a file of estimates cannot be used."""
 
     def __init__(self, path: Path, reason: str) -> None:
-        """Build the error with its sentence.
+        """Make the message from the file and the reason.
 
         Args:
             path: The file.
-            reason: Clause that says why, and what to do.
+            reason: Clause that says why the file cannot be used, and what to do.
         """
         super().__init__(f"estimates file {path}: {reason}")

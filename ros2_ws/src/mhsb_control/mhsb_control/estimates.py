@@ -28,9 +28,9 @@ def collect_estimates(
 ) -> list[Estimate]:
     """Collect the estimates of all estimators with their standard deviations.
 
-    Bulk modulus, valve gain and overlap are functions of the estimated parameters; their variances
-    are propagated to first order. The delay has no standard deviation. The longest plausible delay
-    less the estimated delay takes its place.
+    Bulk modulus and overlap are functions of the estimated parameters; their variances are
+    propagated to first order. The delay has no standard deviation; the longest plausible delay
+    minus the estimated delay takes its place.
 
     Args:
         names: Names of the actuators, in the order of the estimators' arrays.
@@ -128,7 +128,7 @@ def _build_valve_estimates(name: str, j: int, valves: ValveEstimates) -> tuple[E
         valves: Estimates of the valves.
 
     Returns:
-        Estimates of valve gain and overlap, the mean of both directions.
+        Estimates of the valve gain and of the overlap. The overlap is the mean of both directions.
     """
     gain, laps = valves.estimate[j, 0], valves.estimate[j, 1:3]
     own = valves.covariance[j, :3, j, :3]

@@ -1,7 +1,7 @@
-"""File of what a servo has learnt of its machine, so that the next start begins with it.
+"""File that keeps what a servo has learnt of its machine for the next start.
 
-The file is YAML for a person, in SI units; commands are shares of the full command. It belongs to
-one machine: name and hash (`Machine.planning_hash`) must be the same.
+The file is YAML for a person, in SI units; commands are shares of the full command. A file belongs
+to one machine: name and hash (`Machine.planning_hash`) must be the same.
 """
 
 from __future__ import annotations
@@ -35,7 +35,11 @@ class DirectionResponse(Section):
 
     @model_validator(mode="after")
     def _check_knots(self) -> Self:
-        """Check that all lists are equally long, and that the curve increases."""
+        """Check that all lists are equally long, and that speeds and commands increase.
+
+        Raises:
+            ValueError: A list has another length, or speeds or commands do not increase.
+        """
         if not len(self.speeds) == len(self.commands) == len(self.deviations):
             raise ValueError("speeds, commands and deviations must have equal lengths")
         for values in (self.speeds, self.commands):
@@ -63,10 +67,10 @@ class LearntEstimates(Section):
 
 
 def read_estimates_file(path: Path, machine: Machine) -> dict[str, ActuatorResponse] | None:
-    """Read what was learnt of a machine.
+    """Read the responses that a servo has learnt of a machine from its estimates file.
 
     Args:
-        path: The file. It need not exist, but its folder.
+        path: The file. It need not exist, but its folder must exist.
         machine: The machine that the servo knows.
 
     Returns:
@@ -103,15 +107,15 @@ def read_estimates_file(path: Path, machine: Machine) -> dict[str, ActuatorRespo
 def write_estimates_file(
     path: Path, machine: Machine, actuators: dict[str, ActuatorResponse]
 ) -> None:
-    """Write what was learnt of a machine, completely or not at all.
+    """Write the responses that a servo has learnt, completely or not at all.
 
     Args:
-        path: The file; an earlier one is replaced.
+        path: The file; an earlier file is replaced.
         machine: The machine that the servo knows.
         actuators: Response of each actuator by its name.
 
     Raises:
-        EstimatesFileError: The file cannot be written. An earlier one stays.
+        EstimatesFileError: The file cannot be written. An earlier file is kept.
     """
     part = path.with_name(f"{path.name}.part")
     try:
@@ -128,7 +132,7 @@ def write_estimates_file(
 
 
 def _format_estimates(machine: Machine, actuators: dict[str, ActuatorResponse]) -> str:
-    """Return the text of an estimates file.
+    """Return the text of an estimates file, with the present date.
 
     Args:
         machine: The machine that the servo knows.

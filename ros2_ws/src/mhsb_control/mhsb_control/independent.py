@@ -1,8 +1,9 @@
 """Independent control, as in the paper: valves and servo pumps have separate loops.
 
-The valve turns the demanded piston speed into an opening by its nominal gain, at a fixed pressure
-drop. A PI loop per pump keeps the pressure of its line, or of the rail, at what the load needs. The
-pump's loop has no feedforward of the flow that the valves take. Modes switch as they are commanded.
+The valve opening is proportional to the demanded piston speed, with the valve's gain at a fixed
+pressure drop. A PI loop for each pump keeps the pressure of its line, or of the rail, at the value
+that the load needs. This loop has no feedforward of the flow that the valves take. Modes switch at
+their scheduled times, without preparation.
 
 Source: paper, Sections 2 and 4 (cascade based on pressure feedback).
 """
@@ -107,7 +108,7 @@ class IndependentController:
         return []
 
     def update(self) -> None:
-        """Write all commands for the next step."""
+        """Compute all commands for the next step, and write them into the signals."""
         self._control()
 
 
@@ -119,8 +120,9 @@ def run_independent_step(
 
     The valve command is u A_dir/(K √Δp_nominal), limited to −1 … 1. u is the demanded piston speed,
     A_dir the piston area that the supply fills, and K the valve's flow coefficient. A line is
-    joined to the rail if its mode is SB (shared boost), or if a module of another line serves it.
-    Each pump in use controls the pressure of its line, or of the rail if the line is joined:
+    joined to the rail if its mode is SB (shared boost). It is also joined if a spare module or one
+    of another line serves it. Each pump in use controls the pressure of its line, or of the rail if
+    the line is joined:
 
         Q_cmd = C k_P (p_target − p) + ∫ C k_I (p_target − p) dt,    0 ≤ Q_cmd ≤ Q_max
 

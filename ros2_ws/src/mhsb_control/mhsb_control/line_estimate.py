@@ -1,19 +1,21 @@
 """Estimates of oil compressibility and valve leakage, from the oil balances of boosted lines.
 
-A window counts if its lines are shut off from the manifold, above its pressure, and pumps alone
-feed them. Its balance of oil is
+A window is a short sequence of control steps. It counts if its lines have a higher pressure than
+the manifold, so that their check valves are closed and pumps alone feed them. Its balance of oil is
 
     ∫ Q dt − Σ A_dir |ΔL| = c Σ C Δp + Σ λ_j ∫ q_leak(p_j) dt
 
-Q is the flow of the pumps by their measured speed, less their slip [m³/s]. C is the capacity of
-lines, rail and the chambers behind open valves, computed from the machine file [m³/Pa]. A_dir is
-the area of a cylinder's inlet and q_leak a valve's leakage, both by the file. c is the file's bulk
-modulus over the true one, equal for all oil. λ_j is the factor on the leakage of valve j.
+Q is the flow of the pumps by their measured speed, minus their slip [m³/s]. C is the capacity of
+lines, rail and the chambers behind open valves [m³/Pa]. A_dir is the piston area that the supply
+fills, and q_leak the leakage of a valve. All three are computed from the machine file. c is the
+file's bulk modulus divided by the true one, and is equal for all oil. λ_j is the factor on the
+leakage of valve j.
 
-A single line gives one balance; the rail with all lines joined to it gives another. A Kalman filter
-updates c and λ window by window. Both follow slow random walks, so that a parameter without data
-keeps its standard deviation. If pumps feed lines at the manifold's pressure, these take at least
-what the pumps deliver. Such a balance is used at rest, if it indicates more leakage.
+Each line alone gives a balance; the rail with all lines joined to it gives another one. A Kalman
+filter updates c and λ after each window. Both follow slow random walks. A parameter without data
+keeps its standard deviation. If pumps feed lines at the manifold's pressure, the manifold may feed
+them, too. So these lines take at least the oil that the pumps deliver. Such a balance is used only
+at rest, and only if it indicates more leakage.
 
 Source: H. E. Merritt, Hydraulic Control Systems (balance of oil in a line).
 """
@@ -165,7 +167,7 @@ class OilBalance(Record):
 
 
 class LineEstimates(NamedTuple):
-    """Estimates of n lines, and their balances.
+    """Estimates of oil compressibility and leakage for n lines, and the oil balances of the lines.
 
     Balance n is that of the rail with all lines joined to it.
     """
@@ -220,17 +222,17 @@ def update_line_estimates(s: ServoArguments, lines: LineEstimates, settings: Lin
     A balance compares the oil from the pumps with the oil that lines take, over a window of
     `window_steps` steps. There are two kinds:
 
-    - The balance of a line alone. A pump must feed the line, and its join valve (to the rail) must
-      be shut.
-    - The balance of the rail with all lines joined to it. A joined line has an open join valve and
-      a pressure within `joined_drop` of the rail's. A pump must feed the rail or one of these
-      lines. No join valve may be partly open, or open at a larger pressure difference.
+    - The balance of a line alone. A servo pump must feed the line, and its join valve (to the rail)
+      must be shut.
+    - The balance of the rail with all lines joined to it. A joined line has an open join valve, and
+      its pressure differs from the rail's by less than `joined_drop`. A pump must feed the rail or
+      one of these lines. No join valve may be partly open, or open at a larger pressure difference.
 
     A full window updates the estimates in two cases:
 
     - The pressure is at least `check_valve_margin` above the main pump's, so that only servo pumps
       feed the lines.
-    - No piston has moved, and more oil has gone in than the present estimates explain.
+    - No piston has moved, and the pumps have delivered more oil than the present estimates explain.
 
     The estimates are factors on the file's compressibility of the oil and on the leakage of each
     valve.
@@ -294,8 +296,8 @@ def compute_fed_flows(s: ServoArguments, fed: FloatArray, shut_opening: float) -
         s: Signals and circuit of the servo: flows and diverters of the modules, the actuators that
             they serve, and measured pressures.
         fed: Written in place, float64[n + 1, 3], one row for each line and the last for the rail.
-            Column 0 is the flow of all pumps into it, less their slip and idle ones included
-            [m³/s]. Column 1 is 1 if a pump that is not idle feeds it, else 0. Column 2 is the slip
+            Column 0 is the flow of all pumps, idle ones included, minus their slip [m³/s]. Column 1
+            is 1 if a pump that is not idle feeds the line or rail, else 0. Column 2 is the slip
             [m³/s].
         shut_opening: Largest opening, towards the line or towards the rail, at which a diverter
             counts as shut on that side; only for column 1.
@@ -333,19 +335,18 @@ def accumulate_balance(
 ) -> bool:
     """Add one step to an oil balance, and return whether its window of steps is complete.
 
-    The window starts anew if the set of lines or `manifold_feeds` has changed. Its first call only
-    records the flow of the pumps, so a window takes `window_steps` + 1 calls. What the rail (line
-    that several servo pumps feed in shared boost) takes itself counts only in the balance of the
-    rail.
+    The window starts anew if the set of lines or `manifold_feeds` has changed. The first call of a
+    window only records the flow of the pumps, so a window takes `window_steps` + 1 calls. The oil
+    that the rail itself takes (the line that several servo pumps feed in shared boost) counts only
+    in the balance of the rail.
 
     Args:
         lines: Estimates and balances of n lines. Reads `intake`, the oil that each line and the
-            rail take in this step. Updates record k of `balances` and row k of `row` in place. This
-            row has the amounts that the estimated factors multiply, both computed from the machine
-            file: oil taken by compression, then the leakage of each valve [m³].
-        k: Index of the balance. k < n is the balance of line k alone, n that of the rail with its
-            joined lines.
-        members: Lines of the balance, bit j for line j; 0 discards the window.
+            rail take in this step. Updates record k of `balances` and row k of `row` in place. Row
+            k has the coefficients of the estimated factors: the oil taken by compression, then the
+            leakage of each valve, both as the machine file gives them [m³].
+        k: Index of the balance: k < n for line k alone, n for the rail with its joined lines.
+        members: Set of the lines in the balance, bit j for line j; 0 discards the window.
         manifold_feeds: 1 if the main pump may feed the lines as well, else 0.
         flow: Flow of the servo pumps into these lines [m³/s].
         step: Control period [s].
@@ -403,9 +404,9 @@ def compute_line_intake(
     """Compute the oil that a line takes in a step, by compression, leakage and its piston.
 
     Compression is the line's capacity (from the machine file) times its pressure rise. If the
-    reference moves the piston, compression includes the chamber that the supply fills: the cap side
-    if the reference extends, the rod side if it retracts. The piston then takes the oil that it
-    sweeps.
+    reference moves the piston, compression includes the chamber that the supply fills. This is the
+    cap side if the reference extends the piston, and the rod side if it retracts it. The piston
+    then takes the oil that fills its swept volume.
 
     Args:
         axis: State of the cylinder's control axis. Writes `leakage` in place: the machine file's
@@ -443,14 +444,16 @@ def update_line_filter(
         oil = row · (c, λ_1, …, λ_n) + noise
 
     c is a factor on the machine file's compressibility of the oil, and λ_j a factor on the leakage
-    of valve j. Parameters with a coefficient other than 0 first gain the variance of their random
-    walk, the square of `compressibility_drift` or `leakage_drift`. c is limited to
-    `min_compressibility` … `max_factor`, and each λ to `min_leakage` … `max_factor`.
+    of valve j. Before the update, the variance of each parameter with a nonzero
+    coefficient is increased. The increase is the square of `compressibility_drift` or
+    `leakage_drift`.
+    c is limited to `min_compressibility` … `max_factor`, and each λ to `min_leakage` …
+    `max_factor`.
 
     Args:
         lines: Estimates. Writes `estimate`, `covariance` and `gain_work` in place.
         row: Coefficients of c and λ in the balance, float64[1 + n], [m³].
-        oil: Oil delivered by pumps less oil taken by pistons [m³].
+        oil: Oil delivered by pumps minus oil taken by pistons [m³].
         spread: Variance of the noise [m⁶].
         settings: Tuned numbers.
     """

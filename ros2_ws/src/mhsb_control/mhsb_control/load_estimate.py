@@ -1,13 +1,15 @@
 """Estimates of payload and seal friction, from the forces of steady motion.
 
-While an actuator moves steadily, with F the measured force of its cylinder and r its moment arm,
+F is the measured force of a cylinder, and r its moment arm. While the actuator moves steadily,
 
     r F − τ(m̂) − r φ̂ f(v) = Y δm + r f(v) δφ,        Y = g (x_tip − x_joint)
 
-τ is the torque for the estimated payload m̂, f the friction from the machine file, and φ̂ the
-estimated factor on it. δm and δφ are the errors of these estimates. All actuators inform on δm,
-each one on its own δφ. A Kalman filter processes the means of short windows. m and φ follow slow
-random walks, so that a parameter without data keeps its standard deviation.
+τ is the torque for the estimated payload m̂. f(v) is the friction from the machine file at the
+piston speed v, and φ̂ the estimated factor on it. δm and δφ are the errors of these estimates.
+x_tip and x_joint are the x coordinates of the tip and of the joint, and g is gravity. All actuators
+give information about δm, and each one about its own δφ. A Kalman filter processes the means of
+short windows. m and φ follow slow random walks. A parameter without data keeps its standard
+deviation.
 
 Source: J. Swevers et al., Optimal robot excitation and identification, IEEE Trans. Robotics and
 Automation 13, 1997 (linear in the load's parameters).
@@ -128,7 +130,7 @@ def build_load_estimate(
 ) -> LoadEstimate:
     """Return the initial estimates of the load: the payload of the file, and friction factors 1.
 
-    A friction factor multiplies the friction of an actuator that follows from the machine file.
+    A friction factor is the ratio of an actuator's friction to that of the machine file.
 
     Args:
         payload: Payload of the machine file [kg].
@@ -177,8 +179,8 @@ def accumulate_load_window(
         load: Estimates and windows, updated in place.
         j: Index of the actuator.
         steady: Whether the motion is steady. If not, the window is discarded.
-        torque: Measured torque less the torque expected by the present estimates of payload and
-            friction [N m].
+        torque: Measured torque minus the torque that the present estimates of payload and friction
+            give [N m].
         friction: Friction torque of the machine file [N m].
         settings: Tuned numbers.
 
@@ -209,7 +211,7 @@ def update_load_filter(
 
         torque = Y δm + friction δφ_j + noise
 
-    Y is the torque per kilogram of payload [m²/s²]. δm [kg] and δφ_j are the errors of the present
+    Y is the torque per kilogram of payload [m²/s²]. δm [kg] and δφ_j are the errors of two present
     estimates: the payload m, and the factor φ_j on the file's friction of actuator j. The noise has
     the standard deviation `torque_deviation`. Afterwards the payload is limited to 0 …
     `max_payload_ratio` times the machine file's, and all φ to 0 … `max_friction_ratio`.
@@ -218,7 +220,7 @@ def update_load_filter(
         load: Estimates. Reads `weight` (Y); writes `estimate`, `covariance` and `gain_work` in
             place.
         j: Index of the actuator.
-        torque: Mean of the measured torque less the expected one [N m].
+        torque: Mean of the measured torque minus the torque that the present estimates give [N m].
         friction: Mean of the friction torque of the machine file [N m].
         settings: Tuned numbers.
     """

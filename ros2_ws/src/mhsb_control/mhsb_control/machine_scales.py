@@ -1,4 +1,4 @@
-"""Strokes, torques and rates of a machine, with which tuned numbers are made absolute."""
+"""Strokes, torques and rates of a machine, by which relative tuned numbers are multiplied."""
 
 from __future__ import annotations
 
@@ -16,21 +16,22 @@ def compute_angle_strokes(machine: Machine) -> FloatArray:
         machine: The machine as its file describes it.
 
     Returns:
-        Largest moment arms, float64[n], [m/rad]; for a sliding joint the travel that counts as one
-        radian.
+        Largest stroke per radian (moment arm), float64[n], [m/rad]. For a sliding joint, it is the
+        travel that counts as one radian.
     """
     arms = np.array([machine.moment_arms(q) for q in draw_postures(machine)])
     return np.abs(arms).max(axis=0) * machine.radian_equivalents
 
 
 def compute_supply_torques(machine: Machine) -> FloatArray:
-    """Compute the largest torque of each cylinder by the main pump's pressure.
+    """Compute the largest torque that each cylinder can give at the main pump's pressure.
 
     Args:
         machine: The machine as its file describes it.
 
     Returns:
-        P_S A max |r|, float64[n], [N m]; for a sliding joint the work over one radian.
+        P_S A max |r|, with the cap-side area A and the moment arm r, float64[n], [N m]. For a
+        sliding joint, max |r| is the travel that counts as one radian.
     """
     arrays = machine.arrays
     return arrays.supply_pressure * arrays.cap_area * compute_angle_strokes(machine)
@@ -39,13 +40,13 @@ def compute_supply_torques(machine: Machine) -> FloatArray:
 def compute_braking_rate(machine: Machine) -> float:
     """Compute the rate at which the main pump's pressure would brake the slowest joint.
 
-    The return chamber brakes a piston at the speed V_max with the main pump's pressure P_S on the
-    rod's area a, all other joints at rest:
+    A piston at the speed V_max is braked by the main pump's pressure P_S in its return chamber, on
+    the rod-side area a. All other joints are at rest:
 
         rate = min P_S a r²/(M_jj V_max)
 
-    r is the moment arm [m] and M_jj the joint's inertia [kg m²], in random postures. Gravity is
-    left out.
+    r is the moment arm [m] and M_jj the joint's inertia [kg m²]. The minimum is taken over all
+    joints and over random postures. Gravity is neglected.
 
     Args:
         machine: The machine as its file describes it.

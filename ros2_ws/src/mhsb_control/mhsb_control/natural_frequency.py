@@ -84,7 +84,7 @@ def find_joint_frequency_ranges(machine: Machine) -> tuple[FloatArray, FloatArra
         machine: The machine as declared in its file (the real one may differ).
 
     Returns:
-        Lowest and highest natural frequencies, float64[n] each, [rad/s]. Those of different joints
+        Lowest and highest natural frequencies, float64[n] each, [rad/s]. Values of different joints
         may belong to different postures.
     """
     found = np.array([compute_joint_frequencies(machine, q) for q in draw_postures(machine)])

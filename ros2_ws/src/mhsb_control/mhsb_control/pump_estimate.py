@@ -1,14 +1,14 @@
 """Estimates of the servo pumps' lag and of the delay of commands, from measured flows.
 
-A pump of lag τ has commands Q_cmd that act i steps late. Over a window of several steps of h
-seconds each, its flow changes by
+A pump has the lag τ, and its commands Q_cmd act i steps late. In a window of several steps of h
+seconds each, its flow Q changes by
 
     ΔQ = θ Σ (Q_cmd(k − i) − Q(k)),        θ = 1 − e^(−h/τ)
 
-Q is measured by the pump's speed. For each possible delay, θ is found by least squares with
-exponential forgetting. The delay is the one with the least residual. All pumps are of one make and
-share one θ; windows that no healthy pump would produce are discarded. The delay applies to all
-commands, valve commands included.
+The sum runs over the steps of the window. Q is measured by the pump's speed. For each possible
+delay, θ is found by least squares with exponential forgetting. The delay with the least residual is
+taken. All pumps are of one make and share one θ. Windows that no healthy pump would produce are
+discarded. The delay applies to all commands, valve commands included.
 
 Source: L. Ljung, System Identification, Section 3.2 (first order with a dead time, a set of models
 of which the best is taken).
@@ -153,7 +153,7 @@ def build_drive_estimates(
     settings: DriveSettings = DriveSettings(),
     delay: float = 0.0,
 ) -> DriveEstimates:
-    """Build the initial estimates of pumps from the machine file's values.
+    """Build the initial estimates of pump lag and command delay from the machine file's values.
 
     Args:
         lag: τ of a pump [s].
@@ -165,8 +165,8 @@ def build_drive_estimates(
         delay: Delay of commands that the machine file declares [s].
 
     Returns:
-        The estimates: lag and delay of the file; a delay above `MAX_DELAY` becomes `MAX_DELAY`. The
-        longest plausible delay is `initial_delay_range` steps longer than that of the file.
+        Estimates with the lag and the delay of the file, at most `MAX_DELAY`. The longest plausible
+        delay is `initial_delay_range` steps longer than the file's delay.
     """
     commands = build_delay_lines(count, step)
     declared, longest = round(delay / step), commands.shape[1] - 1
@@ -193,10 +193,10 @@ def update_drive_estimates(
 ) -> bool:
     """Add one step of all pumps to the window, and predict each pump's flow.
 
-    The kernel runs before the pumps get new commands. Each pump's flow is predicted for the instant
-    when the next command begins to act. A window is a stretch of `window_steps` steps. At its end,
-    lag and delay are estimated anew. Pumps whose flow has changed too little, or implausibly, do
-    not contribute. If no pump contributes, the estimates stay.
+    Call it before the pumps get new commands. Each pump's flow is predicted for the instant when
+    the next command begins to act. A window has `window_steps` steps. At its end, lag and delay are
+    estimated anew. Pumps whose commands differ too little from their flow, or whose flow has
+    changed implausibly, do not contribute. If no pump contributes, the estimates do not change.
 
     Args:
         d: Estimates, updated in place. Written in every step: `flow`, the predicted flow [m³/s],
@@ -242,12 +242,13 @@ def accumulate_pump_window(
     own: PumpDynamics,
     settings: DriveSettings,
 ) -> bool:
-    """Add a pump's window to the sums of the least squares, unless it is discarded.
+    """Add a pump's window to the sums of the least squares, unless it is to be discarded.
 
-    A window is discarded in two cases, judged at the present estimate of the delay. |Σ (Q_cmd − Q)|
-    is below `min_excitation` full flows. Or ΔQ corresponds to a lag outside `min_lag_ratio` …
-    `max_lag_ratio` times the machine file's. Earlier windows are weighted down by
-    `forgetting_factor`.
+    Two cases, with the sum at the present estimate of the delay, lead to a discarded window:
+    - |Σ (Q_cmd − Q)| is below `min_excitation` full flows.
+    - ΔQ corresponds to a lag outside `min_lag_ratio` … `max_lag_ratio` times the machine file's.
+
+    The weight of earlier windows is multiplied by `forgetting_factor`.
 
     Args:
         squares: Sums x², x y and y² for each delay in rows 0 to 2, updated in place; float64[4,
@@ -278,7 +279,7 @@ def accumulate_pump_window(
 
 @kernel(borrows=True)
 def estimate_lag_and_delay(own: PumpDynamics, squares: FloatArray, settings: DriveSettings) -> None:
-    """Estimate delay, θ and lag of the pumps by least squares with a prior, for each delay.
+    """Estimate delay, θ and lag of the pumps by least squares with a prior.
 
     Each window gives x = Σ (Q_cmd − Q) and y = ΔQ, both in full flows. θ_file is the prior, w its
     weight, h the control period, and σ `flow_deviation`:
@@ -286,12 +287,13 @@ def estimate_lag_and_delay(own: PumpDynamics, squares: FloatArray, settings: Dri
         θ = (Σ x y + w θ_file) / (Σ x² + w),   w = (σ / (`initial_deviation` θ_file))²
         residual = Σ (y − θ x)² + w (θ − θ_file)²,   τ = −h / ln(1 − θ)
 
-    The delay with the least residual wins. `max_plausible_delay` becomes the longest delay whose
-    residual exceeds the least one by less than `plausible_excess` σ².
+    θ and residual are computed for each delay, and the delay with the least residual is taken.
+    `max_plausible_delay` becomes the longest delay whose residual exceeds the least one by less
+    than `plausible_excess` σ².
 
     Args:
         own: Estimates of the pumps' dynamics. Writes in place `delay` and `max_plausible_delay`
-            [steps], `theta`, `lag` (τ) [s], and `deviation`. The last one is the standard deviation
+            [steps], `theta`, `lag` (τ) [s], and `deviation`. `deviation` is the standard deviation
             of τ as a share of τ, at least `min_lag_deviation`.
         squares: Σ x², Σ x y, Σ y² and residual for each delay, float64[4, d + 1]. The last row is
             written in place.

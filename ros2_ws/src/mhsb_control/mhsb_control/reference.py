@@ -1,4 +1,4 @@
-"""The reference of the servo: a trajectory and its mode schedule, at present and a bit ahead."""
+"""The reference of the servo: a trajectory and its mode schedule, evaluated now and ahead."""
 
 from __future__ import annotations
 
@@ -30,10 +30,11 @@ class EvaluatedReference(NamedTuple):
 
     Attributes:
         values: Positions, velocities and accelerations at present and ahead, float64[points, 3, n].
-        mode_rows: Rows of the mode schedule now and at point `PREVIEW_POINT`, int64[2]; row 0
-            before the first time.
+        mode_rows: Index of the mode schedule's row in force now, and at point `PREVIEW_POINT`,
+            int64[2].
         full_speed_velocity: Present velocity without speed scaling, float64[n], [rad/s or m/s].
-        command_values: States like `values` at `command_times`, float64[k, 3, n].
+        command_values: Positions, velocities and accelerations at `command_times`, float64[k, 3,
+            n].
         command_times: Times from now at full speed, float64[k], [s]. They are only read.
     """
 
@@ -75,9 +76,10 @@ class ReferencePreview:
             values: Array that `update` writes in place, float64[points, 3, n]: positions,
                 velocities and accelerations of n joints at evenly spaced times from now on.
             preview: Time from now to point `PREVIEW_POINT` [s].
-            command_values: Array that `update` writes in place as `values`, float64[k, 3, n], but
-                at the times `command_times`; None for none.
-            command_times: Times from now, float64[k], [s], read at every `update`; None for none.
+            command_values: Array that `update` writes in place, float64[k, 3, n]: positions,
+                velocities and accelerations at `command_times`. None if there are no such times.
+            command_times: Times from now, float64[k], [s], which are read at every `update`. None
+                if there are no such times.
         """
         self._values = values
         count = values.shape[2]
@@ -123,13 +125,13 @@ class ReferencePreview:
     def compute_trajectory_time_ns(self, time_ns: int) -> int:
         """Return the time at which the trajectory is evaluated for a time of the servo.
 
-        It is earlier by the delay that speed scaling has accumulated.
+        It is the time of the servo minus the delay that speed scaling has accumulated.
 
         Args:
             time_ns: Time of the servo [ns].
 
         Returns:
-            Time of the trajectory, on the same clock [ns].
+            Time at which the trajectory is evaluated, on the same clock [ns].
         """
         return time_ns - int(np.rint(self.speed_scaling["delay"][0]))
 
@@ -170,8 +172,8 @@ class ReferencePreview:
             time_ns: Present time of the servo [ns].
 
         Returns:
-            True if the row of the mode schedule for now, or that for point `PREVIEW_POINT`, is
-            another one than at the last call. Always True at the first call after `follow`.
+            True if another row of the mode schedule applies now, or at point `PREVIEW_POINT`, than
+            at the last call. Always True at the first call after `follow`.
         """
         now, ahead = self._rows
         self._evaluate(self._spacing_ns, time_ns - self.trajectory.stamp_ns)
@@ -226,9 +228,10 @@ def evaluate_reference(
     the first point's state, and after the end it rests at the last point. A trajectory of one point
     rests.
 
-    At the rate s of the speed scaling, velocities are multiplied by s and accelerations by s². The
-    present acceleration and those at `command_times` also get ds/dt times the velocity at full
-    speed. On the trajectory, times ahead are multiplied by s. Test oracle: `Trajectory.sample`.
+    At the rate s of the speed scaling, velocities are multiplied by s and accelerations by s². To
+    the present acceleration and those at `command_times`, ds/dt times the velocity at full speed is
+    added. Times ahead of now are multiplied by s before the trajectory is evaluated. Test oracle:
+    `Trajectory.sample`.
 
     Args:
         offset_ns: Times of the trajectory's points after its stamp, int64[k], [ns].
@@ -297,7 +300,7 @@ def evaluate_trajectory(
 def scale_speed(state: FloatArray, rate: float, change: float) -> None:
     """Scale a trajectory's velocity by the rate s of the speed scaling, its acceleration by s².
 
-    The acceleration also gets `change` times the velocity at full speed.
+    `change` times the velocity at full speed is added to the acceleration.
 
     Args:
         state: Position, velocity and acceleration, float64[3, n]. The last two are written in

@@ -1,4 +1,4 @@
-"""Registered controllers, and the schema of a machine file with the sections of their gains."""
+"""Registered controllers, and the schema of a machine file that includes their gains."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ def build_schema(controllers: Mapping[str, type[Controller]]) -> type[MachineCon
     """Build the schema of a machine file with an optional section of gains for each controller.
 
     Args:
-        controllers: Controller classes by the names of their sections in `servo`.
+        controllers: Controller classes by name. The name is also that of the controller's section
+            in `servo`.
 
     Returns:
         Subclass of `MachineConfig`. To be picklable, it must be assigned to the name
@@ -93,7 +94,7 @@ def select_controllers(machine: Machine) -> tuple[str, ...]:
     """Return the names of the controllers that are made for the sensors of a machine.
 
     If the machine has pressure sensors, these are the controllers that read pressures. Otherwise
-    they are the controllers that read none.
+    they are the controllers that do not read pressures.
 
     Args:
         machine: The machine as declared in its file (the real one may differ).
@@ -137,7 +138,7 @@ def reads_pressures(name: str) -> bool:
 
 
 def load_machine(path: str | Path | None = None) -> Machine:
-    """Load a machine from a YAML file; check also the gains of all registered controllers.
+    """Load a machine from a YAML file, and check the gains of all registered controllers, too.
 
     Args:
         path: The machine file, or the name of a machine of the suite such as `excavator`. None or
@@ -189,8 +190,8 @@ def make_controller(
         machine: The machine as declared in its file (the real one may differ).
         signals: Arrays that the controller reads and writes in each step. They must contain present
             readings.
-        learnt: Response of each actuator by its name, with which the controller begins; None: it
-            begins with the machine file alone.
+        learnt: Learnt response of each actuator by its name, with which the controller begins.
+            None: the controller begins with the values of the machine file.
 
     Returns:
         The controller, in its initial state.
@@ -199,7 +200,7 @@ def make_controller(
         UnknownControllerError: No controller has this name.
         MachineFileError: The gains in the machine's file are wrong.
         PressureSensorsError: The controller reads pressures that the machine does not measure.
-        ArgumentError: There are estimates, but the controller keeps none.
+        ArgumentError: `learnt` is given, but the controller does not learn.
     """
     if reads_pressures(name) and not measures_pressures(machine):
         raise PressureSensorsError(name, machine.name, select_controllers(machine))
@@ -212,14 +213,14 @@ def make_controller(
 
 
 def check_keeps_estimates(name: str) -> None:
-    """Raise ArgumentError if a controller has nothing to keep in an estimates file.
+    """Raise ArgumentError if a controller does not learn, so that an estimates file is useless.
 
     Args:
         name: Name of a controller.
 
     Raises:
         UnknownControllerError: No controller has this name.
-        ArgumentError: It is no `LearningController`.
+        ArgumentError: The controller is no `LearningController`.
     """
     if not issubclass(get_controller_class(name), LearningController):
         keeping = [

@@ -1,7 +1,7 @@
 """The servo of an arm: a controller with its reference, its mode guard and its booster modules.
 
-It knows neither simulator nor ROS. The caller writes sensor readings into the signals and takes the
-commands from them.
+The servo knows neither simulator nor ROS. The caller writes sensor readings into the signals, and
+takes the commands from the signals.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ class ServoLoop:
         signals: Arrays that the servo reads and writes in each step.
         controller: The controller; a new one after `restart`.
         reference: The reference that is followed.
-        guard: Mode guard, which boosts and slows down beyond the plan.
+        guard: Mode guard, which boosts actuators beyond the plan and slows the plan.
         modes: Modes in force, uint8[n]; available after `follow`.
-        lost_modules: Indices of booster modules that are not used.
+        lost_modules: Indices, from 0, of booster modules that have failed and are not used.
     """
 
     controller: Controller
@@ -52,8 +52,8 @@ class ServoLoop:
             controller: Name of a registered controller, such as "coordinated".
             machine: The machine as declared in its file (the real one may differ).
             signals: Signals with the present sensor readings; they are shared with the caller.
-            learnt: Response of each actuator by its name, with which the controller begins; None to
-                begin with the machine file alone.
+            learnt: Learnt response of each actuator by its name, with which the controller begins.
+                None to begin with the values of the machine file.
 
         Raises:
             ArgumentError: `learnt` is given, but the controller does not learn.
@@ -81,11 +81,11 @@ class ServoLoop:
         Reference, mode guard and modes are not changed.
 
         Args:
-            learnt: Response of each actuator by its name, with which the new controller begins;
-                None to begin with the machine file alone.
+            learnt: Learnt response of each actuator by its name, with which the new controller
+                begins. None to begin with the values of the machine file.
 
         Raises:
-            ArgumentError: Responses are given, but the controller does not learn any.
+            ArgumentError: `learnt` is given, but the controller does not learn.
         """
         self.signals.command_times[:] = 0.0
         self.controller = self._make_controller(learnt)
@@ -109,10 +109,10 @@ class ServoLoop:
         self.update_reference(time_ns)
 
     def update_reference(self, time_ns: int) -> None:
-        """Evaluate the reference at a time.
+        """Evaluate the reference now and ahead, and update the modes if necessary.
 
-        If the mode schedule has changed modes, now or for the near future, modes and booster
-        modules are set anew.
+        Modes and booster modules are set anew if another row of the mode schedule applies, now or
+        at the preview point.
 
         Args:
             time_ns: Present time of the servo [ns].
@@ -133,8 +133,8 @@ class ServoLoop:
     def run_period(self, time_ns: int) -> None:
         """Run one control period: update the reference, write the commands, and advance the valves.
 
-        The valves are join valves and diverters, which are not measured. Their assumed positions
-        are advanced by one period, as the commands just written will move them.
+        These valves are join valves and diverters, which have no sensors. Their assumed positions
+        are advanced by one period, as the new commands move them.
 
         Args:
             time_ns: Time of the sensor readings [ns].
@@ -147,15 +147,16 @@ class ServoLoop:
         """Set the modes in force and the prepared modes, and assign the booster modules.
 
         The modes in force come from the schedule; the mode guard changes them if needed. The
-        prepared modes, by which the controller charges lines, also contain boost that the schedule
-        begins within `preview`. If not enough modules are free, the boost ahead is left out.
+        prepared modes also contain boost that begins within `preview`, so that the controller
+        charges lines in time. If not enough modules are free, the boost ahead is left out.
 
-        There is one exception. An actuator does not join the shared rail early while another
-        actuator is about to leave the rail, because the rail's pressure would reach the leaving
-        actuator. Until then the joining actuator is in DB, in which its own pump charges its line.
+        There is one exception. While an actuator is about to leave the shared rail, no other
+        actuator joins the rail early. Otherwise the rail's pressure would reach the leaving
+        actuator. The joining actuator is prepared in DB instead, so that its own pump charges its
+        line.
 
-        Written are `self.modes` (modes in force), and three arrays of `signals`: `modes` (prepared
-        modes), `modes_ahead` (modes at the end of `preview`) and `serves`.
+        Writes `self.modes` (modes in force), and three arrays of `signals` in place: `modes`
+        (prepared modes), `modes_ahead` (modes at the end of `preview`) and `serves`.
         """
         modules, lost, signals = self._modules, self.lost_modules, self.signals
         planned, planned_ahead = self.reference.modes, self.reference.modes_ahead

@@ -1,17 +1,16 @@
 """Servo pumps of coordinated control: the flow that each is to deliver.
 
-The pumps deliver the flow that the valves are about to take; the pressure error only trims it. No
-pump runs faster than it can be stopped before its oil would overfill the line, judged by the
-reference ahead. Two cases differ in caution:
+The pumps deliver the flow that the valves are about to take, corrected a little by the pressure
+error. Each pump's flow is limited so that the pump can be stopped before its oil overfills the
+line. The reference ahead shows how much oil the line will take. There are two such limits:
 
-- Flow that is drawn is judged by the estimated lag of the pumps, with leakage reduced by its
-  uncertainty.
-- Flow that charges a line beyond that is judged by a slower pump with a longer delay, and a stiffer
-  line.
+- The limit for the flow that is drawn assumes the estimated lag of the pumps, and a leakage that is
+  reduced by its uncertainty.
+- The limit for the flow that charges a line in addition assumes a slower pump with a longer delay,
+  and a stiffer line.
 
-Commands act with a delay, so that all decisions use the flow and the oil at the instant when the
-command begins to act. On the rail, pumps that are no longer needed count until they have come to
-rest.
+Commands act with a delay. So all decisions use the flow and the oil at the instant when the command
+begins to act. On the rail, pumps that are no longer needed count until they have come to rest.
 """
 
 from __future__ import annotations
@@ -198,7 +197,7 @@ def build_pump_state(
         machine: The machine as declared in its file (the real one may differ).
         signals: Signals of the controller. The present rail pressure becomes the first target of
             the rail.
-        gains: Gains of the controller, as its section of the machine file has them.
+        gains: Gains of the controller, from its section of the machine file.
         settings: Tuned numbers.
 
     Returns:
@@ -253,7 +252,7 @@ def build_pump_state(
 
 @kernel(borrows=True)
 def predict_coasting(p: PumpState) -> None:
-    """Recompute the oil that a pump still delivers after a stop command, per unit of its flow.
+    """Compute the oil that a pump still delivers after a stop command, per unit of its flow.
 
     The oil counts from the instant when the command begins to act, up to each of the times
     `coasting_times` after the command. `coasting` follows from the estimated lag and delay.
@@ -295,19 +294,21 @@ def is_served(j: int, serves: IntArray) -> bool:
 
 @kernel(inline="always")
 def predict_line_volumes(s: ServoArguments, p: PumpState) -> None:
-    """Compute the flow that each boosted line is about to supply, and the oil it supplies ahead.
+    """Compute the flow that each boosted line is about to supply, and its oil up to times ahead.
 
-    The flow is that of `compute_commanded_flow`, delayed by the lag of a valve that is slower than
-    the pumps, plus leakage and slip. The share `pump_rise` of the increase of the reference's flow
-    up to the next point is added. The oil up to each point ahead is
+    The flow has three parts. The first is the flow of `compute_commanded_flow`; if the valve is
+    slower than the pumps, it is delayed by the difference. The second is leakage and slip. The
+    third is the share `pump_rise` of the increase of the reference's flow up to the next point. The
+    oil up to each point ahead is
 
         V(t) = ∫ (A_dir |v| + leakage + slip) dt + A_dir ΔF/k_h
 
-    by the trapezoidal rule, with v the reference's piston speed. ΔF is the change of the cylinder
-    force up to the preview point, positive in the direction of motion [N]. It compresses the
-    chamber. Its oil is spread evenly over the points up to the preview point at which the piston
-    moves. For v, moment arms are linear in the joint position about point PREVIEW_POINT. A line
-    gets zeros if it is not joined to the rail and no module serves its actuator.
+    The integral is computed by the trapezoidal rule. v is the reference's piston speed. ΔF is the
+    change of the cylinder force up to the preview point, positive in the direction of motion [N].
+    The term with ΔF is the oil that compresses the chamber. It is divided evenly among the points
+    up to the preview point at which the piston moves. For v, moment arms are linear in the joint
+    position about point PREVIEW_POINT. A line gets zeros if it is not joined to the rail and no
+    module serves its actuator.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `line_flow` of all axes [m³/s]
@@ -366,10 +367,11 @@ def predict_line_volumes(s: ServoArguments, p: PumpState) -> None:
 def observe_line_draws(s: ServoArguments, p: PumpState) -> None:
     """Observe the flow that lines really draw, and correct the expected flow of boosted lines.
 
-    If pumps alone feed a line, `line_flow` is reduced by the observed shortfall, at most by the
-    commanded flow in it. Pumps alone feed it if its join valve is shut and its pressure is above
-    `fed_below`, so that its check valve is closed. The rail and all lines joined to it count as one
-    line, the last record of `draws`. Its shortfall is subtracted in `compute_rail_demand`.
+    If pumps alone feed a line, its `line_flow` is reduced by the observed shortfall, but at most by
+    the commanded flow that it contains. Pumps alone feed a line if its join valve is shut and its
+    pressure is above `fed_below`, so that its check valve is closed. The rail and all lines joined
+    to it count as one line, the last record of `draws`. `compute_rail_demand` subtracts the
+    shortfall of this line.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Reduces `line_flow` of axes [m³/s] in
@@ -408,15 +410,15 @@ def observe_line_draws(s: ServoArguments, p: PumpState) -> None:
 def compute_commanded_flow(axis: ControlAxis, cylinder: CylinderConstants) -> float:
     """Compute the flow that a piston is commanded to take from its line.
 
-    u is the demanded piston speed. It is taken as 0 if it is against the direction of the reference
-    at the preview point, or against the present direction if the reference rests there.
+    u is the demanded piston speed. The flow is 0 if u is against the direction of the reference at
+    the preview point. If the reference rests there, its present direction counts.
 
     Args:
         axis: State of the cylinder's control axis, with demand and speeds.
         cylinder: Areas of the cylinder.
 
     Returns:
-        A_dir |u| [m³/s].
+        A_dir |u| [m³/s]: the piston area that the supply fills times the speed.
     """
     motion = axis.speed_ahead if axis.speed_ahead != 0.0 else axis.speed
     if axis.demand * motion < 0.0:
@@ -437,23 +439,25 @@ def compute_pump_demand(
     """Compute the flow that a pump is to feed into a line or into the rail.
 
     It is the drawn flow plus a charging flow C (k (p_ref − p) + min(ṗ_ref, 0)). p is the pressure
-    when the command begins to act. k is the gain `pressure_gain`, at most `max_gain_delay` over the
-    delay of commands. Three limits apply:
+    at the instant when the command begins to act, and p_ref its target. k is the gain
+    `pressure_gain`, but at most `max_gain_delay` divided by the delay of commands. Three limits
+    apply:
 
-    - The sum stays below `compute_coasting_limit` by the estimates.
+    - The sum of both flows is at most the limit of `compute_coasting_limit` for the estimated pump.
     - The charging flow stays within `p.charging_flow_left`.
-    - The sum stays within the coasting limit of a slower pump on a stiffer line. At least the share
-      `min_charge_share` of the charging flow is allowed nevertheless.
+    - The sum is at most the coasting limit of a slower pump on a stiffer line. In any case, at
+      least the share `min_charge_share` of the charging flow is allowed.
 
-    The first limit is relaxed for a line that the manifold may feed as well. Such a line gets the
-    drawn flow and `min_charge_share` of the charging flow, if the limit without leakage uncertainty
-    allows that.
+    The first limit is less strict for a line that the manifold may feed as well. Such a line gets
+    the drawn flow and `min_charge_share` of the charging flow if the coasting limit without leakage
+    uncertainty allows it.
 
     Args:
         line: Index of the line; n for the rail.
         drawn: Flow that is about to be drawn from the line [m³/s].
         pressure: Measured pressure of the line [Pa].
-        targets: p_ref, target of the pressure at present, and from point PREVIEW_POINT on [Pa].
+        targets: p_ref, target of the pressure at present, and target from point PREVIEW_POINT on
+            [Pa].
         capacity: C, capacity of the line with the estimated compressibility [m³/Pa].
         pending: Oil that earlier commands still bring [m³].
         p: State of the pumps. Reads `volume`, `leakage_uncertainty` and `targets` of the line.
@@ -494,13 +498,14 @@ def compute_pump_demand(
 
 @kernel(borrows=True)
 def compute_charging_flow_limit(s: ServoArguments, p: PumpState) -> float:
-    """Compute the flow with which lines may be charged without starving the main pump's consumers.
+    """Compute the largest flow that may charge lines without a lack of oil for other actuators.
 
-    The flow has two parts, each at least 0. The first is what the main pump has left,
-    Q_MP − Σ (A_dir |v_ref| + leakage) over all actuators. The second is k C (p − p_kept), from the
-    oil stored in the manifold of capacity C, with the gain k = `pressure_gain`. p is the lowest
-    line pressure. p_kept is the greater of two pressures. One is `min_manifold_pressure_share` P_S.
-    The other is what actuators that move in mode N need plus `manifold_reserve`, at most P_S.
+    The flow has two parts, each at least 0. The first part is the flow that the main pump has left:
+    Q_MP − Σ (A_dir |v_ref| + leakage) over all actuators. The second part comes from the oil stored
+    in the manifold: k C (p − p_kept), with the capacity C and the gain k = `pressure_gain`. p is
+    the lowest line pressure, and p_kept the greater of two pressures. One is
+    `min_manifold_pressure_share` P_S. The other is the pressure that actuators moving in mode N
+    need, plus `manifold_reserve`, but at most P_S.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo.
@@ -543,9 +548,9 @@ def feeds_rail(
 ) -> bool:
     """Return whether a module in use feeds the shared rail.
 
-    A module that serves its own line feeds the rail if that line is joined to the rail. A lent
-    module, spare ones included, does so once more than the share `min_diverted_share` of its
-    flow goes to the rail.
+    A module that serves the actuator of its own line feeds the rail if this line is joined to the
+    rail. A module that serves another actuator, and a spare module, feeds the rail under another
+    condition. More than the share `min_diverted_share` of its flow must go to the rail.
 
     Args:
         module: ModuleState of the circuit's module.
@@ -564,12 +569,11 @@ def feeds_rail(
 
 @kernel(inline="always")
 def compute_rail_demand(s: ServoArguments, p: PumpState, pending: float) -> float:
-    """Compute the flow that all pumps on the rail together are to feed into it.
+    """Compute the flow that all pumps on the rail together are to feed into the rail.
 
-    The result is the flow that is drawn from the rail plus the charging flow
-    (`compute_pump_demand`). The drawn flow is the sum of the flows into joined lines and through
-    closing or throttled join valves. Pistons may have drawn less than commanded; this shortfall is
-    subtracted.
+    The result is the drawn flow plus the charging flow (`compute_pump_demand`). The drawn flow is
+    the sum of the flows into joined lines and through closing or throttled join valves. If pistons
+    have drawn less than commanded, the observed shortfall is subtracted.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo.
@@ -623,14 +627,14 @@ def command_pumps(s: ServoArguments, p: PumpState) -> None:
         Q_cmd = Q + λ (Q_ref − Q)                pump alone on its line
         Q_cmd = Q̄ + λ (Q_ref − ΣQ)/n             each of n pumps that feed the rail
 
-    λ = max(1, bandwidth × estimated lag). Q_ref is the demand by
-    `compute_pump_demand` or `compute_rail_demand`. Q is the flow at the instant when the command
-    acts. Q̄ is the mean flow of the n pumps. ΣQ is the whole flow into the rail, including idle
-    pumps that still coast. All pumps on the rail get the same command. Their flows therefore become
-    equal with the pumps' own lag, without a disturbance of the sum.
+    λ = max(1, bandwidth × estimated lag). Q_ref is the flow that `compute_pump_demand` or
+    `compute_rail_demand` returns. Q is the predicted flow at the instant when the command acts. Q̄
+    is the mean flow of the n pumps. ΣQ is the whole flow into the rail, including that of idle
+    pumps that still coast. All pumps on the rail get the same command. So their flows become equal
+    with the pumps' own lag, without a disturbance of the sum.
 
-    Commands are limited to 0 … Q_max. Idle modules get 0, as do lent ones that do not feed the rail
-    yet. A module is lent if it serves an actuator other than its own.
+    Commands are limited to 0 … Q_max. The command is 0 for idle modules, and for lent modules that
+    do not feed the rail yet. A module is lent if it serves an actuator other than its own.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `flow_command` [m³/s] and

@@ -1,12 +1,11 @@
 """Speed scaling: the rate at which the reference passes along its path.
 
-A plan is evaluated at its own time τ, with τ̇ = s the rate. s is 1 unless the plan is slowed:
+A plan is evaluated at its own time τ. τ̇ = s is the rate, which is 1 unless the plan is slowed:
 
     q = Q(τ),  q̇ = Q′ s,  q̈ = Q″ s² + Q′ ṡ
 
-Every posture is therefore one of the plan, and is passed no faster than planned. The delay t − τ
-stays until the plan has ended. Then τ catches up, twice as fast as t, so that no plan that is about
-to begin is skipped.
+So the arm passes only postures of the plan Q(τ), and none of them faster than planned. The delay t
+− τ remains until the plan has ended. Then τ runs twice as fast as the time t until the delay is 0.
 
 Source: path-velocity decomposition, Siciliano et al., Robotics, Section 4.3.
 """
@@ -93,7 +92,7 @@ def update_rate(
     max_slowing: float,
     settings: ScalingSettings,
 ) -> None:
-    """Move the rate of a plan towards the requested one by a step, with continuous change.
+    """Advance the rate of a plan towards the requested rate by one step, with a continuous change.
 
         s̈ = ω² (s_req − s) − 2 ω ṡ
 
@@ -101,8 +100,8 @@ def update_rate(
     stays within m/`slowing_time`, ṡ within −m … `max_recovery` m, and s within 0 … 1. If s reaches
     a limit, ṡ becomes 0. If s_req is 1 and s above 1 − NEARLY_FULL, s becomes 1 at once. If s_req
     is 0 and s below NEARLY_NONE, s becomes 0 at once. The delay of the reference behind the plan
-    grows by (1 − s) times the step. If the plan has ended, the rate becomes 1 at once, and the
-    delay decreases by the step, down to 0.
+    grows by (1 − s) times the duration of the step. If the plan has ended, the rate becomes 1 at
+    once, and the delay decreases by the duration of the step, but not below 0.
 
     Args:
         scaling: State of the speed scaling. Writes `rate` (s), `change` (ṡ) [1/s] and `delay` [ns]

@@ -1,4 +1,4 @@
-"""Stability of the cascade: its linear loop in postures all over the workspace."""
+"""Stability of the cascade: decay of its linear control loop in random postures."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ It applies to every posture with every payload. The suite's own arm has 0.3 1/s.
 def build_closed_loop_matrix(
     axes: Records[ControlAxis], loaded: Machine, q: FloatArray
 ) -> FloatArray:
-    """Build the system matrix of the cascade at a posture, linear, with ideal valves and supply.
+    """Build the linear system matrix of the cascade at a posture, with ideal valves and supply.
 
-    The states are the errors e of the cylinder lengths, excess forces f, biases d (unmodelled
-    forces) and integrals w:
+    The states are the errors e of the cylinder lengths, their rates ė, excess forces f, biases d
+    (unmodelled forces) and integrals w:
 
         R⁻¹ M R⁻¹ ë = −f
         ḟ = k_h (ė + w) + ω_F (d + k_p k_h/ω_F e − f)
@@ -71,8 +71,8 @@ def compute_slowest_decay(machine: Machine, gains: CascadeGains, payload: float)
     """Compute the decay rate of the slowest mode of the linear control loop, over random postures.
 
     POSTURE_SAMPLES postures are drawn uniformly from the joint ranges, always with the same seed.
-    The controller's gains are set for the payload of the machine file, the arm has the actual
-    payload.
+    The controller's gains are set for the payload of the machine file, whereas the arm has the
+    actual payload.
 
     Args:
         machine: The machine as declared in its file (the real one may differ).

@@ -1,40 +1,42 @@
 """Estimates of the servo valves' gain and overlap, from openings and piston motion.
 
-In a window the piston moves steadily in one direction, with the valve open by x. Then
+A window is a sequence of control steps in which the piston moves steadily in one direction, with
+the valve open by x. Then
 
     ΔL = g ∫ G |x| dt − b ∫ G (1 − |x|) dt − c ΔF/k_h   (all signed by the motion)
 
-x is the opening at which the spool is, by the delay of commands and its own lag. G is the piston
-speed per opening [m/s] of the machine file's valve at the measured pressures. F is the cylinder
-force and k_h the oil's stiffness by the file. A valve with g times the file's gain and the overlap
-o passes the share g (|x| − o)/(1 − o) of full flow, so that b = g o/(1 − o). Each direction has an
-overlap of its own, b₊ in extension and b₋ in retraction. Oil of another bulk modulus has
-c = β/β_true. A Kalman filter updates g, b₊, b₋, c of all valves window by window; they follow slow
-random walks. The valve is inverted by
+x is the present opening, computed from the commands with their delay and the lag of the spool. G is
+the piston speed per opening [m/s] of the machine file's valve at the measured pressures. ΔL and ΔF
+are the changes of cylinder length and cylinder force. k_h is the stiffness of the oil from the
+file. A valve has g times the file's gain, and the overlap o. It passes g (|x| − o)/(1 − o) times
+the flow of the file's fully open valve. So b = g o/(1 − o). Each direction has an overlap of its
+own, b₊ in extension and b₋ in retraction. Oil of another bulk modulus has c = β/β_true. A Kalman
+filter updates g, b₊, b₋, c of all valves after each window. These parameters follow slow random
+walks. The valve is inverted by
 
     |x| = |u| (1 − o)/(g G) + o min(|u|/u_s, 1),    o = b/(g + b).
 
-The valves of a machine are of one make. Both overlaps of each valve are therefore a common one plus
-a deviation of their own, so that before any data all have the correlation ρ:
+The valves of a machine are of one make. So each overlap is the sum of a common overlap and a
+deviation of its own. Before any data, all overlaps have the correlation ρ:
 
     b_i = b₀ + d_i,    Var b₀ = ρ σ²,    Var d_i = (1 − ρ) σ²
 
-What one valve shows of its overlap is expected of the others, until these have moved, too.
+If one valve shows an overlap, the same is expected of the other valves until they have moved, too.
 
-An estimate of g outside its limits is moved to the limit along the covariance P (x is the vector of
-the estimates):
+An estimate of g outside its limits is moved to the limit along the covariance P. Here x is the
+vector of the estimates:
 
     x ← x − P e (g − g_limit)/P_gg,    e has 1 at g, else 0
 
-So a piston that creeps, because its valve has hardly crossed its overlap, shows overlap and not a
-valve without gain.
+A piston may creep because its valve has hardly crossed its overlap. With the projection, this
+counts as overlap and not as a valve without gain.
 
-A parameter without data keeps its standard deviation. A piston may be commanded to move while its
-reference rests, or not move although its reference does. If it moves less than commanded, that
-indicates overlap; the window is then evaluated with the present g. If it does not move although its
-reference does, the overlap is at least what explains this. Such a lower bound is no measurement: it
-does not make the estimate more certain. The overlaps move along P to the bound, by Δb for the
-overlap i, and g and c are kept:
+A parameter without data keeps its standard deviation. Two other kinds of windows are used. In the
+first, the piston is commanded to move although its reference rests. If it moves less than
+commanded, this indicates overlap, and the window is evaluated with the present g. In the second,
+the piston does not move although its reference does. The overlap is then at least the one that
+explains this. Such a lower bound is no measurement: it does not make the estimate more certain. If
+overlap i rises by Δb to the bound, all overlaps move along P, and g and c are kept:
 
     b_m ← b_m + P_mi/P_ii Δb,    P_ii ← max(P_ii, Δb²)
 
@@ -288,14 +290,14 @@ class ValveEstimates(NamedTuple):
 def build_valve_records(
     machine: Machine, settings: ValveSettings = ValveSettings()
 ) -> Records[EstimatedValve]:
-    """Build the records of a machine's valves with the speeds, strokes and pressures to compare.
+    """Build the records of a machine's valves, with the thresholds that follow from the machine.
 
     Args:
         machine: The machine as its file describes it.
         settings: Tuned numbers, relative to V_max, moment arms and laminar pressure.
 
     Returns:
-        EstimatedValve[n]; estimates and windows are 0.
+        EstimatedValve[n] with thresholds of speed, stroke and pressure. All other fields are 0.
     """
     records = create_records(EstimatedValve, machine.joint_count)
     fastest = machine.arrays.max_piston_speed
@@ -314,15 +316,17 @@ def build_valve_estimates(
     settings: ValveSettings = ValveSettings(),
     step: float = 1e-3,
 ) -> ValveEstimates:
-    """Return the initial estimates of valves with the file's gain and the declared overlaps o.
+    """Build the initial estimates of valves: the machine file's gain and the declared overlaps o.
 
         g = 1,   b = o/(1 − o) for each direction,   c = 1
 
-    The overlaps of all valves have a part of their variance in common, see the module's text.
+    g is the factor on the file's valve gain, and c that on the compressibility of the oil. The
+    overlaps of all valves are correlated, since the valves are of one make.
 
     Args:
         records: Records of the valves, by `build_valve_records`. Writes `gain` in place.
-        overlap: Array of the result's field `overlap`, float64[n, 2]. Written in place.
+        overlap: Array that becomes the result's field `overlap`, float64[n, 2]. The declared
+            overlaps are written in place.
         declared: Overlaps o that the machine file declares for extension and retraction, as shares
             of the spool's stroke.
         settings: Tuned numbers.
@@ -363,14 +367,16 @@ def compute_opening(
 
         x = u (1 − o)/(G g) + o clip(y + clip(w, −2, 2) clip(2 − |y|, 0, 1), −1, 1)
 
-    with y = u/u_s and w = v/u_s. Each term has the overlap o of its own sign. x is continuous in u.
-    From |u| = 2 u_s on, v has no effect.
+    with y = u/u_s and w = v/u_s. clip limits its first argument to the range of the other two. Each
+    term uses the overlap o of its own direction. x is continuous in u. If |u| ≥ 2 u_s, v has no
+    effect.
 
     Args:
         gain: G g, piston speed of the fully open valve [m/s].
         overlap: Overlaps o extending and retracting, as shares of the spool's stroke, float64[2].
         demand: u, piston speed [m/s].
-        ahead: v, piston speed for which the overlap is crossed already [m/s].
+        ahead: v, piston speed of the coming motion, for which the overlap is crossed in advance
+            [m/s].
         crossing_speed: u_s, demand from which the overlap is crossed entirely [m/s].
 
     Returns:
@@ -386,7 +392,7 @@ def compute_opening(
 def shift_opening(
     valve: EstimatedValve, openings: FloatArray, delay: int, lag: float, step: float
 ) -> None:
-    """Compute at which opening the spool is now, from the openings commanded before.
+    """Compute the opening at which the spool is now, from earlier commands.
 
     Args:
         valve: Estimates of the valve. Reads `opening`; writes `delayed_opening` and
@@ -410,12 +416,12 @@ def accumulate_valve_window(
     stiffness: float,
     step: float,
 ) -> None:
-    """Add one step of a valve to its window, and update the estimate if the window is full.
+    """Add one step of a valve to its window, and update the estimates if the window is full.
 
-    A window is discarded if the valve saturates, is shut or opens against the motion, or if the
-    reference reverses, starts or stops. A window in which the reference rests throughout is used:
-    the sign of the opening then gives the direction. `evaluate_valve_window` evaluates a full
-    window.
+    A window is discarded if the valve saturates, is shut or opens against the motion. It is also
+    discarded if the reference reverses, starts or stops. A window in which the reference rests all
+    the time is used; the sign of the opening then gives the direction. `evaluate_valve_window`
+    evaluates a full window.
 
     Args:
         valves: Estimates, updated in place. An update also writes `gain` and `overlap`, clipped to
@@ -459,20 +465,20 @@ def accumulate_valve_window(
 def evaluate_valve_window(
     valves: ValveEstimates, j: int, length: float, force: float, stiffness: float
 ) -> None:
-    """Update the estimates by a full window of a valve, or discard the window.
+    """Update the estimates from a full window of a valve, or discard the window.
 
-    In a steady motion the Kalman filter uses the balance of the module's text. If the reference is
-    slower or rests, the window is used only if the piston moved at least `min_stroke_lag` less than
-    the estimates predict. Its balance takes the flow without overlap as known. If the piston moved
-    less than the share `min_stroke_share` of the reference's stroke, it was stuck: the overlap of
-    its direction rises to what explains this.
+    In a steady motion the Kalman filter uses the balance of `update_valve_filter`. If the reference
+    is slower or rests, the window is used only if the piston lags. It lags if it moved at least
+    `min_stroke_lag` length deviations less than the estimates predict. The present gain is then
+    taken as known. If the piston moved less than the share `min_stroke_share` of the reference's
+    stroke, it was stuck. The overlap of its direction then rises to the value that explains this.
 
-    The window's noise has three parts: `length_deviation`, the share `stroke_deviation` of the
-    stroke, and the stroke that belongs to the distance of the spool from its command.
+    The noise of a window has three parts: `length_deviation`, the share `stroke_deviation` of the
+    stroke, and the stroke that corresponds to the spool's lag behind its command.
 
-    If the reference moves and the piston lags its prediction by more than `surprise` standard
-    deviations, in `min_surprises` windows in sequence, the most likely cause is overlap. The
-    overlap then rises to what explains the lag, too.
+    The reference may move while the piston lags its prediction by more than `surprise` standard
+    deviations. If this happens in `min_surprises` windows in sequence, the most likely cause is
+    overlap. The overlap then also rises to the value that explains the lag.
 
     Args:
         valves: Estimates, updated in place: `surprises` of the valve, and after an update all g,
@@ -517,7 +523,7 @@ def evaluate_valve_window(
 
 @kernel(borrows=True)
 def raise_overlap(valves: ValveEstimates, j: int, k: int, rise: float) -> None:
-    """Raise the estimate of an overlap, and those of all overlaps that are correlated with it.
+    """Raise the estimate of one overlap, and of all overlaps that are correlated with it.
 
         b_m ← b_m + P_mi/P_ii Δb,    P_ii ← max(P_ii, Δb²)
 
@@ -537,7 +543,7 @@ def raise_overlap(valves: ValveEstimates, j: int, k: int, rise: float) -> None:
 
 @kernel(borrows=True)
 def apply_estimates(valves: ValveEstimates) -> None:
-    """Move all gains into their limits, and set the gains and overlaps that the inverses use.
+    """Limit the estimated gains, and set the gains and overlaps that the valve inversion uses.
 
     Args:
         valves: Estimates. Writes `estimate`, `gain` and `overlap` in place.
@@ -569,7 +575,9 @@ def update_valve_filter(
 
         y = p g + s₊ b₊ + s₋ b₋ + f c + noise
 
-    It is a step of a Kalman filter. The variances of the valve first grow by their random walks.
+    This is one step of a Kalman filter. g is the factor on the valve's gain, and c the factor on
+    the compressibility of the oil. b₊ and b₋ stand for the overlaps of the valve. Before the
+    update, the variances of this valve's parameters grow by those of their random walks.
 
     Args:
         valves: Estimates. Writes `estimate`, `covariance` and `work` in place.

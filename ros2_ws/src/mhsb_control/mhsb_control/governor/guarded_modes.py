@@ -1,4 +1,4 @@
-"""Modes in force if the schedule and the reference governor want different ones."""
+"""Combination of the schedule's modes with the boost that the reference governor requests."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ def combine_modes(
 ) -> ModeArray:
     """Combine scheduled modes with requested boost, within the number of booster modules.
 
-    From the weakest to the strongest, the modes are N (main pump alone), DB (boost by the own servo
-    pump) and SB (boost from the shared rail). Each actuator first gets the stronger of its two
-    modes. If these modes need more modules than there are, actuators are lowered one by one until
-    the modules suffice:
+    The modes are N (main pump alone), DB (boost by the own servo pump) and SB (boost from the
+    shared rail). N is the weakest and SB the strongest mode. Each actuator first gets the stronger
+    of its two modes. If these modes need more modules than there are, modes are lowered one
+    actuator at a time, until the modules suffice:
 
     1. A boosted actuator without a request goes to N if its reserve exceeds `release_reserve`.
     2. An actuator in SB goes to DB.
     3. An actuator with a request goes to N if the schedule does not boost it.
 
-    Each of these three steps takes the actuators in the order of falling reserve. If they do not
-    suffice, since modules have failed, all requests are dropped. The scheduled modes are then
-    lowered one by one in the same order, first SB to DB, then DB to N.
+    Each of these three steps takes the actuators in the order of falling reserve. They may not
+    suffice if modules have failed. Then all requests are dropped. The scheduled modes are lowered
+    one actuator at a time in the same order, first SB to DB, then DB to N.
 
     Args:
         scheduled: Modes of the schedule, uint8[n].
         requested: Modes that the reference governor requests, uint8[n]; N if it requests nothing.
-        reserve: Supply pressure in mode N less the pressure that each actuator needs, float64[n],
+        reserve: Supply pressure in mode N minus the pressure that each actuator needs, float64[n],
             [Pa].
         release_reserve: Reserve above which an actuator can do without boost [Pa].
         modules: Number of booster modules that work.

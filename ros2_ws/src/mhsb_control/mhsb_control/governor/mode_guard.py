@@ -1,4 +1,4 @@
-"""The mode guard of a simulator: reference governor, resulting modes, and its report."""
+"""The mode guard of a servo: runs the reference governor, selects modes in force, and reports."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class Interventions:
     """Counts of what the mode guard has done since the start.
 
     Attributes:
-        boosts: Number of times that the modes in force began to differ from the plan's schedule.
-        slowings: Number of times that the speed scaling began to fall below full speed.
+        boosts: Number of times that the modes in force began to differ from the plan's modes.
+        slowings: Number of times that the rate of the plan began to fall below full speed.
         slowed: Total time for which plans were slowed [s].
     """
 
@@ -43,7 +43,9 @@ class Interventions:
 
 
 class ModeGuard:
-    """Guard that boosts actuators and slows the plan; see `reference_governor`.
+    """Guard that boosts actuators and slows the plan if pressures or the tip's error require it.
+
+    `reference_governor` describes the conditions.
 
     Attributes:
         settings: Tuned numbers of every new guard.
@@ -77,7 +79,7 @@ class ModeGuard:
         self.watch = bind_kernel(run_governor_step, self._state)
 
     def reset(self) -> None:
-        """Restart the filters, drop all boost requests, and return the plan to full speed.
+        """Restart the filters, drop all boost requests, and set the plan to full speed.
 
         The counts of interventions and the delay of the reference behind the plan are kept.
         """
@@ -113,13 +115,13 @@ class ModeGuard:
     def record_modes(self, scheduled: ModeArray, prepared: ModeArray, in_force: ModeArray) -> None:
         """Record the modes of the plan for the governor, and count deviations from them.
 
-        The number of boosts rises by 1 if the modes in force differ from `scheduled` now, but did
-        not at the last call. While they differ, `sentence` names both.
+        The number of boosts rises by 1 if the modes in force differ from `scheduled` now but did
+        not differ at the last call. While they differ, `sentence` names both.
 
         Args:
             scheduled: Modes that the plan has at present, uint8[n].
-            prepared: For each actuator the stronger of the plan's present and next mode, uint8[n].
-                The governor gets a copy of them.
+            prepared: The stronger of the plan's present mode and its mode at the preview point, for
+                each actuator, uint8[n]. The governor gets a copy.
             in_force: Modes that are in force, uint8[n].
         """
         self._state.scheduled[:] = prepared
@@ -148,7 +150,7 @@ class ModeGuard:
 
     @property
     def sentence(self) -> str:
-        """Text for a person on what the guard does now and why; empty if it does nothing.
+        """Text for a person that says what the guard does now and why; empty if it does nothing.
 
         It has up to three parts, separated by semicolons: modes that differ from the plan, the
         reduced rate with its cause, and the delay of the arm behind the plan.

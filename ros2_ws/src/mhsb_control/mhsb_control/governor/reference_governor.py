@@ -1,17 +1,19 @@
 """The reference governor: boosts actuators and slows the plan before the arm sags.
 
-The planned modes and timing assume the machine of the file. The governor uses what is measured. For
-each actuator,
+The plan's modes and timing assume the machine of the file. The governor uses measurements. For each
+actuator,
 
     p_L = (F + a p_T)/A extending, (−F + A p_T)/a retracting    load pressure, F = p_A A − p_B a
     r   = p̂ + T ṗ̂ − p_L − m(v)                                  reserve [Pa] in T, at full speed
 
-p̂ is the filtered pressure of its line and ṗ̂ its rate, counted only while it falls. If the reserve
-that the main pump leaves in mode N is too small, the actuator is boosted until the reserve has been
-large for a while. What boost cannot supply, or not yet, is gained by slowing the plan. The speed
-scaling falls with the smallest reserve, with a valve that stays nearly open, and with the tip's
-distance from its reference. A plan is held only if the line of a moving actuator has next to no
-pressure beyond p_L; otherwise the rate stays at a small value, with which the arm still moves.
+p̂ is the filtered pressure of its line, and ṗ̂ its rate, which counts only while it is negative.
+m(v) is the drop over the fully open valve at the piston speed v, and T the prediction time. If the
+reserve that the main pump leaves in mode N is too small, the actuator is boosted. The boost ends
+when the reserve has been large for a while. If boost does not suffice, or does not act yet, the
+plan is slowed. The rate of the plan falls with the smallest reserve, with a valve that stays nearly
+open, and with the tip's distance from its reference. A plan is held only if the line of a moving
+actuator has almost no pressure beyond p_L. Otherwise the rate stays at a small value, with which
+the arm still moves.
 """
 
 from __future__ import annotations
@@ -288,7 +290,7 @@ def build_governor_state(
     The governor requests boost and slows the plan if measured pressures come near their limits.
 
     Args:
-        machine: The machine for which the servo computes.
+        machine: The machine as declared in its file (the real one may differ).
         signals: Signals of the servo controller; their arrays are shared, not copied.
         reference: The reference that is slowed; its speed scaling is shared.
         usual_error: Distance of the tip from its reference that is normal for an arm of the paper's
@@ -325,11 +327,11 @@ def build_governor_state(
 def run_governor_step(g: GovernorState) -> bool:
     """Run one step of the governor: compute the reserves, request boost, and set the speed scaling.
 
-    The governor slows the plan to a requested rate, 0 … 1. This is the smallest rate that the tip
-    error, the reserves of supply pressure and the valve openings allow. By the tip error it is 1 up
-    to one usual error (the distance of tip and reference that is normal). It falls linearly to 0 at
-    `hold_error_ratio` usual errors. The part by which the tip is ahead of its reference does not
-    count.
+    The governor slows the plan to a requested rate, 0 … 1. This is the smallest of the rates that
+    the tip error, the reserves of supply pressure and the valve openings allow. The tip error
+    allows the rate 1 up to one usual error, which is the normal distance of the tip from its
+    reference. The allowed rate falls linearly to 0 at `hold_error_ratio` usual errors. The part of
+    the error by which the tip is ahead of its reference does not count.
 
     The requested rate is at least `min_rate`. It may be 0 only if the line of a moving actuator has
     less than `min_driving_pressure` beyond its load pressure. `update_rate` then moves the rate
@@ -371,26 +373,27 @@ def run_governor_step(g: GovernorState) -> bool:
 
 @kernel(borrows=True)
 def compute_reserves(g: GovernorState) -> None:
-    """Filter the measurements, and compute all actuators' reserves of pressure and the tip's error.
+    """Filter the measurements, and compute pressure reserves and the tip error.
 
     The needed pressure of an actuator is the load pressure plus the drop over the fully open valve.
-    There are two needs: at the reference's present speed without slowing, and at its speed shortly
-    ahead (point START_PREVIEW_POINT). A need is 0 if the actuator does not move at that speed,
-    since its closed valve then holds the load. Both are 0 if the piston is at an end stop.
+    It is computed for two speeds: the reference's present speed as if the plan were not slowed, and
+    its speed shortly ahead (point START_PREVIEW_POINT). It is 0 for a speed of nearly 0, since the
+    closed valve then holds the load. Both needed pressures are 0 if the piston is at an end stop.
 
-    An actuator has to lift its load back if it has yielded to the load, and the tip error is above
-    `lift_error_ratio` usual errors. Its present need is then at least the holding pressure plus
-    `lifting_pressure`. A slew carries no weight and yields to inertia only.
+    An actuator may have yielded to its load. If the tip error is also above `lift_error_ratio`
+    usual errors, the actuator has to lift the load back. Its needed pressure at present is then at
+    least the holding pressure plus `lifting_pressure`. This does not apply to a slew, which carries
+    no weight.
 
     Results for each actuator:
 
-    - `reserve_in_n`: the pressure that the main pump leaves in mode N, less the greater of both
-      needs. This pressure is the lowest line pressure of all actuators in mode N, filtered. If it
-      falls, it is extrapolated by `prediction_time`.
+    - `reserve_in_n`: the pressure that the main pump leaves in mode N, minus the greater of both
+      needed pressures. The former is the lowest line pressure of all actuators in mode N, filtered.
+      If it falls, it is extrapolated by `prediction_time`.
     - `reserve`: in mode N equal to `reserve_in_n`. In DB and SB it is the actuator's own line
-      pressure less its present need, filtered with `boosted_smoothing`.
-    - `driving_pressure`: the pressure of the supply less the load pressure of the present motion;
-      inf if the actuator does not move.
+      pressure minus the pressure needed at present, filtered with `boosted_smoothing`.
+    - `driving_pressure`: the supply pressure minus the load pressure of the present motion; inf if
+      the actuator does not move.
 
     Args:
         g: State of the governor. Writes `actuators` (reserves [Pa], deviations [rad or m]) and
@@ -482,15 +485,15 @@ def update_alpha_beta_filter(
 def update_boost_request(
     actuator: GovernedActuator, scheduled: bool, step: float, settings: GovernorSettings
 ) -> bool:
-    """Request boost for an actuator, or end the request, by its reserve of pressure in mode N.
+    """Request boost for an actuator, or end the request, depending on its reserve in mode N.
 
-    The reserve is `actuator.reserve_in_n`. Without a plan's own boost:
+    The reserve is `actuator.reserve_in_n`. If the plan does not boost the actuator:
 
     - Boost (mode DB) is requested once the reserve has been below `boost_below` for `boost_after`.
     - The request ends (mode N) once the reserve has been above `release_above` for `release_after`.
 
-    While the plan itself boosts the actuator, both thresholds are `keep_below`, and a request ends
-    as soon as the reserve is above it.
+    If the plan boosts the actuator, both thresholds are `keep_below`. A request then ends as soon
+    as the reserve is above this threshold.
 
     Args:
         actuator: State of the governor for one actuator. Writes `requested_mode` and
@@ -524,10 +527,10 @@ def compute_allowed_rate(
 ) -> float:
     """Compute the rate of the plan that an actuator's reserve and valve opening allow.
 
-    By the reserve of pressure, the rate is 1 above `full_rate_reserve` and 0 below
-    `zero_rate_reserve`, and linear in between. For a boosted actuator these thresholds are
-    `boosted_full_reserve` and `boosted_zero_reserve`. By the filtered valve opening, the rate is 1
-    below `full_rate_opening` and 0 above `zero_rate_opening`, and linear in between.
+    The pressure reserve allows the rate 1 above `full_rate_reserve` and 0 below
+    `zero_rate_reserve`. For a boosted actuator these thresholds are `boosted_full_reserve` and
+    `boosted_zero_reserve`. The filtered valve opening allows the rate 1 below `full_rate_opening`
+    and 0 above `zero_rate_opening`. Between two thresholds the rate is linear.
 
     Args:
         actuator: State of the governor for one actuator. Reads `reserve` [Pa] and `opening`.
@@ -549,12 +552,13 @@ def compute_allowed_rate(
 def compute_tip_errors(
     c: Chain, q: FloatArray, speed: FloatArray, actuators: Records[GovernedActuator]
 ) -> tuple[float, float]:
-    """Compute the distance of the tip from its reference, in total and without the part ahead.
+    """Compute the distance of the tip from its reference, and the part that slowing can reduce.
 
-    The total is |J Δq|, to first order in the deviations Δq of the joints, with the Jacobian J of
-    the tip. If joint 1 slews, the total includes the direction across the arm's plane. If J Δq has
-    a component along the reference's velocity, the tip is ahead by this part. The second distance
-    leaves this part out, since slowing the plan would not reduce it.
+    The total distance is |J Δq|, to first order in the deviations Δq of the joints, with the
+    Jacobian J of the tip. If joint 1 slews, the total includes the direction across the arm's
+    plane. If J Δq has a component in the direction of the reference's velocity, the tip is ahead by
+    this component. The second distance leaves this component out, since slowing the plan would not
+    reduce it.
 
     Args:
         c: Links of the arm.
@@ -563,8 +567,8 @@ def compute_tip_errors(
         actuators: GovernedActuator[n]. Reads `deviation` (Δq) [rad or m].
 
     Returns:
-        Total distance, and distance without the part ahead [m]. Both are equal if the tip is not
-        ahead.
+        Total distance, and distance without the component ahead [m]. Both are equal if the tip is
+        not ahead.
     """
     angle = deviation = turning = x = z = along = across = 0.0
     distance = c.slew_offset  # from the slew's axis
