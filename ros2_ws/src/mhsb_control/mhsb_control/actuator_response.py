@@ -239,7 +239,11 @@ class InverseCurve:
             self._correct(self._shares(0.0), command + self._settings.dead_band_step, weight)
 
     def forget(self, time: float) -> None:
-        """Move the covariance towards the initial one, as in the given time [s] of forgetting."""
+        """Move the covariance towards the initial one.
+
+        Args:
+            time: Time since the last call [s].
+        """
         share = min(time / self._settings.forgetting_time, 1.0)
         self.covariance += share * (self._prior - self.covariance)
 

@@ -1,19 +1,24 @@
 """Lag-compensated control: for machines with proportional valves and without pressure sensors.
 
-Such machines have dead bands, delays and lags of a few tenths of a second, and slow sensors. The
-plan is known ahead, so that commands are sent before the lag:
+Such machines have dead bands, slow sensors, and delays and lags of a few tenths of a second. The
+plan is known ahead, so that each command is sent earlier by delay and lag:
 
     u(t) = g(v),   v = v_ref(t + h) + k_p e + w,   ẇ = k_i e
     e    = L_ref(t + h) − L(t) − ∫ f(u(s)) ds   over s from t − h to t
 
-g is the inverse curve of the valve and f = g⁻¹ the speed that a command causes; h is delay plus
-lag. Both are learnt for each actuator (`actuator_response`). The integral predicts the way that the
-commands under way still cause, so that no correction is made twice (Smith predictor).
+g is the inverse curve of the valve: it gives the command u for a piston speed v. f = g⁻¹ gives the
+speed that a command causes. h is delay plus lag. g and h are learnt for each actuator
+(`actuator_response`). L is the length of the cylinder, and L_ref and v_ref are length and speed of
+the reference. e is the position error, k_p and k_i are gains, and w is the integral part. The
+integral in e predicts the stroke that commands of the last h seconds will still cause. So no
+correction is made twice (Smith predictor).
 
-At rest the position is corrected by single commands, each of which acts before the next one begins.
+At rest the position is corrected by single commands. A new correction begins only when the last one
+has acted.
 
 Speeds beyond the fastest known knot of a curve are limited until the curve is known. Servo pumps
-deliver the flow that the pistons take at the demanded speeds, by A_dir |v|; no pressure is read.
+deliver the flow A_dir |v| that the pistons take at the demanded speeds. A_dir is the piston area
+into which oil flows. No pressure is read.
 
 Source: O. J. M. Smith, Closer control of loops with dead time (1957); Z. Artstein, Linear systems
 with delayed controls (1982); M. Jelali, A. Kroll, Hydraulic Servo-systems (dead band compensation).
@@ -160,13 +165,14 @@ class LagCompensatedAxis:
         """Build the law without past commands and lengths.
 
         Args:
-            full_speeds: Speeds at the full command as assumed, extending and retracting [m/s].
+            full_speeds: Assumed piston speeds at the full command, extending and retracting [m/s],
+                both > 0.
             max_speed: Speed limit of the piston [m/s].
             period: Control period [s].
             gains: Gains of the controller.
             settings: Tuned numbers.
-            ends: Length of the cylinder below which nothing is learnt in retraction, and above
-                which nothing is learnt in extension [m].
+            ends: Two lengths of the cylinder [m]. Below the first, nothing is learnt while the
+                piston retracts. Above the second, nothing is learnt while the piston extends.
         """
         self._ends = ends
         self._gains, self._settings, self._max_speed = gains, settings, max_speed
@@ -203,18 +209,21 @@ class LagCompensatedAxis:
         return command
 
     def _command(self, length: float, look_ahead: LookAhead) -> float:
-        """Compute the valve command of this control step.
+        """Compute the valve command of this control period.
 
-        The command causes the reference's speed one delay ahead, plus a correction. The correction
-        has a proportional and an integral part. The motion that earlier commands will still cause
-        is subtracted from the error. Corrections and speeds are limited. While the reference rests,
-        there is no integral part, and corrections begin only beyond a position error.
+        The command causes the speed that the reference has one delay from now, plus a correction.
+        The correction has a proportional and an integral part. The stroke that earlier commands
+        will still cause is subtracted from the error. The correction and the demanded speed are
+        limited.
 
-        Updates `speed` (piston speed that is commanded [m/s]), the integral, and the time at rest.
+        While the reference rests, there is no integral part. A correction then begins only at an
+        error beyond `rest_error` (`_rests_within`).
+
+        Updates `speed`, the integral part, the time at rest, and the state of corrections at rest.
 
         Args:
             length: Measured cylinder length [m].
-            look_ahead: Function of a time ahead [s]; it returns the reference's length [m] and
+            look_ahead: Function of a time from now [s]. It returns the reference's length [m] and
                 piston speed [m/s] at that time.
 
         Returns:
@@ -253,13 +262,19 @@ class LagCompensatedAxis:
         return math.copysign(min(command, 1.0), self.speed)
 
     def _rests_within(self, error: float) -> bool:
-        """Return whether a resting piston is left alone at a position error [m].
+        """Return whether a resting piston is left alone at a position error.
 
-        A correction begins beyond `rest_error` and ends where the error changes its sign. If the
-        valve's curve is known, the next correction begins only after twice the delay. A new
-        correction updates the ratio of real to predicted motion at rest. If the correction before
-        it went too far, so that the direction changes, the ratio is doubled. Otherwise the ratio
-        becomes a little smaller. The first correction after a motion does not change the ratio.
+        A correction begins when the error exceeds `rest_error`. It ends when the error changes its
+        sign. If the valve's curve is known, all commands of the last two delays must be 0 before a
+        correction begins.
+
+        When a correction begins, the error is kept, and the ratio of real to predicted motion at
+        rest is updated. If the correction before it went too far, the direction changes, and the
+        ratio is doubled. Otherwise the ratio becomes a little smaller. The first correction after a
+        motion does not change the ratio.
+
+        Args:
+            error: Reference length minus predicted length [m].
         """
         if self.speed != 0.0:
             return error * self.speed <= 0.0
@@ -276,9 +291,10 @@ class LagCompensatedAxis:
         return False
 
     def _predict_ways(self) -> FloatArray:
-        """Return the stroke that past commands cause, float64[k], [m], positive in extension.
+        """Return the strokes that past commands cause, summed from the oldest, float64[k + 1], [m].
 
-        Entry k is the effect of the commands that are older than `_ages[k]`.
+        Entry i is the stroke by all commands that are older than `_ages[i]`. k is the number of
+        kept commands. A stroke is positive in extension.
         """
         extending, retracting = self.curves
         commands = self._commands
@@ -287,7 +303,17 @@ class LagCompensatedAxis:
         return np.concatenate([[0.0], np.cumsum(speeds) * self._period])
 
     def _learn(self) -> None:
-        """Update curves and delay from the mean piston speeds of the last two windows."""
+        """Update curves and delay from the mean piston speeds of the last two windows.
+
+        The delay is learnt only while both curves are known. A curve is learnt only if all commands
+        that caused the motion had one direction. Near the end of the stroke nothing is learnt about
+        motion towards that end.
+
+        If the piston stands, the dead band is raised. If the piston moves in the direction of the
+        commands, the curve gets the pair of speed and mean command. A pair counts fully while speed
+        and commands are steady. If they change, it counts only at high speed, and less the more the
+        command changes.
+        """
         s = self._settings
         time = self._window * self._period
         before, speed = np.diff(self._lengths[:: self._window]) / time
@@ -348,9 +374,9 @@ class LagCompensatedController:
     def __init__(self, machine: Machine, signals: ServoSignals, gains: LagCompensatedGains) -> None:
         """Build the control law of each actuator.
 
-        The law starts with a curve of piston speed over command that follows from the valve of the
-        machine file. At the full command it assumes the speed of an unloaded piston that is
-        supplied with the main pump's pressure.
+        Each law starts with a straight curve of piston speed over command, from the valve data of
+        the machine file. At the full command, an unloaded piston is assumed, and the main pump's
+        pressure as supply.
 
         Args:
             machine: The machine as declared in its file (the real one may differ).
@@ -382,9 +408,9 @@ class LagCompensatedController:
             )
 
     def update(self) -> None:
-        """Write all commands if the controller's own period is over; otherwise keep them.
+        """Write the commands of valves and pumps when a period of the controller begins.
 
-        It is called in each step of the servo.
+        The servo calls this in each of its steps. In all other steps the last commands are kept.
         """
         if self._until_next == 0:
             self._until_next = self._steps
@@ -405,7 +431,9 @@ class LagCompensatedController:
         }
 
     def restore(self, learnt: Mapping[str, ActuatorResponse]) -> None:
-        """Begin with the responses of an estimates file.
+        """Replace curves and delays with the values of an estimates file.
+
+        A delay that was not known in the file is ignored.
 
         Args:
             learnt: Response of each actuator by its name.
@@ -443,11 +471,14 @@ class LagCompensatedController:
             )
 
     def _look_ahead(self, j: int, time: float) -> tuple[float, float]:
-        """Return length [m] and speed [m/s] of a piston's reference at a time from now.
+        """Return length and speed of a piston's reference at a time from now.
 
         Args:
             j: Index of the actuator.
-            time: Time from now, at most that of the last reference point [s].
+            time: Time from now, at most the time of the last reference point [s].
+
+        Returns:
+            Length of the cylinder [m] and piston speed [m/s], positive in extension.
         """
         k = min(int(time / self._spacing), REFERENCE_POINTS - 2)
         start, end = self._signals.reference[k : k + 2, :, j]
@@ -460,9 +491,12 @@ class LagCompensatedController:
     def _command_pumps(self) -> None:
         """Command join valves, diverters and the flows of the servo pumps.
 
-        The pumps that serve an actuator deliver equal shares of its flow. This is
-        A_dir |v| (1 + surplus) plus the leakage of one valve. Each pump gets its slip at the
-        highest boost pressure in addition, because the line's pressure is not known.
+        An actuator's flow is A_dir |v| (1 + surplus) plus the leakage of one valve. A_dir is the
+        piston area into which oil flows, and v the demanded speed. The pumps that serve the
+        actuator deliver equal shares of this flow.
+
+        Each pump also delivers its slip flow at the highest boost pressure, because the line's
+        pressure is not known. A pump that serves no actuator is commanded to 0.
         """
         signals, arrays = self._signals, self._arrays
         circuit, serves = signals.circuit, signals.serves
