@@ -53,8 +53,8 @@ class HandOverReport:
         plan_stamp_ns: Stamp of the plan [ns].
         position_jump: Largest difference between the new and the old reference position over all
             joints, at the instant of the hand-over [rad or m]; NaN if unknown.
-        velocity_jump: Largest difference of their velocities at that instant [rad/s or m/s]; NaN if
-            unknown.
+        velocity_jump: Largest difference between the new and the old reference velocity over all
+            joints, at the same instant [rad/s or m/s]; NaN if unknown.
         reason: Reason why the plan was not applied.
     """
 
@@ -82,8 +82,8 @@ class SimulatorReport:
             none.
         plan_delay: Time by which the reference lags behind the plan, because the plan was slowed
             [s].
-        interventions: Number of times that the reference governor has boosted or slowed beyond the
-            plan.
+        interventions: Number of times that the reference governor has boosted an actuator beyond
+            the plan, or has slowed the plan.
         lost_servo_pumps: Numbers, from 1, of servo pumps that have failed and are not used.
         machine: Name of the arm's machine file; empty if it is not reported.
         machine_hash: `Machine.planning_hash` of that file; empty if it is not reported.

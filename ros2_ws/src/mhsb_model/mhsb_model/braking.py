@@ -36,9 +36,9 @@ def brake_along(machine: Machine, trajectory: Trajectory, at_ns: int) -> Traject
 
     Q is the trajectory, and t the time since `at_ns`. σ is the time that has passed on Q; it slows
     down from the rate σ̇ = 1 to 0 within the braking time T. So the arm passes only postures of Q,
-    and none of them faster than Q does. The arm comes to rest at σ(T) = T/2. Position, velocity and
-    acceleration are continuous. T is chosen so that the fastest piston decelerates by at most about
-    `PEAK_DECELERATION`.
+    and passes none of them faster than Q does. The arm comes to rest at σ(T) = T/2. Position,
+    velocity and acceleration are continuous. T is chosen so that the fastest piston decelerates by
+    at most about `PEAK_DECELERATION`.
 
     There are three special cases:
 
@@ -138,11 +138,11 @@ def brake_from(machine: Machine, state: MotionState, at_ns: int) -> Trajectory:
 
         q̇ = q̇₀ (1 − 3u² + 2u³) + q̈₀ T (u − 2u² + u³),  u = t/T
 
-    q̇₀ and q̈₀ are velocity and acceleration of the state, and t is the time since then. Each joint
-    moves by q̇₀ T/2 + q̈₀ T²/12.
-    T is first 1.5 times the fastest piston's speed divided by `PEAK_DECELERATION`. It is halved
-    until all points are within the joint limits and the workspace, but it is at least
-    `MIN_BRAKING_NS`. The motion with this least T is returned even if it leaves the limits.
+    q̇₀ and q̈₀ are velocity and acceleration of the state, and t is the time since `at_ns`. Each
+    joint moves by q̇₀ T/2 + q̈₀ T²/12. T is first 1.5 times the fastest piston's speed divided by
+    `PEAK_DECELERATION`. It is halved until all points are within the joint limits and the
+    workspace, but it is at least `MIN_BRAKING_NS`. The motion with this least T is returned even if
+    it leaves the limits.
 
     Args:
         machine: The machine.
@@ -232,7 +232,8 @@ def _is_within_limits(machine: Machine, position: FloatArray) -> bool:
 
 
 def _offsets(duration_ns: int) -> IntArray:
-    """Return even times from 0 to a duration, at most `MAX_POINT_SPACING_NS` apart [ns]."""
+    """Return evenly spaced times from 0 to a duration, at most `MAX_POINT_SPACING_NS` apart [ns].
+    """
     count = max(1, -(-duration_ns // MAX_POINT_SPACING_NS))
     return np.rint(np.linspace(0.0, duration_ns, count + 1)).astype(np.int64)
 

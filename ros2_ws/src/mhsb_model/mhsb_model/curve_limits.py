@@ -76,7 +76,7 @@ class CurveLimits:
 
     @cached_property
     def for_planning(self) -> CurveLimits:
-        """Limits that plans keep, a bit tighter than those that an arm accepts.
+        """Limits for planners, a little tighter than the limits up to which an arm accepts plans.
 
         Acceleration and jerk are `PLANNED_SHARE` of this object's, and the speed is the same.
         `lower` and `upper` are −inf and inf, since planners check positions themselves.

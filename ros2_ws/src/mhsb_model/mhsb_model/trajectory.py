@@ -71,9 +71,9 @@ class MotionState:
 class Trajectory:
     """A joint trajectory over n joints, frozen and with read-only arrays.
 
-    Between two points the curve is the quintic polynomial that takes on both points' position,
-    velocity and acceleration. Creating one raises ValueError if shapes disagree, times do not
-    increase or a number is not finite.
+    Between two points the curve is a quintic polynomial. At both points it has the point's
+    position, velocity and acceleration. Creating a trajectory raises ValueError if shapes disagree,
+    times do not increase or a number is not finite.
 
     Attributes:
         stamp_ns: Absolute time of the first point [ns].

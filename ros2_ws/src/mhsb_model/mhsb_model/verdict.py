@@ -95,8 +95,10 @@ class PlanSummary:
 
     Attributes:
         plan_stamp_ns: Stamp of the plan's messages [ns]; 0 if nothing had to be published.
-        energy_j: Energy in the paper's reading [J].
-        energy_series_j: Energy in the series reading [J].
+        energy_j: Energy in the reading `paper`: boosted oil costs p_L/η per volume, with the load
+            pressure p_L and the pump's efficiency η [J].
+        energy_series_j: Energy in the reading `series`: boosted oil costs the pressure rises of
+            main and servo pump in series, per volume [J].
         duration_s: Duration of the motion [s].
         switches: Number of mode changes, summed over the actuators.
         plan_ms: Time from receiving the goal to publishing the plan [ms].

@@ -152,7 +152,7 @@ class _OilState(NamedTuple):
 
     Attributes:
         bulk_modulus: Bulk modulus β [Pa].
-        viscosity_ratio: Viscosity over that at FILE_TEMPERATURE [-].
+        viscosity_ratio: Viscosity divided by the viscosity at FILE_TEMPERATURE [-].
     """
 
     bulk_modulus: float

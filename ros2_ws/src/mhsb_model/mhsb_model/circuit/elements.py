@@ -73,9 +73,9 @@ def compute_null_leakage(c: CircuitConstants, drop: float) -> float:
         Q = orifice(k_leak, Δp) + G Δp
 
     The first term is the flow through an orifice (`compute_orifice_flow`) with the coefficient
-    k_leak. The second term is the flow past the lands, half of it on the way through each work
-    port. This holds if p_A + p_B = p_line + p_tank, with the pressures of both chambers, the line
-    and the tank.
+    k_leak. The second term is the flow past the lands. Half of it passes through work port A, the
+    other half through work port B. This holds if p_A + p_B = p_line + p_tank, with the pressures of
+    both chambers, the line and the tank.
 
     Args:
         c: Constants of the circuit. The land conductance G is that at the valve's overlap.
@@ -307,7 +307,7 @@ def metered_opening(spool: float, overlap: float, exponent: float = 1.0) -> floa
     Args:
         spool: Spool position x, −1 … 1 of the stroke; positive extends.
         overlap: Overlap o of the edges, as a share of the stroke; nothing opens within ±o.
-        exponent: Exponent n; 1 of a linear valve, larger with metering notches.
+        exponent: Exponent n; 1 for a linear valve, larger for a valve with metering notches.
 
     Returns:
         Signed opening. At full stroke it is ±1, which stands for the valve's rated flow.

@@ -260,8 +260,9 @@ class Obstacles:
         """Return these obstacles followed by others of the same arm.
 
         Args:
-            others: Obstacles to append. Their numbers (column COLUMN_COUNT) are raised by the
-                number of these obstacles' names, so that they still index their own names.
+            others: Obstacles to append. Column COLUMN_COUNT of their rows has the index of a name.
+                It is raised by the number of names of these obstacles, so that it points to the
+                same name as before.
 
         Returns:
             New obstacles with all rows and names.
