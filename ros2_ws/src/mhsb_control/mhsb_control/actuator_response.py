@@ -227,9 +227,9 @@ class InverseCurve:
     def raise_dead_band(self, command: float, weight: float) -> None:
         """Raise the dead band because a command above it has not moved the piston.
 
-        Commands within the dead band are ignored, and commands from `max_dead_band` on, since
-        something else then holds the piston. The covariance does not change, because the command is
-        only a lower bound of the dead band.
+        A command within the present dead band is ignored. A command of `max_dead_band` or more is
+        ignored too, since something else then holds the piston. The covariance does not change,
+        because the command is only a lower bound of the dead band.
 
         Args:
             command: Command, 0 … 1.

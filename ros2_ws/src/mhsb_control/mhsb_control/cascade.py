@@ -210,7 +210,10 @@ COSINE_ROW, SINE_ROW = INERTIA_WORK, INERTIA_WORK + 1
 
 
 class ControlAxis(Record):
-    """State of the control loops of one cylinder; "reference" is that of its joint."""
+    """State of the control loops of one cylinder.
+
+    "Reference" in the fields means the reference of the joint that this cylinder moves.
+    """
 
     position_gain: float
     """Position gain k_p [1/s]."""

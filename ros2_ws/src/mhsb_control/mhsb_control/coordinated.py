@@ -306,9 +306,9 @@ def limit_axis_gains(
 
         ω_F ≤ c φ/T,    k_p ≤ ratio ω_F,    k_p ≤ ω_F/(1 + κ (1 − w) T),    k_i ∝ k_p²
 
-    φ is the phase lag `max_phase_lag`. If ω T ≥ 1, with the joint's highest natural frequency ω, it
-    is at most `max_resonant_phase_lag`. κ (1 − w) T is the relative softening of the oil that a
-    late measurement causes; it is equal to w (`compute_feedforward_share`). ratio is
+    φ is the phase lag `max_phase_lag`. ω is the joint's highest natural frequency. If ω T ≥ 1, φ is
+    at most `max_resonant_phase_lag`. κ (1 − w) T is the relative softening of the oil that a late
+    measurement causes; it is equal to w (`compute_feedforward_share`). ratio is
     `max_position_gain_ratio`. No gain exceeds the value that `build_axis_records` has set.
 
     Args:

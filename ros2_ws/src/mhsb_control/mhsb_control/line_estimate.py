@@ -336,9 +336,9 @@ def accumulate_balance(
     """Add one step to an oil balance, and return whether its window of steps is complete.
 
     The window starts anew if the set of lines or `manifold_feeds` has changed. The first call of a
-    window only records the flow of the pumps, so a window takes `window_steps` + 1 calls. The oil
-    that the rail itself takes (the line that several servo pumps feed in shared boost) counts only
-    in the balance of the rail.
+    window only records the flow of the pumps, so a window takes `window_steps` + 1 calls. The rail
+    is the line that several servo pumps feed in shared boost. The oil that the rail itself takes
+    counts only in the balance of the rail.
 
     Args:
         lines: Estimates and balances of n lines. Reads `intake`, the oil that each line and the
@@ -444,10 +444,9 @@ def update_line_filter(
         oil = row · (c, λ_1, …, λ_n) + noise
 
     c is a factor on the machine file's compressibility of the oil, and λ_j a factor on the leakage
-    of valve j. Before the update, the variance of each parameter with a nonzero
-    coefficient is increased. The increase is the square of `compressibility_drift` or
-    `leakage_drift`.
-    c is limited to `min_compressibility` … `max_factor`, and each λ to `min_leakage` …
+    of valve j. Before the update, the variance of each parameter with a nonzero coefficient is
+    increased. The increase is the square of `compressibility_drift` or `leakage_drift`. After the
+    update, c is limited to `min_compressibility` … `max_factor`, and each λ to `min_leakage` …
     `max_factor`.
 
     Args:

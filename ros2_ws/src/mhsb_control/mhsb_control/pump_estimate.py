@@ -200,7 +200,7 @@ def update_drive_estimates(
 
     Args:
         d: Estimates, updated in place. Written in every step: `flow`, the predicted flow [m³/s],
-            and `pending`, the oil that is delivered until then [m³].
+            and `pending`, the oil that is delivered up to that instant [m³].
         modules: Records of the circuit's modules, [m], with measured flows and the commands of the
             last step.
         settings: Tuned numbers.
@@ -244,7 +244,7 @@ def accumulate_pump_window(
 ) -> bool:
     """Add a pump's window to the sums of the least squares, unless it is to be discarded.
 
-    Two cases, with the sum at the present estimate of the delay, lead to a discarded window:
+    The sum for the present estimate of the delay decides. The window is discarded in two cases:
     - |Σ (Q_cmd − Q)| is below `min_excitation` full flows.
     - ΔQ corresponds to a lag outside `min_lag_ratio` … `max_lag_ratio` times the machine file's.
 
@@ -321,8 +321,8 @@ def estimate_lag_and_delay(own: PumpDynamics, squares: FloatArray, settings: Dri
 def predict_pump_flow(own: PumpDynamics, flow: float, commands: FloatArray) -> tuple[float, float]:
     """Predict a pump's flow at the instant when the next command begins to act.
 
-    That instant is the estimated delay ahead of now. The commands that have been sent but do not
-    act yet change the flow through the lag and the slew limit.
+    That instant is now plus the estimated delay. The commands that have been sent but do not act
+    yet change the flow through the lag and the slew limit.
 
     Args:
         own: Estimates of the pumps' dynamics.

@@ -27,9 +27,9 @@ def combine_modes(
     2. An actuator in SB goes to DB.
     3. An actuator with a request goes to N if the schedule does not boost it.
 
-    Each of these three steps takes the actuators in the order of falling reserve. They may not
-    suffice if modules have failed. Then all requests are dropped. The scheduled modes are lowered
-    one actuator at a time in the same order, first SB to DB, then DB to N.
+    Each of these three steps takes the actuators in the order of falling reserve. If modules have
+    failed, the three steps may not suffice. Then all requests are dropped, and the scheduled modes
+    are lowered one actuator at a time in the same order. First SB becomes DB, then DB becomes N.
 
     Args:
         scheduled: Modes of the schedule, uint8[n].
