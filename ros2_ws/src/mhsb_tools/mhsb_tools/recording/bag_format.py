@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import os
 import tempfile
@@ -206,7 +205,7 @@ def metadata_text(files: Mapping[str, BagContents]) -> str:
 def write_metadata(folder: Path, files: Mapping[str, BagContents]) -> None:
     """Write `metadata.yaml` of a recording; an existing file is replaced.
 
-    The text is first written to a temporary file in the same folder and synchronized to disk. The
+    The text is first written to a temporary folder inside `folder` and synchronized to disk. The
     file therefore has either its old or its complete new content at any time.
 
     Args:
@@ -214,35 +213,16 @@ def write_metadata(folder: Path, files: Mapping[str, BagContents]) -> None:
         files: Contents of each data file by its name, in time order.
 
     Raises:
-        OSError: The file cannot be written; the old one is unchanged and the temporary file
+        OSError: The file cannot be written; the old one is unchanged and the temporary folder
             deleted.
     """
-    text = _yaml({METADATA_KEY: _metadata(files)})
-    descriptor, half = tempfile.mkstemp(".part", f".{METADATA_FILE}.", folder)
-    try:
-        with open(descriptor, "w", encoding="utf-8") as file:
-            file.write(text)
+    with tempfile.TemporaryDirectory(".part", ".", folder) as parts:
+        part = Path(parts, METADATA_FILE)
+        with part.open("w", encoding="utf-8") as file:
+            file.write(_yaml({METADATA_KEY: _metadata(files)}))
             file.flush()
-            os.fchmod(file.fileno(), 0o666 & ~_umask())
             os.fsync(file.fileno())
-        os.replace(half, folder / METADATA_FILE)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(half)
-        raise
-
-
-def _umask() -> int:
-    """Return the umask of this process.
-
-    It can only be read by setting it. It is therefore 0 for an instant, also for other threads.
-
-    Returns:
-        The permission bits that new files do not get.
-    """
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+        part.replace(folder / METADATA_FILE)
 
 
 def _metadata(files: Mapping[str, BagContents]) -> dict[str, Any]:

@@ -248,7 +248,7 @@ def _copy_readable_parts(survey: Survey, file: DataFile, stream: IO[bytes]) -> B
     text = bag_format.metadata_text({survey.path.name: contents})
     own = Metadata(BAG_METADATA, {"serialized_metadata": text})
     copy.add_attachment_or_metadata(serialize_record(own))
-    copy.finish()
+    copy.finish(contents.start_ns, contents.end_ns)
     return contents
 
 

@@ -11,7 +11,8 @@ import tempfile
 import zlib
 from collections import Counter
 from collections.abc import Iterable, Set
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from operator import itemgetter
 from typing import IO
 
 from mcap import records
@@ -76,8 +77,7 @@ class McapCopy:
         self._indexes = tempfile.SpooledTemporaryFile(INDEX_IN_MEMORY)  # noqa: SIM115
         self._others: list[bytes] = []
         self._chunk_count = 0
-        self._times: list[tuple[int, int]] = []
-        self._other_ids: _IdTranslation | None = None
+        self._other_channel_ids: dict[int, int] | None = None
         self._listed = listed
         self._own_end: int | None = None
         self._other_end = 0
@@ -90,8 +90,9 @@ class McapCopy:
 
         A damaged file may have parts of another recording, in which the same ids have other
         meanings. A chunk belongs to such a part if it has a schema or channel that contradicts the
-        new file's definition of the same id. It is then rewritten with new ids, uncompressed. Later
-        chunks that belong to the same part get the same new ids, also if they have no definitions.
+        new file's definition of the same id. Its messages then get new channel ids and are written
+        as new chunks. Later chunks that belong to the same part get the same new ids, also if they
+        have no definitions.
 
         Args:
             chunk: A verified chunk.
@@ -101,16 +102,14 @@ class McapCopy:
         """
         self.flush()
         if self._has_contradicting_ids(chunk):
-            self._other_ids = self._new_ids(chunk)
-            self._other_end = chunk.key[1]
-            chunk = _translate_ids(chunk, self._other_ids)
-        elif self._other_ids is not None and self._belongs_to_other_recording(chunk):
-            self._other_end = chunk.key[1]
-            chunk = _translate_ids(chunk, self._other_ids)
+            self._other_channel_ids = self._choose_channel_ids(chunk)
+            self._add_with_other_ids(chunk, self._other_channel_ids)
+        elif self._other_channel_ids is not None and self._belongs_to_other_recording(chunk):
+            self._add_with_other_ids(chunk, self._other_channel_ids)
         else:
             self._own_end = chunk.key[1]
-        if len(chunk.channel_ids):
-            self._write_chunk(chunk)
+            if len(chunk.channel_ids):
+                self._write_chunk(chunk)
 
     def add_message(self, record: bytes) -> None:
         """Add a message that was outside chunks in the damaged file.
@@ -148,29 +147,29 @@ class McapCopy:
             unpacked, self._loose = bytes(self._loose), bytearray()
             self._write_records(unpacked)
 
-    def finish(self) -> None:
+    def finish(self, start_ns: int, end_ns: int) -> None:
         """Write the end of the new file: summary with all indexes, footer, and magic bytes.
 
-        The stream stays open. Nothing may be added afterwards.
+        The summary has no summary offsets, which MCAP leaves to the writer. The stream stays open.
+        Nothing may be added afterwards.
+
+        Args:
+            start_ns: First log time of all messages [ns]; 0 without messages.
+            end_ns: Last log time of all messages [ns]; 0 without messages.
         """
         self.flush()
         self._write(serialize_record(records.DataEnd(0)))
         begin, self._checksum = self._at, 0
-        groups = [(Opcode.SCHEMA, begin)]
-        self._write_definitions(self.definitions.schemas.values())
-        groups.append((Opcode.CHANNEL, self._at))
-        self._write_definitions(self.definitions.channels.values())
-        groups.append((Opcode.STATISTICS, self._at))
-        self._write(self._statistics())
-        groups.append((Opcode.CHUNK_INDEX, self._at))
+        self._write_definitions(self.definitions)
+        self._write(self._make_statistics(start_ns, end_ns))
         self._indexes.seek(0)
         while part := self._indexes.read(INDEX_IN_MEMORY):
             self._write(part)
         self._indexes.close()
-        for opcode in (Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX):
-            groups.append((opcode, self._at))
-            self._write(b"".join(each for each in self._others if each[0] == opcode))
-        self._write_end(begin, groups)
+        for index in sorted(self._others, key=itemgetter(0)):  # grouped by opcode
+            self._write(index)
+        self._write(RECORD_HEADER.pack(Opcode.FOOTER, 20) + begin.to_bytes(8, "little") + bytes(8))
+        self._write(self._checksum.to_bytes(4, "little") + FILE_MAGIC)
 
     # --- Chunks ----------------------------------------------------------------------------------
 
@@ -222,7 +221,6 @@ class McapCopy:
                 )
             )
         )
-        self._times = [_span([*self._times, (first, last)])]
         self._chunk_count += 1
 
     def _has_contradicting_ids(self, chunk: Chunk) -> bool:
@@ -260,7 +258,7 @@ class McapCopy:
             return bool(self._listed)
         return abs(begin - self._other_end) < abs(begin - self._own_end)
 
-    def _new_ids(self, chunk: Chunk) -> _IdTranslation:
+    def _choose_channel_ids(self, chunk: Chunk) -> dict[int, int]:
         """Choose ids in the new file for the schemas and channels of a contradicting chunk.
 
         Those that the new file does not have yet are written to it.
@@ -269,17 +267,18 @@ class McapCopy:
             chunk: A chunk whose schemas or channels contradict those of the new file.
 
         Returns:
-            Translation from the chunk's ids to ids in the new file.
+            Id in the new file of each channel, by its id in the chunk.
 
         Raises:
             BagError: All ids are in use.
         """
-        ids = _IdTranslation({}, {})
+        schema_ids: dict[int, int] = {}
+        channel_ids: dict[int, int] = {}
         for _, each in chunk.definitions:
-            table = ids.schemas if isinstance(each, Schema) else ids.channels
-            if each.id not in table:
-                table[each.id] = self._new_id(each, ids.schemas)
-        return ids
+            chosen = schema_ids if isinstance(each, Schema) else channel_ids
+            if each.id not in chosen:
+                chosen[each.id] = self._new_id(each, schema_ids)
+        return channel_ids
 
     def _new_id(self, definition: Schema | Channel, schema_ids: dict[int, int]) -> int:
         """Choose the id of a schema or channel in the new file.
@@ -312,6 +311,23 @@ class McapCopy:
         self._write_definitions([table[number]])
         return number
 
+    def _add_with_other_ids(self, chunk: Chunk, channel_ids: dict[int, int]) -> None:
+        """Add the messages of a chunk of another recording under other channel ids.
+
+        Args:
+            chunk: The chunk.
+            channel_ids: New id of each channel by its id in the chunk; an id without an entry
+                stays.
+        """
+        self._other_end, unpacked = chunk.key[1], chunk.unpacked
+        for offset in chunk.each_offset():
+            _, length = RECORD_HEADER.unpack_from(unpacked, offset)
+            begin = offset + RECORD_HEADER.size
+            own = int.from_bytes(unpacked[begin : begin + 2], "little")
+            new = channel_ids.get(own, own).to_bytes(2, "little")
+            rest = unpacked[begin + 2 : begin + length]
+            self.add_message(unpacked[offset:begin] + new + rest)
+
     # --- Records ---------------------------------------------------------------------------------
 
     def _write_definitions(self, definitions: Iterable[Schema | Channel]) -> None:
@@ -332,14 +348,13 @@ class McapCopy:
         if self._checksum is not None:
             self._checksum = zlib.crc32(data, self._checksum)
 
-    def _statistics(self) -> bytes:
-        """Return the statistics record of the new file.
+    def _make_statistics(self, start_ns: int, end_ns: int) -> bytes:
+        """Return the statistics record of the new file, with opcode and length.
 
-        Returns:
-            The record with opcode and length. Its counts and times are those of everything that was
-            written.
+        Args:
+            start_ns: First log time of all messages [ns]; 0 without messages.
+            end_ns: Last log time of all messages [ns]; 0 without messages.
         """
-        first, last = self._times[0] if self._times else (0, 0)
         kinds = Counter(each[0] for each in self._others)
         return serialize_record(
             records.Statistics(
@@ -348,30 +363,12 @@ class McapCopy:
                 channel_message_counts=dict(self.counts),
                 chunk_count=self._chunk_count,
                 message_count=self.counts.total(),
-                message_start_time=first,
-                message_end_time=last,
+                message_start_time=start_ns,
+                message_end_time=end_ns,
                 metadata_count=kinds[Opcode.METADATA_INDEX],
                 schema_count=len(self.definitions.schemas),
             )
         )
-
-    def _write_end(self, begin: int, groups: list[tuple[Opcode, int]]) -> None:
-        """Write what follows the summary's records: summary offsets, footer and magic bytes.
-
-        Args:
-            begin: Offset at which the summary begins.
-            groups: Opcode and file offset of each group of records in the summary, in order. A
-                group without records has the offset of the next one and gets no summary offset.
-        """
-        ends = [at for _, at in groups[1:]] + [self._at]
-        offsets = self._at
-        for (opcode, at), end in zip(groups, ends, strict=True):
-            if end > at:
-                self._write(serialize_record(records.SummaryOffset(opcode, at, end - at)))
-        self._write(RECORD_HEADER.pack(Opcode.FOOTER, 20))
-        self._write(begin.to_bytes(8, "little") + offsets.to_bytes(8, "little"))
-        assert self._checksum is not None
-        self._write(self._checksum.to_bytes(4, "little") + FILE_MAGIC)
 
 
 def _make_index_record(record: bytes, at: int) -> bytes:
@@ -398,57 +395,3 @@ def _make_index_record(record: bytes, at: int) -> bytes:
             media_type=parsed.media_type,
         )
     )
-
-
-@dataclass(frozen=True)
-class _IdTranslation:
-    """Translation from the ids in a chunk to ids in the new file.
-
-    Attributes:
-        schemas: New id of each schema by its id in the chunk.
-        channels: New id of each channel by its id in the chunk.
-    """
-
-    schemas: dict[int, int]
-    channels: dict[int, int]
-
-
-def _translate_ids(chunk: Chunk, ids: _IdTranslation) -> Chunk:
-    """Return a copy of a chunk with other ids.
-
-    The ids of its schemas, of its channels, of the channels' schemas and of the messages' channels
-    are replaced. The copy is not compressed.
-
-    Args:
-        chunk: The chunk; not changed.
-        ids: New ids by old ones; an id without an entry stays.
-
-    Returns:
-        The copy.
-    """
-    unpacked = bytearray(chunk.unpacked)
-
-    def translate_id(at: int, table: dict[int, int]) -> None:
-        """Replace the two-byte id at an offset of `unpacked`, in place.
-
-        Args:
-            at: Offset of the id.
-            table: New ids by old ones.
-        """
-        number = int.from_bytes(unpacked[at : at + 2], "little")
-        unpacked[at : at + 2] = table.get(number, number).to_bytes(2, "little")
-
-    for at, each in chunk.definitions:
-        begin = at + RECORD_HEADER.size
-        translate_id(begin, ids.schemas if isinstance(each, Schema) else ids.channels)
-        if isinstance(each, Channel):
-            translate_id(begin + 2, ids.schemas)
-    for offset in chunk.each_offset():
-        translate_id(offset + RECORD_HEADER.size, ids.channels)
-    content = bytes(unpacked)
-    return find_records(ChunkHeader(len(content), zlib.crc32(content), ""), content, content)
-
-
-def _span(times: list[tuple[int, int]]) -> tuple[int, int]:
-    """Return the earliest first and the latest last of several pairs of times."""
-    return min(first for first, _ in times), max(last for _, last in times)
