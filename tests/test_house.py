@@ -58,7 +58,7 @@ def test_no_public_class_name_means_two_things():
 
 PREFIXED = {
     "figure_style": "names of colours",
-    "names": "names of topics and services, read as names.REFERENCE",
+    "names": "names of nodes and services, read as names.STOP_SERVICE",
     "qos": "profiles, read as qos.LATCHED",
     "topics": "topics, read as topics.REFERENCE",
     "executor": "P is how typing's ParamSpec is written",

@@ -50,7 +50,7 @@ def test_rviz_hears_topics_of_the_suite_with_their_durability(rviz):
         if key in display
     ]
     assert {each["Value"] for each in asked} == {
-        names.MARKERS, names.ROBOT_DESCRIPTION, names.PLANNED_PATH_FLAT
+        topics.MARKERS.name, topics.ROBOT_DESCRIPTION.name, topics.PLANNED_PATH_FLAT.name
     }  # fmt: skip
     for each in asked:
         latched = TOPICS[each["Value"]].qos.durability is DurabilityPolicy.TRANSIENT_LOCAL
@@ -59,7 +59,7 @@ def test_rviz_hears_topics_of_the_suite_with_their_durability(rviz):
 
 def test_a_click_in_rviz_is_a_goal_in_the_arms_plane(rviz):
     [tool] = [each for each in rviz["Tools"] if each["Class"].endswith("/SetGoal")]
-    assert tool["Topic"]["Value"] == names.GOAL_POSE
+    assert tool["Topic"]["Value"] == topics.GOAL_POSE.name
     frame = rviz["Global Options"]["Fixed Frame"]
     click = PoseStamped(header=Header(frame_id=frame), pose=Pose(position=Point(x=0.5, y=-0.3)))
     goal = goal_pose.decode(click)
@@ -77,9 +77,9 @@ def test_every_panel_of_foxglove_is_laid_out(foxglove):
 
 def test_foxglove_plots_what_its_labels_say(foxglove):
     order = {
-        names.ACTUATOR_STATES: ENTRIES,
-        names.JOINT_STATES: MACHINE.joint_names,
-        names.MODES: MACHINE.actuator_names,
+        topics.ACTUATOR_STATES.name: ENTRIES,
+        topics.JOINT_STATES.name: MACHINE.joint_names,
+        topics.MODES.name: MACHINE.actuator_names,
     }
     lines = [line for panel in foxglove["configById"].values() for line in panel.get("paths", [])]
     assert len(lines) == 15
@@ -94,14 +94,14 @@ def test_foxglove_hears_and_sends_what_there_is(foxglove):
     panels = foxglove["configById"]
     scene = panels["3D!arm"]
     assert set(map(absolute, scene["topics"])) <= set(TOPICS)
-    assert absolute(scene["layers"]["arm"]["topic"]) == names.ROBOT_DESCRIPTION
+    assert absolute(scene["layers"]["arm"]["topic"]) == topics.ROBOT_DESCRIPTION.name
     assert scene["followTf"] == names.BASE_FRAME
-    assert absolute(scene["publish"]["poseTopic"]) == names.GOAL_POSE
-    assert panels["DiagnosticSummary!all"]["topicToRender"] == names.DIAGNOSTICS
+    assert absolute(scene["publish"]["poseTopic"]) == topics.GOAL_POSE.name
+    assert panels["DiagnosticSummary!all"]["topicToRender"] == topics.DIAGNOSTICS.name
     verdict = panels["RawMessages!verdict"]["topicPath"].partition(".")[0]
-    assert absolute(verdict) == names.PLAN_STATUS
+    assert absolute(verdict) == topics.PLAN_STATUS.name
     sent = panels["Publish!goal"]
-    assert absolute(sent["topicName"]) == names.GOAL_POSE
+    assert absolute(sent["topicName"]) == topics.GOAL_POSE.name
     goal = json.loads(sent["value"])
     position = goal["pose"]["position"]
     MACHINE.check_in_workspace((position["x"], position["z"]))

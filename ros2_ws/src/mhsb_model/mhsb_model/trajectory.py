@@ -231,24 +231,8 @@ class Trajectory:
         """
         rows = np.searchsorted(self.offset_ns[1:-1], offset_ns, "right")
         begin = self.offset_ns[rows]
-        return self._sample_shares(rows, (offset_ns - begin) / (self.offset_ns[rows + 1] - begin))
-
-    def _sample_shares(
-        self, rows: IntArray, shares: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Evaluate the motion once for each pair of an interval and a share of its duration.
-
-        Args:
-            rows: Index of the interval for each of k samples, shape (k,). Interval i lasts from
-                point i to point i + 1.
-            shares: Share of that interval's duration at which the sample lies, 0 … 1, shape (k,).
-
-        Returns:
-            Positions, velocities and accelerations, each of shape (k, n).
-        """
-        time = self.offset_ns / SECOND_NS
-        motion = self.position, self.velocity, self.acceleration
-        return sample_states_at_shares(time, *motion, rows, shares)
+        shares = (offset_ns - begin) / (self.offset_ns[rows + 1] - begin)
+        return sample_states_at_shares(self.offset_ns / SECOND_NS, *self.points, rows, shares)
 
 
 def standstill(position: FloatArray, time_ns: int = 0) -> Trajectory:

@@ -1,30 +1,9 @@
-"""Names on the ROS graph: nodes, topics, frames, joints and actuators.
-
-Topic names are relative, so that namespaces and remaps work. Only /clock and /diagnostics are
-absolute, as everywhere in ROS.
-"""
+"""Names on the ROS graph: nodes, services, frames, joints and actuators."""
 
 from __future__ import annotations
 
 PLANNER_NODE = "mhsb_planner"
 SIM_NODE = "mhsb_sim"
-
-GOAL_POSE = "goal_pose"
-PLAN_STATUS = "plan_status"
-JOINT_STATES = "joint_states"
-REFERENCE = "reference"
-PLAN_IN_FORCE = "plan_in_force"
-JOINT_TRAJECTORY = "joint_trajectory"
-MODE_COMMANDS = "mode_commands"
-MODES = "modes"
-ACTUATOR_STATES = "actuator_states"
-ESTIMATES = "estimates"
-PLANNED_PATH = "planned_path"
-PLANNED_PATH_FLAT = "work_plane/planned_path"
-MARKERS = "markers"
-ROBOT_DESCRIPTION = "robot_description"
-DIAGNOSTICS = "/diagnostics"
-CLOCK = "/clock"
 
 MOVE_TIP_ACTION = "~/move_tip"
 STOP_SERVICE = "~/stop"

@@ -7,7 +7,14 @@ from typing import TypeVar
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Header
 
-from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome, PlanSummary, Verdict
+from mhsb_model.verdict import (
+    ExecutionReport,
+    GoalVerdict,
+    Outcome,
+    PlanSummary,
+    Report,
+    Verdict,
+)
 from mhsb_msgs_py import stamps
 from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.names import PLANNER_NODE
@@ -20,7 +27,6 @@ EXECUTION_STATUS = "execution"
 """Name of the status of an execution report."""
 
 
-Report = GoalVerdict | ExecutionReport
 Code = TypeVar("Code", Verdict, Outcome)
 
 

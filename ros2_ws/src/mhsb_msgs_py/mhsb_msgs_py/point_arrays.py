@@ -227,7 +227,7 @@ def _read_message(message: JointTrajectory) -> PointArrays:
     Raises:
         MessageError: The nanoseconds of a time make a second or more.
     """
-    times = [stamps.from_duration(point.time_from_start) for point in message.points]
+    times = [stamps.from_time(point.time_from_start) for point in message.points]
     return PointArrays(
         stamps.from_time(message.header.stamp),
         message.joint_names,

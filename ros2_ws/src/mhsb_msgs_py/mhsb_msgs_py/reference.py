@@ -69,7 +69,7 @@ def decode(message: JointTrajectory, joint_names: Sequence[str]) -> Reference:
     if len(message.points) != 1:
         raise MessageError(f"the reference has {len(message.points)} points; give exactly one")
     point = message.points[0]
-    offset_ns = stamps.from_duration(point.time_from_start)
+    offset_ns = stamps.from_time(point.time_from_start)
     if offset_ns != 0:
         raise MessageError(
             f"the reference is {offset_ns / 1e9:g} s after its stamp; give it at its stamp"

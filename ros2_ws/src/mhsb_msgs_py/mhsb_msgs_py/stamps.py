@@ -25,13 +25,14 @@ def to_time(time_ns: int) -> Time:
     return Time(**_fields(time_ns))
 
 
-def from_time(message: Time) -> int:
-    """Return the absolute time of a message [ns].
+def from_time(message: Time | Duration) -> int:
+    """Return the time or duration of a message [ns].
 
     Raises:
         MessageError: The nanoseconds make a second or more.
     """
-    return _nanoseconds(message)
+    check_nanoseconds(message.nanosec)
+    return int(message.sec) * SECOND_NS + int(message.nanosec)
 
 
 def from_clock(message: Time) -> int:
@@ -52,21 +53,12 @@ def from_clock(message: Time) -> int:
             f"a clock shows {message.sec} s; it must be from 0 to {LATEST_PRESENT} s, so that "
             "later times fit into a message"
         )
-    return _nanoseconds(message)
+    return from_time(message)
 
 
 def to_duration(duration_ns: int) -> Duration:
     """Return the message of a duration [ns]; raise ValueError if it does not fit."""
     return Duration(**_fields(duration_ns))
-
-
-def from_duration(message: Duration) -> int:
-    """Return the duration of a message [ns].
-
-    Raises:
-        MessageError: The nanoseconds make a second or more.
-    """
-    return _nanoseconds(message)
 
 
 def to_text(time_ns: int) -> str:
@@ -130,13 +122,3 @@ def _fields(time_ns: int) -> dict[str, int]:
     if not FIRST_SECOND <= seconds <= LAST_SECOND:
         raise ValueError(f"{seconds} s does not fit into a message, which holds 32 bits of seconds")
     return {"sec": seconds, "nanosec": nanoseconds}
-
-
-def _nanoseconds(message: Time | Duration) -> int:
-    """Return the time or duration of a message [ns].
-
-    Raises:
-        MessageError: The nanoseconds make a second or more.
-    """
-    check_nanoseconds(message.nanosec)
-    return int(message.sec) * SECOND_NS + int(message.nanosec)

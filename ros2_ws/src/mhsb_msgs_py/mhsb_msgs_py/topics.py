@@ -1,4 +1,8 @@
-"""Topics of the suite: name, message type and QoS, in one table."""
+"""Topics of the suite: name, message type and QoS, in one table.
+
+Names are relative, so that namespaces and remaps work. Only /clock and /diagnostics are absolute,
+as everywhere in ROS.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ from std_msgs.msg import String, UInt8MultiArray
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
-from mhsb_msgs_py import names, qos
+from mhsb_msgs_py import qos
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,22 +44,22 @@ class Topic:
         return f"{package}/msg/{self.message.__name__}"
 
 
-GOAL_POSE = Topic(names.GOAL_POSE, PoseStamped, qos.STATUS)
-PLAN_STATUS = Topic(names.PLAN_STATUS, DiagnosticArray, qos.STATUS)
-JOINT_STATES = Topic(names.JOINT_STATES, JointState, qos.DEFAULT)
-REFERENCE = Topic(names.REFERENCE, JointTrajectory, qos.DEFAULT)
-PLAN_IN_FORCE = Topic(names.PLAN_IN_FORCE, Time, qos.LATCHED)
-JOINT_TRAJECTORY = Topic(names.JOINT_TRAJECTORY, JointTrajectory, qos.DEFAULT)
-MODE_COMMANDS = Topic(names.MODE_COMMANDS, JointTrajectory, qos.DEFAULT)
-MODES = Topic(names.MODES, UInt8MultiArray, qos.LATCHED)
-ACTUATOR_STATES = Topic(names.ACTUATOR_STATES, JointState, qos.DEFAULT)
-ESTIMATES = Topic(names.ESTIMATES, JointState, qos.DEFAULT)
-PLANNED_PATH = Topic(names.PLANNED_PATH, Path, qos.LATCHED)
-PLANNED_PATH_FLAT = Topic(names.PLANNED_PATH_FLAT, Path, qos.LATCHED)
-MARKERS = Topic(names.MARKERS, MarkerArray, qos.LATCHED)
-ROBOT_DESCRIPTION = Topic(names.ROBOT_DESCRIPTION, String, qos.LATCHED)
-DIAGNOSTICS = Topic(names.DIAGNOSTICS, DiagnosticArray, qos.DEFAULT)
-CLOCK = Topic(names.CLOCK, Clock, qos.CLOCK)
+GOAL_POSE = Topic("goal_pose", PoseStamped, qos.STATUS)
+PLAN_STATUS = Topic("plan_status", DiagnosticArray, qos.STATUS)
+JOINT_STATES = Topic("joint_states", JointState, qos.DEFAULT)
+REFERENCE = Topic("reference", JointTrajectory, qos.DEFAULT)
+PLAN_IN_FORCE = Topic("plan_in_force", Time, qos.LATCHED)
+JOINT_TRAJECTORY = Topic("joint_trajectory", JointTrajectory, qos.DEFAULT)
+MODE_COMMANDS = Topic("mode_commands", JointTrajectory, qos.DEFAULT)
+MODES = Topic("modes", UInt8MultiArray, qos.LATCHED)
+ACTUATOR_STATES = Topic("actuator_states", JointState, qos.DEFAULT)
+ESTIMATES = Topic("estimates", JointState, qos.DEFAULT)
+PLANNED_PATH = Topic("planned_path", Path, qos.LATCHED)
+PLANNED_PATH_FLAT = Topic("work_plane/planned_path", Path, qos.LATCHED)
+MARKERS = Topic("markers", MarkerArray, qos.LATCHED)
+ROBOT_DESCRIPTION = Topic("robot_description", String, qos.LATCHED)
+DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, qos.DEFAULT)
+CLOCK = Topic("/clock", Clock, qos.CLOCK)
 
 SUITE_TOPICS = (
     GOAL_POSE,
