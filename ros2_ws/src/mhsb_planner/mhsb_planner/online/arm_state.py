@@ -48,6 +48,7 @@ class ArmClockEstimator:
     """Estimator of the arm's clock [ns] at a time of the steady clock [s]."""
 
     def __init__(self) -> None:
+        """Begin without a stamp."""
         self.forget()
 
     def forget(self) -> None:
@@ -215,6 +216,7 @@ class RestDetector:
     """
 
     def __init__(self) -> None:
+        """Begin without a measurement."""
         self._states: deque[tuple[float, float, FloatArray]] = deque()
         self._since = math.inf
 

@@ -82,6 +82,7 @@ class CommitHorizonEstimator:
     """Estimator of the commit horizon from durations of earlier plans, by the steady clock."""
 
     def __init__(self) -> None:
+        """Begin with INITIAL_PLANNING_TIME and INITIAL_TRANSPORT_TIME as the only samples."""
         self._first_motion: deque[float] = deque([INITIAL_PLANNING_TIME], maxlen=SAMPLE_CAPACITY)
         self._flight: deque[float] = deque([INITIAL_TRANSPORT_TIME], maxlen=SAMPLE_CAPACITY)
 

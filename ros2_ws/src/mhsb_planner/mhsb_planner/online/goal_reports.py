@@ -29,6 +29,7 @@ class GoalReports:
     """Sender of verdicts and execution reports. Goals that have ended get no further report."""
 
     def __init__(self, clock: Clock, outbox: PlannerIO) -> None:
+        """Store the source of the present time, and the outbox that sends the reports."""
         self._clock = clock
         self._out = outbox
 

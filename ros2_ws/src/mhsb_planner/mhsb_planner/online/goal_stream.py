@@ -58,6 +58,7 @@ class GoalStream:
     """Estimator of a moving goal's velocity and period; all times are by the steady clock [s]."""
 
     def __init__(self) -> None:
+        """Begin without a goal."""
         self._received: deque[_ReceivedGoal] = deque(maxlen=MAX_VELOCITY_SAMPLES)
 
     def add_goal(self, goal: Goal, received_at: float) -> None:

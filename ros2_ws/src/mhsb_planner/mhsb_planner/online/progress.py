@@ -32,6 +32,7 @@ class Progress:
     """
 
     def __init__(self) -> None:
+        """Begin with all values at 0."""
         self.time_share = self.time_left = self.energy_j = self.energy_series_j = 0.0
         self._summed_ns: int | None = None
 

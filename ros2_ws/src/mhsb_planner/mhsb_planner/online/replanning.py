@@ -94,6 +94,7 @@ class Replanner:
     """Maker of commands that continue other commands."""
 
     def __init__(self, machine: Machine, table: PostureTable) -> None:
+        """Create the planner for a machine, with the posture table of the arm's plane."""
         self._planner = Planner(machine, table)
 
     def warm_up(self, kinds: Iterable[str] = PLANNER_KINDS) -> Command:
@@ -188,6 +189,7 @@ class Replanner:
         return join_commands(in_force, times, new), times.change_ns
 
     def _make_braking(self, in_force: Command, times: HandOverTimes) -> Trajectory:
+        """Compute the motion that brakes along a command's path, from `times.change_ns` on."""
         return brake_along(self._planner.machine, in_force.trajectory, times.change_ns)
 
     def _run_example(self, kinds: Iterable[str]) -> Command:

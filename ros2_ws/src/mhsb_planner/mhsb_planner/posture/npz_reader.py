@@ -60,6 +60,7 @@ class ArchiveTooLargeError(Exception):
     """
 
     def __init__(self, size: int) -> None:
+        """Create the error; `size` is the unpacked size of all members [B]."""
         self.size = size
         super().__init__(f"{size} bytes")
 

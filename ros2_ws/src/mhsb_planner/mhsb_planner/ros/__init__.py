@@ -1,1 +1,1 @@
-"""The planner as a ROS node."""
+"""The planner as a ROS node, and the command that sends goals to it."""

@@ -1,4 +1,4 @@
-"""Parameters that hold rows of numbers in one flat array, because ROS has no nested arrays."""
+"""Parameters whose value is a flat array of several rows, because ROS has no nested arrays."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ FARTHEST_POINT = 1e4
 
 
 def split_rows(name: str, value: Any, size: int, meaning: str) -> tuple[tuple[float, ...], ...]:
-    """Split a flat array into rows of `size` numbers.
+    """Split the flat array of a parameter into rows of equal length.
 
     Args:
         name: Name of the parameter, for the error.
         value: Value of the parameter; None counts as an empty array.
-        size: Numbers in a row.
-        meaning: What the numbers of a row are, for the error, such as "x z [m] of a point".
+        size: Length of a row.
+        meaning: Meaning of the numbers in a row, for the error, such as "x z [m] of a point".
 
     Returns:
         One tuple of `size` floats for each row.

@@ -21,9 +21,7 @@ from mhsb_msgs_py.node_process import run_command_node, spin_until
 from mhsb_planner.ros.goal_sender import GoalSender
 
 EXIT_ACCEPTED, EXIT_REFUSED, EXIT_NO_ANSWER = 0, 1, 3
-"""Exit codes: 0 goal accepted or reached; 1 refused, superseded or not reached; 3 no answer in
-time.
-"""
+"""Exit codes: goal accepted or reached; refused, superseded or not reached; no answer in time."""
 
 SEND_AGAIN_AFTER_NO_STATE = 1.0
 """Time after a verdict NO_STATE until the goal is sent again [s]."""
@@ -89,18 +87,18 @@ def goal(
 
 
 def _print_nothing(_: str) -> None:
-    """Print nothing; used in place of print for JSON output."""
+    """Print nothing. The function replaces `print` if the output is JSON."""
 
 
 @dataclass(frozen=True)
 class CommandResult:
-    """Result of the command.
+    """Result of the command `goal`.
 
     Attributes:
         exit_code: Exit code of the process.
-        trouble: Sentence on why no verdict or report came; empty if none is missing.
-        verdict: The planner's verdict on the goal, or None.
-        execution: The execution report if it was waited for, or None.
+        trouble: Sentence on why the verdict or the execution report is missing; empty if none is.
+        verdict: The planner's verdict on the goal; None if it is missing.
+        execution: The execution report; None if it is missing or was not waited for.
     """
 
     exit_code: int
@@ -109,11 +107,11 @@ class CommandResult:
     execution: ExecutionReport | None = None
 
     def to_json_values(self) -> dict[str, Any]:
-        """Return the result in plain types for JSON, in SI units.
+        """Convert the result to plain types for JSON.
 
         Returns:
-            Keys `exit_code`, `trouble`, `verdict` and `execution`. Verdict and report are mappings
-            of their fields; a missing value is None.
+            Values by the keys `exit_code`, `trouble`, `verdict` and `execution`, in SI units.
+            Verdict and report are mappings of their fields. A missing value is None.
         """
         return {
             "exit_code": self.exit_code,
@@ -126,15 +124,15 @@ class CommandResult:
 def _collect_parameter_changes(
     tolerance: float | None, psi_range: tuple[float, float] | None
 ) -> dict[str, float]:
-    """Return the values of the planner's parameters for a tolerance and an angle range.
+    """Collect the parameters of the planner to change for a tolerance and an angle range.
 
     Args:
-        tolerance: Value for `goal_tolerance` [m]; None to leave that parameter as it is.
-        psi_range: Values for `goal_psi_min` and `goal_psi_max`, the end link's angle [rad]; None to
-            leave them as they are.
+        tolerance: Value for `goal_tolerance` [m]; None leaves the parameter as it is.
+        psi_range: Values for `goal_psi_min` and `goal_psi_max`, bounds of the end link's angle
+            [rad]. None leaves these parameters as they are.
 
     Returns:
-        Values by parameter name, only of parameters to change; empty if both arguments are None.
+        New values by parameter name; empty if both arguments are None.
     """
     changes = {} if tolerance is None else {"goal_tolerance": tolerance}
     if psi_range is not None:
@@ -153,23 +151,22 @@ def _send_and_wait(
 ) -> CommandResult:
     """Set the planner's parameters, send the goal, and wait for its verdict and its end.
 
-    The steps are: find a planner, set parameters if any, get the verdict, and wait for the end of
-    the motion. If the planner refuses parameters, the goal is not sent. Each step takes at most
+    The steps are: find a planner, set the parameters, get the verdict, and wait for the end of the
+    motion. If the planner refuses parameters, the goal is not sent. Each step takes at most
     `timeout`. For the last step the planned duration is added.
 
     Args:
         sender: Node that sends the goal.
         executor: Executor that serves the node.
         place: Goal in `base_link`, (x, z) or (x, y, z) [m].
-        changes: Parameters to set before the goal is sent, by name.
-        wait: Whether to wait for the end of the motion. A refused goal and a plan without motion
-            are not waited for.
+        changes: Values by name of parameters to set before the goal is sent; may be empty.
+        wait: True to wait for the end of the motion, if the goal is accepted and there is a motion.
         timeout: Longest time for each step [s].
-        say: Prints verdict and execution report as they come.
+        say: Function that prints verdict and execution report as soon as they come.
 
     Returns:
-        Exit code, and the verdict and execution report that came. If an awaited one is missing,
-        `trouble` says why.
+        Exit code, verdict and execution report. If one of the two is missing although it was waited
+        for, `trouble` states the reason.
     """
     if not sender.wait_for_planner(executor, timeout):
         return CommandResult(
@@ -215,19 +212,20 @@ def _send_and_wait(
 def _request_verdict(
     sender: GoalSender, executor: SingleThreadedExecutor, place: Position, timeout: float
 ) -> GoalVerdict | None:
-    """Send a goal, and send it again while the planner does not know where the arm is.
+    """Send a goal and wait for its verdict; send it again as long as this is NO_STATE.
 
-    The arm may start later than the planner. One line on standard error announces the repetition.
+    NO_STATE means that the planner does not know where the arm is. The arm may start later than the
+    planner. One line on standard error announces the repetition.
 
     Args:
         sender: Node that sends the goal.
         executor: Executor that serves the node.
         place: Goal in `base_link`, (x, z) or (x, y, z) [m].
-        timeout: Longest time to wait in all [s].
+        timeout: Longest time to wait in total [s].
 
     Returns:
-        The last verdict; it is NO_STATE only if no other came within `timeout`. None if there was
-        no verdict.
+        The last verdict. It is NO_STATE only if no other verdict came within `timeout`. None if
+        there was no verdict.
     """
     end = time.monotonic() + timeout
     verdict = sender.request_verdict(executor, place, timeout)
@@ -251,15 +249,15 @@ def _request_verdict(
 
 
 def _format_verdict(verdict: GoalVerdict) -> list[str]:
-    """Return the lines to print for a verdict.
+    """Format a verdict as lines of text.
 
     Args:
         verdict: The verdict.
 
     Returns:
-        One line with code and sentence. If a plan was published, a second line follows. It gives
-        duration [s], energy by both prices of boosted oil and a lower bound on it [J], number of
-        mode switches, and planning time [ms].
+        One line with code and sentence. If a plan was published, a second line follows. It has
+        duration [s], energy in both energy readings and its lower bound [J], number of mode
+        switches, and planning time [ms].
     """
     lines = [f"{verdict.code.value}: {verdict.sentence}"]
     plan = verdict.plan

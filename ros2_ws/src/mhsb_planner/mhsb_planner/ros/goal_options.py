@@ -1,7 +1,8 @@
-"""Options of one goal: values of the planner node's parameters for that goal alone, as NAME:=VALUE.
+"""Options of one goal: values of the planner node's parameters for this goal alone.
 
-Options come from anyone who may send goals. So their number and length are checked before they are
-parsed, and each value is checked before ROS makes a parameter of it.
+An option has the form NAME:=VALUE. Options come from anyone who may send goals. Their number and
+length are therefore checked before they are parsed, and each value is checked before ROS converts
+it to a parameter.
 """
 
 from __future__ import annotations
@@ -22,13 +23,15 @@ MOST_OPTIONS = 100
 """Largest number of options of a goal."""
 
 LONGEST_OPTION = 4096
-"""Largest length of an option in characters; a hundred points of goal_via with all digits fit."""
+"""Largest length of an option in characters.
+
+A hundred points of goal_via with all digits are shorter."""
 
 LONGEST_SHOWN = 80
-"""Largest number of characters of an option that a refusal repeats."""
+"""Largest number of characters of an option that are shown in the sentence of a refusal."""
 
 NUMBER_ARRAY_TYPES = Parameter.Type.DOUBLE_ARRAY, Parameter.Type.INTEGER_ARRAY
-"""Types of parameters that take a list of numbers."""
+"""Types of parameters whose value is a list of numbers."""
 
 OF_ALL_GOALS = {
     "payload_from",
@@ -37,24 +40,24 @@ OF_ALL_GOALS = {
     "planning_budget",
     *ZONE_PARAMETERS,
 }
-"""Parameters that hold for all goals and cannot be options of one."""
+"""Parameters that apply to all goals and cannot be options of a single goal."""
 
 GOAL_OPTION_NAMES = tuple(
     name for name in planner_parameters.CHANGEABLE_PARAMETERS if name not in OF_ALL_GOALS
 )
-"""Parameters that a goal may have its own value of."""
+"""Parameters that can be options of a single goal."""
 
 
 def decode(node: Node, machine: Machine, texts: Sequence[str]) -> list[Parameter]:
     """Decode the options of a goal into parameters, and check that they can be used together.
 
-    The checks are those for a change of the node's parameters. The node's own parameters stay as
-    they are.
+    The checks are the same as for a change of the node's parameters. The node's own parameters are
+    not changed.
 
     Args:
         node: Planner node, which has declared its parameters.
         machine: Machine of the node.
-        texts: Options as NAME:=VALUE, the value in YAML, as on a command line after `-p`.
+        texts: Options as NAME:=VALUE with the value in YAML, as on a command line after `-p`.
 
     Returns:
         One parameter for each option, in the same order.
@@ -82,8 +85,8 @@ def _decode(node: Node, text: str) -> Parameter:
         The parameter, with its value converted to the type that the node has declared.
 
     Raises:
-        RequestError: The text is too long or has another form; its name is not an option of goals;
-            or its value cannot be read, has a wrong type or is out of range.
+        RequestError: The text is too long or has another form, its name is not an option of goals,
+            or its value cannot be used.
     """
     if len(text) > LONGEST_OPTION:
         rule = f"must each have at most {LONGEST_OPTION} characters"
@@ -105,7 +108,7 @@ def _decode(node: Node, text: str) -> Parameter:
 
 
 def _convert_to_declared_type(node: Node, name: str, given: Any, text: str) -> Any:
-    """Convert a value to the declared type of its parameter; integers become floats.
+    """Convert a value to the declared type of its parameter. Integers become floats.
 
     Args:
         node: Node that has declared the parameter.
@@ -114,8 +117,8 @@ def _convert_to_declared_type(node: Node, name: str, given: Any, text: str) -> A
         text: Value as it was sent, for the error.
 
     Returns:
-        A float, a list of floats or a text. Only a single float has been checked against the
-        declared range.
+        A float, a list of floats or a text. The range of a single float has been checked, the range
+        of a list has not.
 
     Raises:
         RequestError: The value has another type, or a single number is out of the declared range.
@@ -136,11 +139,12 @@ def _convert_to_declared_type(node: Node, name: str, given: Any, text: str) -> A
 
 
 def _is_number(value: Any) -> bool:
+    """Return whether a value is an int or a float, but not a bool."""
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def _check_range(node: Node, name: str, value: float) -> float:
-    """Return a number if it is within the declared range of its parameter.
+    """Check that a number is within the declared range of its parameter, and return it.
 
     NaN is accepted. A parameter without a declared range accepts every number.
 
@@ -163,6 +167,6 @@ def _check_range(node: Node, name: str, value: float) -> float:
 
 
 def _shorten(text: str) -> str:
-    """Return a text without spaces around it, cut after `LONGEST_SHOWN` characters."""
+    """Return a text without spaces around it, shortened to `LONGEST_SHOWN` characters and `…`."""
     text = text.strip()
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]} …"

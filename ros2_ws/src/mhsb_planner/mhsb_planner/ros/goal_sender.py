@@ -1,4 +1,4 @@
-"""Node that sends goals and collects the planner's reports on them; for commands and tests."""
+"""Node that sends goals and collects the planner's reports on them, for commands and tests."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.node_process import spin_until
 
 SEND_AGAIN_AFTER = 3.0
-"""Time without an answer after which a goal is sent anew [s].
+"""Time without an answer after which a goal is sent again [s].
 
-The value is longer than a planner lets a goal wait. A goal may have to be sent twice, because the
-planner may not be connected yet when the first message is sent.
+It is longer than the time for which a planner lets a goal wait. The first message may be lost if
+the planner is not connected yet.
 """
 
 
 def _names_of(endpoints: Iterable[TopicEndpointInfo]) -> set[tuple[str, str]]:
-    """Return namespace and name of the nodes to which publishers or subscribers belong."""
+    """Return namespace and name of each node to which publishers or subscribers belong."""
     return {(each.node_namespace, each.node_name) for each in endpoints}
 
 
@@ -44,13 +44,11 @@ class GoalSender(Node):
     """
 
     def __init__(self, name: str = "mhsb_goal") -> None:
-        """Make a node that publishes goals and subscribes to the planner's status.
-
-        `verdicts` and `executions` are empty at first.
+        """Create a node that publishes goals and subscribes to the planner's status.
 
         Args:
-            name: First part of the node's name. The process id is appended, so that several can run
-                at once.
+            name: First part of the node's name. The process id is appended, so that several such
+                nodes can run at the same time.
         """
         super().__init__(f"{name}_{os.getpid()}")
         goal, status = topics.GOAL_POSE, topics.PLAN_STATUS
@@ -63,10 +61,10 @@ class GoalSender(Node):
 
     @property
     def is_matched(self) -> bool:
-        """True if goals have a subscriber, and a node both receives goals and publishes verdicts.
+        """True if a ready planner is found, and goals and verdicts have connections.
 
-        Such a node is a planner that is ready. A recorder only receives goals, and a planner that
-        is not ready only publishes verdicts.
+        A ready planner is a node that both receives goals and publishes verdicts. A recorder only
+        receives goals. A planner that is not ready yet only publishes verdicts.
         """
         planners = self.get_publishers_info_by_topic(self._status.topic_name)
         receivers = self.get_subscriptions_info_by_topic(self._goals.topic_name)
@@ -79,7 +77,7 @@ class GoalSender(Node):
     def wait_for_planner(self, executor: SingleThreadedExecutor, timeout: float) -> bool:
         """Wait until a planner is found and all subscribers of goals are connected.
 
-        A subscriber with which no connection is possible is waited for `SEND_AGAIN_AFTER` at most.
+        If no connection to a subscriber is possible, waiting for it ends after `SEND_AGAIN_AFTER`.
 
         Args:
             executor: Executor that serves this node.
@@ -119,16 +117,16 @@ class GoalSender(Node):
     ) -> GoalVerdict | None:
         """Send a goal, and wait for the planner's verdict on it.
 
-        The goal is sent again, with a new stamp, whenever `SEND_AGAIN_AFTER` passes without an
-        answer. Only a verdict on the last stamp is returned.
+        Each time `SEND_AGAIN_AFTER` has passed without an answer, the goal is sent again with a new
+        stamp. Only a verdict on the last stamp is returned.
 
         Args:
             executor: Executor that serves this node.
             place: Goal in `base_link`, (x, z) or (x, y, z) [m].
-            timeout: Longest time to wait in all [s].
+            timeout: Longest time to wait in total [s].
 
         Returns:
-            The verdict; None if none came within `timeout`.
+            The verdict; None if no verdict came within `timeout`.
         """
         end = time.monotonic() + timeout
         while (left := end - time.monotonic()) > 0:
@@ -149,7 +147,7 @@ class GoalSender(Node):
             timeout: Longest time to wait for the planner and its answer together [s].
 
         Returns:
-            The planner's sentence on why it refused them; None if they are set.
+            Sentence of the planner on why it refused them; None if they are set.
 
         Raises:
             TimeoutError: The planner was not found or did not answer in time.
@@ -169,7 +167,7 @@ class GoalSender(Node):
         """Store the reports of a message in `verdicts` and `executions`, by stamp of their goal.
 
         Args:
-            message: Message of `plan_status`. One that cannot be read is logged and dropped.
+            message: Message of `plan_status`. If it cannot be read, it is logged and dropped.
         """
         try:
             reports = plan_status.decode(message)

@@ -1,9 +1,9 @@
 """Action MoveTip: goals with feedback and cancellation.
 
-Goals of the action and of the topic `goal_pose` have one lifecycle, which decides on all of them.
-This module passes its reports on. A goal with `plan_only` is planned for but not executed. The
-interface package mhsb_interfaces has to be compiled. Without it the planner node logs this and
-serves the topics alone.
+The goal lifecycle decides on goals of the action and on goals of the topic `goal_pose` alike. This
+module passes goals of the action to it, and its reports to the clients. A goal with `plan_only` is
+planned for but not executed. The interface package mhsb_interfaces must be compiled. If it is
+missing, the planner node logs this and serves the topics only.
 """
 
 from __future__ import annotations
@@ -47,28 +47,31 @@ FEEDBACK_PERIOD = 0.1
 FEEDBACK_AT_ONCE = 20
 """Largest number of goals that get feedback in one round.
 
-If there are more, the others get feedback in later rounds.
+If there are more goals, the others get feedback in later rounds.
 """
 
 RESULT_KEPT = 60
-"""Time for which results are kept, for clients that ask late [s]."""
+"""Time for which results are kept, for clients that request them late [s]."""
 
 MOST_GOALS = 1000
-"""Largest number of goals without a result; further ones are refused. The queues are deeper."""
+"""Largest number of goals without a result. Further goals are refused.
+
+The queues of the middleware are longer."""
 
 MOST_STRETCHED = 20.0
-"""Factor on the commit horizon above which a plan that is not executed is not tried again."""
+"""Factor on the commit horizon above which a plan that is not executed is not tried again [-]."""
 
 
 class _Server(ActionServer):
-    """Action server that runs a goal's coroutine only when its result is known.
+    """Action server that runs the coroutine of a goal only when its result is known.
 
-    rclpy resumes the coroutine of a running goal whenever the node wakes, even if it has to wait
-    on. `ServerGoalHandle.execute` calls `notify_execute` without a callback.
+    rclpy's own server starts the coroutine at once, and resumes it whenever the node wakes, even if
+    nothing has changed. Here `ServerGoalHandle.execute` calls `notify_execute` without a callback,
+    which has no effect.
     """
 
     def notify_execute(self, goal_handle: Any, execute_callback: Any) -> None:
-        """Run a goal's coroutine by a callback; without a callback, do nothing.
+        """Schedule a callback that writes the result of a goal; without a callback, do nothing.
 
         Args:
             goal_handle: rclpy's handle of the goal.
@@ -84,11 +87,12 @@ class _ActionGoal:
 
     Attributes:
         handle: rclpy's handle of the goal.
-        on_finished: Called once with this job, when the goal has ended.
-        success: Whether it was reached or, for `plan_only`, planned; None before its end.
-        pending_goal: The lifecycle's record of the goal; None if it is not to be executed.
-        progress: Elapsed share, time left and energy of its motion.
-        result: Fields of the action's result, as far as they are known.
+        on_finished: Called once with this object when the goal has ended.
+        success: True if the goal was reached or, with `plan_only`, planned for. False if it ended
+            otherwise, None before its end.
+        pending_goal: The lifecycle's record of the goal; None if the goal will not be executed.
+        progress: Elapsed share, time left and energy of the motion.
+        result: Fields of the action's result that are known so far.
     """
 
     handle: Any
@@ -99,9 +103,9 @@ class _ActionGoal:
     result: dict[str, Any] = field(default_factory=dict)
 
     def take_report(self, report: Report) -> None:
-        """Write a report on this goal, a verdict or an execution report, into its result.
+        """Write a report on this goal into its result, and end the goal if the report is the last.
 
-        Every report but the verdict `OK` also ends the goal. The goal ends with success after the
+        Every report except the verdict `OK` is the last. The goal ends with success after the
         verdict `AT_GOAL` or the outcome `REACHED`.
 
         Args:
@@ -136,7 +140,7 @@ class _ActionGoal:
         """End the goal and call `on_finished`, unless the goal has ended before.
 
         Args:
-            success: Whether the goal was reached or, for `plan_only`, planned.
+            success: True if the goal was reached or, with `plan_only`, planned for.
         """
         if self.success is None:
             self.success = success
@@ -163,12 +167,13 @@ class MoveTipServer:
             node: Planner node, which is also the clock. Its attribute `faults` records exceptions
                 in callbacks.
             machine: Machine of the node.
-            decode_goal: Returns the goal of a pose message; raises GoalError or MessageError.
-            lifecycle: State machine of goals; decides on goals that are to be executed.
-            outbox: Runs the planning worker for goals that are planned for but not executed, and
-                encodes their plans as messages.
-            make_settings: Returns the settings of plans by the node's parameters. It is called with
-                parameters of one goal, which replace some of the node's.
+            decode_goal: Function that returns the goal of a pose message. It raises GoalError or
+                MessageError.
+            lifecycle: State machine of goals, which decides on goals that will be executed.
+            outbox: Outbox with the planning worker. It is used for goals that are planned for but
+                not executed, also to encode their plans as messages.
+            make_settings: Function that returns the settings of plans from the node's parameters.
+                Its argument is a list of one goal's own parameters, which replace the node's.
 
         Raises:
             Exception: The compiled interface does not fit rclpy's libraries; the type is rclpy's.
@@ -200,7 +205,7 @@ class MoveTipServer:
         )
 
     def close(self) -> None:
-        """End the server with the node."""
+        """Destroy the action server. The node calls this at its end."""
         self._server.destroy()
 
     # --- A goal's life ---------------------------------------------------------------------------
@@ -208,9 +213,9 @@ class MoveTipServer:
     def _on_accepted(self, handle: Any) -> None:
         """Begin a goal that rclpy has accepted.
 
-        If `MOST_GOALS` goals have no result yet, the new one ends at once. Its verdict has the code
-        `DEADLINE`, and a sentence that says to send the goal again later. If `_begin` raises an
-        exception, the exception is recorded as a fault, and the goal ends with the code `INTERNAL`.
+        If `MOST_GOALS` goals have no result yet, the new goal ends at once with the verdict code
+        `DEADLINE`. The sentence then says that the goal must be sent again later. If `_begin`
+        raises an exception, this is recorded as a fault, and the goal ends with `INTERNAL`.
 
         Args:
             handle: rclpy's handle of the goal.
@@ -231,15 +236,15 @@ class MoveTipServer:
             job.refuse(Verdict.INTERNAL, self._faults.record_fault("a goal of the action", error))
 
     def _begin(self, job: _ActionGoal) -> None:
-        """Decode a goal and its options, then let it be planned for.
+        """Decode a goal and its options, and pass it on to be planned for.
 
-        A goal to be executed goes to the goal lifecycle (state machine of goals). A goal whose
-        request has `plan_only` is queued for a plan that is not executed; such plans are made one
-        after the other. A goal is refused if its pose or its options cannot be used. The stamp 0 is
-        replaced by the system time.
+        A goal that will be executed is passed to the goal lifecycle (state machine of goals). A
+        goal whose request has `plan_only` is queued; such plans are made one after the other. A
+        goal is refused if its pose or its options cannot be used. The stamp 0 is replaced by the
+        system time.
 
         Args:
-            job: The goal. Writes its `pending_goal` if it is to be executed.
+            job: The goal. Its `pending_goal` is written if it will be executed.
         """
         request = job.handle.request
         try:
@@ -263,20 +268,23 @@ class MoveTipServer:
                 )
 
     def _make_adjustment(self, changes: Sequence[Parameter]) -> Adjustment:
-        """Return the function that derives a goal's settings from the settings for all goals.
+        """Create the function that derives a goal's settings from the settings for all goals.
 
         Args:
-            changes: The goal's own parameters. Without any, the function returns its argument. With
-                some, it ignores its argument: it reads the node's present parameters and replaces
-                these.
+            changes: The goal's own parameters; may be empty.
+
+        Returns:
+            The function. Without own parameters it returns its argument. With own parameters it
+            ignores its argument: it makes settings from the node's present parameters, in which the
+            goal's own parameters replace the node's.
         """
         return lambda settings: self._settings_with(changes) if changes else settings
 
     def _finish(self, job: _ActionGoal) -> None:
-        """Schedule the result of a goal that has ended, and forget the goal.
+        """Schedule the result of a goal that has ended, and remove the goal from the list.
 
-        rclpy later runs `_write_result` as the goal's execute callback, and sends what it returns
-        to the client.
+        rclpy later runs `_write_result` as the goal's execute callback, and sends the returned
+        message to the client.
 
         Args:
             job: The goal, with its result.
@@ -288,9 +296,9 @@ class MoveTipServer:
     def _write_result(self, job: _ActionGoal, handle: Any) -> Any:
         """Set the final state of a goal in rclpy, and return its result.
 
-        The state is succeeded if `job.success`. Otherwise it is canceled if cancelling was
-        requested, else aborted. If the fields in `job.result` do not fit the message, a fault is
-        recorded and `job.success` becomes False. The result then holds the fault's sentence alone.
+        The state is succeeded if `job.success` is True. Otherwise it is canceled if cancelling was
+        requested, and aborted if not. If the fields in `job.result` do not fit the message, a fault
+        is recorded and `job.success` becomes False. The result then has only the fault's sentence.
 
         Args:
             job: The goal, which has ended.
@@ -315,14 +323,14 @@ class MoveTipServer:
     def _on_cancel(self, handle: Any) -> CancelResponse:
         """Cancel a goal of the action.
 
-        If the goal is to be executed, the arm is stopped, unless a newer goal has come. If it is
-        only to be planned for, it ends with `STOPPED`, and its plan is dropped.
+        If the goal is or will be executed, the arm is stopped, unless a newer goal has come. If the
+        goal is only planned for, it ends with `STOPPED`, and its plan is dropped.
 
         Args:
             handle: rclpy's handle of the goal.
 
         Returns:
-            `ACCEPT`; `REJECT` if the goal has ended.
+            `REJECT` if the goal has ended already, otherwise `ACCEPT`.
         """
         job = next((job for job in self._jobs if job.handle is handle), None)
         if job is None:
@@ -336,11 +344,11 @@ class MoveTipServer:
     # --- Plans without execution -----------------------------------------------------------------
 
     def _start_next_trial_plan(self) -> None:
-        """Begin to plan for the next goal that is not to be executed.
+        """Begin to plan for the next queued goal that will not be executed.
 
-        Only one such plan is made at a time. So a goal that is to be executed waits for at most one
-        of them. Goals that have ended while they were queued are skipped. Nothing happens if a
-        trial plan is being made or none is queued.
+        Only one such trial plan is made at a time. A goal that will be executed therefore waits for
+        at most one of them. Queued goals that have ended are skipped. Nothing happens if a trial
+        plan is being made, or if no goal is queued.
         """
         while self._trial_request is None and self._trial_queue:
             job, goal, adjusted = self._trial_queue.popleft()
@@ -350,13 +358,15 @@ class MoveTipServer:
     def _request_trial_plan(
         self, job: _ActionGoal, goal: Goal, adjust_settings: Adjustment, horizon_factor: float = 1.0
     ) -> None:
-        """Request a plan that is not to be executed; refuse the goal if no plan can be requested.
+        """Request a plan that will not be executed; refuse the goal if no plan can be requested.
 
         Args:
             job: Goal of the action.
-            goal: Where the tip would go.
-            adjust_settings: Derives the goal's settings from the settings for all goals.
-            horizon_factor: Factor on the commit horizon (time until a new plan would take over).
+            goal: Place to which the tip would go.
+            adjust_settings: Function that derives the goal's settings from the settings for all
+                goals.
+            horizon_factor: Factor on the commit horizon (time until a new plan would take over)
+                [-].
         """
         try:
             request = self._lifecycle.build_trial_request(goal, adjust_settings, horizon_factor)
@@ -370,16 +380,16 @@ class MoveTipServer:
         """Handle an answer of the planning worker if this server has requested the plan.
 
         The answer ends the goal, or the goal is planned for again. Then planning for the next goal
-        with `plan_only` begins. An exception in handling the answer is recorded as a fault and
-        refuses the goal with `INTERNAL`.
+        with `plan_only` begins. If an exception occurs here, it is recorded as a fault, and the
+        goal is refused with `INTERNAL`.
 
         Args:
-            request: The request that was answered.
+            request: Request that was answered.
             answer: The plan, the error that planning raised, or None if the arm is at the goal
                 already.
 
         Returns:
-            True if this server had requested the plan. False if not; nothing was done then.
+            True if this server has requested the plan. If False, nothing was done.
         """
         if self._trial_request is None or self._trial_request[0] is not request:
             return False
@@ -395,17 +405,17 @@ class MoveTipServer:
     def _take_plan(
         self, job: _ActionGoal, request: PlanRequest, answer: Replan | Exception | None
     ) -> None:
-        """End a goal that is not to be executed by the answer to its request, or plan again.
+        """End a goal that will not be executed by the answer to its request, or plan again.
 
-        A plan ends the goal with success. Its energies, duration, times and both of its messages go
-        into the result. After a missed deadline the goal is planned for again. The commit horizon
-        (time until the plan would take over) is then longer by `LATE_PLAN_FACTOR`. The goal is
-        refused with `NOT_FOUND` if the horizon has reached `lead_max` plus the machine's dead time,
-        or the product of the factors `MOST_STRETCHED`.
+        A plan ends the goal with success. Its energies, duration, times and both of its messages
+        are written into the result. After a missed deadline the goal is planned for again. The
+        commit horizon (time until the plan would take over) is then longer by `LATE_PLAN_FACTOR`.
+        The goal is refused with `NOT_FOUND` if the horizon has reached `lead_max` plus the
+        machine's dead time, or `MOST_STRETCHED` times the first horizon.
 
         Args:
             job: The goal.
-            request: The request that was answered.
+            request: Request that was answered.
             answer: The plan, the error that planning raised, or None if the arm is at the goal
                 already.
         """
@@ -451,10 +461,10 @@ class MoveTipServer:
     def tick(self) -> None:
         """Publish feedback for goals without a result, at most every `FEEDBACK_PERIOD`.
 
-        The feedback states `planning`, `moving` or `stopping`. It also has the elapsed share of the
-        motion, the time left [s], the arm's modes and the energy so far [J]. These numbers are
-        updated only for the goal whose plan is in force. If there are many goals, only some get
-        feedback in one call.
+        The state in it is `planning`, `moving` or `stopping`. The feedback also has the elapsed
+        share of the motion, the time left [s], the arm's modes, and the energy so far [J]. Share,
+        time and energy are updated only for the goal whose plan is in force. If there are many
+        goals, only some of them get feedback in one call.
         """
         now = self._node.steady_time()
         if not self._jobs or now - self._feedback_sent_at < FEEDBACK_PERIOD:
@@ -480,9 +490,9 @@ class MoveTipServer:
     def _choose_goals_for_feedback(self) -> list[_ActionGoal]:
         """Choose the goals that get feedback in this round.
 
-        If there are at most `FEEDBACK_AT_ONCE`, all get it. Otherwise the goal that is being
-        executed gets it in every round. Of the others, the next `FEEDBACK_AT_ONCE` get it in each
-        round, so that each has its turn.
+        If there are at most `FEEDBACK_AT_ONCE` goals, all get feedback. Otherwise the goal that is
+        being executed gets it in every round, and of the others the next `FEEDBACK_AT_ONCE` in
+        turn.
 
         Returns:
             Goals to send feedback for.
@@ -501,7 +511,14 @@ class MoveTipServer:
 
 
 def _plan_result_fields(plan: PlanSummary) -> dict[str, Any]:
-    """Return the fields of the action's result that describe a plan, by field name."""
+    """Return the fields of the action's result that describe a plan.
+
+    Args:
+        plan: Summary of the plan.
+
+    Returns:
+        Values by field name of the result message.
+    """
     return {
         "plan_stamp": stamps.to_time(plan.plan_stamp_ns),
         "energy_j": plan.energy_j,

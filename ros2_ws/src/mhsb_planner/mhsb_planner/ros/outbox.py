@@ -1,4 +1,4 @@
-"""Outbox of the planner node: publishes, plans and calls services for the lifecycle of goals."""
+"""Outbox of the planner node: it publishes, plans and calls services for the goal lifecycle."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ from mhsb_planner.online.replanning import Replan, Replanner
 from mhsb_planner.ros import views
 
 Answer = tuple[PlanRequest, Replan | Exception | None]
-"""A request with the plan, the error that planning raised, or None if the arm is at the goal."""
+"""A request and its answer.
+
+The answer is a plan, the error that planning raised, or None if the arm is at the goal already."""
 
 PUBLISHED_TOPICS = (
     topics.PLAN_STATUS,
@@ -38,10 +40,10 @@ PUBLISHED_TOPICS = (
 
 
 class RosOutbox:
-    """Outbox that publishes, plans in a worker thread, and asks the arm to stop.
+    """Outbox that publishes messages, plans in a worker thread, and calls the arm's ~/stop.
 
     Attributes:
-        verdict_count: Number of verdicts given so far.
+        verdict_count: Number of verdicts published so far.
     """
 
     def __init__(self, node: Node, machine: Machine, frame_prefix: str) -> None:
@@ -67,7 +69,7 @@ class RosOutbox:
 
     @property
     def exclusive_publishers(self) -> list[Publisher]:
-        """Publishers on topics where no other node should publish."""
+        """Publishers on topics on which no other node should publish."""
         topics_of_one = (topics.JOINT_TRAJECTORY, topics.MODE_COMMANDS, topics.PLAN_STATUS)
         return [self._publishers[topic.name] for topic in topics_of_one]
 
@@ -75,15 +77,15 @@ class RosOutbox:
         """Begin to accept plan requests.
 
         Args:
-            replanner: Makes the plans, in the worker's thread.
-            on_answers: Called in the node's thread when requests have been answered; `take_answers`
+            replanner: Maker of the plans. It is used in the worker's thread.
+            on_answers: Called in the node's thread when requests have been answered. `take_answers`
                 then returns the answers.
         """
         self._replanner = replanner
         self._answered = self._node.create_guard_condition(on_answers)
 
     def encode_example(self, example: Command, arm: Machine) -> None:
-        """Encode all messages of an example plan once, before a plan is needed.
+        """Encode all messages of an example plan, so that later encodings are fast.
 
         The first encoding loads the type support of the messages, which takes long. Nothing is
         published.
@@ -97,13 +99,13 @@ class RosOutbox:
             serialize_message(message)
 
     def close(self) -> None:
-        """Wait for the plan that is being made, drop further requests, and end the worker."""
+        """Wait for the plan that is being made, drop all other requests, and end the worker."""
         self._worker.shutdown(wait=True, cancel_futures=True)
 
     # --- Planning --------------------------------------------------------------------------------
 
     def start_planning(self, request: PlanRequest) -> None:
-        """Queue a request for the worker's thread.
+        """Queue a plan request for the worker's thread.
 
         Args:
             request: The request. `take_answers` returns its answer later.
@@ -117,10 +119,10 @@ class RosOutbox:
         job.add_done_callback(lambda done: self._store_answer(request, done))
 
     def _store_answer(self, request: PlanRequest, job: Future[Replan | None]) -> None:
-        """Store the answer of the worker to a request, and wake the node.
+        """Store the worker's answer to a request, and wake the node.
 
-        An exception that is not an MhsbError is also logged with its traceback. A request that
-        `close` has dropped gets no answer. This runs in the worker's thread.
+        The method runs in the worker's thread. An exception that is not an MhsbError is also logged
+        with its traceback. A request that `close` has dropped gets no answer.
 
         Args:
             request: The request.
@@ -153,7 +155,7 @@ class RosOutbox:
     # --- Messages --------------------------------------------------------------------------------
 
     def send(self, command: Command) -> None:
-        """Publish both messages of a command, and keep the command for `publish_views`.
+        """Publish both messages of a command, and store the command for `publish_views`.
 
         Args:
             command: Trajectory and mode schedule.
@@ -166,7 +168,7 @@ class RosOutbox:
     def encode_command(self, command: Command) -> tuple[bytes, bytes]:
         """Encode a command as the bytes of its two messages.
 
-        The bytes are written directly. Python message objects for every point would take longer.
+        The bytes are written directly, because Python message objects for all points take longer.
 
         Args:
             command: Trajectory and mode schedule.
@@ -180,7 +182,7 @@ class RosOutbox:
         )
 
     def publish_views(self, arm: Machine) -> None:
-        """Publish path and markers of the last command that was sent.
+        """Publish path and markers of the last command that was sent, for viewers such as RViz.
 
         Nothing is published if no command was sent since the last call.
 
@@ -205,7 +207,7 @@ class RosOutbox:
         self.publish(topics.MARKERS, markers)
 
     def report(self, report: Report) -> None:
-        """Publish a verdict or an execution report, and count verdicts."""
+        """Publish a verdict or an execution report, and count the verdicts."""
         self.publish(topics.PLAN_STATUS, plan_status.encode(report, self._now_ns()))
         self.verdict_count += isinstance(report, GoalVerdict)
 
@@ -216,22 +218,22 @@ class RosOutbox:
     def stop_arm(self, on_answer: Callable[[bool, str], None]) -> bool:
         """Call the arm's own ~/stop, without waiting for the answer.
 
-        If several arms serve this name, all of them get the call.
+        If several arms provide this service, all of them get the call.
 
         Args:
             on_answer: Called in the node's thread with success and sentence of the first answer.
 
         Returns:
-            False if no arm serves ~/stop; nothing is called then.
+            True if the service was called, False if no arm provides it.
         """
         if not self._arm_stop.service_is_ready():
             return False
 
         def pass_on_answer(done: Any) -> None:
-            """Pass the response of the call on to `on_answer`; do nothing if there is no response.
+            """Call `on_answer` with the response; do nothing if there is no response.
 
             Args:
-                done: rclpy's future of the call, which is done.
+                done: rclpy's future of the service call, which is done.
             """
             response = done.result()
             if response is not None:
@@ -243,12 +245,12 @@ class RosOutbox:
     def is_arm_connected(self) -> bool:
         """Return whether the arm would receive both messages of a plan.
 
-        A message is lost if its publisher has not found the arm's subscription yet. A killed arm
-        still counts as a subscriber for a while. So each topic needs at least as many subscribers
-        as `reference` has publishers.
+        A message is lost if its publisher is not connected to the arm's subscription yet. A killed
+        arm still counts as a subscriber for a while. Each of the two topics therefore needs at
+        least as many subscribers as `reference` has publishers, and at least one.
 
         Returns:
-            True if both topics have enough subscribers, at least one.
+            True if both topics have enough subscribers.
         """
         arms = max(1, self._node.count_publishers(topics.REFERENCE.name))
         return all(
@@ -259,8 +261,8 @@ class RosOutbox:
     def describe_publisher_conflict(self) -> str:
         """Return a sentence that names the arms that publish `reference`, if there are several.
 
-        `reference` is the arm's topic; the planner only subscribes to it. The sentence gives
-        namespace and name of each publishing node, and asks the user to end all but one.
+        `reference` is the arm's topic; the planner only subscribes to it. The sentence contains
+        namespace and name of each publishing node, and tells the user to end all but one.
 
         Returns:
             The sentence; empty if the ROS graph shows one publisher or none.
@@ -275,11 +277,11 @@ class RosOutbox:
         )
 
     def publish(self, topic: topics.Topic, message: Any) -> None:
-        """Publish a message on a topic."""
+        """Publish a message on one of `PUBLISHED_TOPICS`."""
         self._publishers[topic.name].publish(message)
 
     def _views(self, command: Command, arm: Machine) -> tuple[Any, ...]:
-        """Return the messages for viewers that show a command.
+        """Make the messages by which viewers show a command.
 
         Args:
             command: The command.
@@ -295,4 +297,5 @@ class RosOutbox:
         )
 
     def _now_ns(self) -> int:
+        """Return the present time by the ROS clock [ns]."""
         return int(self._node.get_clock().now().nanoseconds)

@@ -33,21 +33,21 @@ def compose_diagnostics(
 
     Its values are the number of verdicts, the plan in force, and the estimated commit horizon (time
     until a new plan takes over) [s]. Further values are the payload [kg], name and hash of the
-    machine, and the faults of callbacks. If another node has the same name, or publishes on the
-    same topics, this is also logged, at most every 10 s.
+    machine, and the faults of callbacks. A node is a duplicate if it has the same name as this one,
+    or publishes on the same topics. Duplicates are also logged, at most every 10 s.
 
     Args:
         node: Planner node.
         steady_time: Present time by the steady clock [s].
         lifecycle: State machine of the node's goals.
         outbox: Outbox of the node.
-        payload: Payload that plans are made for [kg].
+        payload: Payload with which plans are made [kg].
         machine: Machine that the node was started with.
         faults: Faults of the node's callbacks.
 
     Returns:
         Message with one status. Its level is WARN in three cases: no state of the arm was received
-        lately, there is such a duplicate, or a callback has failed recently.
+        recently, there is a duplicate, or a callback has failed recently.
     """
     doubles = describe_duplicates(node, outbox.exclusive_publishers)
     if doubles:
@@ -75,7 +75,7 @@ def compose_diagnostics(
 
 
 def _describe_plan_in_force(arm_state: ArmState) -> str:
-    """Return the stamp and origin of the plan in force as text.
+    """Describe the stamp and the origin of the plan in force as text.
 
     Args:
         arm_state: Arm state.

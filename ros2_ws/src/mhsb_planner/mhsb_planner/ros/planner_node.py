@@ -1,8 +1,8 @@
-"""Planner node: receives goals; publishes joint trajectories, mode commands and verdicts.
+"""Planner node: it receives goals and publishes joint trajectories, mode commands and verdicts.
 
-Messages are decoded here and become events of the `GoalLifecycle`, which decides. The `RosOutbox`
-plans, publishes and calls services for it. Planning runs in one worker thread, everything else in
-the executor's thread.
+Messages are decoded here and passed to the `GoalLifecycle`, which makes all decisions. The
+`RosOutbox` plans, publishes and calls services for it. Planning runs in one worker thread,
+everything else in the executor's thread.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ from mhsb_planner.ros.outbox import RosOutbox
 from mhsb_planner.ros.zone_parameters import ZONE_PARAMETERS, replace_deletions
 
 TIMER_PERIOD = 0.02
-"""Time between two steps of the lifecycle [s]."""
+"""Time between two calls of `GoalLifecycle.tick` [s]."""
 
 DIAGNOSTICS_PERIOD = 1.0
 """Time between two statuses on /diagnostics [s]."""
@@ -85,7 +85,7 @@ The arm is stopped if the callback of one of them fails repeatedly.
 class PlannerNode(Node):
     """Node that plans the arm's motion to goal poses, from rest and while the arm moves.
 
-    It is also the clock of its lifecycle.
+    It is also the `Clock` of its goal lifecycle.
 
     Attributes:
         faults: Record of exceptions in the node's callbacks.
@@ -97,8 +97,8 @@ class PlannerNode(Node):
     def __init__(self) -> None:
         """Declare parameters, compile the planner, load the posture table, and open all interfaces.
 
-        The table is built if there is none, which takes long. Goals are subscribed to last. So
-        whoever finds that subscription finds a planner that is ready.
+        The table is built if there is none, which takes long. The subscription to goals is created
+        last, so that its presence means that the planner is ready.
         """
         super().__init__(names.PLANNER_NODE)
         self.faults = Faults(self, stop=self._stop_unmonitored_arm)
@@ -140,7 +140,7 @@ class PlannerNode(Node):
     def _make_interfaces(self) -> None:
         """Create the service, timers and subscriptions of the node.
 
-        Goals are subscribed to last. So whoever finds that subscription finds a planner that is
+        The subscription to goals is created last, so that its presence means that the planner is
         ready.
         """
         self.create_service(
@@ -173,11 +173,11 @@ class PlannerNode(Node):
         self._matching_subscriptions.add(topics.GOAL_POSE, self._on_goal, at_once=True)
 
     def _serve_action(self) -> MoveTipServer | None:
-        """Serve the action ~/move_tip if its interface was built.
+        """Start the server of the action ~/move_tip if its interface was built.
 
         Returns:
-            The server. None if the interface is missing or does not fit; this is logged, and goals
-            can then come by topic alone.
+            The server. None if the interface is missing or does not fit. This is logged, and goals
+            can then come by the topic only.
         """
         try:
             from mhsb_interfaces.action import MoveTip
@@ -215,12 +215,13 @@ class PlannerNode(Node):
         return int(self.get_clock().now().nanoseconds)
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
+        """Report to the goal lifecycle that the ROS clock went back or was changed."""
         self._lifecycle.handle_clock_jump("the clock went back or changed")
 
     # --- Parameters ------------------------------------------------------------------------------
 
     def _check_parameters(self, changes: list[Parameter]) -> SetParametersResult:
-        """Accept or refuse a set of parameter changes, all or none.
+        """Check a set of parameter changes; either all or none of them are accepted.
 
         Args:
             changes: Parameters with their new values.
@@ -232,7 +233,7 @@ class PlannerNode(Node):
         return SetParametersResult(successful=reason is None, reason=reason or "")
 
     def _take_parameters(self, changes: list[Parameter]) -> None:
-        """Use changed parameters from now on; if zones have changed, publish new markers.
+        """Apply changed parameters, and publish new markers if zones have changed.
 
         Args:
             changes: The changed parameters, which the node has stored already.
@@ -242,23 +243,23 @@ class PlannerNode(Node):
             self._show_markers()
 
     def _take_settings(self) -> None:
-        """Read all parameters, and use them for all plans from now on.
+        """Make new settings of plans from all parameters, and apply them from now on.
 
-        A plan that is being made is made again. Failed servo pumps are left out of the machine. The
+        A plan that is being made is made again. Plans are made without failed servo pumps. The
         estimated payload is used if the parameter `payload_from` is `estimate`.
         """
         self._settings = self._make_settings()
         self._lifecycle.change_settings(self._settings)
 
     def _make_settings(self, own: Sequence[Parameter] = ()) -> Settings:
-        """Return the settings of plans by the present parameters.
+        """Make the settings of plans from the present parameters.
 
         Args:
-            own: A goal's own parameters, which replace the node's.
+            own: Parameters of one goal, which replace those of the node.
 
         Returns:
-            Settings for the machine without its failed servo pumps. The payload is the estimated
-            one if `payload_from` is `estimate` and there is an estimate.
+            Settings for the machine without its failed servo pumps. The estimated payload is used
+            if `payload_from` is `estimate` and there is an estimate.
         """
         return planner_parameters.read_parameters(self, self._machine, own).make_settings(
             self._machine, self._lost_pumps, self._estimated_payload
@@ -267,7 +268,7 @@ class PlannerNode(Node):
     # --- Messages received -----------------------------------------------------------------------
 
     def _on_goal(self, message: PoseStamped, info: dict[str, int]) -> None:
-        """Give a goal to the goal lifecycle (state machine of goals), which decides on it.
+        """Decode a goal and pass it to the goal lifecycle (state machine of goals).
 
         If the message cannot be used, a verdict on it is published. An unexpected exception in
         decoding is recorded as a fault and gives the verdict `INTERNAL`.
@@ -289,16 +290,19 @@ class PlannerNode(Node):
             self._lifecycle.add_goal(goal, self._get_receipt_time(info))
 
     def _decode_goal(self, message: PoseStamped) -> Goal:
-        """Return the goal of a message.
+        """Decode the goal of a message.
 
-        For an arm that slews, a goal in `work_plane` is converted to `base_link` at the present
-        slew angle.
+        For an arm that slews, a goal in the frame `work_plane` is converted to `base_link` at the
+        present slew angle.
 
         Args:
             message: Message of `goal_pose`, or pose of an action goal.
 
+        Returns:
+            The goal in `base_link`.
+
         Raises:
-            GoalError: The goal cannot be used; the error has goal and verdict code.
+            GoalError: The goal cannot be used. The error contains goal and verdict code.
             MessageError: The message cannot be read.
         """
         turned = self._convert_to_base if self._machine.slews else None
@@ -326,10 +330,10 @@ class PlannerNode(Node):
         return tuple(tip.tolist())
 
     def _on_joint_states(self, message: JointState) -> None:
-        """Give a measured joint state to the goal lifecycle (state machine of goals).
+        """Decode a measured joint state and pass it to the goal lifecycle (state machine of goals).
 
         Args:
-            message: Message of `joint_states`. One that cannot be used is logged and dropped.
+            message: Message of `joint_states`. If it cannot be used, it is logged and dropped.
         """
         try:
             sample = joint_state.decode(message, self._machine.joint_names)
@@ -340,10 +344,10 @@ class PlannerNode(Node):
         self._lifecycle.handle_joint_state(state, sample.stamp_ns)
 
     def _on_reference(self, message: JointTrajectory) -> None:
-        """Give the state that the servo follows to the goal lifecycle (state machine of goals).
+        """Decode the reference, the state that the servo follows, and pass it to the lifecycle.
 
         Args:
-            message: Message of `reference`. One that cannot be used is logged and dropped.
+            message: Message of `reference`. If it cannot be used, it is logged and dropped.
         """
         try:
             heard = reference.decode(message, self._machine.joint_names)
@@ -353,10 +357,10 @@ class PlannerNode(Node):
         self._lifecycle.handle_reference(heard.state, heard.stamp_ns)
 
     def _on_modes(self, message: UInt8MultiArray) -> None:
-        """Give the modes in force to the goal lifecycle (state machine of goals).
+        """Decode the modes in force and pass them to the goal lifecycle (state machine of goals).
 
         Args:
-            message: Message of `modes`. One that cannot be used is logged and dropped.
+            message: Message of `modes`. If it cannot be used, it is logged and dropped.
         """
         try:
             modes = modes_in_force.decode(message, self._machine.joint_count)
@@ -366,10 +370,10 @@ class PlannerNode(Node):
         self._lifecycle.handle_modes(modes)
 
     def _on_plan_in_force(self, message: Time) -> None:
-        """Give the stamp of the plan in force to the goal lifecycle (state machine of goals).
+        """Decode the stamp of the plan in force and pass it to the goal lifecycle.
 
         Args:
-            message: Message of `plan_in_force`. One that cannot be used is logged and dropped.
+            message: Message of `plan_in_force`. If it cannot be used, it is logged and dropped.
         """
         try:
             stamp_ns = stamps.from_time(message)
@@ -379,15 +383,16 @@ class PlannerNode(Node):
         self._lifecycle.handle_plan_in_force(stamp_ns)
 
     def _on_diagnostics(self, message: DiagnosticArray, info: dict[str, int]) -> None:
-        """Give the arm's reports on /diagnostics to the goal lifecycle (state machine of goals).
+        """Decode the arm's reports on /diagnostics and pass them to the goal lifecycle.
 
-        A report on the arm itself gives fault, last stop, machine and plan delay. It also names the
-        failed servo pumps; if these have changed, plans are made without them from now on. A report
-        that the arm has refused a plan gives the plan's stamp and the reason. Other statuses are
-        ignored.
+        A report on the arm itself contains fault, last stop, machine and plan delay. It also names
+        the failed servo pumps. If these have changed, plans are made without them from now on. A
+        report that the arm has refused a plan contains the plan's stamp and the reason. Other
+        statuses are ignored.
 
         Args:
-            message: Message of `/diagnostics`. One with an unreadable report is logged and dropped.
+            message: Message of `/diagnostics`. If a report in it cannot be read, the message is
+                logged and dropped.
             info: rclpy's information on the message, which gives its time of receipt.
         """
         try:
@@ -418,14 +423,14 @@ class PlannerNode(Node):
                 )
 
     def _on_estimates(self, message: JointState) -> None:
-        """Take the payload that the arm has estimated, and plan with it if the parameters say so.
+        """Store the payload that the arm has estimated, and use it if `payload_from` is `estimate`.
 
         An accurate estimate replaces the previous estimate if it differs enough (`choose_payload`).
         If the parameter `payload_from` is `estimate`, plans use it from now on, and this is logged.
         If planning refuses this payload, the previous payload is kept.
 
         Args:
-            message: Message of `estimates`. One that cannot be used is logged and dropped.
+            message: Message of `estimates`. If it cannot be used, it is logged and dropped.
         """
         try:
             heard = estimates.decode(message)
@@ -447,14 +452,17 @@ class PlannerNode(Node):
             self.get_logger().info(f"plans are made for {payload:.2f} kg, as the arm has learnt")
 
     def _get_receipt_time(self, info: dict[str, int]) -> float:
-        """Return when a message was received by the steady clock [s].
+        """Compute the time at which a message was received, by the steady clock.
 
-        The time from receipt to callback, in which the node may have been busy, is limited to 0 …
-        `LONGEST_WAIT`.
+        The node may have been busy between receipt and callback. This time is taken as at least 0
+        and at most `LONGEST_WAIT`.
 
         Args:
-            info: rclpy's information on the message. Its `received_timestamp` is the receipt by the
-                system clock [ns].
+            info: rclpy's information on the message. Its `received_timestamp` is the time of
+                receipt by the system clock [ns].
+
+        Returns:
+            Time of receipt by the steady clock [s].
         """
         waited = (time.time_ns() - info["received_timestamp"]) / SECOND_NS
         return self.steady_time() - min(max(0.0, waited), LONGEST_WAIT)
@@ -462,17 +470,17 @@ class PlannerNode(Node):
     # --- Actions and outputs ---------------------------------------------------------------------
 
     def _stop_unmonitored_arm(self) -> None:
-        """Call the arm's own ~/stop, because the callbacks that monitor the plan fail.
+        """Call the arm's own ~/stop, because a callback that monitors the plan fails repeatedly.
 
-        An error is logged if the service is not available, or later if it does not succeed.
+        An error is logged if the service is not available, or if it does not succeed.
         """
 
         def log_failed_stop(success: bool, sentence: str) -> None:
             """Log an error if the arm's ~/stop did not succeed.
 
             Args:
-                success: Whether it succeeded.
-                sentence: The answer in words.
+                success: True if the arm has stopped.
+                sentence: The arm's answer in words.
             """
             if not success:
                 self.get_logger().error(f"the arm may still move: {sentence}")
@@ -488,13 +496,13 @@ class PlannerNode(Node):
             self._take_answer(request, answer)
 
     def _on_answer(self, request: PlanRequest, answer: Replan | Exception | None) -> None:
-        """Give an answer of the planning worker to whoever has requested the plan.
+        """Pass an answer of the planning worker to the object that has requested the plan.
 
-        That is the action server for a plan that is not to be executed, else the goal lifecycle
-        (state machine of goals).
+        The action server requests plans that will not be executed. The goal lifecycle (state
+        machine of goals) requests all other plans.
 
         Args:
-            request: The request that was answered.
+            request: Request that was answered.
             answer: The plan, the error that planning raised, or None if the arm is at the goal
                 already.
         """
@@ -502,9 +510,10 @@ class PlannerNode(Node):
             self._lifecycle.handle_plan_answer(request, answer)
 
     def _on_timer(self) -> None:
-        """Do the periodic work: plans that are ready, overdue events, feedback and views.
+        """Do the periodic work of the node.
 
-        Views are path and markers for viewers such as RViz.
+        Answers of the planning worker are handled, the goal lifecycle gets its periodic call, and
+        feedback, path and markers are published.
         """
         self._on_answers()  # the executor may lose a guard condition
         self._lifecycle.tick()
@@ -513,7 +522,7 @@ class PlannerNode(Node):
     def _publish_feedback_and_views(self) -> None:
         """Publish feedback for action clients, and path and markers for viewers.
 
-        The caller catches exceptions of this method, so that they do not affect the motion.
+        Exceptions of this method are caught by its caller, so that they do not affect the motion.
         """
         if self._move_tip is not None:
             self._move_tip.tick()
@@ -524,10 +533,10 @@ class PlannerNode(Node):
     ) -> Trigger.Response:
         """Serve ~/stop: bring the arm to rest and end all goals.
 
-        If the arm follows a plan of this planner, it brakes along the plan's path. If it follows
-        none, or does not confirm braking commands, the service ~/stop of the arm's own node is
-        called. The answer comes when the arm rests, when it has confirmed a braking command, or
-        when it cannot be stopped.
+        If the arm follows a plan of this planner, it brakes along the plan's path. If it does not,
+        or does not confirm braking commands, the service ~/stop of the arm's own node is called.
+        The response is sent when the arm rests, when it has confirmed a braking command, or when it
+        cannot be stopped.
 
         Args:
             request: Empty request.
@@ -570,7 +579,7 @@ class PlannerNode(Node):
     def destroy_node(self) -> None:
         """End the planning worker and the action server, then destroy the node.
 
-        Waits for the plan that is being made.
+        The method waits for the plan that is being made.
         """
         self._outbox.close()
         if self._move_tip is not None:
@@ -579,7 +588,14 @@ class PlannerNode(Node):
 
 
 def _without_info(callback: Callable[[Any], None]) -> Callable[[Any, dict[str, int]], None]:
-    """Return a subscription callback that ignores rclpy's information on the message."""
+    """Return a subscription callback that passes on the message without rclpy's information on it.
+
+    Args:
+        callback: Function of the message alone.
+
+    Returns:
+        Function of the message and rclpy's information on it.
+    """
     return lambda message, info: callback(message)
 
 

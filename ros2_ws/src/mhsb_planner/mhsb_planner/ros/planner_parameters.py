@@ -1,4 +1,4 @@
-"""Parameters of the planner node: declaration, ranges, and the checks of a change."""
+"""Parameters of the planner node: their declaration, their ranges, and the checks of changes."""
 
 from __future__ import annotations
 
@@ -51,13 +51,13 @@ PAYLOAD_FROM = ("file", "estimate")
 """Values of the parameter `payload_from`."""
 
 FREE_PSI = math.nan
-"""Value of an angle parameter that leaves the angle free."""
+"""Value of an angle parameter that leaves the end link's angle free."""
 
 FREE_ANGLES = "goal_psi", "goal_psi_min", "goal_psi_max"
-"""Parameters of the end link's angle at the goal; NaN leaves each of them free."""
+"""Parameters of the end link's angle at the goal. NaN means that a parameter is not given."""
 
 FREE_OR = f"[rad], {-WIDEST_ANGLE:g} to {WIDEST_ANGLE:g}; .nan is free"
-"""Unit and range of these parameters, for their descriptions."""
+"""Unit and range of the parameters in FREE_ANGLES, for their descriptions."""
 
 HIGHEST_PRESSURE = 5e7
 """Upper limit of the parameter `supply_pressure` [Pa]."""
@@ -72,7 +72,7 @@ SHORTEST_LEAD, LONGEST_LEAD = 0.01, 5.0
 """Limits of the parameters of the commit horizon [s]."""
 
 LEAD_IS = "time from a plan's stamp to its first new motion [s]"
-"""Definition of the commit horizon, for descriptions of its parameters."""
+"""Definition of the commit horizon, for the descriptions of its parameters."""
 
 HIGHEST_AREA_WEIGHT = HIGHEST_WEIGHT
 """Upper limit of the parameter `area_weight` [1/m]."""
@@ -85,9 +85,9 @@ OWN_RANGES = {
     "goal_via": (-FARTHEST_POINT, FARTHEST_POINT),
     **dict.fromkeys(ZONE_PARAMETERS, (-FARTHEST_POINT, FARTHEST_POINT)),
 }
-"""Least and greatest number of parameters whose ranges rclpy cannot check.
+"""Least and greatest number by parameter name, for parameters whose ranges rclpy cannot check.
 
-rclpy checks single numbers alone, not arrays, and would refuse the NaN of angles that are free.
+rclpy does not check arrays. It would also refuse NaN, the value of angles that are free.
 """
 
 
@@ -155,7 +155,7 @@ GOAL_PARAMETERS = (
         (1e-3, 2.0),
     ),
 )
-"""Parameters of the goal and of the way to it."""
+"""Parameters of the goal and of the path to it."""
 
 MOTION_PARAMETERS = (
     NodeParameter(
@@ -182,24 +182,25 @@ class PlannerParameters:
     Attributes:
         planner: Name of the planner, one of `registry.REGISTERED_PLANNERS`.
         weights: Weights (w1, w2, w3) of energy, time and mode switches.
-        energy_reading: Price of boosted oil, `paper` or `series`.
+        energy_reading: Energy reading of the cost, `paper` or `series`.
         payload: Payload at the tip [kg].
-        payload_from: Whether to plan with `payload` (`file`) or with the arm's estimate
+        payload_from: Source of the payload in plans: `payload` (`file`), or the arm's estimate
             (`estimate`).
         supply_pressure: Pressure of the main pump [Pa].
-        v_max: Piston speed limit [m/s]; an actuator with a lower limit of its own keeps that.
-        lead_min: Lower bound of the commit horizon [s].
+        v_max: Piston speed limit V_max [m/s]. An actuator with a lower limit in the machine file
+            keeps its own.
+        lead_min: Lower bound of the commit horizon (time until a new plan takes over) [s].
         lead_max: Upper bound of the commit horizon [s].
-        planning_budget: Fixed commit horizon [s]; 0 lets it adapt between its bounds.
-        goal_psi: End link's angle at the goal [rad], or its least and greatest value; None leaves
-            it free.
+        planning_budget: Fixed commit horizon [s]. 0 means that it is estimated, within the bounds.
+        goal_psi: End link's angle at the goal [rad], or its least and greatest value. None means
+            any angle.
         goal_region: Region around the goal in which the tip may end; None for the exact goal.
         goal_via: Via points on the way to a goal, in this order, each (x, z) or (x, y, z) [m].
-        goal_via_tolerance: Largest distance at which the tip passes a via point [m].
-        area_weight: Weight of the velocity polytope's area [1/m]; 0 leaves it out.
-        max_speed_excess: Largest abs(v)/V_max - 1 of a piston on a polynomial.
-        reached_tolerance: Largest distance of the measured tip from a reached goal or its region
-            [m].
+        goal_via_tolerance: Largest distance at which the tip may pass a via point [m].
+        area_weight: Weight w₄ of the manipulability loss [1/m]; 0 means no such term.
+        max_speed_excess: Largest |v|/V_max − 1 of a piston on a polynomial [-].
+        reached_tolerance: Largest distance of the measured tip from the goal, or from its region,
+            at which the goal counts as reached [m].
         zones: Keep-out zones of the whole arm and of its tip.
     """
 
@@ -224,7 +225,7 @@ class PlannerParameters:
 
     @property
     def options(self) -> PlanOptions:
-        """Options of a plan."""
+        """Options of a plan with these values."""
         return PlanOptions(
             weights=Weights(*self.weights),
             energy_reading=self.energy_reading,
@@ -243,17 +244,17 @@ class PlannerParameters:
         lost_servo_pumps: tuple[int, ...] = (),
         estimated_payload: float | None = None,
     ) -> Settings:
-        """Return the settings by which plans are made.
+        """Make the settings of plans from these values.
 
         Args:
-            base: Machine of the file.
-            lost_servo_pumps: Numbers of failed servo pumps, from 1. Each reduces the number of
-                booster modules by one; only how many there are matters.
-            estimated_payload: Payload that the arm has estimated [kg]; None without an estimate. It
-                replaces the parameter `payload` if `payload_from` is `estimate`.
+            base: Machine of the machine file.
+            lost_servo_pumps: Numbers of failed servo pumps, from 1. Each of them reduces the number
+                of booster modules by one.
+            estimated_payload: Payload that the arm has estimated [kg]; None if there is no
+                estimate. It replaces `payload` if `payload_from` is `estimate`.
 
         Returns:
-            Settings with the machine of the file, changed by the parameters, and the options.
+            Settings with the options, and with the machine of the file, changed by these values.
         """
         modules = max(base.arrays.module_count - len(lost_servo_pumps), 0)
         machine = self.apply_to_machine(base)
@@ -270,12 +271,16 @@ class PlannerParameters:
         )
 
     def apply_to_machine(self, base: Machine) -> Machine:
-        """Return a machine with the payload, supply pressure, V_max and zones of these parameters.
+        """Return a copy of a machine that is changed by these values.
 
-        V_max is the piston speed for which plans are made.
+        Payload, supply pressure, V_max (piston speed for which plans are made) and zones are
+        changed.
 
         Args:
-            base: Machine of the file; it stays unchanged.
+            base: Machine of the machine file. It is not changed.
+
+        Returns:
+            The changed copy.
         """
         return base.changed(
             payload=self.payload,
@@ -303,7 +308,11 @@ def declare_table_path(node: Node) -> Path | None:
 def declare_frame_prefix(node: Node) -> str:
     """Declare the read-only parameter `frame_prefix`, and return its value.
 
-    The value is the text that is put before the names of frames.
+    Args:
+        node: Planner node.
+
+    Returns:
+        Text that is put before the names of frames.
     """
     text = "put before base_link and work_plane"
     return str(NodeParameter("frame_prefix", "", text, read_only=True).declare(node))
@@ -314,11 +323,11 @@ def declare_changeable(node: Node, machine: Machine) -> None:
 
     Args:
         node: Planner node.
-        machine: Machine of the file. It gives the defaults of payload, supply pressure, V_max
-            (planned piston speed) and zones.
+        machine: Machine of the machine file. It gives the defaults of payload, supply pressure,
+            V_max (planned piston speed) and zones.
 
     Raises:
-        UsageError: The initial values, for instance from the command line, cannot be used together.
+        UsageError: The initial values, for example from the command line, cannot be used together.
     """
     arrays = machine.arrays
     for parameter in (
@@ -367,13 +376,16 @@ def declare_changeable(node: Node, machine: Machine) -> None:
 def read_parameters(
     node: Node, machine: Machine, goal_parameters: Sequence[Parameter] = ()
 ) -> PlannerParameters:
-    """Return the present values of the parameters.
+    """Read the present values of the parameters.
 
     Args:
         node: Planner node.
-        machine: Machine of the file.
-        goal_parameters: A goal's own parameters. They replace the node's values in the result; the
-            node keeps its own.
+        machine: Machine of the machine file.
+        goal_parameters: Parameters of one goal. They replace the node's values in the result. The
+            node's parameters are not changed.
+
+    Returns:
+        The values in their typed form.
 
     Raises:
         RequestError: Angles, region, via points or zones cannot be used.
@@ -382,17 +394,17 @@ def read_parameters(
 
 
 def find_refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str | None:
-    """Return why a set of parameter changes is refused.
+    """Check a set of parameter changes, and return the reason if they must be refused.
 
     The changes are checked together with the present values of all other parameters. The checks
     cover allowed names, ranges, finite numbers, bounds that contradict each other, and whether
-    planning accepts the options. Nothing is changed.
+    planning accepts the options. No parameter is changed.
 
     Args:
         node: Planner node.
-        machine: Machine of the file.
-        changes: Parameters with their new values; other parameters than the changeable ones are
-            ignored.
+        machine: Machine of the machine file.
+        changes: Parameters with their new values. Parameters that are not in
+            `CHANGEABLE_PARAMETERS` are ignored.
 
     Returns:
         One sentence on the first problem; None if the changes can be made.
@@ -445,8 +457,7 @@ def find_refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> 
 def _find_number_out_of_range(values: Mapping[str, Any]) -> str | None:
     """Find a number that is out of the range of its parameter in `OWN_RANGES`.
 
-    rclpy does not check these ranges. NaN, infinity and values that are no numbers are not checked
-    here.
+    rclpy does not check these ranges. NaN, infinity and values that are not numbers are ignored.
 
     Args:
         values: Values of all changeable parameters by name.
@@ -464,12 +475,15 @@ def _find_number_out_of_range(values: Mapping[str, Any]) -> str | None:
 
 
 def _values(node: Node, changes: Sequence[Parameter]) -> dict[str, Any]:
-    """Return the values of all changeable parameters by name.
+    """Collect the values of all changeable parameters.
 
     Args:
         node: Planner node, which gives the present values.
-        changes: Parameters that replace the present values. Those that are not changeable are
-            ignored.
+        changes: Parameters that replace the present values. Parameters that are not in
+            `CHANGEABLE_PARAMETERS` are ignored.
+
+    Returns:
+        Values by parameter name.
     """
     values = {name: node.get_parameter(name).value for name in CHANGEABLE_PARAMETERS}
     return values | {change.name: change.value for change in changes if change.name in values}
@@ -493,7 +507,8 @@ def _from_values(machine: Machine, values: Mapping[str, Any]) -> PlannerParamete
     """Convert the values of parameters to their typed form.
 
     Args:
-        machine: Machine of the file. If it slews, points have three coordinates instead of two.
+        machine: Machine of the machine file. If it slews, points have three coordinates instead of
+            two.
         values: Values of all changeable parameters by name.
 
     Returns:
@@ -540,12 +555,12 @@ def _combine_angles(exact: float, least: float, greatest: float) -> Angle:
         greatest: Parameter `goal_psi_max` [rad].
 
     Returns:
-        The exact angle [rad], or a pair of least and greatest angle [rad]. None if no parameter is
-        given: the angle is free.
+        The exact angle, or a pair of least and greatest angle [rad]. None if no parameter is given;
+        the angle is then free.
 
     Raises:
-        RequestError: Only one bound is given, bounds are given together with an exact angle, or the
-            angles are out of range.
+        RequestError: Only one bound is given, bounds and an exact angle are given, or the angles
+            are out of range.
     """
     free = [math.isnan(value) for value in (exact, least, greatest)]
     if free[1] != free[2] or not (free[0] or free[1]):
@@ -557,14 +572,14 @@ def _combine_angles(exact: float, least: float, greatest: float) -> Angle:
 
 
 def _convert_pair(name: str, value: Any) -> tuple[float, float] | None:
-    """Convert a parameter of two numbers to floats; two zeros mean that it is not used.
+    """Convert the value of a parameter of two numbers to a pair of floats.
 
     Args:
         name: Name of the parameter, for the error, such as `goal_segment` or `goal_box`.
         value: Value of the parameter.
 
     Returns:
-        (x, z) [m]; None if both are 0.
+        (x, z) [m]. None if both numbers are 0, which means that the parameter is not used.
 
     Raises:
         RequestError: The value is not a sequence of two numbers.
@@ -576,11 +591,14 @@ def _convert_pair(name: str, value: Any) -> tuple[float, float] | None:
 
 
 def _check_via(machine: Machine, point: Position) -> None:
-    """Raise RequestError if a via point is not finite or lies outside the workspace.
+    """Check that a via point is finite and lies in the workspace.
 
     Args:
         machine: Machine with its workspace.
         point: Via point in `base_link`, (x, z) or (x, y, z) [m].
+
+    Raises:
+        RequestError: The point is not finite, or lies outside the workspace.
     """
     if not all(map(math.isfinite, point)):
         raise RequestError("goal_via", point, "must be finite numbers [m]")
@@ -591,11 +609,12 @@ def _check_via(machine: Machine, point: Position) -> None:
 
 
 def _describe_point(machine: Machine) -> tuple[int, str]:
-    """Return how many coordinates a point has, and a text that names them for errors.
-
-    The text is, for instance, "x z [m] of a point".
+    """Return the number of coordinates of a point, and a text that names them in errors.
 
     Args:
         machine: Machine, which gives the axes.
+
+    Returns:
+        Number of coordinates, and a text such as "x z [m] of a point".
     """
     return len(machine.axes), f"{' '.join(machine.axes)} [m] of a point"

@@ -1,7 +1,7 @@
-"""Messages for viewers: tip path coloured by mode, goal posture and obstacles.
+"""Messages for viewers such as RViz: tip path coloured by mode, goal posture and obstacles.
 
-Everything is drawn in two frames: in the arm's plane (`base_link`), and in the same plane laid flat
-(`work_plane`) for tools that know only x and y.
+They are made in two frames. In `base_link` the arm's plane is vertical. In `work_plane` the arm's
+plane is laid flat, for tools that only draw x and y.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ GOAL_SIZE = 0.04
 """Diameter of the sphere at the goal [m]."""
 
 GOAL_COLOR = (0.2, 0.3, 0.8)
-"""Colour of goal and goal posture, red, green, blue from 0 to 1."""
+"""Colour of goal and goal posture: red, green and blue from 0 to 1."""
 
 OBSTACLE_COLORS = {True: (0.9, 0.5, 0.1), False: (0.8, 0.1, 0.1)}
-"""Colours of obstacles: True for the tip alone, False for links."""
+"""Colours of obstacles, by whether the obstacle concerns the tip only."""
 
 OBSTACLE_OPACITY = 0.4
 """Opacity of obstacles, 0 to 1."""
@@ -60,11 +60,11 @@ SEEN_AROUND = 1.2
 """Half size of the drawn region around the base, as a multiple of the sum of link lengths [-]."""
 
 ON_ITS_SIDE = Quaternion(x=math.sqrt(0.5), w=math.sqrt(0.5))
-"""Orientation that turns the axis of a cylinder from z to y."""
+"""Orientation that turns the axis of a cylinder from the z direction to the y direction."""
 
 
 def make_paths(machine: Machine, command: Command, prefix: str) -> tuple[Path, Path]:
-    """Return the tip's path of a command as messages, in both frames.
+    """Make the messages of a command's tip path, in both frames.
 
     Args:
         machine: Machine that moves.
@@ -94,10 +94,10 @@ def make_paths(machine: Machine, command: Command, prefix: str) -> tuple[Path, P
 def make_markers(
     machine: Machine, command: Command | None, prefix: str, stamp_ns: int
 ) -> MarkerArray:
-    """Return markers of the obstacles and of a command, in both frames.
+    """Make the markers of obstacles and of a command, in both frames.
 
     The frames are `base_link` and `work_plane` (the arm's plane laid flat). The first marker
-    deletes all markers that were shown before.
+    deletes all earlier markers in the viewer.
 
     Args:
         machine: Machine with the zones to draw.
@@ -120,9 +120,9 @@ def make_markers(
 def _make_obstacle_markers(machine: Machine, header: Header, frame: str) -> Iterable[Marker]:
     """Yield one marker for each zone, for the base and for the ground.
 
-    Shapes without an end are cut off at `SEEN_AROUND` times the sum of the link lengths from the
-    base. Zones in space do not turn with the arm, so they are not drawn in `work_plane` (the arm's
-    plane laid flat). Links are not drawn as obstacles of other links.
+    Unlimited shapes are cut off at `SEEN_AROUND` times the sum of the link lengths. Zones in space
+    do not turn with the arm, so they are not drawn in `work_plane` (the arm's plane laid flat).
+    Links that are obstacles for other links are not drawn.
 
     Args:
         machine: Machine with the zones to draw.
@@ -130,7 +130,7 @@ def _make_obstacle_markers(machine: Machine, header: Header, frame: str) -> Iter
         frame: `base_link` or `work_plane`.
 
     Yields:
-        Markers, whose ids are the numbers of the obstacles.
+        Markers. The id of a marker is the number of its obstacle.
     """
     flat = frame == WORK_PLANE_FRAME
     edge = SEEN_AROUND * float(machine.arrays.link_length.sum())
@@ -181,12 +181,12 @@ def _set_shape_in_plane(
 ) -> None:
     """Set type, pose and size of the marker of a box or circle in the arm's plane.
 
-    Boxes are cut off at ± `half_size`. If the arm slews, every box in its plane is the ground or
-    the base. In `base_link` they are then drawn as boxes around the slew's axis, equally wide in x
-    and y.
+    Boxes are cut off at ± `half_size`. If the arm slews, the boxes in its plane are the ground and
+    the base. In `base_link` each of them is then drawn as a box around the slew's axis, with equal
+    width in x and y.
 
     Args:
-        marker: Marker, written in place. For a circle, the thickness `scale.z` is not changed.
+        marker: Marker, written in place. For a circle, the thickness `scale.z` is kept.
         row: Row of the obstacle table: kind of the obstacle, and the numbers of its shape [m].
             `obstacles.zones` defines the columns.
         half_size: Half size of the drawn region [m].
@@ -216,8 +216,8 @@ def _make_command_markers(
 ) -> Iterable[Marker]:
     """Yield markers of the tip's path, the last posture and the last tip position of a command.
 
-    The path is coloured by the modes of the actuators. At each point the strongest mode counts:
-    shared boost before decoupled boost before normal.
+    The path is coloured by the modes of the actuators. At each point, the strongest mode of all
+    actuators decides: shared boost, then decoupled boost, then normal.
 
     Args:
         machine: Machine that moves.
@@ -226,8 +226,8 @@ def _make_command_markers(
         frame: `base_link`, or `work_plane` (the arm's plane laid flat).
 
     Yields:
-        Three markers in this order: line of the path, line through the joints of the last posture,
-        and sphere at the last tip position.
+        Three markers: line of the path, line through the joints of the last posture, and sphere at
+        the last tip position.
     """
     times, postures = _sample_command(command)
     tips = _compute_tip_points(machine, postures, frame)
@@ -255,7 +255,7 @@ def _sample_command(command: Command) -> tuple[IntArray, FloatArray]:
         command: The command. Only `trajectory` is read.
 
     Returns:
-        k absolute times, int64[k], [ns]; and joint positions at these times, float64[k, n], [rad or
+        Absolute times, int64[k], [ns], and joint positions at these times, float64[k, n], [rad or
         m].
     """
     trajectory = command.trajectory
@@ -267,7 +267,7 @@ def _sample_command(command: Command) -> tuple[IntArray, FloatArray]:
 
 
 def _compute_tip_points(machine: Machine, postures: FloatArray, frame: str) -> list[Point]:
-    """Compute the tip's place in each posture.
+    """Compute the tip position in each posture, as points of a frame.
 
     Args:
         machine: Machine of the arm.
@@ -275,7 +275,7 @@ def _compute_tip_points(machine: Machine, postures: FloatArray, frame: str) -> l
         frame: `base_link`, or `work_plane` (the arm's plane laid flat).
 
     Returns:
-        k points in this frame, one for each posture [m].
+        One point for each posture [m].
     """
     return _convert_to_points(machine, machine.tip_positions(postures), postures, frame)
 
@@ -283,20 +283,20 @@ def _compute_tip_points(machine: Machine, postures: FloatArray, frame: str) -> l
 def _convert_to_points(
     machine: Machine, in_plane: FloatArray, postures: FloatArray, frame: str
 ) -> list[Point]:
-    """Convert places in the arm's plane to points in a frame.
+    """Convert positions in the arm's plane to points of a frame.
 
-    In `base_link`, the plane of an arm that slews stands at the posture's slew angle. In
-    `work_plane`, the plane is laid flat, so that the slew angle does not matter.
+    In `base_link`, the plane of an arm that slews is turned by the slew angle. In `work_plane`, the
+    plane is laid flat, and the slew angle has no effect.
 
     Args:
         machine: Machine of the arm.
-        in_plane: Places (x, z) in the arm's plane, float64[k, 2], [m].
-        postures: Joint positions [rad or m], float64[k, n], one row for each place; or float64[1,
-            n] for all places. Only the slew angle in column 0 is used.
+        in_plane: Positions (x, z) in the arm's plane, float64[k, 2], [m].
+        postures: Joint positions [rad or m]. One row for each position, float64[k, n], or one row
+            for all positions, float64[1, n]. Only the slew angle in column 0 is used.
         frame: `base_link` or `work_plane`.
 
     Returns:
-        k points in this frame [m].
+        One point for each position [m].
     """
     if frame == WORK_PLANE_FRAME or not machine.slews:
         return [_point(place, frame) for place in in_plane]
@@ -305,13 +305,13 @@ def _convert_to_points(
 
 
 def _marker(header: Header, namespace: str, kind: int, size: float) -> Marker:
-    """Return a marker with action ADD, id 0 and equal size in all directions.
+    """Create a marker with action ADD, id 0 and equal size in all directions.
 
     Args:
         header: Header of the marker.
         namespace: Namespace of the marker.
         kind: Type of the marker.
-        size: Scale along x, y and z [m]; for a line its width.
+        size: Scale along x, y and z [m]. For a line it is the width.
 
     Returns:
         Marker without a pose and a colour.
@@ -327,21 +327,24 @@ def _marker(header: Header, namespace: str, kind: int, size: float) -> Marker:
 
 
 def _header(stamp_ns: int, frame: str, prefix: str) -> Header:
+    """Create a header with a stamp [ns] and the name of a frame after its prefix."""
     return Header(stamp=stamps.to_time(stamp_ns), frame_id=frame_name(frame, prefix))
 
 
 def _point(place: FloatArray, frame: str) -> Point:
-    """Return a place (x, z) in the arm's plane as a point of a frame, without a slew.
-
-    The point is (x, z, 0) in `work_plane` and (x, 0, z) in `base_link`.
+    """Convert a position in the arm's plane to a point of a frame, without a slew angle.
 
     Args:
-        place: Place (x, z) [m].
+        place: Position (x, z) in the arm's plane [m].
         frame: `base_link` or `work_plane`.
+
+    Returns:
+        Point (x, z, 0) in `work_plane`, or (x, 0, z) in `base_link`.
     """
     x, z = float(place[0]), float(place[1])
     return Point(x=x, y=z, z=0.0) if frame == WORK_PLANE_FRAME else Point(x=x, y=0.0, z=z)
 
 
 def _color(rgb: tuple[float, float, float], opacity: float = 1.0) -> ColorRGBA:
+    """Create a colour message from red, green and blue (0 to 1) and the opacity (0 to 1)."""
     return ColorRGBA(r=rgb[0], g=rgb[1], b=rgb[2], a=opacity)

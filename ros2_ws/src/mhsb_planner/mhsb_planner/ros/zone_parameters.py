@@ -1,8 +1,8 @@
 """Parameters of keep-out zones: one flat array for each kind of zone, for the whole arm or its tip.
 
-Every planner node declares all of them, whatever its arm. A zone of a kind that the arm cannot have
-is refused, and the error names the possible kinds. If such a parameter were not declared, ROS would
-ignore its value, and the arm would move through the zone.
+Every planner node declares the parameters of all kinds, for any arm. A zone of a kind that the arm
+cannot have is refused, and the error names the possible kinds. If such a parameter were not
+declared, ROS would ignore its value, and the arm would move through the zone.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ PLANAR_TEXTS = {
     "boxes": "x z x z [m] of two opposite corners",
     "circles": "x z [m] of the centre, radius [m]",
 }
-"""Numbers of a zone for arms that move in a plane, by kind."""
+"""Meaning of the numbers of a zone by kind, for arms that move in a fixed plane."""
 
 SPATIAL_TEXTS = {
     "boxes": "x y z x y z [m] of two opposite corners",
     "cylinders": "x y [m] of the upright axis, z z [m] of both ends, radius [m]",
     "spheres": "x y z [m] of the centre, radius [m]",
 }
-"""Numbers of a zone for arms that slew, by kind."""
+"""Meaning of the numbers of a zone by kind, for arms that slew."""
 
 
 class ZoneParameter(NamedTuple):
     """Meaning of a zone parameter.
 
     Attributes:
-        field: Field of `Zones` that it sets.
+        field: Field of `Zones` that the parameter sets.
         kind: Kind of zone: boxes, circles, cylinders or spheres.
-        holds_for: What keeps out of the zone: "the whole arm" or "the tip".
+        holds_for: Part of the arm that must keep out of the zone: "the whole arm" or "the tip".
     """
 
     field: str
@@ -58,11 +58,11 @@ ZONE_PARAMETERS = {
 def declare_zones(node: Node, machine: Machine) -> None:
     """Declare all zone parameters, with the zones of the machine file as initial values.
 
-    Also zone kinds that the arm cannot have are declared.
+    Parameters of zone kinds that the arm cannot have are declared, too.
 
     Args:
         node: Planner node.
-        machine: Machine of the file.
+        machine: Machine of the machine file.
     """
     for name, (field, kind, who) in ZONE_PARAMETERS.items():
         numbers = [value for zone in getattr(machine.zones, field) for value in zone]
@@ -72,15 +72,15 @@ def declare_zones(node: Node, machine: Machine) -> None:
 
 
 def replace_deletions(changes: list[Parameter]) -> list[Parameter]:
-    """Replace every deletion of a zone parameter by a change to no zones.
+    """Replace each deletion of a zone parameter by an empty array, which means no zones.
 
-    Otherwise ROS would forget the deleted parameter, and it could not be set again.
+    Otherwise ROS would remove the parameter, and it could not be set again.
 
     Args:
-        changes: Parameters that are to be set.
+        changes: Parameters that will be set.
 
     Returns:
-        The changes in the same order; those of other parameters are unchanged.
+        The changes in the same order. Changes of other parameters are not replaced.
     """
     return [
         Parameter(change.name, Parameter.Type.DOUBLE_ARRAY, [])
@@ -91,17 +91,17 @@ def replace_deletions(changes: list[Parameter]) -> list[Parameter]:
 
 
 def make_zones(values: Mapping[str, Any], slews: bool) -> Zones:
-    """Return the zones that the parameters describe.
+    """Make the zones that the zone parameters describe.
 
     Args:
-        values: Values by parameter name; all zone parameters must be there.
-        slews: Whether joint 1 slews. Zones then have three dimensions, otherwise two.
+        values: Values by parameter name. All zone parameters must be present.
+        slews: True if joint 1 slews. Zones then have three dimensions, otherwise two.
 
     Returns:
         The zones of all kinds, each with its numbers [m].
 
     Raises:
-        RequestError: A value is not an array of numbers, does not fill whole zones, or holds zones
+        RequestError: A value is not an array of numbers, its length does not fit, or it has zones
             of a kind that this arm cannot have.
     """
     return Zones(
@@ -113,7 +113,7 @@ def make_zones(values: Mapping[str, Any], slews: bool) -> Zones:
 
 
 def _describe_numbers(kind: str) -> str:
-    """Return the text that says which numbers a zone has, for arms with and without a slew.
+    """Describe the numbers of a zone, for arms with and without a slew.
 
     Args:
         kind: Kind of zone: boxes, circles, cylinders or spheres.
@@ -134,15 +134,15 @@ def _split_zones(name: str, value: Any, slews: bool) -> tuple[Numbers, ...]:
 
     Args:
         name: Name of the parameter.
-        value: Its value, a flat array.
-        slews: Whether the arm slews.
+        value: Value of the parameter, a flat array.
+        slews: True if the arm slews.
 
     Returns:
-        One tuple of numbers for each zone. It is empty if the array is.
+        One tuple of numbers for each zone; empty if the array is empty.
 
     Raises:
-        RequestError: The value is not an array of numbers, or does not fill whole zones. Or the
-            array is not empty, and the arm cannot have this kind of zone.
+        RequestError: The value is not an array of numbers, its length does not fit, or it has zones
+            of a kind that this arm cannot have.
     """
     kind, there = ZONE_PARAMETERS[name].kind, zone_numbers(slews)
     if kind in there:
