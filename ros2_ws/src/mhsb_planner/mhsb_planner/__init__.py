@@ -1,4 +1,4 @@
-"""Motion planner: posture table, search over path and modes, trajectory, mode schedule."""
+"""Motion planner: posture table, search for path and modes, trajectory, mode schedule."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Command `build_table`: computes the posture table of a machine and stores it."""
+"""Command `build_table`, which computes the posture table of a machine and stores it."""
 
 from __future__ import annotations
 
@@ -99,13 +99,13 @@ def _compare_with_progress(arm: Machine, table: PostureTable, entries: int) -> T
     """Compare random entries of a posture table with the solver SLSQP, with a progress bar.
 
     Args:
-        arm: The planar arm (without the slewing joint).
+        arm: The arm without a slewing joint.
         table: The posture table.
         entries: Number of entries to compare.
 
     Returns:
-        The comparison: number of entries, number of those whose velocity polytope is smaller than
-        the solver's, and the least ratio of areas, table over solver.
+        Result of the comparison: number of entries, number of entries whose polytope area is
+        smaller than SLSQP's, and least ratio of the table's area to SLSQP's.
     """
     with tqdm(total=entries, unit="entry", desc="judged by SLSQP") as bar:
         return compare_with_slsqp(
@@ -126,9 +126,9 @@ def _json_result(
         judgement: Comparison with SLSQP; None if there was none.
 
     Returns:
-        Values by key: machine and its hash, output file, solver, and grid spacing [m]; numbers of
-        nodes, mode combinations and entries; positions (x, z) of nodes without a posture [m]; time
-        [s]; and the comparison, or None.
+        Values by key. They are name and hash of the machine, output file, solver, grid spacing [m],
+        and the numbers of nodes, mode combinations and entries. Further ones are the positions
+        (x, z) of nodes without a posture [m], the time [s], and the comparison or None.
     """
     infeasible = table.nodes[~table.feasible] * table.spacing
     return {
@@ -147,7 +147,7 @@ def _json_result(
 
 
 def _describe_result(table: PostureTable, path: Path, seconds: float) -> str:
-    """Describe the table for people, with the positions of nodes without a posture.
+    """Describe the table as text, with the positions of nodes that have no posture.
 
     Args:
         table: The table.
@@ -155,9 +155,9 @@ def _describe_result(table: PostureTable, path: Path, seconds: float) -> str:
         seconds: Time that building took [s].
 
     Returns:
-        Lines of text. The first has the numbers of nodes, mode combinations and entries, and the
-        time. The next ones have the number of nodes without a posture and, for each x [m], their z
-        [m]. The last has the path of the file.
+        Lines of text. The first line has the numbers of nodes, mode combinations and entries, and
+        the time. Then follow the number of nodes without a posture, and their positions, with one
+        line for each x. The last line has the path of the file.
     """
     missing = table.nodes[~table.feasible] * table.spacing
     lines = [

@@ -1,8 +1,8 @@
-"""Work on a Dask cluster, and the command-line arguments that choose it or processes.
+"""Work on a Dask cluster, and the command-line arguments that choose a cluster or processes.
 
-The package `distributed` is an optional extra. If a worker ends before its tasks are done, the
-scheduler gives them to other workers, also to some that join later. The recipe of a state that
-tasks share goes to each worker once, as a node of the scheduler's task graph.
+The package `distributed` is an optional dependency. If a worker ends before its tasks are done, the
+scheduler gives the tasks to other workers, also to workers that join later. Tasks may share a
+state. The function and arguments that make this state are sent to each worker once.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ Scheduler = Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")]
 """Type of the argument `--scheduler`."""
 
 CONNECTED_WITHIN = 5.0
-"""Longest time in which a scheduler must answer [s]."""
+"""Time within which a scheduler must answer [s]."""
 
 SUITE_PACKAGES = ("mhsb_model", "mhsb_control", "mhsb_planner", "mhsb_sim", "mhsb_tools")
-"""Packages of the suite that must be equal on all workers."""
+"""Packages of the suite whose sources must be equal on all workers."""
 RESULT_LIBRARIES = ("numpy", "scipy", "numba", "mujoco", "mujoco-core")
 """Libraries whose versions must be equal on all workers, because results depend on them."""
 
@@ -42,7 +42,7 @@ VERSION_MISMATCH_REASON = (
     "it has another version of the suite, NumPy, SciPy, numba or MuJoCo, so that results would "
     "differ; install there what is here"
 )
-"""Reason of the error if versions differ."""
+"""Clause of the error that is raised if versions differ."""
 
 _log = logging.getLogger(__name__)
 
@@ -59,10 +59,10 @@ class Cluster:
 
     @classmethod
     def connect(cls, address: str) -> Cluster:
-        """Connect to a cluster, check its versions, and return it.
+        """Check that a cluster answers and has the right versions, and return it.
 
         A cluster without workers is accepted, with a warning in the log. The connection is closed
-        again.
+        after the check.
 
         Args:
             address: Address of the scheduler, such as tcp://10.0.0.2:8786.
@@ -72,8 +72,8 @@ class Cluster:
 
         Raises:
             ClusterAddressError: The text is not an address.
-            ClusterError: The scheduler does not answer. Or the scheduler or a worker cannot load
-                the suite, or has other versions of it or of its libraries.
+            ClusterError: The scheduler does not answer, or the scheduler or a worker cannot load
+                the suite or has other versions.
         """
         with _connect(address) as client:
             try:
@@ -92,11 +92,14 @@ class Cluster:
         return cls(address)
 
     def create_executor(self, shared: SharedState | None) -> Executor:
-        """Connect and return an executor on the workers, which disconnects when it is shut down.
+        """Connect to the cluster, and return an executor on its workers.
 
         Args:
-            shared: State that becomes the first argument of each task; None: tasks get only their
-                own arguments.
+            shared: State that becomes the first argument of each task. None means that tasks get
+                only their own arguments.
+
+        Returns:
+            The executor. It disconnects when it is shut down.
 
         Raises:
             ClusterError: The scheduler does not answer.
@@ -105,15 +108,18 @@ class Cluster:
 
 
 class _ClusterExecutor(Executor):
-    """Executor on a cluster's workers, with a shared state and the suite's own errors."""
+    """Executor on a cluster's workers, whose tasks may share a state.
+
+    Errors of Dask are converted to errors of the suite.
+    """
 
     def __init__(self, address: str, shared: SharedState | None) -> None:
-        """Connect to the scheduler and send it the recipe of the shared state, if there is one.
+        """Connect to the scheduler, and send `shared` to it if it is given.
 
         Args:
             address: Address of the scheduler.
-            shared: Function and arguments by which each worker makes the state that tasks share;
-                None: tasks get only their own arguments.
+            shared: Function and arguments by which each worker makes the state that tasks share.
+                None means that tasks get only their own arguments.
 
         Raises:
             ClusterError: The scheduler does not answer.
@@ -131,13 +137,13 @@ class _ClusterExecutor(Executor):
 
         Args:
             work: Function of the task.
-            *args: Positional arguments.
+            *args: Positional arguments after the state.
             **named: Named arguments.
 
         Returns:
-            Future of the result. Cancelling it cancels the task on the cluster. An exception of the
-            task is set in the future unchanged. A lost connection becomes a ClusterError there. The
-            loss of several workers with this task becomes a WorkersLostError.
+            Future of the result. Cancelling it cancels the task on the cluster. If the task raises
+            an exception, the future gets this exception. If the connection is lost, it gets a
+            ClusterError. If several workers end during this task, it gets a WorkersLostError.
         """
         task: Future[Result] = Future()
         part = self._pool.submit(
@@ -159,9 +165,8 @@ class _ClusterExecutor(Executor):
         """Close the executor and its connection.
 
         Args:
-            wait: Whether to wait for all tasks.
-            cancel_futures: True not to wait in any case; tasks that are left end with the
-                connection.
+            wait: True to wait for all tasks.
+            cancel_futures: True to never wait. The remaining tasks then end with the connection.
         """
         self._pool.shutdown(wait and not cancel_futures)
         self._client.close()
@@ -169,8 +174,8 @@ class _ClusterExecutor(Executor):
     def _complete(self, task: Future[Result], part: Future[Result]) -> None:
         """Copy the result or error of Dask's future to the caller's future.
 
-        Nothing happens if the caller's future was cancelled. Losing the connection becomes a
-        ClusterError, and the loss of several workers with this task a WorkersLostError.
+        If the caller's future was cancelled, nothing happens. If the connection was lost, the error
+        is a ClusterError. If several workers ended during this task, it is a WorkersLostError.
 
         Args:
             task: The caller's future.
@@ -196,7 +201,7 @@ def _cancel(part: weakref.ref[Future[Result]], task: Future[Result]) -> None:
     """Cancel Dask's future if the caller's future was cancelled.
 
     Args:
-        part: Weak reference to Dask's future; nothing happens if that no longer exists.
+        part: Weak reference to Dask's future. If this no longer exists, nothing happens.
         task: The caller's future, which is done or cancelled.
     """
     if task.cancelled() and (living := part()) is not None:
@@ -204,12 +209,16 @@ def _cancel(part: weakref.ref[Future[Result]], task: Future[Result]) -> None:
 
 
 def _connect(address: str) -> Any:
-    """Return a client of `distributed` that is connected to a scheduler.
+    """Connect a client of `distributed` to a scheduler, and return the client.
 
-    Log messages of Dask's clients are switched off: the errors raised here say the same.
+    Log messages of Dask's clients are switched off for the process, because the errors raised here
+    say the same.
 
     Args:
         address: Address of the scheduler, such as tcp://10.0.0.2:8786.
+
+    Returns:
+        The client, of the type `distributed.Client`.
 
     Raises:
         ClusterAddressError: The text is not an address.
@@ -226,7 +235,10 @@ def _connect(address: str) -> Any:
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
 
     async def request_identity() -> dict[str, Any]:
-        """Return the server's description of itself; `Client` would wait for it for ever."""
+        """Return the server's description of itself, or raise TimeoutError after CONNECTED_WITHIN.
+
+        `Client` itself would wait without end.
+        """
         async with rpc(address, timeout=CONNECTED_WITHIN) as server:
             return await asyncio.wait_for(server.identity(), CONNECTED_WITHIN)
 
@@ -249,10 +261,11 @@ def _connect(address: str) -> Any:
 def versions_fingerprint() -> str:
     """Compute a fingerprint of the suite's sources and of the libraries on which results depend.
 
-    It is computed once in each process.
+    It is computed once in each process and cached.
 
     Returns:
-        SHA-256 in hexadecimal digits. Packages and libraries that are not installed are left out.
+        SHA-256 hash in hexadecimal digits. Packages and libraries that are not installed are left
+        out.
     """
     found = hashlib.sha256()
     for library in RESULT_LIBRARIES:
@@ -269,14 +282,18 @@ def versions_fingerprint() -> str:
 def _perform_on_worker(
     address: str, wanted: str, shared: SharedState | None, work: Callable[..., Result], *given: Any
 ) -> Result:
-    """Do a task on a worker, if the worker has the same versions as the caller.
+    """Execute a task on a worker, if the worker has the same versions as the caller.
 
     Args:
         address: Address of the scheduler, for the error.
         wanted: Fingerprint of the caller's versions.
-        shared: Recipe of the state that tasks share; None: tasks get only their own arguments.
+        shared: Function and arguments that make the state that tasks share. None means that the
+            task gets only its own arguments.
         work: Function of the task.
-        *given: Its positional arguments as a tuple, and its named arguments as a mapping.
+        *given: Positional arguments of `work` as a tuple, and its named arguments as a mapping.
+
+    Returns:
+        Result of the task.
 
     Raises:
         ClusterError: The worker's fingerprint differs from `wanted`.
@@ -287,14 +304,14 @@ def _perform_on_worker(
 
 
 def parse_jobs(jobs: int | None, scheduler: str | None) -> Jobs:
-    """Interpret the arguments `--jobs` and `--scheduler`: who does the work.
+    """Choose the workers from the command-line arguments `--jobs` and `--scheduler`.
 
     Args:
-        jobs: Number of processes or threads on this machine; None: one for each processor.
-        scheduler: Address of a Dask cluster; None: this machine.
+        jobs: Number of processes or threads on this machine. None means one for each processor.
+        scheduler: Address of a Dask cluster. None means this machine.
 
     Returns:
-        The cluster if `scheduler` is given, after a test of its connection and versions; otherwise
+        The cluster if `scheduler` is given, after a check of its connection and versions. Otherwise
         `jobs`.
 
     Raises:
@@ -323,10 +340,11 @@ class WorkArguments:
     scheduler: Scheduler = None
 
     def connect(self) -> Jobs:
-        """Return the number of processes, or the cluster after a test of its connection.
+        """Return the number of processes, or the cluster after a check of its connection.
 
         Returns:
-            `jobs` if no scheduler is given; None means one process for each processor.
+            The cluster if `scheduler` is given. Otherwise `jobs`; None means one process for each
+            processor.
 
         Raises:
             UsageError: `jobs` is below 1, or both are given.

@@ -1,11 +1,10 @@
-"""Deadline of an answer: one instant for everything that is done to get it.
+"""Deadline of an answer: one absolute instant for all functions that work on the answer.
 
     deadline = Deadline.after(0.08)
     planner.plan(goal, start, deadline=deadline.earlier_by(0.005))
 
-A deadline is an absolute instant, so it is passed on unchanged. Every callee sees the time that is
-left, whatever was done before. `progress.PlanProgress` is the
-part of that time that a search may take.
+A deadline is passed on unchanged. Every called function can compute the time that is left.
+`progress.PlanProgress` has the deadline of the search, which is earlier.
 """
 
 from __future__ import annotations
@@ -18,32 +17,36 @@ from dataclasses import dataclass
 from mhsb_planner.errors import DeadlineError
 
 CLOCK_CHECK_PERIOD = 1e-3
-"""Time that the work between two readings of the clock should take [s]."""
+"""Time that the work between two readings of the clock is meant to take [s]."""
 
 
 def now() -> float:
-    """Return the time of the clock that deadlines refer to [s]: `time.monotonic`."""
+    """Return the present time [s] by `time.monotonic`, the clock of all deadlines."""
     return time.monotonic()
 
 
 @dataclass(frozen=True, order=True)
 class Deadline:
-    """Instant at which an answer is due.
+    """Instant at which an answer must be ready.
 
     Attributes:
-        instant: Time of the clock `now` [s]; infinite: no deadline.
+        instant: Time by the clock of `now` [s]. Infinity means no deadline.
     """
 
     instant: float
 
     def __post_init__(self) -> None:
-        """Raise ValueError if the instant is NaN."""
+        """Check that the instant is not NaN.
+
+        Raises:
+            ValueError: The instant is NaN.
+        """
         if math.isnan(self.instant):
             raise ValueError("a deadline must be an instant, not NaN")
 
     @classmethod
     def after(cls, seconds: float) -> Deadline:
-        """Return the deadline that lies a given time after now.
+        """Create the deadline that lies a given time after now.
 
         Args:
             seconds: Time [s]. Infinity gives NO_DEADLINE; 0 or less gives a deadline that has
@@ -68,7 +71,7 @@ class Deadline:
         """Return an earlier deadline.
 
         Args:
-            reserve: Time to keep for what has to be done afterwards [s]. A negative time gives a
+            reserve: Time by which it is earlier, for work that follows [s]. A negative time gives a
                 later deadline.
 
         Returns:
@@ -77,10 +80,11 @@ class Deadline:
         return self if reserve == 0.0 else Deadline(self.instant - reserve)
 
     def check(self, work: str) -> None:
-        """Raise an error if the deadline has passed.
+        """Check that the deadline has not passed.
 
         Args:
-            work: Work that cannot go on, as the subject of the error's sentence.
+            work: Name of the work that is given up otherwise, as the subject of the error's
+                sentence.
 
         Raises:
             DeadlineError: The deadline has passed.
@@ -91,16 +95,16 @@ class Deadline:
     def portions(self, first: int, most: int) -> Iterator[int]:
         """Yield sizes of portions of work until the deadline has passed.
 
-        The consumer does one portion before it requests the next size. The generator measures this
-        time. It adapts the size so that a portion takes about CLOCK_CHECK_PERIOD. Without a
-        deadline it yields `most` without end.
+        The consumer does one portion of work before it requests the next size. The generator
+        measures this time and adapts the size, so that a portion takes about CLOCK_CHECK_PERIOD.
+        Without a deadline it yields `most` without end.
 
         Args:
-            first: Size of the first portion, a number of units such as expanded states.
+            first: Size of the first portion, as a number of units such as expanded states.
             most: Largest size of a portion.
 
         Yields:
-            Sizes, at least 1.
+            Number of units in the next portion, at least 1.
         """
         if self.instant == math.inf:
             while True:

@@ -1,4 +1,4 @@
-"""Errors of planning: each message is one sentence."""
+"""Errors of planning. The message of each is one sentence."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def _suggest_degrees(angles: Sequence[float]) -> str:
         angles: The angles [rad].
 
     Returns:
-        The clause. It is empty if no angle exceeds a whole turn. It is also empty if the numbers,
-        read as degrees, exceed a whole turn as well.
+        The clause. It is empty if no angle exceeds a whole turn, or if an angle exceeds a whole
+        turn even in degrees.
     """
     whole_turn = 2.0 * math.pi
     if all(abs(angle) <= whole_turn for angle in angles):
@@ -40,7 +40,7 @@ class InfeasibleGoalError(MhsbError):
         Args:
             x: Forward coordinate of the goal in the arm's plane [m].
             z: Upward coordinate of the goal [m].
-            psi: End-link angle, or least and greatest angle, that was asked for [rad]; None: any.
+            psi: Requested end-link angle, or least and greatest angle [rad]. None means any angle.
         """
         asked = () if psi is None else sorted(set(psi if isinstance(psi, tuple) else (psi,)))
         angle = " to ".join(f"{each:.4g}" for each in asked)
@@ -64,7 +64,7 @@ class NoPathError(MhsbError):
         Args:
             start: Tip position at the start [m].
             goal: Tip position at the goal [m].
-            among: Names of the obstacles that steps had to keep clear of.
+            among: Names of the obstacles from which steps had to keep clear.
         """
         clear = f" clear of {', '.join(among)}" if among else ""
         super().__init__(
@@ -80,7 +80,7 @@ class StartError(MhsbError):
         """Compose the message.
 
         Args:
-            remarks: Clause on which joints are beyond their limits and by how much.
+            remarks: Clause that names the joints beyond their limits, and by how much.
         """
         super().__init__(
             f"{remarks}; no motion was found that only lessens this: bring the joint back into its "
@@ -92,13 +92,15 @@ class DeadlineError(MhsbError):
     """The deadline passed before there was a result."""
 
     def __init__(self, work: str) -> None:
+        """Compose the message; `work` is the subject of its sentence."""
         super().__init__(f"{work} did not end before the deadline")
 
 
 class ExpansionLimitError(MhsbError):
-    """A search did not end within the number of states it may expand."""
+    """A search did not end within the number of states that it may expand."""
 
     def __init__(self, limit: int) -> None:
+        """Compose the message; `limit` is the number of states that may be expanded."""
         super().__init__(f"the search did not end within {limit} expanded states")
 
 
@@ -106,6 +108,7 @@ class PlanningCancelledError(MhsbError):
     """The caller no longer wants the result."""
 
     def __init__(self, work: str) -> None:
+        """Compose the message; `work` is the subject of its sentence."""
         super().__init__(f"{work} was cancelled")
 
 
@@ -134,21 +137,24 @@ class ClusterError(MhsbError):
     """A cluster cannot be used."""
 
     def __init__(self, address: str, trouble: str) -> None:
+        """Compose the message.
+
+        Args:
+            address: Address of the cluster's scheduler.
+            trouble: Clause that says why the cluster cannot be used.
+        """
         super().__init__(f"cluster at {address}: {trouble}")
 
 
 class ClusterAddressError(ClusterError, ArgumentError):
-    """The given text is not an address."""
+    """A text that was given as the address of a cluster is not an address."""
 
 
 class WorkersLostError(MhsbError):
-    """Processes or workers ended before their work was done, repeatedly.
-
-    Args:
-        who: Which ones, as the subject of the sentence.
-    """
+    """Processes or workers ended again and again before their work was done."""
 
     def __init__(self, who: str) -> None:
+        """Compose the message; `who` names the processes or workers, as its subject."""
         super().__init__(
             f"{who} ended by themselves, killed or for want of memory; fewer at a time need less"
         )
@@ -162,7 +168,7 @@ class TableError(MhsbError):
 
         Args:
             path: File of the table.
-            reason: Why it cannot be used, as a clause without subject.
+            reason: Clause without a subject that says why it cannot be used.
         """
         super().__init__(f"posture table {path}: {reason}")
 

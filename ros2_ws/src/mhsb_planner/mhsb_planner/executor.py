@@ -1,8 +1,8 @@
 """Executors for all large work: processes, threads or a cluster.
 
-Whole runs go to processes. Index ranges go to threads, because kernels release the interpreter
-lock. Both go to a cluster if one is given. Results do not depend on who does the work, or on how
-many do.
+Whole runs are executed in processes. Index ranges are executed in threads, because kernels release
+the interpreter lock. Both are executed on a cluster if one is given. Results do not depend on the
+kind or number of workers.
 """
 
 from __future__ import annotations
@@ -34,27 +34,29 @@ P = ParamSpec("P")
 Result = TypeVar("Result")
 
 MAX_ATTEMPTS = 6
-"""Number of processes that may end during one task before it fails: the task may end them."""
+"""Number of processes that may crash during one task before the task fails.
+
+The task itself may be the cause."""
 
 STATES_PER_THREAD = 4
-"""Number of shared states that a thread keeps; a cluster's worker may serve several one after
-another.
-"""
+"""Number of shared states that a thread keeps.
+
+The thread of a cluster's worker may execute tasks of several executors with a state each."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class SharedState:
-    """State that tasks share: make(*given), made by each worker at its first task.
+    """Function and arguments that make a state which tasks share: make(*given).
 
-    A worker is a thread: of this process, or the one that does tasks in another process.
-
-    No two tasks use one state at a time. A worker keeps the last STATES_PER_THREAD states.
+    A worker is a thread of this process, or the thread that executes tasks in another process. Each
+    worker makes its own state at its first task. Two tasks never use one state at the same time. A
+    worker keeps the last STATES_PER_THREAD states.
 
     Attributes:
-        make: Function that makes the state; it must be picklable for other processes.
-        given: Its arguments.
+        make: Function that makes the state. It must be picklable for other processes.
+        given: Arguments of `make`.
         name: Unique key by which a thread finds the state that it has made.
     """
 
@@ -67,11 +69,14 @@ class OtherComputers(Protocol):
     """Workers that are not on this computer, such as `mhsb_planner.cluster.Cluster`."""
 
     def create_executor(self, shared: SharedState | None) -> Executor:
-        """Connect and return an executor, which disconnects when it is shut down.
+        """Connect to the workers, and return an executor on them.
 
         Args:
-            shared: State that becomes the first argument of each task; None: tasks get only their
-                own arguments.
+            shared: State that becomes the first argument of each task. None means that tasks get
+                only their own arguments.
+
+        Returns:
+            The executor. It disconnects when it is shut down.
 
         Raises:
             ClusterError: The workers cannot be reached.
@@ -79,22 +84,22 @@ class OtherComputers(Protocol):
 
 
 Jobs: TypeAlias = int | OtherComputers | None
-"""Number of processes or threads on this machine, or a cluster. None: one for each processor that
-this process may use.
-"""
+"""Number of processes or threads on this machine, or a cluster.
+
+None means one for each processor that this process may use."""
 
 
 def create_executor(jobs: Jobs = None, shared: SharedState | None = None) -> Executor:
     """Create an executor on processes or a cluster.
 
     With one job, the tasks run in a thread of the calling process. If a process crashes, its task
-    is done again in a new process. After MAX_ATTEMPTS crashes the task fails with WorkersLostError.
+    is repeated in a new process. After MAX_ATTEMPTS crashes the task fails with WorkersLostError.
 
     Args:
-        jobs: Number of processes, or a cluster. None: one process for each processor that this
+        jobs: Number of processes, or a cluster. None means one process for each processor that this
             process may use.
-        shared: State that becomes the first argument of each task; None: tasks get only their own
-            arguments.
+        shared: State that becomes the first argument of each task. None means that tasks get only
+            their own arguments.
 
     Returns:
         The executor, to be used as a context manager.
@@ -109,18 +114,18 @@ def create_executor(jobs: Jobs = None, shared: SharedState | None = None) -> Exe
 
 
 class SharedStateExecutor(AbstractContextManager["SharedStateExecutor[State]"], Generic[State]):
-    """Context manager that does tasks with a shared state, in processes or on a cluster.
+    """Context manager that executes tasks with a shared state, in processes or on a cluster.
 
-    The state is make(*given), see `SharedState`.
+    Each worker makes the state at its first task (`SharedState`).
     """
 
     def __init__(self, jobs: Jobs, make: Callable[..., State], *given: Any) -> None:
-        """Create the executor; each worker makes the state when its first task begins.
+        """Create the executor. Each worker makes the state make(*given) at its first task.
 
         Args:
-            jobs: Number of processes, or a cluster. None: one process for each processor that this
-                process may use.
-            make: Function that makes the state; picklable for other processes.
+            jobs: Number of processes, or a cluster. None means one process for each processor that
+                this process may use.
+            make: Function that makes the state. It must be picklable for other processes.
             given: Arguments of `make`.
 
         Raises:
@@ -154,7 +159,7 @@ class SharedStateExecutor(AbstractContextManager["SharedStateExecutor[State]"], 
 def results_of(tasks: Iterable[Future[Result]], *, in_order: bool = False) -> Iterator[Result]:
     """Yield the results of tasks.
 
-    If the generator ends early, by an error or by the consumer, the tasks that have not begun are
+    If the generator is closed early or a task has failed, all tasks that have not begun are
     cancelled.
 
     Args:
@@ -179,15 +184,15 @@ def over_ranges(
 ) -> Generator[Result, None, None]:
     """Call a function for index ranges that cover 0 … total − 1, and yield the results in order.
 
-    The calls run in threads of this process, or on a cluster. A cluster gets the function once.
-    Closing the generator cancels calls that have not begun.
+    The calls run in threads of this process, or on a cluster. Each worker of a cluster gets the
+    function once. If the generator is closed early, calls that have not begun are cancelled.
 
     Args:
-        work: Function work(begin, end) of the range from `begin` to `end` − 1.
+        work: Function work(begin, end) for the range from `begin` to `end` − 1.
         total: Number of indices.
         size: Number of indices in a range; the last range may be shorter.
-        jobs: Number of threads, or a cluster. None: one thread for each processor that this process
-            may use.
+        jobs: Number of threads, or a cluster. None means one thread for each processor that this
+            process may use.
 
     Yields:
         Result of each range, in the order of the ranges.
@@ -210,17 +215,17 @@ def over_ranges(
 class _LocalExecutor(ThreadPoolExecutor):
     """Executor on this computer: one thread, or several threads that have a process each.
 
-    If a process ends by itself, only its own task is affected: the thread starts another process
-    and does the task again.
+    If a process crashes, only its own task is affected. Its thread starts another process and
+    repeats the task.
     """
 
     def __init__(self, workers: int, shared: SharedState | None) -> None:
-        """Store the arguments; threads and processes start with their first tasks.
+        """Create the executor. Threads and processes start with their first tasks.
 
         Args:
             workers: Number of processes. With 1, tasks run in a thread of this process instead.
-            shared: State that tasks share, made once in each process; None: tasks get only their
-                own arguments.
+            shared: State that tasks share, made once in each process. None means that tasks get
+                only their own arguments.
         """
         super().__init__(workers, initializer=self._start_process if workers > 1 else None)
         self._perform = partial(perform, shared) if workers == 1 else self._perform_in_process
@@ -233,7 +238,7 @@ class _LocalExecutor(ThreadPoolExecutor):
 
         Args:
             work: Function of the task.
-            *args: Positional arguments.
+            *args: Positional arguments after the state.
             **named: Named arguments.
 
         Returns:
@@ -245,17 +250,14 @@ class _LocalExecutor(ThreadPoolExecutor):
         """Stop the threads as `ThreadPoolExecutor` does, then end the processes.
 
         Args:
-            wait: Whether to wait for the threads.
-            cancel_futures: Whether to cancel tasks that have not begun.
+            wait: True to wait for the threads.
+            cancel_futures: True to cancel tasks that have not begun.
         """
         super().shutdown(wait, cancel_futures=cancel_futures)
         self._processes.close()
 
     def _start_process(self) -> None:
-        """Start a process for the calling thread.
-
-        If the thread's process has crashed, the new one replaces it.
-        """
+        """Start a process for the calling thread. It replaces a process that has crashed."""
         spawn = multiprocessing.get_context("spawn")
         process = ProcessPoolExecutor(
             1, spawn, initializer=_set_process_state, initargs=(self._shared,)
@@ -263,19 +265,19 @@ class _LocalExecutor(ThreadPoolExecutor):
         self._own.process = self._processes.enter_context(process)
 
     def _perform_in_process(self, work: Callable[..., Result], *given: Any) -> Result:
-        """Do a task in the process that belongs to the calling thread.
+        """Execute a task in the process that belongs to the calling thread.
 
-        If the process crashes, a new one does the task again, with a warning in the log.
+        If the process crashes, a new process repeats the task, with a warning in the log.
 
         Args:
             work: Function of the task.
-            *given: Its positional arguments as a tuple, and its named arguments as a mapping.
+            *given: Positional arguments of `work` as a tuple, and its named arguments as a mapping.
 
         Returns:
             Result of the task.
 
         Raises:
-            WorkersLostError: MAX_ATTEMPTS processes ended during the task.
+            WorkersLostError: MAX_ATTEMPTS processes crashed during the task.
         """
         for _ in range(MAX_ATTEMPTS):
             try:
@@ -292,55 +294,71 @@ def perform(
     args: tuple[Any, ...],
     named: dict[str, Any],
 ) -> Result:
-    """Call the function of a task in the calling thread, and return its result.
+    """Execute a task in the calling thread.
 
     The call is work(state, *args, **named), or work(*args, **named) if `shared` is None. The first
     task of a thread makes the state.
 
     Args:
-        shared: Function and arguments that make the state; None: no state.
+        shared: Function and arguments that make the state. None means that there is no state.
         work: Function of the task.
-        args: Positional arguments.
+        args: Positional arguments after the state.
         named: Named arguments.
+
+    Returns:
+        Result of the task.
     """
     states = () if shared is None else (_states.state_of(shared),)
     return work(*states, *args, **named)
 
 
 class _ThreadStates(threading.local):
-    """States that the calling thread has made."""
+    """Shared states that the calling thread has made.
+
+    Attributes:
+        state_of: Function that returns the state of a `SharedState`. It makes the state at the
+            first call, and keeps the last STATES_PER_THREAD states.
+    """
 
     def __init__(self) -> None:
-        """Begin without states; `threading.local` calls this once in each thread."""
+        """Begin without states. `threading.local` calls this method once in each thread."""
         self.state_of = lru_cache(STATES_PER_THREAD)(lambda shared: shared.make(*shared.given))
 
 
 _states = _ThreadStates()
 
 _process_state: list[SharedState | None] = []
-"""State that the tasks of a process share; one element, set when `_LocalExecutor` starts it."""
+"""State that the tasks of this process share, as a list of one element.
+
+`_set_process_state` sets it when `_LocalExecutor` starts the process."""
 
 
 def _set_process_state(shared: SharedState | None) -> None:
-    """Set the state that the tasks of this process share."""
+    """Store the function and arguments of the state that the tasks of this process share."""
     _process_state[:] = [shared]
 
 
 def _perform_here(work: Callable[..., Result], *given: Any) -> Result:
-    """Do a task with the shared state of this process, and return its result.
+    """Execute a task with the shared state of this process.
 
     Args:
         work: Function of the task.
-        *given: Its positional arguments as a tuple, and its named arguments as a mapping.
+        *given: Positional arguments of `work` as a tuple, and its named arguments as a mapping.
+
+    Returns:
+        Result of the task.
     """
     return perform(_process_state[0], work, *given)
 
 
 def _worker_count(jobs: int | None) -> int:
-    """Return the number of workers.
+    """Determine the number of workers.
 
     Args:
-        jobs: The number; None: one for each processor that this process may use.
+        jobs: The number. None means one for each processor that this process may use.
+
+    Returns:
+        Number of workers, at least 1.
 
     Raises:
         RequestError: The number is below 1.

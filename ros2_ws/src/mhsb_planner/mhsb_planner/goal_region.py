@@ -1,7 +1,7 @@
 """Admissible ends of a motion: the goal, a region around it, and the end-link angle.
 
-Regions are given by offsets from the goal, which belongs to the region. Planners try some points of
-it: the goal and points up to REGION_SPACING apart, the region's edge included.
+Regions are given by offsets from the goal. The goal belongs to the region. Planners try some points
+of the region: the goal, and other points about REGION_SPACING apart, the region's edge included.
 """
 
 from __future__ import annotations
@@ -18,47 +18,47 @@ Point = tuple[float, float]
 """Coordinates (x, z) [m]."""
 
 Angle = float | tuple[float, float] | None
-"""Admissible end-link angle ψ at the goal [rad]: one value, least and greatest value, or None for
-any.
-"""
+"""Admissible end-link angle ψ at the goal [rad].
+
+It is one value, a pair of least and greatest value, or None for any angle."""
 
 REGION_SPACING = 0.05
 """Distance between neighbouring points of a region that planners try [m].
 
-It is larger if the numbers of points reach their upper limits.
+It is larger if the number of points reaches its upper limit.
 """
 MOST_RINGS = 3
-"""Largest number of rings of points in a disc."""
+"""Largest number of rings of points that planners try in a disc."""
 MOST_ON_SEGMENT, MOST_ALONG_BOX = 21, 5
-"""Largest number of points on a segment, and along each side of a box."""
+"""Largest number of points that planners try on a segment, and along each side of a box."""
 
 AT_GOAL_DISTANCE = 1e-4
-"""Distance from the goal within which a tip at rest counts as being there [m]."""
+"""Largest distance from the goal at which a tip at rest counts as being at the goal [m]."""
 
 AT_GOAL_ANGLE = 1e-3
-"""Angle within which the end link counts as being at the angle asked for [rad]."""
+"""Largest difference at which the end link counts as being at the requested angle [rad]."""
 
 MAX_REGION_SIZE = 100.0
-"""Largest accepted size of a region [m]; far beyond the reach of any arm."""
+"""Largest accepted size of a region [m]. It is far beyond the reach of any arm."""
 
 WIDEST_ANGLE = 100.0
-"""Largest accepted end-link angle, in either direction [rad]; some turns more than any arm makes.
+"""Largest accepted end-link angle, in either direction [rad]. It is more turns than any arm makes.
 """
 
 EDGE_FACTOR = 1.0 - 1e-9
-"""Factor on a disc's radius for points at its edge, so that rounding leaves them inside."""
+"""Factor on a disc's radius for points at its edge [-]. Rounding then leaves them inside."""
 
 
 @dataclass(frozen=True)
 class _Region:
-    """Base of regions; checks their sizes.
+    """Base class of regions, which checks their sizes.
 
     Raises:
         RequestError: A size is not finite, is not above 0, or exceeds MAX_REGION_SIZE.
     """
 
     def __post_init__(self) -> None:
-        """Check all fields: sizes must be above 0, offsets x and z may have any sign.
+        """Check all fields. Sizes must be above 0, offsets x and z may have any sign.
 
         Raises:
             RequestError: A value is not finite, a size is not above 0, or an absolute value exceeds
@@ -76,7 +76,7 @@ class _Region:
 
 @dataclass(frozen=True)
 class Disc(_Region):
-    """All points within a radius of the goal: a tolerance.
+    """Disc around the goal: all points within a tolerance.
 
     Attributes:
         radius: Radius [m].
@@ -91,9 +91,9 @@ class Disc(_Region):
 
     @property
     def offsets(self) -> FloatArray:
-        """Points that planners try, as offsets from the goal, shape (k, 2) [m].
+        """Points that planners try, as offsets (x, z) from the goal, shape (k, 2) [m].
 
-        The first is the goal. Then come 8 points on each of several concentric rings, from the
+        The first is the goal. Then follow 8 points on each of several concentric rings, from the
         inside outwards. There are 1 to MOST_RINGS rings, about REGION_SPACING apart.
         """
         rings = min(MOST_RINGS, math.ceil(self.radius / REGION_SPACING))
@@ -102,13 +102,13 @@ class Disc(_Region):
         return np.vstack([np.zeros(2), *(rim * (i + 1) / rings for i in range(rings))])
 
     def distance(self, offset: Point) -> float:
-        """Return the distance of a point from the region, 0 inside it.
+        """Compute the distance of a point from the disc.
 
         Args:
-            offset: The point, as an offset (x, z) from the goal [m].
+            offset: Point, as an offset (x, z) from the goal [m].
 
         Returns:
-            Distance [m].
+            Distance [m]; 0 in the disc.
         """
         return max(0.0, math.hypot(*offset) - self.radius)
 
@@ -118,8 +118,8 @@ class Segment(_Region):
     """Straight line from the goal to another point.
 
     Attributes:
-        x: Offset of the other end from the goal [m].
-        z: Offset of the other end from the goal [m].
+        x: Offset of the other end from the goal along x [m].
+        z: Offset of the other end from the goal along z [m].
     """
 
     x: float
@@ -132,7 +132,7 @@ class Segment(_Region):
 
     @property
     def offsets(self) -> FloatArray:
-        """Points that planners try, as offsets from the goal, shape (k, 2) [m].
+        """Points that planners try, as offsets (x, z) from the goal, shape (k, 2) [m].
 
         They are 5 to MOST_ON_SEGMENT evenly spaced points from the goal to the other end.
         """
@@ -141,10 +141,10 @@ class Segment(_Region):
         return share[:, None] * [self.x, self.z]
 
     def distance(self, offset: Point) -> float:
-        """Return the distance of a point from the segment.
+        """Compute the distance of a point from the segment.
 
         Args:
-            offset: The point, as an offset (x, z) from the goal [m].
+            offset: Point, as an offset (x, z) from the goal [m].
 
         Returns:
             Distance [m]; 0 on the segment.
@@ -174,10 +174,10 @@ class BoxRegion(_Region):
 
     @property
     def offsets(self) -> FloatArray:
-        """Points that planners try, as offsets from the goal, shape (k, 2) [m].
+        """Points that planners try, as offsets (x, z) from the goal, shape (k, 2) [m].
 
-        The first is the goal. Then come the other points of a grid with 3 to MOST_ALONG_BOX points
-        along each side.
+        The first is the goal. Then follow the other points of a grid with 3 to MOST_ALONG_BOX
+        points along each side.
         """
         x, z = (self._coordinates(half) for half in (self.half_x, self.half_z))
         grid = np.column_stack([each.ravel() for each in np.meshgrid(x, z)])
@@ -185,35 +185,38 @@ class BoxRegion(_Region):
 
     @staticmethod
     def _coordinates(half: float) -> FloatArray:
-        """Return an odd number of evenly spaced coordinates from −half to half [m].
+        """Compute the coordinates of the grid's points along one side of the box.
 
         Args:
-            half: Half of the box's size along one side, above 0 [m].
+            half: Half of the box's size along this side, above 0 [m].
+
+        Returns:
+            An odd number of evenly spaced coordinates from −half to half [m].
         """
         count = min(MOST_ALONG_BOX // 2, math.ceil(half / REGION_SPACING))
         return half * np.arange(-count, count + 1) / count
 
     def distance(self, offset: Point) -> float:
-        """Return the distance of a point from the region, 0 inside it.
+        """Compute the distance of a point from the box.
 
         Args:
-            offset: The point, as an offset (x, z) from the goal [m].
+            offset: Point, as an offset (x, z) from the goal [m].
 
         Returns:
-            Distance [m].
+            Distance [m]; 0 in the box.
         """
         beyond_x, beyond_z = abs(offset[0]) - self.half_x, abs(offset[1]) - self.half_z
         return math.hypot(max(0.0, beyond_x), max(0.0, beyond_z))
 
 
 Region = Disc | Segment | BoxRegion
-"""Any of the regions."""
+"""Region of any kind."""
 
 
 def create_region(
     tolerance: float | None, segment: Point | None, box: Point | None
 ) -> Region | None:
-    """Create the goal region that a user asks for by at most one of three values.
+    """Create a goal region from a user's values, of which at most one may be given.
 
     Args:
         tolerance: Radius of a disc [m], or None.
@@ -221,7 +224,7 @@ def create_region(
         box: Half of a rectangle's sizes along x and z [m], or None.
 
     Returns:
-        The region; None if all values are None.
+        The region. None if all values are None.
 
     Raises:
         RequestError: More than one value is given, or a size is out of range.
@@ -239,21 +242,21 @@ def create_region(
 
 
 def tip_positions(goal: Point, region: Region | None) -> FloatArray:
-    """Return the tip positions at which planners try to end.
+    """Compute the tip positions at which planners try to end a motion.
 
     Args:
-        goal: The goal (x, z) [m].
-        region: Region around it; None: only the goal.
+        goal: Goal (x, z) in the arm's plane [m].
+        region: Region around the goal. None means the goal alone.
 
     Returns:
-        Positions (x, z), shape (k, 2) [m]; the goal first.
+        Positions (x, z), shape (k, 2) [m]. The goal comes first.
     """
     offsets = np.zeros((1, 2)) if region is None else region.offsets
     return np.asarray(goal, dtype=np.float64) + offsets
 
 
 def check_angle(psi: Angle) -> None:
-    """Raise an error if an end-link angle that a request asks for is not valid.
+    """Check that the end-link angle of a request is valid.
 
     Args:
         psi: Angle, pair of least and greatest angle [rad], or None for any.
@@ -276,14 +279,14 @@ def check_angle(psi: Angle) -> None:
 
 
 def angle_range(psi: Angle) -> tuple[float, float] | None:
-    """Return the least and greatest admissible end-link angle.
+    """Return the least and the greatest admissible end-link angle.
 
     Args:
         psi: Angle, pair of least and greatest angle [rad], or None for any.
 
     Returns:
-        Least and greatest angle [rad], equal if one angle is asked for. None if any angle is
-        admissible; that includes a range of a whole turn or more.
+        Least and greatest angle [rad], equal if `psi` is one angle. None if any angle is
+        admissible, also for a range of a whole turn or more.
     """
     if psi is None or not isinstance(psi, tuple):
         return None if psi is None else (psi, psi)
@@ -303,12 +306,12 @@ def is_goal_met(
 
     Args:
         goal: Goal (x, z) in the arm's plane [m].
-        region: Region around the goal; None: only the goal.
-        psi: Admissible end-link angle, or pair of least and greatest angle [rad]; None: any.
+        region: Region around the goal. None means the goal alone.
+        psi: Admissible end-link angle, or pair of least and greatest angle [rad]. None means any.
         tip: Tip position (x, z) in the arm's plane [m].
-        angle: End-link angle [rad]; whole turns do not matter.
+        angle: End-link angle [rad]. Angles that differ by whole turns are equal.
         distance_tolerance: Allowed distance of the tip from goal or region [m].
-        angle_tolerance: Allowed distance of the angle from the admissible ones [rad].
+        angle_tolerance: Allowed distance of `angle` from the admissible angles [rad].
 
     Returns:
         True if both are within their tolerances.

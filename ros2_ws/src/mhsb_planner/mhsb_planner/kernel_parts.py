@@ -1,9 +1,10 @@
 """Functions that call all kernels of the planner, in parts that separate processes can compile.
 
-A kernel (numba) is compiled for types, not for numbers, so the suite's own machine serves for all
-machines. The parts that take longest come first; the last ones use kernels of those before. The
-graph search follows the step costs early, because one process then makes the step graph for both.
-`mhsb plan` compiles only the parts that its planner needs, a planner node all of them.
+A kernel (a function compiled by numba) is compiled for types of arguments, not for their values.
+Calls with the default machine therefore serve for all machines. The parts that take longest come
+first. The last parts use kernels of earlier parts. The graph search comes soon after the step
+costs, because one process then makes the step graph for both. `mhsb plan` compiles only the parts
+that its planner needs, a planner node compiles all of them.
 """
 
 from __future__ import annotations
@@ -31,23 +32,29 @@ from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.slewing import among_zones
 
 COARSE_TABLE_SPACING = 0.25
-"""Grid spacing of a table with few nodes [m]."""
+"""Grid spacing of a posture table with few nodes, which is quickly built [m]."""
 
 
 @cache
 def machine() -> Machine:
-    """Return the machine for which the parts are called; it is cached."""
+    """Return the machine with which the kernels are called: the default one without obstacles.
+
+    The machine is cached.
+    """
     return load_machine().without_obstacles()
 
 
 @cache
 def step_graph() -> StepGraph:
-    """Return a graph of steps between the postures of a coarse posture table; it is cached."""
+    """Return a graph of steps between the postures of a coarse posture table.
+
+    The graph is cached.
+    """
     return StepGraph(machine(), build_posture_table(machine(), COARSE_TABLE_SPACING))
 
 
 def compile_path_pricing() -> None:
-    """Compile the pricing of cylinder paths of the integrated planner."""
+    """Compile the kernels by which the integrated planner computes costs of cylinder paths."""
     integrated_search.warm_up_pricing(machine())
 
 
@@ -57,14 +64,14 @@ def compile_lattice_search() -> None:
 
 
 def compile_motion() -> None:
-    """Compile the making of a motion from rest: trajectory (S3), mode schedule (S4) and energy."""
+    """Compile the fit of motions from rest: trajectory (S3), mode schedule (S4) and energy."""
     s3_trajectory.warm_up(machine())
     rest = np.zeros((1, machine().joint_count))
     energy_of_states(machine(), np.ones(1), rest, rest, rest.astype(np.uint8))
 
 
 def compile_goal_checks() -> None:
-    """Compile the clearance of a goal, and the lower bound on the energy to it."""
+    """Compile the clearance of a goal, and the lower bound on the energy of plans to it."""
     goal_clearance.warm_up(machine())
     middle = 0.5 * (machine().arrays.joint_min + machine().arrays.joint_max)
     x, z = machine().tip_position(middle)
@@ -72,12 +79,12 @@ def compile_goal_checks() -> None:
 
 
 def compile_moving_starts() -> None:
-    """Compile the trajectory stage (S3) for starts in motion."""
+    """Compile the fit of trajectories (S3) for starts in motion."""
     s3_trajectory.warm_up_moving_starts(machine())
 
 
 def compile_refinement() -> None:
-    """Compile the local changes of cylinder paths."""
+    """Compile the local improvement of cylinder paths of the integrated planner."""
     integrated_search.warm_up_refinement(machine())
 
 
@@ -97,12 +104,12 @@ def compile_graph_search() -> None:
 
 
 def compile_fixed_joint_search() -> None:
-    """Compile the postures of the conventional method, which keeps joint 3."""
+    """Compile the search of the conventional method, in which joint 3 keeps its position."""
     fixed_j3.warm_up(step_graph())
 
 
 def compile_polytope_areas() -> None:
-    """Compile the areas of the velocity polytope along a motion."""
+    """Compile the computation of velocity-polytope areas along a motion."""
     manipulability_loss.warm_up(machine())
 
 
@@ -125,7 +132,7 @@ _PATH_PARTS = {
         compile_fixed_joint_search,
     ),
 }  # fmt: skip
-"""Parts that a path planner needs besides those that all need, by its name."""
+"""Parts that only some path planners need, by name of the planner."""
 
 
 def list_parts_for_rest(planner: str) -> tuple[str, ...]:
@@ -135,7 +142,7 @@ def list_parts_for_rest(planner: str) -> tuple[str, ...]:
         planner: Name of the path planner.
 
     Returns:
-        Import paths ("module:function") in the order in which they are to be started.
+        Import paths ("module:function") in the order in which the parts are started.
     """
     return (
         *_name_parts(compile_step_costs, compile_motion, compile_graph_search),
@@ -148,7 +155,7 @@ KERNEL_PARTS = (
     *list_parts_for_rest("integrated"),
     *_name_parts(compile_moving_starts, compile_remaining_kernels),
 )
-"""Import paths of all parts, in the order in which they are to be started."""
+"""Import paths of all parts, in the order in which they are started."""
 
 
 def compile_planner(
@@ -157,7 +164,7 @@ def compile_planner(
     """Compile those kernels of the planner that are not in the cache yet.
 
     Args:
-        say: Called with lines of progress; None: a progress bar.
+        say: Called with a line of text on the progress. None shows a progress bar instead.
         parts: Import paths ("module:function") of the parts to compile.
     """
     compile_ahead(parts, say)

@@ -1,4 +1,4 @@
-"""A plan: a motion, its origin, and its cost."""
+"""A plan: a motion, its cost, and a record of how it was made."""
 
 from __future__ import annotations
 
@@ -28,35 +28,38 @@ from mhsb_planner.result_files import write_rows
 from mhsb_planner.search.discrete_path import DiscretePath
 
 COST_ROUNDING = 1e-9
-"""Relative difference up to which two costs count as equal."""
+"""Relative difference up to which two costs count as equal [-]."""
 
 NOTICEABLE_EXCESS = 0.005
-"""Excess of a piston over V_max from which a summary mentions it [-]."""
+"""Excess of a piston's speed over V_max above which a summary states it, as a share of V_max [-].
+"""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan:
-    """A motion and its origin.
+    """A motion, its cost, and a record of how it was made.
 
     `print(plan)` shows a summary.
 
     Attributes:
-        path: Discrete path of S2; without steps if the motion is braking alone or the remaining
-            part of a plan.
-        motion: Trajectory of S3 and mode schedule of S4, both with stamp 0.
-        energy: Energy of the motion in both readings.
+        path: Discrete path (S2) that the motion follows. It has no steps if the motion only brakes,
+            or is the remaining part of a plan.
+        motion: Trajectory (S3) and mode schedule (S4), both with stamp 0.
+        energy: Energy of the motion in both energy readings.
         machine: Machine for which the plan was made.
-        seconds: Times [s] by stage: `search`, `fit`, `energy`, and `comparison` for paths proposed
-            for comparison. `first_motion` is the time from the request to the first motion.
-        area_shortfall: Manipulability loss of the motion (`manipulability_loss`) [m]; 0 if it has
-            no weight.
+        seconds: Planning times [s] by stage: `search`, `fit`, `energy`, and `comparison` for paths
+            of other planners. `first_motion` is the time from the request to the first motion.
+        area_shortfall: Manipulability loss of the motion (`manipulability_loss`) [m]. It is 0 if
+            its weight is 0.
         lower_bound: Lower bound on the energy of every plan from the start to the goal or its
-            region, with any planner and any posture there [J]. It is 0 for braking alone.
-        cavitations: Times in which the static load drives an actuator faster than oil fills its
-            inlet, with the actuator.
-        start_problems: Clause on joints beyond their limits and on an obstacle that the arm touches
-            at the start; empty if there is neither.
-        log: What was proposed, and what became of it (`plan_log`); `print(plan.log)` shows it.
+            region [J]. It holds for any planner and any posture at the end. It is 0 if the motion
+            only brakes.
+        cavitations: Actuators whose load drives them faster than oil fills the inlet, with the
+            times.
+        start_problems: Clause on joints beyond their limits, and on an obstacle that the arm
+            touches at the start. Empty if there is no such problem.
+        log: Log of the proposed paths and of their outcomes (`plan_log`). `print(plan.log)` shows
+            it.
     """
 
     path: DiscretePath
@@ -110,23 +113,23 @@ class Plan:
         actuator [Pa].
 
         Args:
-            file: The file, written whole or not at all. Missing folders are created.
+            file: The file. It is written completely or not at all. Missing folders are created.
 
         Returns:
-            The file.
+            Path of the file.
         """
         rows = iterate_rows(self.machine, self.motion.trajectory, self.motion.schedule)
         return write_rows(Path(file), list_columns(self.machine), rows)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for each problem of the start and each excessive demand of the motion."""
+        """Warnings, one sentence each: problems of the start, overloads and cavitation."""
         start = (self.start_problems,) if self.start_problems else ()
         return (*start, *map(str, (*self.motion.overloads, *self.cavitations)))
 
     @property
     def energy_text(self) -> str:
-        """Energy of the motion in both readings, each by its name [J]."""
+        """Text with the energy of the motion in both energy readings [J]."""
         return (
             f"{self.energy.paper:.1f} J by the paper's sum, "
             f"{self.energy.series:.1f} J with main pump and servo pumps in series"
@@ -134,10 +137,9 @@ class Plan:
 
     @property
     def gap(self) -> float:
-        """Relative distance of the motion's energy from the lower bound: E / bound − 1 [-].
+        """Relative distance of the motion's energy E from the lower bound: E / bound − 1 [-].
 
-        E is the energy with boosted oil priced as in the paper (reading `paper`). The value is 0 if
-        the bound is 0.
+        E is the energy in the reading `paper`. The value is 0 if the bound is 0.
         """
         return self.energy.paper / self.lower_bound - 1.0 if self.lower_bound > 0.0 else 0.0
 
@@ -157,10 +159,13 @@ class Plan:
         return float(np.abs(np.diff(self.motion.trajectory.position, axis=0)).sum())
 
     def chosen_energy(self, options: PlanOptions) -> float:
-        """Return the energy of the motion by the price of boosted oil that the options choose [J].
+        """Return the energy of the motion in the energy reading of given options.
 
         Args:
-            options: Options; `energy_reading` is `paper` or `series`.
+            options: Options. Only `energy_reading` is read.
+
+        Returns:
+            Energy [J].
         """
         return self.energy.paper if options.energy_reading == "paper" else self.energy.series
 
@@ -168,8 +173,9 @@ class Plan:
         """Compute the cost of the motion, w₁ E + w₂ T + w₃ S + w₄ M.
 
         E is the energy in the reading that the options choose [J], T the duration [s], and S the
-        number of mode switches. M is the manipulability loss: the share of the reference area that
-        the velocity polytope lacks, integrated over the length of the tip's path [m].
+        number of mode switches. M is the manipulability loss [m]: an integral over the length of
+        the tip's path. Its integrand is the share by which the area of the velocity polytope is
+        smaller than a reference area.
 
         Args:
             options: Options that give the weights w₁ to w₄ and the energy reading.
@@ -185,7 +191,7 @@ class Plan:
     def is_cheaper_than(self, other: Plan, options: PlanOptions) -> bool:
         """Return whether this plan costs less than another one.
 
-        Costs that differ by at most COST_ROUNDING, relatively, count as equal. Then energy,
+        Costs with a relative difference of at most COST_ROUNDING count as equal. Then energy,
         duration and joint travel decide, in this order and with the same rounding.
 
         Args:
@@ -193,7 +199,8 @@ class Plan:
             options: Options that give weights and energy reading.
 
         Returns:
-            True if this plan is better in the first measure that differs; False if none does.
+            True if this plan is lower in the first of these measures that differs. False if no
+            measure differs.
         """
         for measure in (
             lambda each: each.cost(options),

@@ -1,4 +1,4 @@
-"""Log of the making of one plan: which paths were proposed, and what became of each."""
+"""Log of the making of one plan: the proposed paths and the outcome of each."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from mhsb_model.errors import MhsbError
 
 
 class ProposalOutcome(StrEnum):
-    """Outcome of a proposal."""
+    """Outcome of a proposal (a path that a planner has proposed)."""
 
     TAKEN = "taken"
-    """Its motion became the incumbent."""
+    """Its motion became the incumbent, the cheapest motion so far."""
 
     DEARER = "dearer"
-    """Its motion is not better than the incumbent."""
+    """Its motion is not cheaper than the incumbent."""
 
     SKIPPED = "skipped"
-    """No motion was fitted, because its path costs too much."""
+    """No motion was fitted, because the path costs too much."""
 
     REFUSED = "refused"
-    """S3 found no motion that keeps the limits."""
+    """No motion along the path keeps the limits."""
 
     TOO_LATE = "too late"
-    """The time was up before its motion was fitted."""
+    """The deadline passed before a motion was fitted."""
 
     NO_PATH = "no path"
     """The proposer found no path, or no further one."""
@@ -43,9 +43,9 @@ class LogEntry:
         proposer: Name of the proposer, such as `table`.
         outcome: Outcome of the proposal.
         path_cost: Cost of the proposed path [-]; NaN if there is none.
-        motion: Kind of motion that was asked for, such as `polynomial`; empty if none was.
+        motion: Kind of motion that was to be fitted, such as `polynomial`; empty if there was none.
         motion_cost: Cost of the motion [-]; NaN if there is none.
-        reason: Reason why there is no path or motion, as a clause; empty if there is one.
+        reason: Clause that says why there is no path or no motion; empty if there is one.
     """
 
     time: float
@@ -59,10 +59,10 @@ class LogEntry:
 
 @dataclass
 class PlanLog:
-    """Entries in the order of time, from the request on; `print(log)` shows them as a table.
+    """Log of the making of one plan. `print(log)` shows it as a table.
 
     Attributes:
-        entries: The entries; `add` appends one.
+        entries: Entries in time order.
         began: Time of the request by `time.perf_counter` [s].
     """
 
@@ -84,9 +84,9 @@ class PlanLog:
             proposer: Name of the proposer, such as `table`.
             outcome: Outcome of the proposal.
             path_cost: Cost of the proposed path [-]; NaN if there is none.
-            motion: Kind of motion that was asked for; empty if none was.
+            motion: Kind of motion that was to be fitted; empty if there was none.
             motion_cost: Cost of the motion [-]; NaN if there is none.
-            reason: Clause on why there is no path or motion; empty if there is one.
+            reason: Clause that says why there is no path or no motion; empty if there is one.
         """
         time = perf_counter() - self.began
         entry = LogEntry(time, proposer, outcome, path_cost, motion, motion_cost, reason)
@@ -94,9 +94,9 @@ class PlanLog:
 
     @contextmanager
     def record_failure(self, proposer: str) -> Iterator[None]:
-        """Context manager that suppresses an `MhsbError` of a proposer and logs it as NO_PATH.
+        """Suppress an `MhsbError` in the `with` block, and log it as NO_PATH (context manager).
 
-        Other exceptions pass.
+        Other exceptions are not suppressed.
 
         Args:
             proposer: Name of the proposer in the log.
@@ -121,5 +121,5 @@ class PlanLog:
 
 
 def _format_cost(cost: float) -> str:
-    """Return a cost in nine characters, with a dash for NaN."""
+    """Format a cost as text of nine characters; NaN becomes a dash."""
     return f"{'-':>9}" if math.isnan(cost) else f"{cost:9.5g}"

@@ -1,13 +1,13 @@
-"""Planner: S2 to S4 in one call, from a state of motion to a goal.
+"""Planner: from a state of motion to a goal in one call.
 
     machine = load_machine()
     planner = Planner(machine, build_posture_table(machine))
     plan = planner.plan((0.55, 0.60), MotionState.at_rest(posture))
     sooner = planner.plan((0.55, 0.60), state, deadline=Deadline.after(0.05))
 
-A path planner (`planners`) proposes paths (S2, graph search). A motion is fitted to each: a smooth
-trajectory (S3) and its mode schedule (S4). The cheapest motion is the plan. A first motion is found
-early, and cheaper ones while there is time.
+A path planner (`planners`) proposes discrete paths (S2). A motion is fitted to each path: a smooth
+trajectory (S3) and its mode schedule (S4). The cheapest motion becomes the plan. A first motion is
+found early, and cheaper motions as long as there is time.
 """
 
 from __future__ import annotations
@@ -72,15 +72,18 @@ __all__ = [
 ]
 
 MAX_REMAINING_TIME, MAX_GOAL_DISTANCE, MAX_STREAMED_GOAL_DISTANCE = 1.0, 5e-3, 0.05
-"""Conditions under which a motion steers straight to its goal from a moving start.
+"""Conditions under which a moving arm goes straight to the goal (steering).
 
-The remaining part of the plan in force lasts at most the first value [s]. Its end is at most the
-second value [m] away from the goal, or the third if another motion is to follow.
+The first value is the longest duration of the remaining part of the plan in force [s]. The second
+is the largest distance of its end from the goal [m]. The third replaces the second if the goal
+moves [m].
 """
 
 MAX_POSTURE_TURN_RATE = 0.2
-"""Largest change of the end-link angle per period between motions that follow each other [rad/s].
-The posture then follows a moving goal and does not flip to and fro.
+"""Largest change of the end-link angle between plans to a moving goal, over the goal's period
+[rad/s].
+
+The posture then follows the goal without jumping to and fro.
 """
 
 _warmed_up: set[tuple[str, bool]] = set()
@@ -92,8 +95,8 @@ class Planner:
 
     Attributes:
         machine: Machine for which plans are made.
-        graph: Graph of steps between postures in the arm's plane; built again when the machine
-            changes.
+        graph: Graph of steps between the table's postures in the arm's plane. It is built again
+            when the machine changes.
     """
 
     def __init__(self, machine: Machine, table: PostureTable) -> None:
@@ -112,19 +115,19 @@ class Planner:
         )
 
     def change_machine(self, machine: Machine) -> None:
-        """Plan for a changed machine from now on.
+        """Replace the machine for which plans are made.
 
         Payload, supply pressure, V_max (allowed piston speed), zones and number of booster modules
-        may change. Nothing happens if the configuration is the same. Otherwise the step graph is
-        built again from the same posture table. It contains only mode combinations for which the
-        changed machine has enough modules.
+        may change. If the configuration is the same, nothing happens. Otherwise the step graph is
+        built again from the posture table. It contains only mode combinations for which the new
+        machine has enough modules.
 
         Args:
-            machine: The changed machine.
+            machine: The new machine.
 
         Raises:
-            RequestError: It has more modules than the posture table was built for, and so more mode
-                combinations.
+            RequestError: The new machine has more mode combinations than the posture table, because
+                it has more booster modules.
         """
         if machine.config == self.machine.config:
             return
@@ -151,25 +154,26 @@ class Planner:
     ) -> Plan:
         """Plan a motion to a goal.
 
-        A moving start can come to rest in several ways. They are tried in this order until there is
-        a plan: steering (one curve straight to the goal), coasting (all joints slow down together),
-        and `brake`. Without a deadline, equal requests give equal plans.
+        An arm that moves at the start can come to rest in several ways. They are tried in this
+        order until there is a plan: steering (one curve straight to the goal), coasting (all joints
+        slow down together), and `brake`. Without a deadline, equal requests give equal plans.
 
         Args:
-            goal: Tip position in `base_link`: (x, z) [m], or (x, y, z) if joint 1 slews. The goal
-                region of the options admits others.
+            goal: Goal of the tip in `base_link`: (x, z) [m], or (x, y, z) if joint 1 slews. The
+                options may add a region around it.
             start: State of motion at the start.
-            modes: Modes in force at the start. None: all actuators have long been in mode N (main
-                pump alone).
-            brake: Braking along the old path (`mhsb_model.braking`); None: a moving start must
-                steer or coast.
-            options: Options of the plan; None: defaults.
+            modes: Modes in force at the start. None means that all actuators have long been in mode
+                N (main pump alone).
+            brake: Braking along the old path (`mhsb_model.braking`). None means that a moving arm
+                can only steer or coast.
+            options: Options of the plan; None means the defaults.
             deadline: Instant at which the search for cheaper motions ends. The first plan with a
-                deadline in a process compiles all code; its deadline is later by that time.
-            remainder: Remaining part of the plan in force, with stamp 0; None: no plan is in force.
-                If it ends at the goal, only a motion that is cheaper by MIN_REPLACEMENT_GAIN
+                deadline in a process compiles all code. Its deadline is later by that time.
+            remainder: Remaining part of the plan in force, with stamp 0; None if no plan is in
+                force. If it ends at the goal, only a motion that is cheaper by MIN_REPLACEMENT_GAIN
                 replaces it. If it is short and ends near the goal, steering is tried.
-            log: Log that is filled in place, also if there is no plan; None: only the plan has it.
+            log: Log that is written in place, also if there is no plan. None means that only the
+                plan contains the log.
 
         Returns:
             The cheapest plan found.
@@ -180,10 +184,10 @@ class Planner:
             ZoneError: The arm would be too near to an obstacle at the goal.
             NoPathError: No path connects start and goal.
             StartError: The start is beyond joint limits, and no motion leads back.
-            FitError: No path has a motion that keeps the limits.
-            DeadlineError: There is no motion in time.
+            FitError: No motion along any path keeps the limits.
+            DeadlineError: No motion was found before the deadline.
             RequestError: Goal or start are not finite numbers, or the planner does not exist or
-                cannot weigh the area.
+                cannot use `area_weight`.
         """
         options = options or PlanOptions()
         planner = get_planner(options.planner)
@@ -218,14 +222,14 @@ class Planner:
         raise self._with_remarks(refused, start)
 
     def _exclude_warm_up(self, kind: str, deadline: Deadline) -> Deadline:
-        """Compile and load all code before a plan with a deadline, if this process has not done so.
+        """Compile and load all code before the first plan with a deadline in this process.
 
         Args:
             kind: Name of the path planner.
-            deadline: Deadline of the plan. With NO_DEADLINE nothing is done.
+            deadline: Deadline of the plan. With NO_DEADLINE nothing is compiled.
 
         Returns:
-            The deadline, later by the time that this took.
+            The deadline, later by the time that compiling and loading took.
         """
         if deadline.instant == math.inf or (kind, self.machine.slews) in _warmed_up:
             return deadline
@@ -237,8 +241,8 @@ class Planner:
         """Append clauses on problems of the start and of the payload to an error's sentence.
 
         Problems of the start are joints beyond their limits and an obstacle that the arm touches.
-        The payload is named only for a NoPathError or FitError, if the arm cannot carry it. A
-        clause that the sentence contains already is not repeated.
+        The payload is mentioned only in a NoPathError or FitError, and only if the arm cannot carry
+        it. A clause that the sentence contains already is not repeated.
 
         Args:
             error: The error, changed in place.
@@ -264,10 +268,10 @@ class Planner:
         """Plan a motion from rest along a given path, without a search.
 
         Args:
-            path: The path.
-            modes: Modes in force at the start. None: all actuators have long been in mode N (main
-                pump alone).
-            options: Options of the plan; None: defaults.
+            path: Discrete path with at least one step.
+            modes: Modes in force at the start. None means that all actuators have long been in mode
+                N (main pump alone).
+            options: Options of the plan; None means the defaults.
 
         Returns:
             Plan whose motion begins and ends at rest at the ends of the path.
@@ -291,9 +295,9 @@ class Planner:
             options: Options of the plan.
 
         Raises:
-            RequestError: Goal, via point or start have a wrong number of values or values that are
-                not finite. Or the goal region is larger than the workspace, or the planner does not
-                exist or cannot weigh the area.
+            RequestError: Goal, via point or start have a wrong number of values, or goal or start
+                have values that are not finite. Also if the goal region is larger than the
+                workspace, or if the planner does not exist or cannot use `area_weight`.
         """
         n, slews = self.machine.joint_count, self.machine.slews
         if len(goal) != 2 + slews or not all(math.isfinite(value) for value in goal):
@@ -326,13 +330,13 @@ class Planner:
         remainder: Trajectory | None,
         options: PlanOptions,
     ) -> list[Trajectory | Coasting | Steering | None]:
-        """List the ways in which a moving start can come to rest, the better first.
+        """List the ways in which a moving arm can come to rest, the better first.
 
-        1. Steering: one curve straight to the goal. It is possible if the remaining part of the
-           plan in force lasts at most MAX_REMAINING_TIME and ends near the goal.
-        2. Coasting: the joints come to rest within their limits of acceleration and jerk. It is
-           possible if all joints stay within their ranges. Without `brake` it is listed in any
-           case.
+        1. Steering: one curve straight to the goal. It is listed if the remaining part of the plan
+           in force lasts at most MAX_REMAINING_TIME and ends near the goal.
+        2. Coasting: the pistons come to rest within their limits of acceleration and jerk. It is
+           listed if the arm then keeps joint limits, workspace and clearance from obstacles, or if
+           there is no `brake`.
         3. `brake`, if it is given.
 
         Args:
@@ -343,7 +347,7 @@ class Planner:
             options: Options of the plan. Only `period` is read.
 
         Returns:
-            The ways; [None] if the start is at rest.
+            The ways. If the arm is at rest at the start, the list is [None].
         """
         if not start.is_moving:
             return [None]
@@ -368,8 +372,8 @@ class Planner:
             options: Options with goal region, end-link angle and via points.
 
         Returns:
-            True if it does. False with via points, because it is not known which ones have been
-            passed.
+            True if it does. False if there are via points, because it is not known which of them
+            have been passed.
         """
         end = remainder.position[-1]
         return options.is_goal_reached(self.machine, goal, end) and not options.via
@@ -382,22 +386,23 @@ class Planner:
         brake: Trajectory | Coasting | Steering | None,
         options: PlanOptions,
     ) -> PathRequest:
-        """Assemble the request for paths.
+        """Create the request for paths.
 
-        If the motion steers to a moving goal and the end-link angle ψ is free, ψ is restricted: it
-        may differ from its value at the departure by at most MAX_POSTURE_TURN_RATE times the goal's
-        period.
+        The departure is the posture from which paths are searched. If the motion steers to a moving
+        goal and the end-link angle ψ is free, ψ is restricted. It may then differ from its value at
+        the departure by at most MAX_POSTURE_TURN_RATE times the goal's period.
 
         Args:
             goal: Goal of the tip in `base_link` [m].
             start: State of motion at the start.
-            modes: Modes in force at the start. None: all actuators have long been in mode N (main
-                pump alone).
-            brake: How the start comes to rest; None: it is at rest.
+            modes: Modes in force at the start. None means that all actuators have long been in mode
+                N (main pump alone).
+            brake: Way in which a moving arm comes to rest; None if the arm is at rest.
             options: Options of the plan.
 
         Returns:
-            The request. Its departure is the posture at rest to which `brake` leads, or the start.
+            The request. Its departure is the posture of rest to which `brake` leads. If this is
+            None, it is the posture of the start.
         """
         area = area_term(options.area_weight, self.graph.table)
         departure = start.position
@@ -417,12 +422,12 @@ class Planner:
 def warm_up(planner: Planner, kinds: Iterable[str] | None = None) -> None:
     """Compile and load all kernels that a plan needs.
 
-    A plan with a deadline does this by itself, once in a process. Obstacles are removed during
-    these calls; afterwards the planner has its machine and graph again.
+    The first plan with a deadline in a process does this by itself. Obstacles are removed from the
+    planner's machine during these calls. Machine and graph are restored at the end.
 
     Args:
         planner: The planner.
-        kinds: Names of the path planners that will be used; None: all.
+        kinds: Names of the path planners that will be used; None means all.
     """
     compile_planner()
     kinds = list(REGISTERED_PLANNERS if kinds is None else kinds)

@@ -1,4 +1,4 @@
-"""State of the planning loop for one plan, which the searches for paths read."""
+"""State of the planning loop that the searches for paths read: deadlines and the incumbent."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ class PlanProgress:
 
     Attributes:
         deadline: Deadline of the whole plan.
-        reserve: Time to keep for turning a path into a motion [s]. It is the mean time of the
-            curves tried for the first motion.
+        reserve: Time that is kept for the fit of a motion to a path [s]. It is the mean time of the
+            curves that were tried for the first motion.
         has_motion: True if a motion has been found.
-        min_speed_factor: Estimated factor on V_max (allowed piston speed) below which a slower
-            motion will not be cheaper than the incumbent (best plan so far), 0 to 1 [-]. 0: there
-            is no incumbent, or it costs much more than the cheapest path.
+        min_speed_factor: Estimated factor on V_max (allowed piston speed), 0 to 1 [-]. Motions
+            planned for a lower speed will not be cheaper than the incumbent (cheapest plan so far).
+            It is 0 if there is no incumbent, or if it costs much more than the cheapest path.
         log: Log of proposals.
     """
 
@@ -39,9 +39,9 @@ class PlanProgress:
 
     @property
     def is_half_over(self) -> bool:
-        """True if less time is left until `search_deadline` than has passed since creation.
+        """True if less time is left until `search_deadline` than has passed since the creation.
 
-        Without a deadline it is False.
+        It is False if there is no deadline.
         """
         return now() - self._began > self.search_deadline.remaining
 
@@ -49,6 +49,6 @@ class PlanProgress:
     def search_deadline(self) -> Deadline:
         """Deadline of the search: earlier than `deadline` by `reserve`.
 
-        A path that is found later could not be made a motion in time.
+        No motion can be fitted in time to a path that is found later.
         """
         return self.deadline.earlier_by(self.reserve)

@@ -27,11 +27,7 @@ def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]])
     """
 
     def write(file: TextIO) -> None:
-        """Write header and rows to an open file.
-
-        Args:
-            file: The file.
-        """
+        """Write header and rows to an open text file."""
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
         writer.writerows(rows)
@@ -40,14 +36,22 @@ def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]])
 
 
 def write_json(path: Path, content: Mapping[str, Any] | Sequence[Any]) -> Path:
-    """Write a JSON file that ends with a line break; return its path."""
+    """Write a JSON file, completely or not at all.
+
+    Args:
+        path: The file; missing directories are created.
+        content: Content, which is indented by 2 spaces. A line break follows it.
+
+    Returns:
+        The path.
+    """
     return _write_atomically(path, lambda file: file.write(json.dumps(content, indent=2) + "\n"))
 
 
 def _write_atomically(path: Path, write: Callable[[TextIO], object]) -> Path:
     """Write a file under a temporary name, then rename it.
 
-    If writing fails, the temporary file is removed and an older file stays.
+    If writing fails, the temporary file is removed, and an existing file is not changed.
 
     Args:
         path: The file; missing directories are created.
