@@ -232,7 +232,9 @@ def _is_within_limits(machine: Machine, position: FloatArray) -> bool:
 
 
 def _offsets(duration_ns: int) -> IntArray:
-    """Return evenly spaced times from 0 to a duration, at most `MAX_POINT_SPACING_NS` apart [ns].
+    """Return evenly spaced times from 0 to a duration [ns].
+
+    They include both ends, and are at most `MAX_POINT_SPACING_NS` apart.
     """
     count = max(1, -(-duration_ns // MAX_POINT_SPACING_NS))
     return np.rint(np.linspace(0.0, duration_ns, count + 1)).astype(np.int64)

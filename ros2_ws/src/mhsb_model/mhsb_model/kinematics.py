@@ -90,8 +90,8 @@ def bound_displacement(
         m: Arrays of the machine.
         start: Joint positions at the start of the move, shape (n,) [rad or m].
         end: Joint positions at its end, shape (n,) [rad or m].
-        turn: Angle by which link j turns in the plane [rad]: the sum of the turns of joints 0 to j.
-            If the joints do not move in proportion, pass the sum of their magnitudes.
+        turn: Turn of link j in the plane [rad]: the sum of the turns of joints 0 to j. If the
+            joints do not move in proportion, pass the sum of their magnitudes.
         j: Index of the link.
 
     Returns:

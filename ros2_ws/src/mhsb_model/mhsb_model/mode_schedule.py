@@ -10,7 +10,7 @@ from mhsb_model.modes import Mode
 from mhsb_model.types import IntArray, ModeArray, as_frozen, frozen
 
 LONG_AGO_NS = -(2**62)
-"""Absolute time of a mode switch of which nothing is known [ns]; far enough in the past to be
+"""Absolute time that stands for an unknown mode switch [ns], far enough in the past to be
 ignored."""
 
 

@@ -19,7 +19,7 @@ SETTLING_TIME = 1.0
 """Time after a plan's end within which the tip must be at the goal, without dead time [s]."""
 
 SETTLING_DEAD_TIMES = 8.0
-"""Dead times that are added to it: four corrections at rest, each of which acts for two of them."""
+"""Dead times added to SETTLING_TIME [-]: four corrections at rest, with two dead times each."""
 
 
 def compute_settling_time(machine: Machine) -> float:
@@ -34,7 +34,7 @@ def compute_settling_time(machine: Machine) -> float:
 
 
 def compute_dead_time(machine: Machine) -> float:
-    """Compute the time by which the servo must know a plan before it is to be followed.
+    """Compute how long before a plan's start the servo must know the plan.
 
     A servo without pressure sensors sends its commands this long ahead of the plan. It has to know
     the plan by then, so commit horizons are longer by this time.

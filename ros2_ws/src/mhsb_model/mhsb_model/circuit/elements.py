@@ -359,7 +359,7 @@ AIR_EXPONENT = 1.4
 
 @kernel(inline="always")
 def compute_air_factor(bulk_modulus: float, air: float, pressure: float) -> float:
-    """Compute by which factor free air makes oil more compressible.
+    """Compute how many times more compressible free air makes the oil.
 
         β/β_e = (1 + r β/(n p)) / (1 + r),   r = α/(1 − α) (p₀/p)^(1/n)
 

@@ -244,7 +244,7 @@ def _locate_field(
             `revolute`.
 
     Returns:
-        Models of which the value at this location can be an instance, and the field that declares
+        Models that the value at this location can be an instance of, and the field that declares
         the value. A plain value has no models. For an unknown key: the models of the section around
         it, and None. For an empty location: `model` alone, and None.
     """
@@ -293,7 +293,7 @@ def _select_models_of_kind(
     """Return the models among `models` whose field `kind` allows a tag.
 
     Args:
-        models: Models of which a section can be an instance.
+        models: Models that a section can be an instance of.
         tag: Part of a location, possibly a kind such as `revolute`.
 
     Returns:

@@ -278,6 +278,7 @@ def _find_duplicate_keys(node: yaml.Node) -> list[str]:
 
 
 def _is_mapping(node: yaml.Node) -> bool:
+    """Return whether a YAML node is a mapping."""
     return isinstance(node, yaml.MappingNode)
 
 

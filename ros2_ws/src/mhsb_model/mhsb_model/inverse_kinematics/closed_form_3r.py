@@ -48,7 +48,7 @@ def solve_last_three_joints(
     so that it is within half a turn of the middle of its joint's range.
 
     Args:
-        m: Planar machine with n ≥ 3 joints, of which the last three are revolute.
+        m: Planar machine with n ≥ 3 joints. The last three joints are revolute.
         x: Tip position relative to the third-last joint, along the link before that joint [m].
         z: Tip position across that link [m].
         psi: End-link angle ψ, from the direction of that link [rad].

@@ -20,7 +20,7 @@ def bind_kernel(kernel: Any, *arguments: Any, integer_count: int = 0) -> Callabl
     Args:
         kernel: Kernel to bind.
         *arguments: Its first arguments, as many as shall be bound.
-        integer_count: Number of its remaining arguments, all of which are integers (int64).
+        integer_count: Number of its remaining arguments. All of them must be integers (int64).
 
     Returns:
         Function that takes the remaining integer arguments and returns the kernel's result.

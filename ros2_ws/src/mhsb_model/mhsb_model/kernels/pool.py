@@ -85,6 +85,7 @@ class _BarProgress:
     """Progress bar on a terminal; without a terminal it shows nothing."""
 
     def __init__(self, total: int) -> None:
+        """Show an empty bar for a number of functions to compile."""
         self._bar = tqdm(total=total, desc="compiling kernels, once", disable=None)
 
     def update(self, done: int) -> None:
