@@ -153,7 +153,7 @@ def audit_node(
     Args:
         capacity: Capacity C of the node, oil volume per pressure [m³/Pa].
         inflow: Oil that flowed into the node in the substep [m³].
-        change: Pressure change by which the step computed this inflow [Pa].
+        change: Pressure change with which the step computed this inflow [Pa].
         before: Pressure before the step [Pa].
         after: Pressure after the step [Pa]. It differs from before + change if the node is at
             vapour pressure.

@@ -42,7 +42,7 @@ class Bar(NamedTuple):
 
 
 def compute_linkage_bars(machine: Machine, q: FloatArray) -> list[Bar]:
-    """Compute the round bars by which pictures show all linkages in a posture.
+    """Compute the round bars that show all linkages in a picture of a posture.
 
     A cylinder has a rod and a barrel; a four-bar linkage also has rocker and coupler. Joints with a
     rack and pinion or a motor, such as a slew, have no bars.

@@ -199,6 +199,7 @@ class ArmPublisher:
         self._publish(topics.DIAGNOSTICS, self._encoded(report, now_ns))
 
     def _encoded(self, report: HandOverReport | SimulatorReport, now_ns: int) -> DiagnosticArray:
+        """Return a report as a message for /diagnostics, stamped with a simulated time [ns]."""
         return sim_status.encode(report, now_ns, self._namespace)
 
     def _publish_states(self, now_ns: int) -> None:
@@ -245,6 +246,7 @@ class ArmPublisher:
         )
 
     def _publish(self, topic: topics.Topic, message: Any) -> None:
+        """Publish a message on a topic of this node."""
         self._publishers[topic.name].publish(message)
 
 

@@ -58,8 +58,8 @@ class Health:
     def sentence(self) -> str:
         """Health of the simulator as text for a person.
 
-        If there is a fault, it is the fault. Otherwise, if there are warnings, it is all warnings.
-        Otherwise it says whether the valves are closed, or that the simulator runs.
+        It describes the fault if there is one. Otherwise it lists all warnings. Without warnings it
+        says that the valves are closed, or that the simulator runs.
         """
         well = VALVES_CLOSED_SENTENCE if self._arm.simulator.valves_closed else "running"
         return self._arm.fault or "; ".join(filter(None, self._list_warnings())) or well

@@ -42,6 +42,7 @@ class Pacer:
     lags: bool = False
 
     def __post_init__(self) -> None:
+        """Set the time of the last wake to the reference instant."""
         self._woken_ns = self.clock_ns
 
     def compute_due_ns(self, clock_ns: int, sim_ns: int) -> int:

@@ -176,6 +176,7 @@ def read_parameters(node: Node) -> SimParameters:
     """
 
     def value(name: str) -> Any:
+        """Return the present value of a parameter."""
         return node.get_parameter(name).value
 
     return SimParameters(

@@ -140,6 +140,7 @@ class FollowingError:
     closes_valves = False
 
     def __init__(self, machine: Machine) -> None:
+        """Store names, units and radian equivalents of the joints."""
         self._names, self._units = machine.joint_names, machine.joint_units
         self._radians = machine.radian_equivalents
 
@@ -322,6 +323,7 @@ class MinimumFilter:
     """Filter that gives the smallest value of each element of an array in its last samples."""
 
     def __init__(self) -> None:
+        """Begin without samples."""
         self._last: deque[FloatArray] = deque(maxlen=DETECTION_SETTINGS.min_duration_samples)
 
     def update(self, now: FloatArray) -> FloatArray:

@@ -210,12 +210,16 @@ class FrozenLength:
 
 
 class JumpingLength:
-    """Jump of a length reading between two samples, as a multiple of `farthest_jump` [-]."""
+    """Jump of a length reading between two samples, divided by `farthest_jump` [-].
+
+    `farthest_jump` is the longest stroke that a piston can make between two samples [m].
+    """
 
     name, unit = "jumping_length", ""
     closes_valves = True
 
     def __init__(self, machine: Machine) -> None:
+        """Begin without a sample."""
         self._names = machine.actuator_names
         self._length: FloatArray | None = None
 
@@ -265,8 +269,8 @@ class DisagreeingLine:
         Lines are compared if their actuators have been in mode N (main pump alone), with their
         servo pumps stopped, for `settled_time`. All of them should have the main pump's pressure
         P_S. For each compared line, the differences to the other compared lines and to P_S are
-        computed. The one of smallest magnitude is passed through a low-pass filter. For a line that
-        is not compared, or is the only one, the filter gets 0.
+        computed. The difference of smallest magnitude is passed through a low-pass filter. For a
+        line that is not compared, or is the only one, the filter gets 0.
 
         Args:
             sample: State of the arm. Only `sensed` (sensor readings) is read.

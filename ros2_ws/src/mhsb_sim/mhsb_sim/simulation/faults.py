@@ -192,22 +192,27 @@ def set_faults(
 
 
 def _list_no_places(machine: Machine) -> Sequence[str]:
+    """Return no names, for a fault that can be in one place only."""
     return ()
 
 
 def _actuators(machine: Machine) -> Sequence[str]:
+    """Return the names of all actuators."""
     return machine.actuator_names
 
 
 def _servo_pumps(machine: Machine) -> Sequence[str]:
+    """Return the numbers of all servo pumps, from 1, as texts."""
     return [str(k + 1) for k in range(machine.arrays.module_count)]
 
 
 def _lengths(machine: Machine) -> Sequence[str]:
+    """Return the name of the length sensor of each actuator."""
     return [f"{name}.length" for name in machine.actuator_names]
 
 
 def _pressures(machine: Machine) -> Sequence[str]:
+    """Return the names of three pressure sensors of each actuator: cap side, rod side and line."""
     kinds = "cap_pressure", "rod_pressure", "line_pressure"
     return [f"{name}.{kind}" for name in machine.actuator_names for kind in kinds]
 
@@ -221,63 +226,78 @@ def _sensors(machine: Machine) -> Sequence[str]:
 
 
 def _main_pump(plant: FaultTarget, place: int, value: float) -> None:
+    """Set the largest flow of the main pump to 0."""
     plant.circuit.constants["main_pump_flow"] = 0.0
 
 
 def _supply_sag(plant: FaultTarget, place: int, value: float) -> None:
+    """Lower the pressure that the main pump keeps to `value` [Pa]."""
     plant.circuit.constants["supply_pressure"] = value
 
 
 def _servo_pumps_off(plant: FaultTarget, place: int, value: float) -> None:
+    """Set the largest flow of all servo pumps to 0."""
     plant.circuit.modules["flow_ratio"] = 0.0
 
 
 def _servo_pump_dead(plant: FaultTarget, place: int, value: float) -> None:
+    """Set the largest flow of servo pump `place` to 0."""
     plant.circuit.modules["flow_ratio"][place] = 0.0
 
 
 def _servo_pump_slow(plant: FaultTarget, place: int, value: float) -> None:
+    """Multiply the lag of servo pump `place` by `value`."""
     plant.circuit.modules["lag_ratio"][place] = value
 
 
 def _servo_pump_stuck_on(plant: FaultTarget, place: int, value: float) -> None:
+    """Let servo pump `place` give its largest flow, whatever its command."""
     plant.circuit.modules["runs_on"][place] = 1.0
 
 
 def _valve_stuck(plant: FaultTarget, place: int, value: float) -> None:
+    """Let the spool of actuator `place` stay where it is."""
     plant.circuit.actuators["seized"][place] = 1.0
 
 
 def _valve_hard_over(plant: FaultTarget, place: int, value: float) -> None:
+    """Let the spool of actuator `place` go to the position `value`, −1 … 1."""
     plant.circuit.actuators["follows_command"][place] = 0.0
     plant.circuit.actuators["runaway"][place] = value
 
 
 def _leakage(plant: FaultTarget, place: int, value: float) -> None:
+    """Multiply the leakage of actuator `place`'s valve by `value`."""
     plant.circuit.actuators["leakage"][place] = value
 
 
 def _sensor_dead(plant: FaultTarget, place: int, value: float) -> None:
+    """Let sensor `place` give no readings."""
     plant.channels["dead"][place] = 1.0
 
 
 def _sensor_frozen(plant: FaultTarget, place: int, value: float) -> None:
+    """Let sensor `place` repeat its last reading."""
     plant.channels["frozen"][place] = 1.0
 
 
 def _length_offset(plant: FaultTarget, place: int, value: float) -> None:
+    """Add `value` [m] to all readings of length sensor `place`."""
     plant.channels["error"][place] = value
 
 
 def _length_drift(plant: FaultTarget, place: int, value: float) -> None:
+    """Let the error of length sensor `place` grow by `value` [m/s]."""
     plant.channels["error_rate"][place] = value
 
 
 def _pressure_offset(plant: FaultTarget, place: int, value: float) -> None:
+    """Add `value` [Pa] to all readings of pressure sensor `place`."""
     plant.channels["error"][len(plant.circuit.actuators) + place] = value
 
 
 def _pressure_drift(plant: FaultTarget, place: int, value: float) -> None:
+    """Let the error of pressure sensor `place` grow by `value` [Pa/s]."""
     plant.channels["error_rate"][len(plant.circuit.actuators) + place] = value
 
 

@@ -44,9 +44,9 @@ class PlanTarget(Protocol):
 
     @property
     def planned(self) -> MotionState:
-        """State of the plan in force at the present time of plans, as at full speed.
+        """State of the plan in force at the present time of plans.
 
-        Its velocity and acceleration are not reduced by speed scaling.
+        Velocity and acceleration are those at full speed: speed scaling does not reduce them.
         """
         ...
 
@@ -114,7 +114,7 @@ class PlanReceiver:
         Plans that are stamped before the present time of the target are refused.
 
         Args:
-            machine: The machine, by which plans are checked.
+            machine: The machine; plans must keep its limits.
             target: The arm that plans are handed over to.
         """
         self._machine = machine
@@ -322,6 +322,7 @@ class PlanReceiver:
         return None
 
     def _set_pending(self, pair: PendingPlan | None) -> None:
+        """Set the plan that waits, and the time of its hand-over; None: no plan waits."""
         self._pending = pair
         self.due_ns = NEVER_NS if pair is None else pair.due_ns
 
@@ -494,4 +495,5 @@ def find_schedule_problem(machine: Machine, schedule: ModeSchedule) -> str | Non
 
 
 def _format_jump(jump: tuple[float, float]) -> str:
+    """Return the jumps of position and velocity as text for a person."""
     return f"{jump[0]:.3g} rad and {jump[1]:.3g} rad/s"

@@ -295,9 +295,9 @@ class Simulator:
 
     @property
     def planned(self) -> MotionState:
-        """State of the plan at the present reference position, as at full speed.
+        """State of the plan at the present reference position.
 
-        Its velocity and acceleration are not reduced by speed scaling.
+        Velocity and acceleration are those at full speed: speed scaling does not reduce them.
         """
         return self._reference.sample_at_full_speed(self._time_ns)
 
@@ -652,6 +652,7 @@ class Simulator:
         self._control = self._servo.step
 
     def _within_limits(self, q: FloatArray) -> FloatArray:
+        """Return joint positions clipped to the joint limits, float64[n], [rad or m]."""
         return np.clip(q, self.machine.arrays.joint_min, self.machine.arrays.joint_max)
 
     def _hold(self, q: FloatArray, modes: ModeArray) -> None:
