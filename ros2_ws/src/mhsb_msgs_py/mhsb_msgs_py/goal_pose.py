@@ -66,7 +66,7 @@ def decode(message: PoseStamped, frame_prefix: str = "", to_base: ToBase | None 
             or orientation, and `FRAME` for an unknown frame. It is `OUT_OF_WORKSPACE` for a goal
             more than OFF_PLANE_TOLERANCE beside the arm's plane. A GoalError of `to_base` keeps its
             code.
-        MessageError: The nanoseconds of the stamp make a second or more.
+        MessageError: The nanoseconds of the stamp are 10⁹ or more.
     """
     position, orientation = message.pose.position, message.pose.orientation
     flat = message.header.frame_id == frame_name(WORK_PLANE_FRAME, frame_prefix)
@@ -126,4 +126,5 @@ def _goal_as_sent(position: Point, flat: bool, stamp_ns: int, slews: bool) -> Go
 
 
 def _format_numbers(numbers: tuple[float, ...]) -> str:
+    """Return numbers as text in parentheses, separated by commas."""
     return "(" + ", ".join(f"{number:g}" for number in numbers) + ")"

@@ -76,6 +76,7 @@ class GuardedExecutor(SingleThreadedExecutor):
     """Single-threaded executor that survives exceptions in the callbacks of its nodes."""
 
     def __init__(self) -> None:
+        """Create the executor without nodes, and without failures in a row."""
         super().__init__()
         self._in_a_row = 0
 

@@ -55,7 +55,7 @@ def spin_node(make_node: Callable[[], Node], arguments: list[str] | None = None)
 
     Args:
         make_node: Function that makes the node.
-        arguments: Words of the command line, of which rclpy reads those after `--ros-args`. None
+        arguments: Words of the command line; rclpy reads only the words after `--ros-args`. None
             takes the process's own.
 
     Returns:
@@ -94,7 +94,7 @@ def run_ros(arguments: list[str] | None = None) -> Iterator[None]:
     Fast DDS are deleted first.
 
     Args:
-        arguments: Words of the command line, of which rclpy reads those after `--ros-args`. None
+        arguments: Words of the command line; rclpy reads only the words after `--ros-args`. None
             takes the process's own.
 
     Raises:

@@ -225,7 +225,7 @@ def _read_message(message: JointTrajectory) -> PointArrays:
     """Return the content of a message that rclpy has decoded, as arrays.
 
     Raises:
-        MessageError: The nanoseconds of a time make a second or more.
+        MessageError: The nanoseconds of a time are 10⁹ or more.
     """
     times = [stamps.from_time(point.time_from_start) for point in message.points]
     return PointArrays(
@@ -250,7 +250,7 @@ def _read_regular_bytes(raw: bytes, head: _HeadReader) -> PointArrays | None:
         The content. None if the layout is not regular, or if there are no points.
 
     Raises:
-        MessageError: The nanoseconds of a time make a second or more.
+        MessageError: The nanoseconds of a time are 10⁹ or more.
     """
     count, base = head.point_count, head.start + len(CDR_ENCAPSULATION)
     if count == 0 or len(raw) < base + COUNT_FORMAT.size:
@@ -286,7 +286,7 @@ def _read_points(head: _HeadReader, points: np.ndarray, given: tuple[str, ...]) 
         The content. Arrays that are not in `given` have no columns.
 
     Raises:
-        MessageError: The nanoseconds of a time make a second or more.
+        MessageError: The nanoseconds of a time are 10⁹ or more.
     """
     sec, nanosec = head.stamp
     for each in (nanosec, int(points["nanosec"].max())):

@@ -29,7 +29,7 @@ def from_time(message: Time | Duration) -> int:
     """Return the time or duration of a message [ns].
 
     Raises:
-        MessageError: The nanoseconds make a second or more.
+        MessageError: The nanoseconds are 10⁹ or more.
     """
     check_nanoseconds(message.nanosec)
     return int(message.sec) * SECOND_NS + int(message.nanosec)
@@ -46,7 +46,7 @@ def from_clock(message: Time) -> int:
 
     Raises:
         MessageError: The time is before 1970, or later than `LATEST_PRESENT`, so that later times
-            would not fit into a message. Or its nanoseconds make a second or more.
+            would not fit into a message. Or its nanoseconds are 10⁹ or more.
     """
     if not 0 <= message.sec <= LATEST_PRESENT:
         raise MessageError(
@@ -99,7 +99,7 @@ def from_text(text: str) -> int:
 
 
 def check_nanoseconds(nanosec: int) -> None:
-    """Raise MessageError if the nanoseconds of a time or duration make a second or more."""
+    """Raise MessageError if the nanoseconds of a time or duration are 10⁹ or more."""
     if nanosec >= SECOND_NS:
         raise MessageError(
             f"a time has {nanosec} ns beside its seconds; it must be below {SECOND_NS}"
