@@ -246,7 +246,7 @@ class GovernorTotals(Record):
     error: float
     """Distance of the tip from its reference [m]."""
     error_behind: float
-    """That distance without the part by which the tip is ahead [m]."""
+    """Distance of the tip from its reference, without the component ahead of it [m]."""
     is_initialized: float
     """0 until the filters are initialised, then 1."""
     slowings: float
