@@ -1,9 +1,9 @@
 """Elements of the hydraulic circuit, one small function for each component.
 
-Resistive elements return (Q, dQ/dΔp): the flow [m³/s] through the element and its
-slope [m³/(s Pa)]. The flow is positive from the side at which the pressure drop Δp [Pa] begins. The
-slope is never negative. Dynamic elements return their state after dt [s], exactly for an input that
-is constant during dt.
+Resistive elements return (Q, dQ/dΔp): the flow [m³/s] through the element and its slope [m³/(s
+Pa)]. The flow and the pressure drop Δp [Pa] have the same positive direction. The slope is never
+negative. Dynamic elements return their state after dt [s], exactly for an input that is constant
+during dt.
 
 Sources: H. E. Merritt, Hydraulic Control Systems (orifices, chambers, servo valves, leakage);
 paper, Section 1 (servo pump, check valve and switching valve of a booster module).

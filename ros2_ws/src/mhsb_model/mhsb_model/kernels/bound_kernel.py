@@ -1,7 +1,8 @@
 """Kernels with bound arguments.
 
-A kernel that is called with many arrays a thousand times a second spends most of each call on
-determining their types, though these never change.
+A kernel may be called a thousand times a second, with many arrays whose types never change. It then
+spends most of each call on determining these types. With bound arguments, the types are determined
+only once.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 """Compilation of kernels by numba, imported when a kernel is first called.
 
-It is `numba.njit` with fixed options: kernels release the interpreter lock, divide as NumPy does,
-and are cached on disk. Checking each divisor for 0, as Python does, more than doubles the time of a
-loop that divides.
+Kernels are compiled by `numba.njit` with fixed options. They release the interpreter lock, divide
+as NumPy does, and are cached on disk. Checking each divisor for 0, as Python does, more than
+doubles the time of a loop that divides.
 
-It also shortens compilation. Numba makes each kernel callable from Python and from C and optimizes
-it fully. Most kernels are only called by other kernels, into which they are linked and optimized
-again. So each kernel has two dispatchers. Calls by other kernels use the inner one, whose versions
-are lightly optimized and have no wrappers.
+This module also shortens compilation. Numba makes each kernel callable from Python and from C and
+optimizes it fully. Most kernels are only called by other kernels, into which they are linked and
+optimized again. So each kernel has two dispatchers. Calls by other kernels use the inner one, whose
+versions are lightly optimized and have no wrappers.
 """
 
 from __future__ import annotations

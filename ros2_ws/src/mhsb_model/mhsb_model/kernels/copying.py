@@ -1,8 +1,9 @@
 """Copies of rows inside kernels.
 
-If an array is assigned to a slice or a row, numba checks the shapes and compiles the message of
-that error, with all its formatting of text, into each kernel that contains the assignment or calls
-such a kernel. That costs more time to compile than most kernels.
+If an array is assigned to a slice or a row, numba checks the shapes. It compiles the error message
+for unequal shapes, with all its formatting of text, into each kernel with such an assignment.
+Kernels that call such a kernel get the message too. Compiling it takes more time than compiling
+most kernels.
 """
 
 from __future__ import annotations
