@@ -51,21 +51,20 @@ FITTED_RUNS = (
 )
 """Names of the runs for which a trajectory is made as well."""
 
-Figure = Callable[[Runs, FittedRuns, Path, str], list[Path]]
-PAPER_FIGURES: dict[str, Figure] = {
-    "figure_3": lambda runs, fits, *place: draw_velocity_polytope(runs, *place),
-    "figure_5": lambda runs, fits, *place: draw_paths(runs, fits, ("1-1", "1-2"), *place),
-    "figure_6": lambda runs, fits, *place: draw_joints(
-        runs, fits, ("1-1", "1-2"), *place, load_lines=True
+PAPER_FIGURES: dict[str, Callable[[Runs, FittedRuns, Path], None]] = {
+    "figure_3": lambda runs, _, place: draw_velocity_polytope(runs, place),
+    "figure_5": lambda runs, fits, place: draw_paths(runs, fits, ("1-1", "1-2"), place),
+    "figure_6": lambda runs, fits, place: draw_joints(
+        runs, fits, ("1-1", "1-2"), place, load_lines=True
     ),
-    "figure_7": lambda runs, fits, *place: draw_paths(
-        runs, fits, ("2-1", "2-2", "3-1", "3-2"), *place
+    "figure_7": lambda runs, fits, place: draw_paths(
+        runs, fits, ("2-1", "2-2", "3-1", "3-2"), place
     ),
-    "figure_8": lambda runs, fits, *place: draw_joints(
-        runs, fits, ("2-2", "3-2"), *place, load_lines=False
+    "figure_8": lambda runs, fits, place: draw_joints(
+        runs, fits, ("2-2", "3-2"), place, load_lines=False
     ),
-    "figure_9": lambda runs, fits, *place: draw_polytopes_along(runs, *place),
-    "figure_10": lambda runs, fits, *place: draw_weights(runs, *place),
+    "figure_9": lambda runs, _, place: draw_polytopes_along(runs, place),
+    "figure_10": lambda runs, _, place: draw_weights(runs, place),
     "area_energy": draw_area_tradeoff,
 }
 """Functions that draw the paper's figures, and area against energy, by file name without suffix."""
@@ -120,10 +119,10 @@ def reproduce(
         fits = fit_runs(runs, [name for name in FITTED_RUNS if name in runs.runs])
         bar.update(len(FITTED_RUNS))
         for name, draw in PAPER_FIGURES.items():
-            draw(runs, fits, output, name)
+            draw(runs, fits, output / name)
             bar.update()
         points = operating_points.find_points(runs)
-        operating_points.draw_points(runs, fits, points, output, OPERATING_POINT)
+        operating_points.draw_points(fits, points, output / OPERATING_POINT)
         bar.update()
     found = ExpectationJudgement.of(runs)
     write_rows(output / "table.csv", TABLE_COLUMNS, _table_rows(runs, fits))

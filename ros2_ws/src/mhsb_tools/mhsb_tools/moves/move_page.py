@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -196,15 +196,30 @@ def draw_mode_bars(move: MoveRecord, axes: Axes) -> None:
         move: The move.
         axes: Axes to draw on, with time [s] as x. Ticks and limits of y are replaced.
     """
-    n = move.machine.joint_count
-    for j in range(n):
-        for begin, end, mode in mode_spans(move.modes[:, j]):
-            since, until = move.time[begin], move.time[end]
-            axes.broken_barh([(since, until - since)], (j - 0.4, 0.8), color=MODE_COLOR[mode])
-    for mode in available_modes(move.machine):
-        axes.broken_barh([], (0, 0), color=MODE_COLOR[mode], label=mode.name)
-    axes.set_yticks(range(n), [f"actuator {j + 1}" for j in range(n)])
-    axes.set_ylim(n - 0.4, -0.6)
+    labels = {mode: mode.name for mode in available_modes(move.machine)}
+    draw_labelled_mode_bars(move.time, move.modes, labels, axes)
+
+
+def draw_labelled_mode_bars(
+    time: FloatArray, modes: ModeArray, labels: Mapping[Mode, str], axes: Axes
+) -> None:
+    """Draw a bar for each of n actuators over time, the first one on top, coloured by its mode.
+
+    Args:
+        time: Instants, increasing, shape (k,) [s].
+        modes: Modes from each instant on, shape (k, n); the last row is not drawn.
+        labels: Text for a legend of each mode that is to have one.
+        axes: Axes to draw on, with time [s] as x. Ticks and limits of y are replaced.
+    """
+    count = modes.shape[1]
+    for j in range(count):
+        for begin, end, mode in mode_spans(modes[:, j]):
+            span = time[begin], time[end] - time[begin]
+            axes.broken_barh([span], (j - 0.4, 0.8), color=MODE_COLOR[mode])
+    for mode, label in labels.items():
+        axes.broken_barh([], (0, 0), color=MODE_COLOR[mode], label=label)
+    axes.set_yticks(range(count), [f"actuator {j + 1}" for j in range(count)])
+    axes.set_ylim(count - 0.4, -0.6)
     axes.grid(visible=False)
 
 

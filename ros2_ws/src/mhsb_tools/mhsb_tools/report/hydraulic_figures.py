@@ -11,7 +11,6 @@ from mhsb_model.figure_style import (
     BROWN,
     GREEN,
     GREY,
-    MODE_COLOR,
     PURPLE,
     TEAL,
     YELLOW,
@@ -22,10 +21,11 @@ from mhsb_model.figure_style import (
 )
 from mhsb_model.modes import Mode, modules_in_use
 from mhsb_model.types import FloatArray
+from mhsb_tools.moves.move_page import draw_labelled_mode_bars
 from mhsb_tools.report.recorded_run import EvaluatedRecording
 from mhsb_tools.report.run_axes import (
+    get_mode_rows,
     mark_take_overs,
-    mode_spans,
     shade_modes,
     time_axis,
     to_seconds,
@@ -54,18 +54,8 @@ def draw_modes(run: EvaluatedRecording, path: Path) -> None:
         bars, modules = figure.subplots(
             2, 1, sharex=True, height_ratios=(0.5 * n, 1.0), squeeze=True
         )
-        for mode in Mode:
-            for j in range(n):
-                spans = [(begin, end - begin) for begin, end in mode_spans(run, j, mode)]
-                bars.broken_barh(
-                    spans,
-                    (j - 0.36, 0.72),
-                    color=MODE_COLOR[mode],
-                    label=f"mode {mode.name}" if j == 0 else None,
-                )
-        bars.set_yticks(range(n), [f"actuator {j + 1}" for j in range(n)])
-        bars.invert_yaxis()
-        bars.grid(visible=False)
+        labels = {mode: f"mode {mode.name}" for mode in Mode}
+        draw_labelled_mode_bars(*get_mode_rows(run), labels, bars)
         _draw_modules(run, modules)
         for each in (bars, modules):
             mark_take_overs(run, each)
@@ -82,17 +72,9 @@ def _draw_modules(run: EvaluatedRecording, axes: Axes) -> None:
             Limits, ticks and label of y are set.
     """
     fitted = run.machine.config.hydraulics.modules
-    schedule = run.modes
-    used = [modules_in_use(row, fitted.per_mode) for row in schedule.modes]
-    end_ns = max(int(run.recording.joint_states.time_ns[-1]), schedule.end_ns)
-    time_ns = np.append(schedule.stamp_ns + schedule.offset_ns, end_ns)
-    axes.step(
-        to_seconds(run, time_ns),
-        [*used, used[-1]],
-        where="post",
-        color=BLACK,
-        label="booster modules in use",
-    )
+    time, modes = get_mode_rows(run)
+    used = [modules_in_use(row, fitted.per_mode) for row in modes]
+    axes.step(time, used, where="post", color=BLACK, label="booster modules in use")
     axes.axhline(fitted.count, color=GREY, linestyle="--", label="modules fitted")
     axes.set_ylim(-0.2, fitted.count + 0.4)
     axes.set_yticks(range(fitted.count + 1))

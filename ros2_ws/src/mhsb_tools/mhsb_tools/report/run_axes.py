@@ -8,7 +8,7 @@ import numpy as np
 
 from mhsb_model.figure_style import GREY, MODE_COLOR, Axes
 from mhsb_model.modes import BOOSTED_MODES, Mode
-from mhsb_model.types import IntArray
+from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_tools.report.recorded_goals import find_take_over_times
 from mhsb_tools.report.recorded_run import EvaluatedRecording
 
@@ -72,8 +72,22 @@ def mode_spans(run: EvaluatedRecording, actuator: int, mode: Mode) -> list[tuple
         begins a new span at each change of any actuator's mode, so one span may end where the next
         begins.
     """
+    time, modes = get_mode_rows(run)
+    rows = np.flatnonzero(modes[:-1, actuator] == mode)
+    return [(float(time[row]), float(time[row + 1])) for row in rows]
+
+
+def get_mode_rows(run: EvaluatedRecording) -> tuple[FloatArray, ModeArray]:
+    """Return the modes of all n actuators over time, with a last row for the recording's end.
+
+    Args:
+        run: The evaluated recording.
+
+    Returns:
+        Times from which on each row of modes is in force, shape (k,) [s since the first joint
+        state], and the rows, shape (k, n). The last row repeats the one before.
+    """
     schedule = run.modes
     end_ns = max(int(run.recording.joint_states.time_ns[-1]), schedule.end_ns)
-    edges = to_seconds(run, np.append(schedule.stamp_ns + schedule.offset_ns, end_ns))
-    rows = np.flatnonzero(schedule.modes[:, actuator] == mode)
-    return [(float(edges[row]), float(edges[row + 1])) for row in rows]
+    time_ns = np.append(schedule.stamp_ns + schedule.offset_ns, end_ns)
+    return to_seconds(run, time_ns), np.vstack([schedule.modes, schedule.modes[-1:]])

@@ -133,7 +133,11 @@ def _everything(run: EvaluatedRecording) -> Summary:
         "lead_ms": compute_quantiles(each.lead_ms for each in run.judged_goals),
         "unreadable_messages": recording.unreadable_count,
         "goals": [_goal(goal, judged.get(goal.verdict.goal_stamp_ns)) for goal in run.goals],
-        "lost": [_lost(each) for each in run.judged_goals if each.result is GoalResult.LOST],
+        "lost": [
+            {**_place(each.goal), "reason": each.reason}
+            for each in run.judged_goals
+            if each.result is GoalResult.LOST
+        ],
     }
 
 
@@ -401,11 +405,6 @@ def compute_real_time_factor(recording: Recording) -> float | None:
             simulated += span
             real += span / after.real_time_factor
     return simulated / real if real > 0.0 else None
-
-
-def _lost(fate: JudgedGoal) -> Summary:
-    """Return the entry of a lost goal: its position [m] and the reason."""
-    return {**_place(fate.goal), "reason": fate.reason}
 
 
 def _place(goal: Goal) -> Summary:

@@ -88,7 +88,7 @@ def tradeoffs(runs: Runs, fits: FittedRuns) -> Iterator[Tradeoff]:
         )
 
 
-def draw_area_tradeoff(runs: Runs, fits: FittedRuns, folder: Path, figure_name: str) -> list[Path]:
+def draw_area_tradeoff(runs: Runs, fits: FittedRuns, place: Path) -> None:
     """Draw the velocity polytope's mean area over energy for the runs of Case 4.
 
     The left panel shows the discrete paths, the right one the motions. The integrated planner's
@@ -99,15 +99,10 @@ def draw_area_tradeoff(runs: Runs, fits: FittedRuns, folder: Path, figure_name: 
     Args:
         runs: All runs of the machine.
         fits: Trajectories that were made for some of the runs.
-        folder: An existing folder for the files.
-        figure_name: Name of the files without suffix.
-
-    Returns:
-        The files written.
+        place: Path of the files without suffix; its folder must exist.
     """
     found = list(tradeoffs(runs, fits))
-    picture = folder / f"{figure_name}.png"
-    with open_figure(picture, 4.6) as figure:
+    with open_figure(place.with_suffix(".png"), 4.6) as figure:
         both = figure.subplots(1, 2, sharey=True)
         for title, axes, of_motion in zip(
             ("discrete paths", "motions"), both, (False, True), strict=True
@@ -120,7 +115,7 @@ def draw_area_tradeoff(runs: Runs, fits: FittedRuns, folder: Path, figure_name: 
         *("run", "w4_per_m", "energy_discrete_j", "area_discrete_m2_s2", "shortfall_discrete_m"),
         *("energy_j", "area_m2_s2"),
     )
-    return [picture, write_rows(folder / f"{figure_name}.csv", header, found)]
+    write_rows(place.with_suffix(".csv"), header, found)
 
 
 def _draw(found: list[Tradeoff], axes: Axes, of_motion: bool) -> None:

@@ -11,7 +11,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MAX_POINT_SPACING_NS, SECOND_NS, MotionState
-from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.motion.energy import Energy, motion_energy
 from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
 from mhsb_planner.motion.s3_trajectory import FitRules, FittedMotion, fit_trajectory
@@ -105,7 +105,8 @@ def _fit(machine: Machine, path: DiscretePath, rules: FitRules) -> FittedRun:
     start = MotionState.at_rest(path.posture[0])
     motion = fit_trajectory(machine, path, start, modes, None, rules)
     trajectory, schedule = motion.trajectory, motion.schedule
-    times_ns = _sample_times(trajectory.duration_ns) + trajectory.stamp_ns
+    offset_ns = np.arange(0, trajectory.duration_ns, MAX_POINT_SPACING_NS, dtype=np.int64)
+    times_ns = trajectory.stamp_ns + np.append(offset_ns, trajectory.duration_ns)
     position, velocity, _ = trajectory.sample_many(times_ns)
     return FittedRun(
         motion=motion,
@@ -115,8 +116,3 @@ def _fit(machine: Machine, path: DiscretePath, rules: FitRules) -> FittedRun:
         modes=schedule.modes_at_many(times_ns),
         profile=motion_profile(machine, position, velocity),
     )
-
-
-def _sample_times(duration_ns: int) -> IntArray:
-    """Return evenly spaced sample times from 0 on [ns], and the duration as the last one."""
-    return np.append(np.arange(0, duration_ns, MAX_POINT_SPACING_NS, dtype=np.int64), duration_ns)

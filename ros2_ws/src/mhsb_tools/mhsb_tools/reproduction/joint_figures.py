@@ -12,7 +12,6 @@ from mhsb_model import hydraulics
 from mhsb_model.figure_style import (
     GREY,
     JOINT_COLORS,
-    MODE_COLOR,
     PATH_COLOR,
     SKY,
     VERMILION,
@@ -24,7 +23,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray
 from mhsb_planner.result_files import write_rows
-from mhsb_tools.moves.move_page import mode_spans
+from mhsb_tools.moves.move_page import draw_labelled_mode_bars
 from mhsb_tools.reproduction.fits import FittedRun, FittedRuns
 from mhsb_tools.reproduction.runs import Runs
 
@@ -39,11 +38,10 @@ def draw_joints(
     runs: Runs,
     fits: FittedRuns,
     names: Sequence[str],
-    folder: Path,
-    figure_name: str,
+    place: Path,
     *,
     load_lines: bool,
-) -> list[Path]:
+) -> None:
     """Draw joint angles and modes of some runs over time, and write the data.
 
     There is a column for each run. The upper panel has the joint angles [°], the next one a band of
@@ -54,18 +52,13 @@ def draw_joints(
         runs: All runs of the machine.
         fits: Trajectories that were made for some of the runs.
         names: Names of the runs to draw.
-        folder: An existing folder for the files.
-        figure_name: Name of the files without suffix.
+        place: Path of the files without suffix; its folder must exist.
         load_lines: Whether a third row of panels shows piston speed [mm/s] over force [kN] of joint
             1's cylinder.
-
-    Returns:
-        The two files.
     """
-    picture = folder / f"{figure_name}.png"
     rows = 3 if load_lines else 2
     heights = [ROW_HEIGHT, 1.0, ROW_HEIGHT][:rows]
-    with open_figure(picture, sum(heights), FIGURE_WIDTH) as figure:
+    with open_figure(place.with_suffix(".png"), sum(heights), FIGURE_WIDTH) as figure:
         panels = figure.subplots(
             rows, len(names), squeeze=False, gridspec_kw={"height_ratios": heights}
         )
@@ -81,8 +74,7 @@ def draw_joints(
                 _draw_load_line(runs[name].machine, fit, 0, panels[2, column])
         legend_above(figure, *panels.ravel())
     header = ("case", "time_s", *_columns(runs.machine))
-    data = folder / f"{figure_name}.csv"
-    return [picture, write_rows(data, header, _rows(fits, names))]
+    write_rows(place.with_suffix(".csv"), header, _rows(fits, names))
 
 
 def _draw_angles(runs: Runs, name: str, fit: FittedRun, axes: Axes) -> None:
@@ -123,18 +115,9 @@ def _draw_modes(fit: FittedRun, axes: Axes) -> None:
         axes: Axes to draw on. The ticks of y name the actuators, the first one at the top. The
             label of x is set, and the grid is switched off.
     """
-    for actuator in range(fit.modes.shape[1]):
-        for begin, end, mode in mode_spans(fit.modes[:, actuator]):
-            since, until = fit.time[begin], fit.time[end]
-            axes.broken_barh(
-                [(since, until - since)],
-                (actuator - 0.4, 0.8),
-                color=MODE_COLOR[mode],
-                label=f"mode {mode.name}",
-            )
+    labels = {mode: f"mode {mode.name}" for mode in Mode if np.any(fit.modes == mode)}
+    draw_labelled_mode_bars(fit.time, fit.modes, labels, axes)
     axes.set_yticks(range(fit.modes.shape[1]), [f"J{j + 1}" for j in range(fit.modes.shape[1])])
-    axes.invert_yaxis()
-    axes.grid(visible=False)
     axes.set_xlabel("time [s]")
 
 

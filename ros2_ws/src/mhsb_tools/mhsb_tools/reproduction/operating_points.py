@@ -108,9 +108,7 @@ def as_text(points: Mapping[str, BestPoint]) -> list[str]:
     ]
 
 
-def draw_points(
-    runs: Runs, fits: FittedRuns, points: Mapping[str, BestPoint], folder: Path, figure_name: str
-) -> list[Path]:
+def draw_points(fits: FittedRuns, points: Mapping[str, BestPoint], place: Path) -> None:
     """Draw energy over supply pressure (Case 1-1) and cost over V_max (Case 1-2).
 
     V_max is the piston speed for planning. All examined points are drawn. The left panel also has
@@ -118,18 +116,12 @@ def draw_points(
     for each examined point.
 
     Args:
-        runs: All runs; not used.
         fits: Trajectories that were made for some of the runs; those of the sweep over supply
             pressure are drawn.
         points: Best operating points by name.
-        folder: An existing folder for the files.
-        figure_name: Name of the files without suffix.
-
-    Returns:
-        The files written.
+        place: Path of the files without suffix; its folder must exist.
     """
-    picture = folder / f"{figure_name}.png"
-    with open_figure(picture, 4.6) as figure:
+    with open_figure(place.with_suffix(".png"), 4.6) as figure:
         pressure, speed = figure.subplots(1, 2)
         for found in points.values():
             _draw_curve(found, pressure if found.varied == "ps" else speed)
@@ -150,7 +142,7 @@ def draw_points(
         for name, found in points.items()
         for sample in found.point.curve
     ]
-    return [picture, write_rows(folder / f"{figure_name}.csv", header, rows)]
+    write_rows(place.with_suffix(".csv"), header, rows)
 
 
 def _draw_curve(found: BestPoint, axes: Axes) -> None:

@@ -25,9 +25,7 @@ LEAST_WIDTH = 11.0
 """Least width of the figure [in], which the legend needs."""
 
 
-def draw_paths(
-    runs: Runs, fits: FittedRuns, names: Sequence[str], folder: Path, figure_name: str
-) -> list[Path]:
+def draw_paths(runs: Runs, fits: FittedRuns, names: Sequence[str], place: Path) -> None:
     """Draw the tip's paths over the operating regions, one panel for each case.
 
     A panel shows the regions in which joints need boost, postures of the arm, the discrete path and
@@ -38,16 +36,11 @@ def draw_paths(
         runs: All runs of the machine.
         fits: Trajectories that were made for some of the runs.
         names: Names of the runs to draw.
-        folder: An existing folder for the files.
-        figure_name: Name of the files without suffix.
-
-    Returns:
-        The three files.
+        place: Path of the files without suffix; its folder must exist.
     """
     regions = operating_regions(runs.machine, runs.table)
-    picture = folder / f"{figure_name}.png"
     width = max(LEAST_WIDTH, PANEL_WIDTH * len(names))
-    with open_figure(picture, FIGURE_HEIGHT, width) as figure:
+    with open_figure(place.with_suffix(".png"), FIGURE_HEIGHT, width) as figure:
         panels = figure.subplots(1, len(names), squeeze=False)[0]
         for name, axes in zip(names, panels, strict=True):
             draw_regions(regions, axes)
@@ -60,19 +53,16 @@ def draw_paths(
                 _draw_tip(fits.by_run[name], axes)
             axes.set_title(f"Case {name}")
         legend_above(figure, *panels)
-    return [
-        picture,
-        write_rows(
-            folder / f"{figure_name}_paths.csv",
-            ("case", "path", "time_s", "x_m", "z_m", "modes"),
-            (row for name in names for row in _path_rows(runs, fits, name)),
-        ),
-        write_rows(
-            folder / f"{figure_name}_regions.csv",
-            ("x_m", "z_m", *(f"{joint}_needs_boost" for joint in runs.machine.joint_names)),
-            _region_rows(regions),
-        ),
-    ]
+    write_rows(
+        place.with_name(f"{place.name}_paths.csv"),
+        ("case", "path", "time_s", "x_m", "z_m", "modes"),
+        (row for name in names for row in _path_rows(runs, fits, name)),
+    )
+    write_rows(
+        place.with_name(f"{place.name}_regions.csv"),
+        ("x_m", "z_m", *(f"{joint}_needs_boost" for joint in runs.machine.joint_names)),
+        _region_rows(regions),
+    )
 
 
 def draw_discrete_path(path: DiscretePath, axes: Axes) -> None:

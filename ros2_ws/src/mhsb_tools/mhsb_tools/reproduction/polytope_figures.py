@@ -43,7 +43,7 @@ COMPARED_RUNS = ("4-1", "4-2", "4-3")
 RUN_COLORS = (BLUE, ORANGE, VERMILION)
 
 
-def draw_velocity_polytope(runs: Runs, folder: Path, figure_name: str) -> list[Path]:
+def draw_velocity_polytope(runs: Runs, place: Path) -> None:
     """Draw the joint velocities and tip velocities that piston speed limits allow (Figure 3).
 
     They are for the start of Case 1-1 and the mode combination SHOWN_PATTERN. The posture is that
@@ -53,11 +53,7 @@ def draw_velocity_polytope(runs: Runs, folder: Path, figure_name: str) -> list[P
 
     Args:
         runs: All runs of the machine.
-        folder: An existing folder for the files.
-        figure_name: Name of the files without suffix.
-
-    Returns:
-        The three files.
+        place: Path of the files without suffix; its folder must exist.
     """
     machine, table = runs.machine, runs.table
     x, z = runs["1-1"].setting.case.start
@@ -66,8 +62,7 @@ def draw_velocity_polytope(runs: Runs, folder: Path, figure_name: str) -> list[P
     q = table.posture[node, pattern]
     joint = piston_speed_corners(machine, q, table.patterns[pattern]) / machine.moment_arms(q)
     tip = polytope_vertices(machine, q, table.patterns[pattern])
-    picture = folder / f"{figure_name}.png"
-    with open_figure(picture, 4.6) as figure:
+    with open_figure(place.with_suffix(".png"), 4.6) as figure:
         _draw_body(joint, figure)
         axes = figure.add_subplot(1, 2, 2)
         axes.fill(*tip.T, facecolor=ORANGE, edgecolor=VERMILION, alpha=0.5)
@@ -78,11 +73,8 @@ def draw_velocity_polytope(runs: Runs, folder: Path, figure_name: str) -> list[P
             title=f"{pattern_name(SHOWN_PATTERN)} at ({x:g}, {z:g}) m",
         )
     joint_columns = [f"{name}_rad_s" for name in machine.joint_names]
-    return [
-        picture,
-        write_rows(folder / f"{figure_name}_joint_velocities.csv", joint_columns, joint),
-        write_rows(folder / f"{figure_name}_tip_velocities.csv", ("x_m_s", "z_m_s"), tip),
-    ]
+    write_rows(place.with_name(f"{place.name}_joint_velocities.csv"), joint_columns, joint)
+    write_rows(place.with_name(f"{place.name}_tip_velocities.csv"), ("x_m_s", "z_m_s"), tip)
 
 
 def _draw_body(joint: FloatArray, figure: Figure) -> None:
@@ -105,7 +97,7 @@ def _draw_body(joint: FloatArray, figure: Figure) -> None:
         getattr(axes, f"set_{name}label")(f"joint {number + 1} [rad/s]")
 
 
-def draw_polytopes_along(runs: Runs, folder: Path, figure_name: str) -> list[Path]:
+def draw_polytopes_along(runs: Runs, place: Path) -> None:
     """Draw the velocity polytopes along the paths of Case 4, and their areas (Figure 9).
 
     There is a column for each run. The upper panel shows path, arm and polytopes in the plane; it
@@ -114,16 +106,11 @@ def draw_polytopes_along(runs: Runs, folder: Path, figure_name: str) -> list[Pat
 
     Args:
         runs: All runs of the machine.
-        folder: An existing folder for the files.
-        figure_name: Name of the files without suffix.
-
-    Returns:
-        The two files.
+        place: Path of the files without suffix; its folder must exist.
     """
-    picture = folder / f"{figure_name}.png"
     paths = {name: path for name in COMPARED_RUNS if (path := runs[name].path) is not None}
     areas = {name: polytope_profile(runs[name].machine, path) for name, path in paths.items()}
-    with open_figure(picture, 7.4, PANEL_WIDTH * len(COMPARED_RUNS)) as figure:
+    with open_figure(place.with_suffix(".png"), 7.4, PANEL_WIDTH * len(COMPARED_RUNS)) as figure:
         panels = figure.subplots(2, len(COMPARED_RUNS), gridspec_kw={"height_ratios": [3, 1]})
         scale = SHOWN_RADIUS / max((_largest_speed(runs[name]) for name in paths), default=1.0)
         for name, axes in zip(COMPARED_RUNS, panels[0], strict=True):
@@ -133,14 +120,11 @@ def draw_polytopes_along(runs: Runs, folder: Path, figure_name: str) -> list[Pat
                 _draw_along(runs[name], paths[name], scale, axes)
         _draw_areas(paths, areas, panels[1])
         legend_above(figure, *panels.ravel())
-    return [
-        picture,
-        write_rows(
-            folder / f"{figure_name}.csv",
-            ("case", "step", "x_m", "z_m", "modes", "area_m2_s2"),
-            (row for name, path in paths.items() for row in _area_rows(name, path, areas[name])),
-        ),
-    ]
+    write_rows(
+        place.with_suffix(".csv"),
+        ("case", "step", "x_m", "z_m", "modes", "area_m2_s2"),
+        (row for name, path in paths.items() for row in _area_rows(name, path, areas[name])),
+    )
 
 
 def _polytopes(run: Run, path: DiscretePath) -> Iterator[tuple[FloatArray, FloatArray]]:

@@ -20,7 +20,7 @@ SHOWN_MEASURES = (
 """Title and function of each map."""
 
 
-def draw_weights(runs: Runs, folder: Path, figure_name: str) -> list[Path]:
+def draw_weights(runs: Runs, place: Path) -> None:
     """Draw maps of energy, time and path length over the weights w₁ and w₂ (Figure 10).
 
     w₁ is the weight of energy [1/J], w₂ that of time [1/s]. The cell of a run without a path has no
@@ -28,11 +28,7 @@ def draw_weights(runs: Runs, folder: Path, figure_name: str) -> list[Path]:
 
     Args:
         runs: All runs of the machine.
-        folder: An existing folder for the files.
-        figure_name: Name of the files without suffix.
-
-    Returns:
-        The files written.
+        place: Path of the files without suffix; its folder must exist.
     """
     values = np.full((len(SHOWN_MEASURES), len(ENERGY_WEIGHTS), len(TIME_WEIGHTS)), np.nan)
     for i, w1 in enumerate(ENERGY_WEIGHTS):
@@ -40,8 +36,7 @@ def draw_weights(runs: Runs, folder: Path, figure_name: str) -> list[Path]:
             path = runs[weight_run(w1, w2)].path
             if path is not None:
                 values[:, i, k] = [measure(path) for _, measure in SHOWN_MEASURES]
-    picture = folder / f"{figure_name}.png"
-    with open_figure(picture, 3.8, 12.0) as figure:
+    with open_figure(place.with_suffix(".png"), 3.8, 12.0) as figure:
         for (title, _), value, axes in zip(
             SHOWN_MEASURES, values, figure.subplots(1, 3), strict=True
         ):
@@ -53,7 +48,7 @@ def draw_weights(runs: Runs, folder: Path, figure_name: str) -> list[Path]:
         for k, w2 in enumerate(TIME_WEIGHTS)
     ]
     header = ("w1_per_j", "w2_per_s", "energy_j", "time_s", "length_m")
-    return [picture, write_rows(folder / f"{figure_name}.csv", header, rows)]
+    write_rows(place.with_suffix(".csv"), header, rows)
 
 
 def _draw_map(value: FloatArray, figure: Figure, axes: Axes) -> None:
