@@ -134,9 +134,15 @@ def get_type_definition(type_name: str) -> str:
     """Return the full text of a message type, with the types that it contains.
 
     Args:
-        type_name: ROS type, such as `std_msgs/msg/String`; it must be known.
+        type_name: ROS type, such as `std_msgs/msg/String`.
+
+    Returns:
+        The text, or an empty text if the type is unknown here.
     """
-    return get_typestore_jazzy().generate_msgdef(type_name, ros_version=2)[0]
+    types = get_typestore_jazzy()
+    return (
+        types.generate_msgdef(type_name, ros_version=2)[0] if type_name in types.fielddefs else ""
+    )
 
 
 def compute_type_hash(type_name: str) -> str:
@@ -145,19 +151,13 @@ def compute_type_hash(type_name: str) -> str:
     The hash follows REP 2011 and has the form `RIHS01_...`.
 
     Args:
-        type_name: ROS type, such as `std_msgs/msg/String`; it must be known.
+        type_name: ROS type, such as `std_msgs/msg/String`.
+
+    Returns:
+        The hash, or an empty text if the type is unknown here.
     """
-    return get_typestore_jazzy().hash_rihs01(type_name)
-
-
-def known_definition(type_name: str) -> str:
-    """Return the text of a ROS message type, or an empty text if the type is unknown here."""
-    return get_type_definition(type_name) if type_name in get_typestore_jazzy().fielddefs else ""
-
-
-def known_type_hash(type_name: str) -> str:
-    """Return the hash of a ROS message type, or an empty text if the type is unknown here."""
-    return compute_type_hash(type_name) if type_name in get_typestore_jazzy().fielddefs else ""
+    types = get_typestore_jazzy()
+    return types.hash_rihs01(type_name) if type_name in types.fielddefs else ""
 
 
 def qos_text(profile: QoSProfile) -> str:

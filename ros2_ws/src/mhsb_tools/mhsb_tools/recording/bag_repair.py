@@ -348,7 +348,7 @@ def _topic(channel: Channel, definitions: Definitions) -> BagTopic:
         type_name,
         channel.metadata.get("offered_qos_profiles", ""),
         channel.message_encoding,
-        channel.metadata.get("topic_type_hash") or bag_format.known_type_hash(type_name),
+        channel.metadata.get("topic_type_hash") or bag_format.compute_type_hash(type_name),
     )
 
 

@@ -155,7 +155,7 @@ def with_known_text(schema: Schema) -> Schema:
     Returns:
         The schema; its text is empty if the type is unknown here.
     """
-    known = bag_format.known_definition(schema.name)
+    known = bag_format.get_type_definition(schema.name)
     return replace(schema, encoding=bag_format.SCHEMA_ENCODING, data=known.encode())
 
 

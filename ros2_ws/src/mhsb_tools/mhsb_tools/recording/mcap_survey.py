@@ -406,8 +406,7 @@ class Survey:
         """
         if not self.counts or first_ns < self.start_ns:
             self.start_ns = first_ns
-        if last_ns > self.end_ns:
-            self.end_ns = last_ns
+        self.end_ns = max(self.end_ns, last_ns)
         for channel_id, count in counts:
             self.counts[channel_id] += count
             if channel_id not in self.definitions.channels:

@@ -480,11 +480,15 @@ class McapWalk:
             StructureError: The record is damaged.
         """
         is_private = found.opcode >= FIRST_PRIVATE_OPCODE
-        is_nameless = found.opcode == Opcode.MESSAGE and not self._is_known(found)
+        is_nameless = (
+            found.opcode == Opcode.MESSAGE
+            and MESSAGE_HEAD.unpack(found.content)[0] not in self._channels
+        )
         if is_private or is_nameless:
             if self._chunk_of_damaged_head(found.at) is not None:
                 raise StructureError("the kind of a record is damaged")
-            self._check_next(found.end)
+            if found.end != self._file.size:
+                self._structure.read_frame(found.end)  # raises if no record follows
             if is_nameless and self._channels:
                 raise StructureError("a message outside of chunks is on no topic of the file")
         match found.opcode:
@@ -510,16 +514,6 @@ class McapWalk:
                     index = found.content
                     times = index.message_start_time, index.message_end_time
                     self._parts.chunk_keys.append((*times, index.uncompressed_size))
-
-    def _check_next(self, at: int) -> None:
-        """Raise StructureError unless a record, or the file's end, is at an offset."""
-        if at != self._file.size:
-            self._structure.read_frame(at)
-
-    def _is_known(self, found: RecordFrame) -> bool:
-        """Return whether the channel of a message outside chunks has occurred before."""
-        channel_id, *_ = MESSAGE_HEAD.unpack(found.content)
-        return channel_id in self._channels
 
     def _check_attachment(self, found: RecordFrame) -> None:
         """Check the lengths of the fields in an attachment, and its checksum if it has one.

@@ -126,7 +126,7 @@ def write_other(
                     writer.add_message(channels[1], time_ns + 1, data, time_ns, number)
             writer.finish()
         kinds = {"/joint_states": topic.type_name, "/zx200/front_cmd": FOREIGN_TYPE}
-        known = {name: bag_format.known_type_hash(kind) for name, kind in kinds.items()}
+        known = {name: bag_format.compute_type_hash(kind) for name, kind in kinds.items()}
         files[path.name] = BagContents(
             times[0],
             times[-1] + foreign,
