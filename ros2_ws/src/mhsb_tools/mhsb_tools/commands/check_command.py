@@ -22,7 +22,7 @@ from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, frozen
 from mhsb_sim.circuit.valves.registry import read_valve_sections
 from mhsb_tools.moves.operating_regions import OperatingRegions
-from mhsb_tools.moves.workspace_picture import draw_workspace_picture
+from mhsb_tools.moves.workspace_drawing import draw_workspace_picture
 
 PSI_SAMPLES, TELESCOPE_PSI_SAMPLES = 180, 3600
 """Number of end-link angles ψ at which postures are looked for at each point.

@@ -141,12 +141,11 @@ def _accuracy_lines(summary: Mapping[str, Any]) -> list[str]:
         lines.append(
             f"tracking: the tip was {rms:.2f} mm RMS from its reference, {largest:.1f} mm at most"
         )
-    for each in summary["cavitation"]:
-        lines.append(
-            f"note: for {each['duration_s']:.2f} s a load moved {each['actuator']} faster than oil "
-            f"fills its inlet ({abs(each['force_n']):.0f} N); plans warn of such loads"
-        )
-    return lines
+    return lines + [
+        f"note: for {each['duration_s']:.2f} s a load moved {each['actuator']} faster than oil "
+        f"fills its inlet ({abs(each['force_n']):.0f} N); plans warn of such loads"
+        for each in summary["cavitation"]
+    ]
 
 
 def _energy_lines(summary: Mapping[str, Any], tour: Mapping[str, Any]) -> list[str]:

@@ -45,8 +45,14 @@ from mhsb_tools.errors import VariationError
 from mhsb_tools.moves.move_page import draw_move_page
 from mhsb_tools.study.energy_comparison import EnergyPart, energy_elements
 from mhsb_tools.study.energy_comparison import as_text as energy_text
-from mhsb_tools.study.headless import SAMPLE_NS, GoalRun, HeadlessRun, Samples, TimedGoal
-from mhsb_tools.study.simulated_move import simulated_move
+from mhsb_tools.study.headless import (
+    SAMPLE_NS,
+    GoalRun,
+    HeadlessRun,
+    Samples,
+    TimedGoal,
+    simulated_move,
+)
 from mhsb_tools.study.variations import load_variations, scale_values
 
 SHORTEST_TIME, LONGEST_TIME = SAMPLE_NS / SECOND_NS, 3600.0

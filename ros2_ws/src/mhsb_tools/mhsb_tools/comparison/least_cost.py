@@ -745,23 +745,9 @@ class _Lattice:
             self._pricing.workspace_violation(middle) > allowed + 1e-5
         )
         cost[out] = np.inf
-        self._add(steps, origin, target[:, None] * len(self._pricing.patterns), cost)
-
-    def _add(self, steps: _Steps, origin: IntArray, target: IntArray, cost: FloatArray) -> None:
-        """Add edges for steps during which the mode combination (pattern) does not change.
-
-        A state's index is the point's index times the number of patterns, plus the pattern's index.
-
-        Args:
-            steps: Edges of the graph; extended in place.
-            origin: Indices of the points (not states) in which the steps begin, shape (k,).
-            target: For each step, the index of the state with its end point and pattern 0, shape
-                (k, 1).
-            cost: Cost of each step in each pattern, shape (k, patterns); infinity means no edge.
-        """
-        own = np.arange(cost.shape[1])
-        start = origin[:, None] * cost.shape[1] + own
-        steps.add(start, target + own, cost)
+        patterns = cost.shape[1]
+        own = np.arange(patterns)
+        steps.add(patterns * origin[:, None] + own, patterns * target[:, None] + own, cost)
 
     def _add_endings(self, steps: _Steps, sink: int) -> IntArray:
         """Add edges from the lattice points near goal postures to the goal state.

@@ -1,7 +1,8 @@
-"""Drawing of the workspace: operating regions, border, obstacles, arm."""
+"""Drawing of the workspace: operating regions, border, obstacles, arm, and a picture of them."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from mhsb_model.figure_style import (
     VERMILION,
     YELLOW,
     Axes,
+    open_figure,
 )
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.shadows import compute_shadows
@@ -39,6 +41,10 @@ OTHER_COLORS = (TEAL, BROWN)
 """Colours of sets of joints that the paper's figure does not have."""
 NO_BOOST_LABEL, UNBOOSTABLE_LABEL = "no joint needs boost", "beyond the highest boost"
 """Labels of nodes at which no joint needs boost, and at which the highest boost is too low."""
+PICTURE_WIDTH, PICTURE_HEIGHT = 8.6, 7.4  # in
+NO_POSTURE_LABEL = "no posture within the joint limits"
+"""Label of the white parts of the operating range."""
+
 OUTLINE_STYLE = {"fill": False, "edgecolor": VERMILION, "linestyle": "--", "linewidth": 1.5}
 IN_PLANE: tuple[dict[str, Any], ...] = (
     {"facecolor": VERMILION, "alpha": 0.35, "label": "keep-out"},
@@ -254,3 +260,45 @@ def widen_axes_to_arm(machine: Machine, postures: FloatArray, axes: Axes) -> Non
         (axes.get_ylim(), axes.set_ylim, low[1], high[1]),
     ):
         put(min(limits[0], least), max(limits[1], most))
+
+
+def draw_workspace_picture(machine: Machine, regions: OperatingRegions, file: Path) -> None:
+    """Draw where the machine holds its load at rest, and write the picture as PNG.
+
+    It shows the arm's plane, x and z [m]: the reachable grid points by the joints that need boost
+    there, the operating range, obstacles, and the arm in its start posture. If the arm slews,
+    obstacles are drawn for all angles of the slew.
+
+    Args:
+        machine: The arm.
+        regions: Grid points that the arm reaches, with a column for each joint in the arm's plane.
+        file: PNG file to write.
+    """
+    start = np.array(machine.config.simulation.start_posture)
+    modules, pressure = machine.arrays.module_count, machine.arrays.supply_pressure / 1e6
+    boost = (
+        f"boost up to {machine.arrays.max_boost_pressure / 1e6:.1f} MPa" if modules else "no boost"
+    )
+    with open_figure(file, PICTURE_HEIGHT, PICTURE_WIDTH) as figure:
+        axes = figure.subplots()
+        draw_regions(
+            regions,
+            axes,
+            first_joint=2 if machine.slews else 1,
+            no_boost_label=NO_BOOST_LABEL if modules else "held at supply pressure",
+            unboostable_label=UNBOOSTABLE_LABEL if modules else "beyond the supply pressure",
+        )
+        draw_workspace_axes(machine, axes)
+        draw_obstacles(
+            machine, axes, np.vstack([machine.arrays.joint_min, machine.arrays.joint_max])
+        )
+        draw_arm(machine, start, axes, color=BLACK, alpha=1.0, label="arm in its start posture")
+        widen_axes_to_arm(machine, start[np.newaxis], axes)
+        axes.set_title(
+            f"{machine.name}: where a payload of {machine.arrays.payload:g} kg is held at rest\n"
+            f"supply pressure {pressure:.1f} MPa, {boost}"
+        )
+        axes.scatter(
+            [], [], s=110, marker="s", facecolor="white", edgecolor=GREY, label=NO_POSTURE_LABEL
+        )
+        axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0))

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mhsb_control import REGISTERED_CONTROLLERS
-from mhsb_tools.study.draws import DrawRecord
+from mhsb_tools.study.draws import DrawRecord, group_by_controller
 
 MEDIAN_LEVEL, HIGH_LEVEL, WORST_LEVEL = 0.5, 0.95, 1.0
 LEVEL_NAMES = {MEDIAN_LEVEL: "median", HIGH_LEVEL: "p95", WORST_LEVEL: "worst"}
@@ -198,9 +197,7 @@ def as_text(records: Sequence[DrawRecord]) -> list[str]:
         goals, or was ended because the guard (reference governor) held the plan too long.
     """
     lines = []
-    ran = {record.controller for record in records}
-    for name in (name for name in REGISTERED_CONTROLLERS if name in ran):
-        own = [record for record in records if record.controller == name]
+    for name, own in group_by_controller(records).items():
         lines.append(f"{name:44s}{'runs':>6s}{'value':>10s}  limit")
         for figure in figures_of(own):
             limit = "" if figure.most == np.inf else f"<= {figure.most:g}"

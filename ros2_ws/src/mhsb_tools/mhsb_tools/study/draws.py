@@ -396,6 +396,15 @@ def run_draws(
         yield from results_of(pool.submit(DrawStudy.run_draw, draw) for draw in range(count))
 
 
+def group_by_controller(records: Sequence[DrawRecord]) -> dict[str, list[DrawRecord]]:
+    """Return the records of each controller that has some, in the order of registration."""
+    groups = {
+        name: [record for record in records if record.controller == name]
+        for name in REGISTERED_CONTROLLERS
+    }
+    return {name: group for name, group in groups.items() if group}
+
+
 def as_dicts(records: Sequence[DrawRecord]) -> list[dict[str, object]]:
     """Convert records to plain dictionaries for JSON.
 

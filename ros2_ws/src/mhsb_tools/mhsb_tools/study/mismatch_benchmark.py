@@ -14,14 +14,13 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from mhsb_control import REGISTERED_CONTROLLERS
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine
 from mhsb_model.schema import Duration, Section, Weight
 from mhsb_planner.executor import Jobs, SharedStateExecutor, results_of
 from mhsb_planner.planner import DEFAULT_PLANNER, PlanOptions
 from mhsb_planner.search.s2_search import Weights
-from mhsb_tools.study.draws import DrawRecord, DrawStudy, PlannedSequence
+from mhsb_tools.study.draws import DrawRecord, DrawStudy, PlannedSequence, group_by_controller
 from mhsb_tools.study.headless import TimedGoal
 from mhsb_tools.study.scenarios import read_study_file
 from mhsb_tools.study.variations import Variations, draw_machine, validate_variations
@@ -225,9 +224,7 @@ def summarize(records: Sequence[DrawRecord], lost: float) -> dict[str, Any]:
         has a value.
     """
     found: dict[str, Any] = {}
-    ran = {record.controller for record in records}
-    for name in (name for name in REGISTERED_CONTROLLERS if name in ran):
-        own = [record for record in records if record.controller == name]
+    for name, own in group_by_controller(records).items():
         errors = [r.tip_error_max_mm for r in own if r.tip_error_max_mm is not None]
         found[name] = {
             "runs": len(own),

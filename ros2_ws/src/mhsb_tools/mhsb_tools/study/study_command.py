@@ -36,7 +36,6 @@ from mhsb_tools.study.controller_comparison import COMPARED_CONTROLLERS, as_text
 from mhsb_tools.study.draw_limits import as_text as draws_as_text
 from mhsb_tools.study.draws import GOAL_COUNT, DrawRecord, DrawStudy, run_draws
 from mhsb_tools.study.draws import as_dicts as draws_as_dicts
-from mhsb_tools.study.fault_figures import draw_faults
 from mhsb_tools.study.fault_study import STUDIED_FAULTS, run_faults
 from mhsb_tools.study.fault_study import as_text as faults_as_text
 from mhsb_tools.study.mismatch_benchmark import (
@@ -48,7 +47,7 @@ from mhsb_tools.study.mismatch_benchmark import (
 from mhsb_tools.study.mismatch_benchmark import as_markdown as benchmark_as_markdown
 from mhsb_tools.study.scenarios import Scenario, load_scenarios
 from mhsb_tools.study.servo_study import as_dicts, run_study
-from mhsb_tools.study.study_figures import draw_study
+from mhsb_tools.study.study_figures import draw_faults, draw_study
 from mhsb_tools.study.variations import load_variations
 
 DEFAULT_DRAWS = 100
@@ -205,6 +204,22 @@ def _check_options_have_effect(asked: str, kind: KindArguments, draws: DrawArgum
     raise command_line.UsageError(f"--{asked}: {FIXED_PROTOCOLS[asked]}; leave out {names}")
 
 
+def _prepare_processes(machine: Machine, output: Path) -> None:
+    """Create the output folder, and what the processes of a study load from the cache.
+
+    Args:
+        machine: The machine whose posture table is built if it is not cached.
+        output: Folder for the results; created if it does not exist.
+
+    Raises:
+        MhsbError: The output folder cannot be used, or the posture table has no posture.
+    """
+    make_output_folder(output, "the study")
+    compile_planner()
+    compile_simulator()
+    load_or_build_table(machine)
+
+
 def study_scenarios(
     arm: Machine, wanted: Sequence[Scenario], workers: Jobs, output: Path
 ) -> list[str]:
@@ -279,10 +294,7 @@ def study_draws(machine: Machine, asked: DrawArguments, jobs: Jobs, output: Path
             raise command_line.UsageError(f"--{name}: {value} is below {lowest}")
     plant = load_plant(machine, asked.plant) if asked.plant else machine
     variations = load_variations(plant, asked.variations)
-    make_output_folder(output, "the study")
-    compile_planner()
-    compile_simulator()  # so that the processes find compiled kernels
-    load_or_build_table(machine)  # so that the processes find the table
+    _prepare_processes(machine, output)
     make_study = partial(DrawStudy, machine, variations, seed, plant, goals, controllers)
     records: list[DrawRecord] = []
     try:
@@ -320,10 +332,7 @@ def study_benchmark(
     count = protocol.file.draws if draws is None else draws
     if count < 1:
         raise command_line.UsageError(f"--draws: {count} is below 1")
-    make_output_folder(output, "the study")
-    compile_planner()
-    compile_simulator()
-    load_or_build_table(machine)
+    _prepare_processes(machine, output)
     total = len(protocol.file.sequences) + count
     runs = run_benchmark(machine, protocol, count, jobs)
     found = list(tqdm(runs, total=total, unit="run", disable=None))
@@ -359,9 +368,7 @@ def study_faults(machine: Machine, faults: Sequence[str], jobs: Jobs, output: Pa
         MhsbError: The output folder cannot be used, or the motion in which the faults occur cannot
             be planned.
     """
-    make_output_folder(output, "the study")
-    compile_planner()
-    compile_simulator()
+    _prepare_processes(machine, output)
     bar = tqdm(
         run_faults(machine, faults, default_controller(machine), jobs),
         total=len(faults),

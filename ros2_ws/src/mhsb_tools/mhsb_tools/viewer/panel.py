@@ -9,8 +9,9 @@ from typing import Any, Protocol
 import numpy as np
 from viser import GuiApi
 
-from mhsb_model.goal import Goal
+from mhsb_model.goal import Goal, format_position
 from mhsb_model.machine import Machine
+from mhsb_model.verdict import ExecutionReport, GoalVerdict
 from mhsb_tools.viewer.server import LocalServer
 
 MOST_SAID = 6
@@ -21,6 +22,29 @@ FIRST_GOAL = (0.55, 0.30)
 """Goal of the paper's arm that the fields show at the beginning, (x, z) in the arm's plane [m]."""
 
 POSITION_STEP = 0.01  # m
+
+
+def describe_report(report: GoalVerdict | ExecutionReport) -> str:
+    """Return a verdict or an execution report as one line of text.
+
+    Args:
+        report: The verdict or execution report.
+
+    Returns:
+        For a verdict: its code, goal [m] and sentence. If a new plan was made, also the plan's
+        energy [J], number of mode switches and planning time [ms]. For an execution report: its
+        outcome and sentence.
+    """
+    if isinstance(report, ExecutionReport):
+        return f"{report.outcome.value}: {report.sentence}"
+    words = f"{report.code.value} {format_position(report.goal.position, '.3f')}: {report.sentence}"
+    plan = report.plan
+    if plan is None or plan.plan_stamp_ns == 0:
+        return words
+    return (
+        f"{words}; {plan.energy_j:.0f} J, {plan.switches} mode switches, "
+        f"planned in {plan.plan_ms:.0f} ms"
+    )
 
 
 def make_initial_goal(machine: Machine) -> Goal:

@@ -18,7 +18,6 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import UInt8MultiArray
 from std_srvs.srv import Trigger
 from viser import ViserServer
-from visualization_msgs.msg import MarkerArray
 
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
@@ -45,9 +44,8 @@ from mhsb_tools.viewer.boost_regions import UNMOVABLE_REGION, compute_boost_regi
 from mhsb_tools.viewer.energy_flow import EnergyCounter
 from mhsb_tools.viewer.marker_scene import MarkerScene
 from mhsb_tools.viewer.moment import ArmSnapshot, SnapshotHistory
-from mhsb_tools.viewer.panel import Panel, make_initial_goal
+from mhsb_tools.viewer.panel import Panel, describe_report, make_initial_goal
 from mhsb_tools.viewer.plots import Plots
-from mhsb_tools.viewer.words import describe_report
 
 FRAME_PERIOD = 0.05  # s
 FRAMES_PER_PLOT = 5
@@ -115,7 +113,7 @@ class ViewerNode(GoalSender):
         self._queued_actions: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._wake = self.create_guard_condition(self._run_queued_actions)
         endpoints.make_subscription(self, topics.MODES, self._on_modes)
-        endpoints.make_subscription(self, topics.MARKERS, self._on_markers)
+        endpoints.make_subscription(self, topics.MARKERS, self._markers.show)
         endpoints.make_subscription(self, topics.DIAGNOSTICS, self._on_diagnostics)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(FRAME_PERIOD, self._on_frame, clock=steady)
@@ -322,10 +320,6 @@ class ViewerNode(GoalSender):
             self._modes = modes_in_force.decode(message, self._machine.joint_count)
         except MessageError as error:
             self.get_logger().warning(f"modes are not shown: {error}", throttle_duration_sec=10.0)
-
-    def _on_markers(self, message: MarkerArray) -> None:
-        """Show the planner's markers."""
-        self._markers.show(message)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         """Store the simulator's report, and pass its pumps' energies to the energy counter.

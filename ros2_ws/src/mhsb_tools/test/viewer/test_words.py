@@ -1,5 +1,5 @@
 from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome, PlanSummary, Verdict
-from mhsb_tools.viewer.words import describe_report
+from mhsb_tools.viewer.panel import describe_report
 
 PLAN = PlanSummary(7, 332.4, 400.0, 4.2, 1, 64.3, 300.0)
 
