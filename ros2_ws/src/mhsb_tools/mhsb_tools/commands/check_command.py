@@ -327,11 +327,11 @@ def _own_lines(joints: list[dict[str, Any]]) -> list[str]:
     """
     lines = []
     for number, joint in enumerate(joints, start=1):
-        told = [
+        values = [
             ACTUATOR_FORMATS[name][0].format(ACTUATOR_FORMATS[name][1] * value)
             for name, value in joint["own"].items()
         ]
-        lines += [f"actuator {number} has of its own: {', '.join(told)}"] if told else []
+        lines += [f"actuator {number} has of its own: {', '.join(values)}"] if values else []
     return lines
 
 

@@ -403,13 +403,13 @@ def list_replaced_values(asked: PaperCase) -> list[str]:
     """
     if not asked.name:
         return []
-    case, said = paper_case(asked.name), []
+    case, replaced = paper_case(asked.name), []
     for name in ("start", "goal", "weights", "planner", "initial_j3"):
         own, given = getattr(case, name), getattr(asked, name)
         if own != given:
             flag = name.replace("_", "-")
-            said.append(f"--{flag} {_format_value(given)} in place of its {_format_value(own)}")
-    return said
+            replaced.append(f"--{flag} {_format_value(given)} in place of its {_format_value(own)}")
+    return replaced
 
 
 def case_line(asked: PaperCase) -> list[str]:
@@ -421,8 +421,8 @@ def case_line(asked: PaperCase) -> list[str]:
     Returns:
         A list with one line, or an empty list if nothing differs or the request has no case.
     """
-    said = list_replaced_values(asked)
-    return [f"Case {asked.name}, but with {', '.join(said)}"] if said else []
+    replaced = list_replaced_values(asked)
+    return [f"Case {asked.name}, but with {', '.join(replaced)}"] if replaced else []
 
 
 def case_title(asked: PaperCase) -> str:

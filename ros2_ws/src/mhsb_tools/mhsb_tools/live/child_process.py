@@ -62,7 +62,7 @@ class ChildProcess(AbstractContextManager["ChildProcess"]):
                 start_new_session=True,  # Ctrl-C must reach only the command
             )
         self._lines: deque[str] = deque(maxlen=LAST_LINES)
-        self._said = threading.Condition()
+        self._output_changed = threading.Condition()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -97,8 +97,8 @@ class ChildProcess(AbstractContextManager["ChildProcess"]):
             found.extend(line for line in list(self._lines) if text in line)
             return bool(found) or self._process.poll() is not None
 
-        with self._said:
-            self._said.wait_for(has_printed_or_ended, timeout)
+        with self._output_changed:
+            self._output_changed.wait_for(has_printed_or_ended, timeout)
         self.check_running()
         if not found:
             raise ChildEndedError(f"{self.name} did not say '{text}' within {timeout:g} s")
@@ -171,8 +171,8 @@ class ChildProcess(AbstractContextManager["ChildProcess"]):
                 if log is not None:
                     log.write(line)
                     log.flush()
-                with self._said:
+                with self._output_changed:
                     self._lines.append(line.rstrip())
-                    self._said.notify_all()
-        with self._said:
-            self._said.notify_all()
+                    self._output_changed.notify_all()
+        with self._output_changed:
+            self._output_changed.notify_all()

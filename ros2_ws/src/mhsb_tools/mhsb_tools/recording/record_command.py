@@ -64,7 +64,7 @@ class Recorder(Node):
         super().__init__(NODE_NAME)
         self.faults = Faults(self, ending_errors=(MhsbError,))  # a failed write ends the recorder
         self._bag = bag
-        self._heard: set[str] = set()
+        self._connected: set[str] = set()
         self._ready = False
         self._silent = silent
         for topic in topics.SUITE_TOPICS:
@@ -73,7 +73,7 @@ class Recorder(Node):
         self.create_timer(FLUSH_PERIOD, bag.flush, clock=wall)
         if duration is not None:
             self.create_timer(duration, self._shut_down, clock=wall)
-        self._say(f"recording into {bag.folder}")
+        self._print_line(f"recording into {bag.folder}")
 
     def _subscribe(self, topic: Topic) -> None:
         """Add a topic to the recording and subscribe to it as raw bytes.
@@ -132,12 +132,12 @@ class Recorder(Node):
         Args:
             topic: Topic on which a publisher was matched.
         """
-        self._heard.add(topic.name)
-        if not self._ready and all(each.name in self._heard for each in READY_WHEN):
+        self._connected.add(topic.name)
+        if not self._ready and all(each.name in self._connected for each in READY_WHEN):
             self._ready = True
-            self._say("ready: simulator and planner are heard")
+            self._print_line("ready: simulator and planner are heard")
 
-    def _say(self, words: str) -> None:
+    def _print_line(self, words: str) -> None:
         """Print a line unless the recorder is silent."""
         if not self._silent:
             print(words, flush=True)

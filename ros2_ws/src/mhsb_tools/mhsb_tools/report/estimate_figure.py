@@ -74,9 +74,9 @@ def group_estimates(run: EvaluatedRecording) -> Courses:
         order: time [s since the first joint state] and estimate.
     """
     courses: Courses = defaultdict(list)
-    for heard in run.recording.estimates:
-        for each in heard.value:
-            courses[each.quantity, each.actuator].append((to_seconds(run, heard.time_ns), each))
+    for timed in run.recording.estimates:
+        for each in timed.value:
+            courses[each.quantity, each.actuator].append((to_seconds(run, timed.time_ns), each))
     return courses
 
 

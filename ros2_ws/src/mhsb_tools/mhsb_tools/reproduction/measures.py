@@ -1,4 +1,4 @@
-"""Numbers that tell whether a discrete path is direct, folded, boosted or economical."""
+"""Numbers that show whether a discrete path is direct, folded, boosted or economical."""
 
 from __future__ import annotations
 

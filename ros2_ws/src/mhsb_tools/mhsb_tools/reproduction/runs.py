@@ -296,12 +296,12 @@ def evaluate(
         ClusterError: The cluster failed.
     """
     asked = settings() if asked is None else asked
-    tell = progress or (lambda units: None)
+    report_units = progress or (lambda units: None)
     s1_global_search.warm_up(machine)
     tables: dict[float | None, PostureTable] = {} if known is None else {**known.tables}
     for pressure in (None, *(s.table_pressure for s in asked.values())):
         if pressure not in tables:
-            tables[pressure] = _table(machine.changed(supply_pressure=pressure), jobs, tell)
+            tables[pressure] = _table(machine.changed(supply_pressure=pressure), jobs, report_units)
     evaluator = _Evaluator(machine, tables, asked)
     if jobs is None or isinstance(jobs, int):
         evaluator.own_graph(jobs)
@@ -309,7 +309,7 @@ def evaluate(
     with closing(over_ranges(evaluator.evaluate_groups, len(evaluator.groups), 1, jobs)) as parts:
         for part in parts:
             found |= part
-            tell(len(part))
+            report_units(len(part))
     return Runs(machine, tables, {name: found[name] for name in asked})
 
 
@@ -380,31 +380,31 @@ class _Evaluator:
         return found
 
 
-def _table(machine: Machine, jobs: Jobs, tell: Progress) -> PostureTable:
+def _table(machine: Machine, jobs: Jobs, report_units: Progress) -> PostureTable:
     """Build the posture table of a machine (best posture for each node of the grid).
 
     Args:
         machine: The arm.
         jobs: Number of threads, or a cluster; None takes one thread for each processor.
-        tell: Function that is called with the number of nodes done since its last call.
+        report_units: Function that is called with the number of nodes done since its last call.
 
     Returns:
         The table.
     """
-    told = 0
+    reported = 0
 
     def progress(done: int, total: int) -> None:
         """Report the number of nodes that were done since the last call.
 
-        Calls `tell` of the enclosing function, and stores the count for the next call.
+        Calls `report_units` of the enclosing function, and stores the count for the next call.
 
         Args:
             done: Number of nodes done so far.
             total: Number of all nodes; not used.
         """
-        nonlocal told
-        tell(done - told)
-        told = done
+        nonlocal reported
+        report_units(done - reported)
+        reported = done
 
     return build_posture_table(machine, jobs=jobs, progress=progress)
 

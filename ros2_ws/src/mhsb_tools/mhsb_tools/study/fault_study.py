@@ -168,9 +168,9 @@ def run_fault(machine: Machine, motion: Command, fault: str, controller: str) ->
             relief = simulator.energies["relief_valves"]
         arm.step(0.0)
         since = (simulator.time_ns - fails_ns) / SECOND_NS
-        said = arm.fault or arm.warning
-        if found is None and said and since >= 0.0:
-            found, sentence = since, said
+        message = arm.fault or arm.warning
+        if found is None and message and since >= 0.0:
+            found, sentence = since, message
         if simulator.valves_closed and np.isnan(closed):
             closed = since
         if since > 0.0:

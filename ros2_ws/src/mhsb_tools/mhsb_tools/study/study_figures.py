@@ -63,12 +63,12 @@ def select_largest_overshoots(results: Iterable[ScenarioResult]) -> list[Scenari
     Returns:
         The selected results, in the order in which their goals and interval first appear.
     """
-    telling: dict[tuple[object, ...], ScenarioResult] = {}
+    largest: dict[tuple[object, ...], ScenarioResult] = {}
     for result in results:
         key = (result.scenario.goals, result.scenario.interval)
-        if key not in telling or _overshoot(result) > _overshoot(telling[key]):
-            telling[key] = result
-    return list(telling.values())
+        if key not in largest or _overshoot(result) > _overshoot(largest[key]):
+            largest[key] = result
+    return list(largest.values())
 
 
 def draw_overview(results: Sequence[ScenarioResult], path: Path) -> None:

@@ -14,7 +14,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.verdict import ExecutionReport, GoalVerdict
 from mhsb_tools.viewer.server import LocalServer
 
-MOST_SAID = 6
+MAX_SENTENCES = 6
 """Number of sentences that are shown."""
 
 GIZMO_SIZE = 0.2  # m
@@ -106,7 +106,7 @@ class SentenceList:
         self._text: Any = gui.add_markdown("")
 
     def show(self, sentences: Sequence[str]) -> None:
-        """Show the last MOST_SAID sentences, the newest first.
+        """Show the last MAX_SENTENCES sentences, the newest first.
 
         If the text is unchanged, nothing is sent to the browser.
 
@@ -114,7 +114,7 @@ class SentenceList:
             sentences: Sentences from the oldest to the newest.
         """
         newest = [f"**{sentence}**" for sentence in sentences[-1:]]
-        others = reversed(sentences[-MOST_SAID:-1])
+        others = reversed(sentences[-MAX_SENTENCES:-1])
         text = "\n\n".join([*newest, *others])
         if text != self._text.content:
             self._text.content = text
@@ -145,7 +145,7 @@ class Panel:
                 dragged.
         """
         gui = server.gui
-        self._sentences: deque[str] = deque(maxlen=MOST_SAID)
+        self._sentences: deque[str] = deque(maxlen=MAX_SENTENCES)
         self._actions = actions
         self._state: Any = gui.add_markdown("waiting for the arm …")
         with gui.add_folder("Goal"):
@@ -220,7 +220,7 @@ class Panel:
         """Add a sentence to the list on the page, unless it equals the last one.
 
         Args:
-            sentence: The sentence. Only the last MOST_SAID sentences are kept.
+            sentence: The sentence. Only the last MAX_SENTENCES sentences are kept.
         """
         if self._sentences and self._sentences[-1] == sentence:
             return

@@ -91,7 +91,7 @@ class Playback:
             "time [s]", min=0.0, max=round(self.duration, 2), step=0.01, initial_value=0.0
         )
         self._running: Any = server.gui.add_checkbox("play", initial_value=True)
-        self._said = SentenceList(server.gui)
+        self._sentences = SentenceList(server.gui)
         self._plots = Plots(server.gui, machine)
         self._polytope = PolytopeScene(server.scene, machine)
         self._used_ns, self._used = _integrate_recorded_power(recording)
@@ -135,8 +135,8 @@ class Playback:
             self._arm.show(posture, modes)
             self._polytope.show(posture, modes)
         self._show_plan(now_ns)
-        said = [each for each in recording.reports if each.time_ns <= now_ns]
-        self._said.show([describe_report(each.value) for each in said])
+        reports = [each for each in recording.reports if each.time_ns <= now_ns]
+        self._sentences.show([describe_report(each.value) for each in reports])
         if abs(at - self._plotted) >= PLOT_PERIOD:
             self._plotted = at
             self._plots.show(self.get_columns(at))
