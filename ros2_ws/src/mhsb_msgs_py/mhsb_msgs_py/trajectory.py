@@ -25,7 +25,7 @@ from mhsb_msgs_py.point_arrays import PointArrays
 MOST_POINTS = 40_000
 """Largest number of points that an arm accepts."""
 
-SMALLEST_END_VELOCITY = 1e-9
+MAX_END_VELOCITY = 1e-9
 """Largest joint speed of the last point that counts as standing still [rad/s]."""
 
 
@@ -120,14 +120,14 @@ def decode(message: JointTrajectory | bytes, joint_names: Sequence[str]) -> Traj
 def _check_standstill(velocity: FloatArray, joint_names: Sequence[str]) -> None:
     """Raise MessageError if a joint still moves at the last point.
 
-    A joint moves if its speed exceeds SMALLEST_END_VELOCITY.
+    A joint moves if its speed exceeds MAX_END_VELOCITY.
 
     Args:
         velocity: Joint velocities of the last point, float64[n], [rad/s or m/s].
         joint_names: Names of the joints.
     """
     fastest = int(np.argmax(np.abs(velocity)))
-    if abs(velocity[fastest]) > SMALLEST_END_VELOCITY:
+    if abs(velocity[fastest]) > MAX_END_VELOCITY:
         raise MessageError(
             f"{joint_names[fastest]} ends with {velocity[fastest]:g} rad/s or m/s; "
             "the last point must have zero velocity"

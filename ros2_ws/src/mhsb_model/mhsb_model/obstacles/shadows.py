@@ -25,10 +25,10 @@ import numpy as np
 from mhsb_model.obstacles.zones import (
     BOX_KIND,
     CIRCLE_KIND,
-    COLUMN_COUNT,
     CYLINDER_KIND,
     KIND_COLUMN,
     LINK_COLUMN,
+    OBSTACLE_COLUMN,
     RADIUS_COLUMN,
     ROW_WIDTH,
     SHAPE_COLUMN,
@@ -123,7 +123,7 @@ def _project_zone(
     """
     shadow = np.zeros_like(row)
     shadow[[KIND_COLUMN, LINK_COLUMN]] = BOX_KIND, row[LINK_COLUMN] - 1
-    shadow[[RADIUS_COLUMN, COLUMN_COUNT]] = row[[RADIUS_COLUMN, COLUMN_COUNT]]
+    shadow[[RADIUS_COLUMN, OBSTACLE_COLUMN]] = row[[RADIUS_COLUMN, OBSTACLE_COLUMN]]
     if row[KIND_COLUMN] == SPHERE_KIND:
         x, y, z, radius = row[SHAPE_COLUMN : SHAPE_COLUMN + 4]
         shadow[KIND_COLUMN] = CIRCLE_KIND

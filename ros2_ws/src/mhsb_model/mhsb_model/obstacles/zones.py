@@ -28,12 +28,12 @@ from mhsb_model.types import FloatArray, frozen
 BOX_KIND, CIRCLE_KIND, LINK_KIND, SPACE_BOX_KIND, CYLINDER_KIND, SPHERE_KIND = range(6)
 """Kinds of obstacles; from SPACE_BOX_KIND on they are in `base_link`, else in the arm's plane."""
 
-KIND_COLUMN, LINK_COLUMN, SHAPE_COLUMN, RADIUS_COLUMN, COLUMN_COUNT = 0, 1, 2, 8, 9
+KIND_COLUMN, LINK_COLUMN, SHAPE_COLUMN, RADIUS_COLUMN, OBSTACLE_COLUMN = 0, 1, 2, 8, 9
 """Columns of an obstacle row.
 
 KIND_COLUMN is the kind of obstacle. LINK_COLUMN is the index of the link that keeps clear of it, n
 for the tip alone. RADIUS_COLUMN is that link's radius [m]; if the obstacle is a link, too, the sum
-of both radii. COLUMN_COUNT holds the number of the obstacle, an index into `Obstacles.names`.
+of both radii. OBSTACLE_COLUMN holds the number of the obstacle, an index into `Obstacles.names`.
 
 SHAPE_COLUMN is the first of up to six columns that give the shape [m]:
 
@@ -245,11 +245,11 @@ class Obstacles:
     """`rows` with the margin of discrete paths added to the radii."""
 
     names: tuple[str, ...]
-    """Names of the obstacles for messages, indexed by column COLUMN_COUNT."""
+    """Names of the obstacles for messages, indexed by column OBSTACLE_COLUMN."""
 
     def name(self, row: int) -> str:
         """Return the name of the obstacle to which a row belongs; empty for row −1."""
-        return self.names[int(self.rows[row, COLUMN_COUNT])] if row >= 0 else ""
+        return self.names[int(self.rows[row, OBSTACLE_COLUMN])] if row >= 0 else ""
 
     @property
     def is_in_space(self) -> np.ndarray:
@@ -260,14 +260,14 @@ class Obstacles:
         """Return these obstacles followed by others of the same arm.
 
         Args:
-            others: Obstacles to append. Column COLUMN_COUNT of their rows has the index of a name.
-                It is raised by the number of names of these obstacles, so that it points to the
-                same name as before.
+            others: Obstacles to append. Column OBSTACLE_COLUMN of their rows has the index of a
+                name. It is raised by the number of names of these obstacles, so that it points to
+                the same name as before.
 
         Returns:
             New obstacles with all rows and names.
         """
-        shift = len(self.names) * (np.arange(ROW_WIDTH) == COLUMN_COUNT)
+        shift = len(self.names) * (np.arange(ROW_WIDTH) == OBSTACLE_COLUMN)
         return Obstacles(
             frozen(np.vstack([self.rows, others.rows + shift])),
             frozen(np.vstack([self.path_rows, others.path_rows + shift])),
@@ -309,7 +309,7 @@ def build_obstacles(keep_out: KeepOut, joints: int, joints_before_plane: int = 0
         last = first if kind == LINK_KIND or first == links else links - 1
         for part in range(int(first), int(last) + 1):
             row = np.zeros(ROW_WIDTH)
-            row[[KIND_COLUMN, LINK_COLUMN, RADIUS_COLUMN, COLUMN_COUNT]] = (
+            row[[KIND_COLUMN, LINK_COLUMN, RADIUS_COLUMN, OBSTACLE_COLUMN]] = (
                 kind,
                 part + joints_before_plane,
                 radius[part],

@@ -21,11 +21,11 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode, strongest
 from mhsb_model.obstacles.zones import (
     CIRCLE_KIND,
-    COLUMN_COUNT,
     CYLINDER_KIND,
     KIND_COLUMN,
     LINK_COLUMN,
     LINK_KIND,
+    OBSTACLE_COLUMN,
     RADIUS_COLUMN,
     SHAPE_COLUMN,
     SPACE_BOX_KIND,
@@ -136,7 +136,7 @@ def _make_obstacle_markers(machine: Machine, header: Header, frame: str) -> Iter
     edge = SEEN_AROUND * float(machine.arrays.link_length.sum())
     shown: set[int] = set()
     for row in machine.obstacles.rows:
-        kind, part, number = row[KIND_COLUMN], row[LINK_COLUMN], int(row[COLUMN_COUNT])
+        kind, part, number = row[KIND_COLUMN], row[LINK_COLUMN], int(row[OBSTACLE_COLUMN])
         if kind == LINK_KIND or number in shown or (kind >= SPACE_BOX_KIND and flat):
             continue
         shown.add(number)

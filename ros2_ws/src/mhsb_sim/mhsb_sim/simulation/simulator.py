@@ -178,6 +178,7 @@ class Simulator:
         self._servo_circuit = describe_components(self.machine, self.machine.config.simulation.step)
         self._servo_circuit.actuators["join"] = self._circuit.actuators["join"]
         self._healthy = self._circuit.constants.copy()
+        self._kept_pressure = float(self._healthy["supply_pressure"])
         self._reset_mechanics(q)
         self._reset_noise()
         self._reset_servo(q, modes)
@@ -573,6 +574,7 @@ class Simulator:
             faults: All faults that are to exist from now on.
         """
         set_faults(faults, FaultTarget(self._circuit, self._channels), self._healthy)
+        self._kept_pressure = float(self._circuit.constants["supply_pressure"])
 
     def disable_modules(self, lost: Collection[int]) -> None:
         """Stop using some booster modules from now on, and use all others again.
@@ -598,7 +600,8 @@ class Simulator:
     def step(self) -> None:
         """Advance by one step of the servo, with all its steps of circuit and mechanics.
 
-        If the plant has a supply sag, the main pump's pressure is set for this step first.
+        If the plant has a supply sag, the main pump's pressure is set for this step first. If a
+        fault has lowered that pressure, the lower one of both counts.
 
         Raises:
             SimulationDivergedError: The state is no longer finite, or far too large.
@@ -606,7 +609,7 @@ class Simulator:
         if self._sag is not None:
             time = self._steps * self._step_ns / SECOND_NS
             pressure = compute_sag_pressure(self.plant.arrays.supply_pressure, self._sag, time)
-            self._circuit.constants["supply_pressure"] = pressure
+            self._circuit.constants["supply_pressure"] = min(pressure, self._kept_pressure)
         self._control_valves()
         for inner in range(self._inner_steps):
             mujoco.mj_step1(self._model, self._data)

@@ -11,7 +11,7 @@ from mhsb_control import REGISTERED_CONTROLLERS
 from mhsb_model.machine import Machine
 from mhsb_model.schema import SupplySag
 from mhsb_sim.errors import PlantError
-from mhsb_sim.simulation.faults import compute_sag_pressure
+from mhsb_sim.simulation.faults import Fault, compute_sag_pressure
 from mhsb_sim.simulation.simulator import Simulator
 
 LIFTED = np.array([0.5, -1.1, -1.2])
@@ -146,6 +146,19 @@ def test_the_supply_sags_there_and_back(machine: Machine) -> None:
         lowest = min(lowest, simulator.actuator_states.manifold_pressure)
     assert lowest == pytest.approx(3.4e6, abs=machine.config.circuit.main_pump_droop)
     assert simulator.actuator_states.manifold_pressure > 3.95e6
+
+
+def test_a_fault_of_the_supply_counts_beside_a_sag(machine: Machine) -> None:
+    sag = SupplySag(start=0.1, fall=0.05, duration=0.2, pressure=3.7e6)
+    values = {f"imperfections.supply_sag.{k}": v for k, v in sag.model_dump().items()}
+    simulator = Simulator(machine, plant=machine.with_values(values))
+    simulator.inject_faults([Fault("supply_sag", value=3.3e6)])
+    simulator.advance(0.3)
+    droop = machine.config.circuit.main_pump_droop
+    assert simulator.actuator_states.manifold_pressure == pytest.approx(3.3e6, abs=droop)
+    simulator.inject_faults([])
+    simulator.advance(0.04)
+    assert simulator.actuator_states.manifold_pressure == pytest.approx(3.7e6, abs=droop)
 
 
 def test_a_plant_of_another_build_is_refused(machine: Machine) -> None:

@@ -24,10 +24,10 @@ from mhsb_model.machine import Machine
 from mhsb_model.obstacles.shadows import compute_shadows
 from mhsb_model.obstacles.zones import (
     CIRCLE_KIND,
-    COLUMN_COUNT,
     KIND_COLUMN,
     LINK_COLUMN,
     LINK_KIND,
+    OBSTACLE_COLUMN,
     RADIUS_COLUMN,
     SHAPE_COLUMN,
 )
@@ -216,7 +216,7 @@ def _draw_rows(rows: FloatArray, tip: int, axes: Axes, looks: tuple[dict[str, An
     labelled: set[bool] = set()
     for row in rows:
         shape, of_tip = (
-            (row[COLUMN_COUNT], *row[SHAPE_COLUMN:RADIUS_COLUMN]),
+            (row[OBSTACLE_COLUMN], *row[SHAPE_COLUMN:RADIUS_COLUMN]),
             bool(row[LINK_COLUMN] == tip),
         )
         if row[KIND_COLUMN] == LINK_KIND or shape in drawn:
