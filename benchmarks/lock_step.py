@@ -197,6 +197,7 @@ class LockStepWorld:
         transport: Time that a command takes to the arm [s].
         lost: Number of the next commands that get lost.
         reachable: Whether the arm receives commands.
+        has_other_planner: Whether another node is said to send plans, too.
         report_delay: Time by which the arm's reports of faults and stops arrive late [s].
         in_force_delay: Time by which the arm's reports of the command in force arrive late [s].
         second_lag: Time by which the clock of a second publisher of references is behind [s]; 0:
@@ -243,6 +244,7 @@ class LockStepWorld:
         self.transport = 0.002
         self.lost = 0
         self.reachable = True
+        self.has_other_planner = False
         self.report_delay = self.in_force_delay = 0.0
         self._told_until = {"report": self.now, "in_force": self.now}
         self.second_lag = 0.0
@@ -342,6 +344,10 @@ class LockStepWorld:
             return
         self.arm.stop_at_once()
         self.schedule(self.transport, lambda: on_answer(True, "the arm holds"))
+
+    def must_call_arm_stop(self) -> bool:
+        """Return whether another planner is said to send plans; see `has_other_planner`."""
+        return self.has_other_planner
 
     def describe_publisher_conflict(self) -> str:
         """Return a sentence that names both publishers of references; "" if there is only one."""

@@ -55,6 +55,15 @@ class PlannerIO(Protocol):
         """
         ...
 
+    def must_call_arm_stop(self) -> bool:
+        """Return whether only the arm's own ~/stop is sure to bring the arm to rest.
+
+        Returns:
+            True if another node sends plans, too, and the arm provides ~/stop. The other node may
+            then replace a braking command, or have the arm brake differently.
+        """
+        ...
+
     def is_arm_connected(self) -> bool:
         """Return whether the arm is connected so that it would receive a plan."""
         ...

@@ -324,10 +324,14 @@ class StopSequence:
             - The arm has no fault, and its reference has one publisher.
             - No braking command is confirmed, and fewer than `MAX_BRAKING_COMMANDS` were made.
             - The stop began at most `BRAKING_TIMEOUT` ago.
+            - No other node sends plans that could replace the braking command. This does not count
+              if an obstacle is braked for, since the arm's ~/stop does not know the obstacle.
         """
         arm, waited = self._arm_state, self._clock.steady_time() - stop.started_at
         given_up = stop.tries >= MAX_BRAKING_COMMANDS or waited > BRAKING_TIMEOUT
         if stop.is_braking_confirmed or given_up or arm.publisher_conflict or arm.fault:
+            return False
+        if not stop.obstacle and self._outbox.must_call_arm_stop():
             return False
         return arm.executes_own(self._now_ns())
 

@@ -242,6 +242,16 @@ class RosOutbox:
         self._arm_stop.call_async(Trigger.Request()).add_done_callback(pass_on_answer)
         return True
 
+    def must_call_arm_stop(self) -> bool:
+        """Return whether only the arm's own ~/stop is sure to bring the arm to rest.
+
+        Returns:
+            True if the arm provides ~/stop, and the ROS graph shows another publisher of
+            `joint_trajectory`. A killed one counts for `endpoints.LEASE_TIME`.
+        """
+        planners = self._node.count_publishers(topics.JOINT_TRAJECTORY.name)
+        return planners > 1 and bool(self._arm_stop.service_is_ready())
+
     def is_arm_connected(self) -> bool:
         """Return whether the arm would receive both messages of a plan.
 

@@ -334,6 +334,17 @@ def test_a_stop_whose_command_gets_lost_is_sent_again_and_then_asked_of_the_arm(
     assert not world.arm.is_moving
 
 
+def test_beside_another_planner_the_arm_itself_is_asked_to_stop_and_its_rest_is_measured(world):
+    stamp = under_way(world)
+    world.has_other_planner = True
+    answers = []
+    world.life.stop(lambda *answer: answers.append((*answer, world.arm.is_moving)))
+    world.pass_time_until(lambda: bool(answers))
+    assert answers == [(True, "the arm stands still", False)]
+    assert world.asked_arm_to_stop == 1
+    assert world.execution_report(stamp).outcome is Outcome.STOPPED
+
+
 def test_a_frozen_arm_that_takes_a_revoked_plan_afterwards_is_braked_at_once(world):
     first = under_way(world)
     world.send_goal(*DOWN)
