@@ -88,7 +88,7 @@ def build_table(
     built.save(path)
     judgement = _compare_with_progress(arm, built, judge) if judge else None
     if json:
-        print(json_format.dumps(_json_result(built, path, table.solver, seconds, judgement)))
+        print(json_format.dumps(_collect_result(built, path, table.solver, seconds, judgement)))
         return
     print(_describe_result(built, path, seconds))
     if judgement is not None:
@@ -113,7 +113,7 @@ def _compare_with_progress(arm: Machine, table: PostureTable, entries: int) -> T
         )
 
 
-def _json_result(
+def _collect_result(
     table: PostureTable, path: Path, solver: str, seconds: float, judgement: TableComparison | None
 ) -> dict[str, object]:
     """Collect the result of the command for its JSON output.

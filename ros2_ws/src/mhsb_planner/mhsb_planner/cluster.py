@@ -158,7 +158,7 @@ class _ClusterExecutor(Executor):
         # No strong reference: a cluster keeps a result as long as a future refers to it, and
         # computes it again if its worker ends.
         task.add_done_callback(partial(_cancel, weakref.ref(part)))
-        part.add_done_callback(partial(self._complete, task))
+        part.add_done_callback(partial(self._copy_result, task))
         return task
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -171,7 +171,7 @@ class _ClusterExecutor(Executor):
         self._pool.shutdown(wait and not cancel_futures)
         self._client.close()
 
-    def _complete(self, task: Future[Result], part: Future[Result]) -> None:
+    def _copy_result(self, task: Future[Result], part: Future[Result]) -> None:
         """Copy the result or error of Dask's future to the caller's future.
 
         If the caller's future was cancelled, nothing happens. If the connection was lost, the error

@@ -281,7 +281,7 @@ class _LocalExecutor(ThreadPoolExecutor):
         """
         for _ in range(MAX_ATTEMPTS):
             try:
-                return self._own.process.submit(_perform_here, work, *given).result()
+                return self._own.process.submit(_perform_with_process_state, work, *given).result()
             except BrokenProcessPool:
                 self._start_process()
                 _log.warning("a process has ended before its work was done; it is done again")
@@ -338,7 +338,7 @@ def _set_process_state(shared: SharedState | None) -> None:
     _process_state[:] = [shared]
 
 
-def _perform_here(work: Callable[..., Result], *given: Any) -> Result:
+def _perform_with_process_state(work: Callable[..., Result], *given: Any) -> Result:
     """Execute a task with the shared state of this process.
 
     Args:

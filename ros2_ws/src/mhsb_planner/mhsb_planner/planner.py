@@ -191,13 +191,13 @@ class Planner:
         """
         options = options or PlanOptions()
         planner = get_planner(options.planner)
-        self._check(goal, start, options)
+        self._check_request(goal, start, options)
         deadline = self._exclude_warm_up(options.planner, deadline)
         log, refused = log or PlanLog(), None
         source: PathSource = PlanePaths(planner, self.graph)
         if self.machine.slews:
             source = SlewingPaths(self.machine, planner, self.graph)
-        for stop in self._ways_to_rest(goal, start, brake, remainder, options):
+        for stop in self._list_ways_to_rest(goal, start, brake, remainder, options):
             task = self._create_request(goal, start, modes, stop, options)
             loop = PlanningLoop(self.machine, task, deadline, log)
             if remainder is not None and self._ends_at_goal(goal, remainder, options):
@@ -215,11 +215,11 @@ class Planner:
                     plan, start_problems=describe_start_problems(self.machine, start.position)
                 )
             except DeadlineError as error:
-                raise self._with_remarks(error, start) from None
+                raise self._append_remarks(error, start) from None
             except MhsbError as error:
                 refused = refused or error
         assert refused is not None
-        raise self._with_remarks(refused, start)
+        raise self._append_remarks(refused, start)
 
     def _exclude_warm_up(self, kind: str, deadline: Deadline) -> Deadline:
         """Compile and load all code before the first plan with a deadline in this process.
@@ -237,7 +237,7 @@ class Planner:
         warm_up(self, [kind])
         return deadline.earlier_by(began - time.monotonic())
 
-    def _with_remarks(self, error: MhsbError, start: MotionState) -> MhsbError:
+    def _append_remarks(self, error: MhsbError, start: MotionState) -> MhsbError:
         """Append clauses on problems of the start and of the payload to an error's sentence.
 
         Problems of the start are joints beyond their limits and an obstacle that the arm touches.
@@ -286,7 +286,7 @@ class Planner:
         loop = PlanningLoop(self.machine, task, NO_DEADLINE, PlanLog())
         return loop.choose_best([PathProposal(path, proposer="path")])
 
-    def _check(self, goal: Position, start: MotionState, options: PlanOptions) -> None:
+    def _check_request(self, goal: Position, start: MotionState, options: PlanOptions) -> None:
         """Check goal, goal region, start, via points and area weight of a request.
 
         Args:
@@ -322,7 +322,7 @@ class Planner:
             rule += f"; {planners_weighing_area()} can weigh the area"
             raise RequestError("area weight", options.area_weight, rule)
 
-    def _ways_to_rest(
+    def _list_ways_to_rest(
         self,
         goal: Position,
         start: MotionState,

@@ -135,7 +135,9 @@ def motion_energy(
     edges = _find_interval_limits(trajectory, schedule)
     if len(edges) < 2:
         return ZERO_ENERGY
-    return energy_of_profiles(machine, edges, _profiles(machine, trajectory, schedule, edges))
+    return energy_of_profiles(
+        machine, edges, _compute_profiles(machine, trajectory, schedule, edges)
+    )
 
 
 def energy_of_profiles(machine: Machine, edges: IntArray, profiles: Profiles) -> Energy:
@@ -217,7 +219,7 @@ def compute_charging(
     return float(work / m.servo_pump_efficiency), float(slipped)
 
 
-def _profiles(
+def _compute_profiles(
     machine: Machine, trajectory: Trajectory, schedule: ModeSchedule, edges: IntArray
 ) -> Profiles:
     """Compute the profiles of a motion at given times and at the middles between them.

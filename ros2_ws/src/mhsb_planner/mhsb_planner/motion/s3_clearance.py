@@ -70,7 +70,7 @@ def find_first_contact(machine: Machine, trajectory: Trajectory) -> Contact | No
         return None
     time = trajectory.offset_ns / SECOND_NS
     motion = trajectory.position, trajectory.velocity, trajectory.acceleration
-    at, distance, nearest = _first_contact(machine.arrays, rows, time, *motion)
+    at, distance, nearest = _search_first_contact(machine.arrays, rows, time, *motion)
     return None if nearest < 0 else Contact(at, distance, machine.obstacles.name(nearest))
 
 
@@ -105,7 +105,7 @@ def warm_up(machine: Machine) -> None:
         machine: Machine whose number of joints gives the argument types.
     """
     still = frozen(np.zeros((2, machine.joint_count)))
-    _first_contact(
+    _search_first_contact(
         machine.arrays, machine.obstacles.rows, np.array([0.0, 1.0]), still, still, still
     )
 
@@ -153,7 +153,7 @@ def _bound_point_speed(
 
 
 @kernel
-def _first_contact(
+def _search_first_contact(
     m: MachineArrays,
     rows: FloatArray,
     time: FloatArray,

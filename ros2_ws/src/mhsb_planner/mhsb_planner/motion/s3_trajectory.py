@@ -361,7 +361,7 @@ def warm_up(machine: Machine) -> None:
     Args:
         machine: Machine that moves in the trial motions.
     """
-    path = _example_path(machine)
+    path = _create_example_path(machine)
     start = MotionState.at_rest(path.posture[0])
     machine.tip_position(path.posture[0])  # read-only, as the ends of paths
     _fit_each(machine, path, start, [(None, None, FitRules())])
@@ -377,7 +377,7 @@ def warm_up_moving_starts(machine: Machine) -> None:
     Args:
         machine: Machine that moves in the trial motions.
     """
-    path = _example_path(machine)
+    path = _create_example_path(machine)
     middle = path.posture[0]
     moving = MotionState(middle, 0.1 * middle, middle)
     machine.moment_arms(middle)
@@ -389,7 +389,7 @@ def warm_up_moving_starts(machine: Machine) -> None:
     _fit_each(machine, path, MotionState.at_rest(middle), ways)
 
 
-def _example_path(machine: Machine) -> DiscretePath:
+def _create_example_path(machine: Machine) -> DiscretePath:
     """Create a short discrete path of one step in mode N, from the middle of the joint ranges.
 
     Args:

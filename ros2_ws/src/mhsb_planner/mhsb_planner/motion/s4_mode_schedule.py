@@ -187,7 +187,7 @@ def interval_modes(
         preferred = np.full(profile.speed.shape, Mode.N)
     if len(time) < 2:
         return np.empty((0, machine.joint_count), dtype=np.uint8)
-    return _interval_modes(
+    return _choose_interval_modes(
         machine.arrays,
         time,
         profile.speed,
@@ -263,7 +263,7 @@ def _find_changes(modes: ModeArray) -> IntArray:
 
 
 @kernel  # records would cost 3 %, for numba takes 1 µs to recognize one at a call
-def _interval_modes(
+def _choose_interval_modes(
     m: MachineArrays,
     time: FloatArray,
     speed: FloatArray,
@@ -341,7 +341,7 @@ def _interval_modes(
             shared[i] = on[i] and sharing[i]
         _enforce_shared_boost_dwell(time, on, shared, free[j], rules, start[j], hold[j])
         _write_modes(modes[:, j], on, shared)
-    _keep_budget(m, time, modes, demand, needed, free, dwell)
+    _reduce_to_module_budget(m, time, modes, demand, needed, free, dwell)
     return modes
 
 
@@ -605,7 +605,7 @@ def _enforce_shared_boost_dwell(
 
 
 @kernel
-def _keep_budget(
+def _reduce_to_module_budget(
     m: MachineArrays,
     time: FloatArray,
     modes: ModeArray,

@@ -88,11 +88,11 @@ def choose_point_times(breaks: FloatArray) -> IntArray:
         Times in ascending order, at most MAX_POINT_SPACING_NS apart [ns]. There are at least
         FEWEST_INTERVALS intervals.
     """
-    return _point_times(breaks)
+    return _divide_spans(breaks)
 
 
 @kernel
-def _point_times(breaks: FloatArray) -> IntArray:
+def _divide_spans(breaks: FloatArray) -> IntArray:
     """Choose the times of a trajectory's points on a curve: its breaks, and times between them.
 
     The time between two breaks is divided into equal intervals. No interval is longer than

@@ -70,7 +70,7 @@ def _count_passed(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> tuple[int, 
     """
     first = 0
     for count, (*point, tolerance) in enumerate(passing):
-        away = _distances(tip[first:], np.array(point))
+        away = _compute_segment_distances(tip[first:], np.array(point))
         within = np.flatnonzero(away <= tolerance)
         if len(within) == 0:
             return count, float(away.min())
@@ -78,7 +78,7 @@ def _count_passed(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> tuple[int, 
     return len(passing), 0.0
 
 
-def _distances(tip: FloatArray, point: FloatArray) -> FloatArray:
+def _compute_segment_distances(tip: FloatArray, point: FloatArray) -> FloatArray:
     """Compute the distance of a point from each straight segment between successive tip positions.
 
     Args:

@@ -605,7 +605,7 @@ class GoalLifecycle:
         self.arm_state.fault = sentence
         if not sentence:
             return
-        for pending_goal in self._goals_not_ended():
+        for pending_goal in self._list_goals_in_progress():
             self._reports.end(pending_goal, Verdict.FAULT, sentence)
         self._queue.clear()
         self._hand_over.revoke()
@@ -657,7 +657,7 @@ class GoalLifecycle:
         if void_until is None:
             return
         self._queue.void_until = void_until
-        for pending_goal in self._goals_before_confirmation():
+        for pending_goal in self._list_goals_before_confirmation():
             if pending_goal.received_at <= void_until:
                 self._reports.end(pending_goal, Verdict.STOPPED, ARM_STOPPED)
         execution = self.execution
@@ -816,7 +816,7 @@ class GoalLifecycle:
         A stop ends all goals as stopped. Goals that wait or are being planned for end at once, the
         others when the arm has stopped.
         """
-        newest = next(iter(self._goals_not_ended()), None)
+        newest = next(iter(self._list_goals_in_progress()), None)
         if newest is not None and newest.is_cancelled and not self._stop.is_under_way:
             self.stop(lambda success, sentence: None)
 
@@ -877,7 +877,7 @@ class GoalLifecycle:
 
     # --- Execution -------------------------------------------------------------------------------
 
-    def _goals_before_confirmation(self) -> list[PendingGoal]:
+    def _list_goals_before_confirmation(self) -> list[PendingGoal]:
         """Return the goals without a confirmed plan, newest first.
 
         Returns:
@@ -886,14 +886,14 @@ class GoalLifecycle:
         """
         return self._queue.goals + self._hand_over.goals
 
-    def _goals_not_ended(self) -> list[PendingGoal]:
+    def _list_goals_in_progress(self) -> list[PendingGoal]:
         """Return the goals in progress, newest first.
 
         A goal is in progress while it waits, is being planned for, has a plan that the arm has not
         answered yet, or is executed.
         """
         executed = [] if self.execution is None else [self.execution.pending_goal]
-        return self._goals_before_confirmation() + executed
+        return self._list_goals_before_confirmation() + executed
 
     def _is_being_executed(self, pending_goal: PendingGoal) -> bool:
         """Return whether the arm executes a plan for this very goal, not for one at its place."""
@@ -921,7 +921,7 @@ class GoalLifecycle:
         - The arm is being stopped.
         """
         execution, now = self.execution, self._clock.steady_time()
-        if execution is None or self._stop.is_under_way or self._goals_before_confirmation():
+        if execution is None or self._stop.is_under_way or self._list_goals_before_confirmation():
             return
         pending_goal = execution.pending_goal
         at_exact_place = execution.target.is_at_same_position(pending_goal.goal)
@@ -946,7 +946,7 @@ class GoalLifecycle:
             return
         pending_goal = execution.pending_goal
         silence = self.arm_state.clock_estimator.time_since_last_stamp(now)
-        is_planned_again = pending_goal in self._goals_before_confirmation()
+        is_planned_again = pending_goal in self._list_goals_before_confirmation()
         if REFERENCE_TIMEOUT < silence < LONGEST_WAIT or is_planned_again:
             return
         ending = execution.judge(self.settings.machine, self.arm_state, self._now_ns())

@@ -86,7 +86,7 @@ class Replan:
         times = choose_hand_over_times(
             self.previous_command, now_ns, round(commit_horizon * SECOND_NS)
         )
-        command = join_commands(self.previous_command, times, _command_of_plan(self.plan))
+        command = join_commands(self.previous_command, times, _create_command(self.plan))
         return replace(self, command=command, change_ns=times.change_ns)
 
 
@@ -163,7 +163,7 @@ class Replanner:
             deadline,
             cut_before(in_force.trajectory, times.change_ns) if moving else None,
         )
-        command = join_commands(in_force, times, _command_of_plan(plan))
+        command = join_commands(in_force, times, _create_command(plan))
         from_rest = in_force.trajectory.end_ns <= times.stamp_ns
         return Replan(command, in_force, plan, times.change_ns, from_rest, via=options.via)
 
@@ -229,6 +229,6 @@ class Replanner:
         return command
 
 
-def _command_of_plan(plan: Plan) -> Command:
+def _create_command(plan: Plan) -> Command:
     """Return the trajectory and mode schedule of a plan as a command."""
     return Command(plan.motion.trajectory, plan.motion.schedule)

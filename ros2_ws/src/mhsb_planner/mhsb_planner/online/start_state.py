@@ -79,15 +79,15 @@ def find_start_command(arm_state: ArmState, steady_time: float, now_ns: int) -> 
     if own is not None and arm_state.plan_in_force_ns == own.stamp_ns:
         return own
     if arm_state.reference is not None and arm_state.is_fresh(arm_state.reference, steady_time):
-        return _from_reference(arm_state, arm_state.reference.state, now_ns)
+        return _create_hold_at_reference(arm_state, arm_state.reference.state, now_ns)
     if arm_state.plan_in_force_ns is None and own is not None:
         return own
     if arm_state.measured is not None and arm_state.is_fresh(arm_state.measured, steady_time):
-        return _from_measured(arm_state, arm_state.measured.state, now_ns)
+        return _create_hold_at_measurement(arm_state, arm_state.measured.state, now_ns)
     raise NoStateError(mismatch=arm_state.qos_mismatch)
 
 
-def _from_reference(arm_state: ArmState, state: MotionState, now_ns: int) -> Command:
+def _create_hold_at_reference(arm_state: ArmState, state: MotionState, now_ns: int) -> Command:
     """Create a command that holds the arm at its reference, which must rest.
 
     Args:
@@ -110,7 +110,7 @@ def _from_reference(arm_state: ArmState, state: MotionState, now_ns: int) -> Com
     return Command.hold(now_ns, state.position, arm_state.modes_in_force)
 
 
-def _from_measured(arm_state: ArmState, state: MotionState, now_ns: int) -> Command:
+def _create_hold_at_measurement(arm_state: ArmState, state: MotionState, now_ns: int) -> Command:
     """Create a command that holds the arm at the measured joint positions.
 
     Args:

@@ -131,7 +131,7 @@ class _AreaBuffers(NamedTuple):
 
 
 @kernel
-def _area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _AreaBuffers) -> float:
+def _compute_area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _AreaBuffers) -> float:
     """Compute the area of the velocity polytope in a posture for one mode combination.
 
     The polytope contains all velocities of the tip that the pistons' limits allow. If a load is too
@@ -283,7 +283,7 @@ def _ascend_area(
                     for sign in (-1.0, 1.0):
                         turn = sign * stride * unit[triple.driver]
                         if _move_with_fixed_tip(m, tip, q, moved, triple, turn):
-                            there = _area(m, moved, pattern, w)
+                            there = _compute_area(m, moved, pattern, w)
                             if there > gained * (1.0 + SAME_AREA):
                                 gained = there
                                 copy_row(best, moved)
@@ -339,7 +339,7 @@ def _find_best_known(
         The largest area, at least `best` [m²/s²].
     """
     for posture in known:
-        area = _area(m, posture, pattern, w)
+        area = _compute_area(m, posture, pattern, w)
         if area > best:
             best = area
             copy_row(q, posture)

@@ -92,7 +92,7 @@ posture is within limits, the entries of the node are NaN."""
 
 
 @kernel
-def _psi_at(lower: float, upper: float, t: float) -> float:
+def _compute_psi(lower: float, upper: float, t: float) -> float:
     """Return the end-link angle ψ that belongs to a parameter t in an interval of ψ.
 
         ψ = (lower + upper)/2 − (upper − lower)/2 · cos t
@@ -188,7 +188,7 @@ def _maximise_in_interval(
     while True:
         for side in range(2):
             if pending == side or pending == 2:
-                psi = _psi_at(interval[1], interval[2], t[side])
+                psi = _compute_psi(interval[1], interval[2], t[side])
                 area[side] = -1.0
                 if _compute_area_inputs(m, tip, psi, elbow, q, cross, limit):
                     area[side] = polytope_area_from_limits(cross, scale, limit, pattern, flow)
@@ -201,7 +201,7 @@ def _maximise_in_interval(
             low, t[0], area[0], pending = t[0], t[1], area[1], 1
             t[1] = low + ratio * (high - low)
     best = 0 if area[0] >= area[1] else 1
-    psi = _psi_at(interval[1], interval[2], t[best])
+    psi = _compute_psi(interval[1], interval[2], t[best])
     solve_posture_at_psi(m, tip[0], tip[1], psi, elbow, q)
     return area[best]
 
@@ -259,7 +259,7 @@ def _sample_psi(m: MachineArrays, tip: tuple[float, float]) -> _PsiSamples:
         steps = first[i + 1] - first[i] - 1
         for s in range(first[i], first[i + 1]):
             t = math.pi * ((s - first[i]) / steps)
-            psi = _psi_at(interval[i, 1], interval[i, 2], t)
+            psi = _compute_psi(interval[i, 1], interval[i, 2], t)
             elbow = int(interval[i, 0])
             valid[s] = _compute_area_inputs(m, tip, psi, elbow, q, cross[s], limit[s])
             copy_row(posture[s], q)

@@ -314,7 +314,7 @@ def polytope_area(machine: Machine, q: FloatArray, pattern: ModeArray) -> float:
 
 
 @kernel
-def _posture_areas(
+def _compute_posture_areas(
     m: MachineArrays, posture: FloatArray, patterns: ModeArray, area: FloatArray
 ) -> None:
     """Compute the areas of the velocity polytopes of many postures in all mode combinations.
@@ -352,7 +352,7 @@ def polytope_areas(machine: Machine, posture: FloatArray, patterns: ModeArray) -
         Area by posture and mode combination, shape (k, patterns) [m²/s²]; NaN for a posture of NaN.
     """
     area = np.empty((len(posture), len(patterns)))
-    _posture_areas(machine.arrays, frozen(posture), frozen(patterns), area)
+    _compute_posture_areas(machine.arrays, frozen(posture), frozen(patterns), area)
     return area
 
 

@@ -172,10 +172,10 @@ class PostureTable:
             )
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise TableError(path, f"has no usable header ({error})") from error
-        table._check_for(path, machine.planar_arm, spacing)
+        table._check_against(path, machine.planar_arm, spacing)
         return table
 
-    def _check_for(self, path: Path, machine: Machine, spacing: float | None) -> None:
+    def _check_against(self, path: Path, machine: Machine, spacing: float | None) -> None:
         """Check that this table is complete and was made for a given machine.
 
         Args:
@@ -207,10 +207,10 @@ class PostureTable:
                 raise TableError(path, f"has {name} of shape {found.shape}, not {shape}")
         if not self.feasible.any():
             raise TableError(path, "holds no posture at all")
-        if reason := self._content_problem(machine):
+        if reason := self._describe_content_problem(machine):
             raise TableError(path, f"is damaged: {reason}")
 
-    def _content_problem(self, machine: Machine) -> str | None:
+    def _describe_content_problem(self, machine: Machine) -> str | None:
         """Describe the first problem with the numbers of this table.
 
         Spacing, range of the nodes, mode combinations and joint limits are checked. The arrays must

@@ -54,7 +54,7 @@ def solve_posture_at_psi(
 
 
 @kernel
-def _add_pair(found: FloatArray, count: int, center: float, cosine: float) -> int:
+def _append_angle_pair(found: FloatArray, count: int, center: float, cosine: float) -> int:
     """Append the two angles center ± acos(cosine) to a list, if they exist.
 
     Args:
@@ -108,8 +108,8 @@ def _find_critical_angles(m: MachineArrays, x: float, z: float, found: FloatArra
     count = 0
     if radius > 0.0:
         double = 2.0 * l3 * radius
-        count = _add_pair(found, count, phi, (radius**2 + l3**2 - (l1 + l2) ** 2) / double)
-        count = _add_pair(found, count, phi, (radius**2 + l3**2 - (l1 - l2) ** 2) / double)
+        count = _append_angle_pair(found, count, phi, (radius**2 + l3**2 - (l1 + l2) ** 2) / double)
+        count = _append_angle_pair(found, count, phi, (radius**2 + l3**2 - (l1 - l2) ** 2) / double)
     for side in range(2):
         q1 = m.joint_min[k] if side == 0 else m.joint_max[k]
         q2 = m.joint_min[k + 1] if side == 0 else m.joint_max[k + 1]
@@ -118,15 +118,19 @@ def _find_critical_angles(m: MachineArrays, x: float, z: float, found: FloatArra
         d = math.hypot(dx, dz)
         if d > 0.0:
             cosine = (d**2 + l3**2 - l2**2) / (2.0 * l3 * d)
-            count = _add_pair(found, count, math.atan2(dz, dx), cosine)
+            count = _append_angle_pair(found, count, math.atan2(dz, dx), cosine)
         if radius > 0.0:
             square = l1**2 + l2**2 + 2.0 * l1 * l2 * math.cos(q2)
-            count = _add_pair(found, count, phi, (radius**2 + l3**2 - square) / (2.0 * l3 * radius))
+            count = _append_angle_pair(
+                found, count, phi, (radius**2 + l3**2 - square) / (2.0 * l3 * radius)
+            )
             ahead, across = l2 + l3 * math.cos(q3), l3 * math.sin(q3)
             rigid = math.hypot(ahead, across)
             if rigid > 0.0:
                 cosine = (radius**2 + rigid**2 - l1**2) / (2.0 * rigid * radius)
-                count = _add_pair(found, count, phi - math.atan2(across, ahead) + q3, cosine)
+                count = _append_angle_pair(
+                    found, count, phi - math.atan2(across, ahead) + q3, cosine
+                )
     for i in range(count):
         turns = math.floor((found[i] + math.pi) / (2.0 * math.pi))
         found[i] -= 2.0 * math.pi * turns
@@ -135,7 +139,7 @@ def _find_critical_angles(m: MachineArrays, x: float, z: float, found: FloatArra
 
 
 @kernel(borrows=True)
-def _nearest_feasible_psi(
+def _find_nearest_feasible_psi(
     m: MachineArrays, x: float, z: float, end: float, middle: float, elbow: int, q: FloatArray
 ) -> float:
     """Find the feasible end-link angle ψ nearest to a computed end of an interval.
@@ -210,6 +214,6 @@ def find_feasible_intervals(m: MachineArrays, x: float, z: float, found: FloatAr
     for i in range(count):
         elbow = int(found[i, 0])
         middle = 0.5 * (found[i, 1] + found[i, 2])
-        found[i, 1] = _nearest_feasible_psi(m, x, z, found[i, 1], middle, elbow, q)
-        found[i, 2] = _nearest_feasible_psi(m, x, z, found[i, 2], middle, elbow, q)
+        found[i, 1] = _find_nearest_feasible_psi(m, x, z, found[i, 1], middle, elbow, q)
+        found[i, 2] = _find_nearest_feasible_psi(m, x, z, found[i, 2], middle, elbow, q)
     return count

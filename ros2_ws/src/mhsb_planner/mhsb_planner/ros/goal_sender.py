@@ -30,7 +30,7 @@ the planner is not connected yet.
 """
 
 
-def _names_of(endpoints: Iterable[TopicEndpointInfo]) -> set[tuple[str, str]]:
+def _collect_node_names(endpoints: Iterable[TopicEndpointInfo]) -> set[tuple[str, str]]:
     """Return namespace and name of each node to which publishers or subscribers belong."""
     return {(each.node_namespace, each.node_name) for each in endpoints}
 
@@ -71,7 +71,7 @@ class GoalSender(Node):
         return (
             self.subscriber_count > 0
             and self._status.get_publisher_count() > 0
-            and not _names_of(planners).isdisjoint(_names_of(receivers))
+            and not _collect_node_names(planners).isdisjoint(_collect_node_names(receivers))
         )
 
     def wait_for_planner(self, executor: SingleThreadedExecutor, timeout: float) -> bool:

@@ -114,7 +114,7 @@ class _ActionGoal:
         if isinstance(report, GoalVerdict):
             self.result |= {"verdict": str(report.code), "message": report.sentence}
             if report.plan is not None:
-                self.result |= _plan_result_fields(report.plan)
+                self.result |= _collect_plan_fields(report.plan)
             if report.code is not Verdict.OK:
                 self.end(report.code is Verdict.AT_GOAL)
         else:
@@ -181,10 +181,10 @@ class MoveTipServer:
         self._action = action
         self._node = node
         self._machine = machine
-        self._decoded = decode_goal
+        self._decode_goal = decode_goal
         self._lifecycle = lifecycle
         self._outbox = outbox
-        self._settings_with = make_settings
+        self._make_settings = make_settings
         self._faults = get_faults(node)
         self._jobs: list[_ActionGoal] = []
         self._trial_request: tuple[PlanRequest, _ActionGoal] | None = None
@@ -248,7 +248,7 @@ class MoveTipServer:
         """
         request = job.handle.request
         try:
-            goal = self._decoded(request.pose)
+            goal = self._decode_goal(request.pose)
             changes = goal_options.decode(self._node, self._machine, request.options)
         except GoalError as error:
             job.refuse(error.code, str(error))
@@ -278,7 +278,7 @@ class MoveTipServer:
             ignores its argument: it makes settings from the node's present parameters, in which the
             goal's own parameters replace the node's.
         """
-        return lambda settings: self._settings_with(changes) if changes else settings
+        return lambda settings: self._make_settings(changes) if changes else settings
 
     def _finish(self, job: _ActionGoal) -> None:
         """Schedule the result of a goal that has ended, and remove the goal from the list.
@@ -396,13 +396,13 @@ class MoveTipServer:
         job, self._trial_request = self._trial_request[1], None
         try:
             if job.success is None:
-                self._take_plan(job, request, answer)
+                self._handle_trial_answer(job, request, answer)
         except Exception as error:
             job.refuse(Verdict.INTERNAL, self._faults.record_fault("a plan of the action", error))
         self._start_next_trial_plan()
         return True
 
-    def _take_plan(
+    def _handle_trial_answer(
         self, job: _ActionGoal, request: PlanRequest, answer: Replan | Exception | None
     ) -> None:
         """End a goal that will not be executed by the answer to its request, or plan again.
@@ -445,7 +445,7 @@ class MoveTipServer:
             job.take_report(GoalVerdict.of(in_hand.goal, Verdict.AT_GOAL, sentence, nothing))
         else:
             halves = self._outbox.encode_command(answer.command)
-            job.result |= _plan_result_fields(
+            job.result |= _collect_plan_fields(
                 summarize_plan(answer, elapsed, elapsed + 1e3 * request.commit_horizon)
             )
             job.result |= {
@@ -510,7 +510,7 @@ class MoveTipServer:
         return under_way + [job for job in in_turn if job not in under_way]
 
 
-def _plan_result_fields(plan: PlanSummary) -> dict[str, Any]:
+def _collect_plan_fields(plan: PlanSummary) -> dict[str, Any]:
     """Return the fields of the action's result that describe a plan.
 
     Args:

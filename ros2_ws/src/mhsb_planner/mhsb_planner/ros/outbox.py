@@ -95,7 +95,7 @@ class RosOutbox:
             arm: Machine with the zones to draw.
         """
         self.encode_command(example)
-        for message in self._views(example, arm):
+        for message in self._make_views(example, arm):
             serialize_message(message)
 
     def close(self) -> None:
@@ -193,7 +193,7 @@ class RosOutbox:
         if command is None:
             return
         shown = (topics.PLANNED_PATH, topics.PLANNED_PATH_FLAT, topics.MARKERS)
-        for topic, message in zip(shown, self._views(command, arm), strict=True):
+        for topic, message in zip(shown, self._make_views(command, arm), strict=True):
             self.publish(topic, message)
 
     def publish_markers(self, arm: Machine, command: Command | None) -> None:
@@ -290,7 +290,7 @@ class RosOutbox:
         """Publish a message on one of `PUBLISHED_TOPICS`."""
         self._publishers[topic.name].publish(message)
 
-    def _views(self, command: Command, arm: Machine) -> tuple[Any, ...]:
+    def _make_views(self, command: Command, arm: Machine) -> tuple[Any, ...]:
         """Make the messages by which viewers show a command.
 
         Args:

@@ -160,12 +160,12 @@ class PlannerNode(Node):
             post_callback=self.faults.wrap("the clock's jump", self._on_clock_jump),
         )
         for topic, callback in (
-            (topics.JOINT_STATES, _without_info(self._on_joint_states)),
-            (topics.REFERENCE, _without_info(self._on_reference)),
-            (topics.PLAN_IN_FORCE, _without_info(self._on_plan_in_force)),
-            (topics.MODES, _without_info(self._on_modes)),
+            (topics.JOINT_STATES, _drop_info(self._on_joint_states)),
+            (topics.REFERENCE, _drop_info(self._on_reference)),
+            (topics.PLAN_IN_FORCE, _drop_info(self._on_plan_in_force)),
+            (topics.MODES, _drop_info(self._on_modes)),
             (topics.DIAGNOSTICS, self._on_diagnostics),
-            (topics.ESTIMATES, _without_info(self._on_estimates)),
+            (topics.ESTIMATES, _drop_info(self._on_estimates)),
         ):
             heard = self._matching_subscriptions.add(topic, callback)
             if topic in EXECUTION_TOPICS:
@@ -587,7 +587,7 @@ class PlannerNode(Node):
         super().destroy_node()
 
 
-def _without_info(callback: Callable[[Any], None]) -> Callable[[Any, dict[str, int]], None]:
+def _drop_info(callback: Callable[[Any], None]) -> Callable[[Any, dict[str, int]], None]:
     """Return a subscription callback that passes on the message without rclpy's information on it.
 
     Args:

@@ -390,7 +390,7 @@ def read_parameters(
     Raises:
         RequestError: Angles, region, via points or zones cannot be used.
     """
-    return _from_values(machine, _values(node, goal_parameters))
+    return _convert_values(machine, _collect_values(node, goal_parameters))
 
 
 def find_refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> str | None:
@@ -409,7 +409,7 @@ def find_refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> 
     Returns:
         One sentence on the first problem; None if the changes can be made.
     """
-    values = _values(node, changes)
+    values = _collect_values(node, changes)
     for name, allowed in (
         ("planner", tuple(REGISTERED_PLANNERS)),
         ("energy_reading", ENERGY_READINGS),
@@ -444,7 +444,7 @@ def find_refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> 
             f"'{values['planner']}'); set it to 0 or choose that planner"
         )
     try:
-        asked = _from_values(machine, values)
+        asked = _convert_values(machine, values)
         for point in asked.goal_via:
             _check_via(machine, point)
         asked.apply_to_machine(machine)
@@ -474,7 +474,7 @@ def _find_number_out_of_range(values: Mapping[str, Any]) -> str | None:
     return None
 
 
-def _values(node: Node, changes: Sequence[Parameter]) -> dict[str, Any]:
+def _collect_values(node: Node, changes: Sequence[Parameter]) -> dict[str, Any]:
     """Collect the values of all changeable parameters.
 
     Args:
@@ -503,7 +503,7 @@ CHANGEABLE_PARAMETERS = (
 """Names of the parameters that can be changed between plans."""
 
 
-def _from_values(machine: Machine, values: Mapping[str, Any]) -> PlannerParameters:
+def _convert_values(machine: Machine, values: Mapping[str, Any]) -> PlannerParameters:
     """Convert the values of parameters to their typed form.
 
     Args:

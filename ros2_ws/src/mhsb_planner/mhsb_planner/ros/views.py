@@ -78,10 +78,10 @@ def make_paths(machine: Machine, command: Command, prefix: str) -> tuple[Path, P
     _, postures = _sample_command(command)
     in_base, laid_flat = (
         Path(
-            header=_header(command.stamp_ns, frame, prefix),
+            header=_create_header(command.stamp_ns, frame, prefix),
             poses=[
                 PoseStamped(
-                    header=_header(command.stamp_ns, frame, prefix), pose=Pose(position=tip)
+                    header=_create_header(command.stamp_ns, frame, prefix), pose=Pose(position=tip)
                 )
                 for tip in _compute_tip_points(machine, postures, frame)
             ],
@@ -108,9 +108,9 @@ def make_markers(
     Returns:
         All markers.
     """
-    shown = [Marker(header=_header(stamp_ns, BASE_FRAME, prefix), action=Marker.DELETEALL)]
+    shown = [Marker(header=_create_header(stamp_ns, BASE_FRAME, prefix), action=Marker.DELETEALL)]
     for frame in (BASE_FRAME, WORK_PLANE_FRAME):
-        header = _header(stamp_ns, frame, prefix)
+        header = _create_header(stamp_ns, frame, prefix)
         shown += _make_obstacle_markers(machine, header, frame)
         if command is not None:
             shown += _make_command_markers(machine, command, header, frame)
@@ -140,14 +140,14 @@ def _make_obstacle_markers(machine: Machine, header: Header, frame: str) -> Iter
         if kind == LINK_KIND or number in shown or (kind >= SPACE_BOX_KIND and flat):
             continue
         shown.add(number)
-        marker = _marker(header, f"obstacles_{frame}", Marker.CUBE, OBSTACLE_DEPTH)
+        marker = _create_marker(header, f"obstacles_{frame}", Marker.CUBE, OBSTACLE_DEPTH)
         if kind >= SPACE_BOX_KIND:
             _set_shape_in_space(marker, row, edge)
         else:
             _set_shape_in_plane(marker, row, edge, machine, frame)
         marker.id = number
         marker.frame_locked = machine.slews  # stays in place in a viewer whose frame turns
-        marker.color = _color(OBSTACLE_COLORS[part == machine.joint_count], OBSTACLE_OPACITY)
+        marker.color = _create_color(OBSTACLE_COLORS[part == machine.joint_count], OBSTACLE_OPACITY)
         yield marker
 
 
@@ -196,7 +196,7 @@ def _set_shape_in_plane(
     flat, shape = frame == WORK_PLANE_FRAME, row[SHAPE_COLUMN : SHAPE_COLUMN + 4]
     if row[KIND_COLUMN] == CIRCLE_KIND:
         marker.type = Marker.CYLINDER
-        marker.pose.position = _point(shape[:2], frame)
+        marker.pose.position = _create_point(shape[:2], frame)
         marker.pose.orientation = Quaternion(w=1.0) if flat else ON_ITS_SIDE
         marker.scale.x = marker.scale.y = 2 * float(shape[2])
         return
@@ -204,7 +204,7 @@ def _set_shape_in_plane(
     if machine.slews and not flat:  # ground and base lie around the slew's axis
         x_max = x_max + machine.arrays.slew_offset
         x_min = -x_max
-    marker.pose.position = _point(np.array([x_min + x_max, z_min + z_max]) / 2, frame)
+    marker.pose.position = _create_point(np.array([x_min + x_max, z_min + z_max]) / 2, frame)
     width, height = x_max - x_min, z_max - z_min
     depth = width if machine.slews else OBSTACLE_DEPTH
     marker.scale.x = width
@@ -232,19 +232,19 @@ def _make_command_markers(
     times, postures = _sample_command(command)
     tips = _compute_tip_points(machine, postures, frame)
     boosted = strongest(command.schedule.modes_at_many(times))
-    line = _marker(header, f"path_{frame}", Marker.LINE_STRIP, LINE_WIDTH)
+    line = _create_marker(header, f"path_{frame}", Marker.LINE_STRIP, LINE_WIDTH)
     line.points = tips
-    line.colors = [_color(rgb(PATH_COLOR[Mode(mode)])) for mode in boosted.tolist()]
+    line.colors = [_create_color(rgb(PATH_COLOR[Mode(mode)])) for mode in boosted.tolist()]
     yield line
-    posture = _marker(header, f"goal_posture_{frame}", Marker.LINE_STRIP, LINE_WIDTH)
+    posture = _create_marker(header, f"goal_posture_{frame}", Marker.LINE_STRIP, LINE_WIDTH)
     posture.points = _convert_to_points(
         machine, machine.joint_positions(postures[-1]), postures[-1:], frame
     )
-    posture.color = _color(GOAL_COLOR)
+    posture.color = _create_color(GOAL_COLOR)
     yield posture
-    goal = _marker(header, f"goal_{frame}", Marker.SPHERE, GOAL_SIZE)
+    goal = _create_marker(header, f"goal_{frame}", Marker.SPHERE, GOAL_SIZE)
     goal.pose.position = tips[-1]
-    goal.color = _color(GOAL_COLOR)
+    goal.color = _create_color(GOAL_COLOR)
     yield goal
 
 
@@ -299,12 +299,12 @@ def _convert_to_points(
         One point for each position [m].
     """
     if frame == WORK_PLANE_FRAME or not machine.slews:
-        return [_point(place, frame) for place in in_plane]
+        return [_create_point(place, frame) for place in in_plane]
     slew = np.broadcast_to(postures[:, 0], len(in_plane))
     return [Point(x=x, y=y, z=z) for x, y, z in machine.convert_to_base(in_plane, slew).tolist()]
 
 
-def _marker(header: Header, namespace: str, kind: int, size: float) -> Marker:
+def _create_marker(header: Header, namespace: str, kind: int, size: float) -> Marker:
     """Create a marker with action ADD, id 0 and equal size in all directions.
 
     Args:
@@ -326,12 +326,12 @@ def _marker(header: Header, namespace: str, kind: int, size: float) -> Marker:
     )
 
 
-def _header(stamp_ns: int, frame: str, prefix: str) -> Header:
+def _create_header(stamp_ns: int, frame: str, prefix: str) -> Header:
     """Create a header with a stamp [ns] and the name of a frame after its prefix."""
     return Header(stamp=stamps.to_time(stamp_ns), frame_id=frame_name(frame, prefix))
 
 
-def _point(place: FloatArray, frame: str) -> Point:
+def _create_point(place: FloatArray, frame: str) -> Point:
     """Convert a position in the arm's plane to a point of a frame, without a slew angle.
 
     Args:
@@ -345,6 +345,6 @@ def _point(place: FloatArray, frame: str) -> Point:
     return Point(x=x, y=z, z=0.0) if frame == WORK_PLANE_FRAME else Point(x=x, y=0.0, z=z)
 
 
-def _color(rgb: tuple[float, float, float], opacity: float = 1.0) -> ColorRGBA:
+def _create_color(rgb: tuple[float, float, float], opacity: float = 1.0) -> ColorRGBA:
     """Create a colour message from red, green and blue (0 to 1) and the opacity (0 to 1)."""
     return ColorRGBA(r=rgb[0], g=rgb[1], b=rgb[2], a=opacity)

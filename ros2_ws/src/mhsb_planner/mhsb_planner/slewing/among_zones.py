@@ -236,7 +236,7 @@ def _compute_time_share(duration: FloatArray, first: int, last: int, s: int) -> 
 
 
 @kernel
-def _is_clear(
+def _is_stretch_clear(
     m: MachineArrays,
     rows: FloatArray,
     path: PathStretches,
@@ -330,7 +330,7 @@ def compute_least_times(
                     there += _compute_step_time(duration[s], oil[s], way, slew)
                 if there >= least[i + 1, k + more]:
                     continue
-                if _is_clear(m, rows, path, i, angle[k], angle[k + more]):
+                if _is_stretch_clear(m, rows, path, i, angle[k], angle[k + more]):
                     least[i + 1, k + more] = there
                     came[i + 1, k + more] = more
     return least, came

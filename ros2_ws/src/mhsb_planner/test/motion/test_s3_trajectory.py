@@ -315,7 +315,7 @@ def test_after_warming_up_nothing_is_compiled_any_more(machine, walk):
         joint_range.bound_joint_excess,
         piston_motion.convert_to_joints,
         ramped_motion._sample_pistons,
-        s4_mode_schedule._interval_modes,
+        s4_mode_schedule._choose_interval_modes,
     ]
     before = [len(kernel.signatures) for kernel in kernels]
     path = walk(np.random.default_rng(12), 6)
