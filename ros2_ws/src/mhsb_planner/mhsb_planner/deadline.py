@@ -71,8 +71,8 @@ class Deadline:
         """Return an earlier deadline.
 
         Args:
-            reserve: Time by which it is earlier, for work that follows [s]. A negative time gives a
-                later deadline.
+            reserve: Time that is kept for other work afterwards [s]. A negative time gives a later
+                deadline.
 
         Returns:
             The deadline.

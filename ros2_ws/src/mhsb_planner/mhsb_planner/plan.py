@@ -173,9 +173,9 @@ class Plan:
         """Compute the cost of the motion, w₁ E + w₂ T + w₃ S + w₄ M.
 
         E is the energy in the reading that the options choose [J], T the duration [s], and S the
-        number of mode switches. M is the manipulability loss [m]: an integral over the length of
-        the tip's path. Its integrand is the share by which the area of the velocity polytope is
-        smaller than a reference area.
+        number of mode switches. M is the manipulability loss [m]: the share of the velocity
+        polytope's area that is lost, compared with a reference, integrated over the length of the
+        tip's path.
 
         Args:
             options: Options that give the weights w₁ to w₄ and the energy reading.

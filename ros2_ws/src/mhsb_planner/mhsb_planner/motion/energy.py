@@ -282,7 +282,7 @@ def energy_of_states(
         span: Duration of each state, shape (k,) [s].
         position: Joint positions, shape (k, n) [rad or m].
         velocity: Joint velocities, shape (k, n) [rad/s or m/s].
-        modes: Mode codes, shape (k, n).
+        modes: Mode codes (N, DB, SB), shape (k, n).
         acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²]. None makes the inertia
             forces 0.
 
@@ -316,8 +316,8 @@ def _sum_state_energies(
         span: Duration of each state, shape (k,) [s].
         speed: Piston speeds, shape (k, n) [m/s].
         force: Piston forces under gravity, shape (k, n) [N].
-        inertia: Piston forces from inertia, which add to those of gravity, shape (k, n) [N].
-        modes: Mode codes, shape (k, n).
+        inertia: Piston forces from inertia, to be added to the gravity forces, shape (k, n) [N].
+        modes: Mode codes (N, DB, SB), shape (k, n).
 
     Returns:
         Energies in the order of the fields of `Energy`, shape (7,) [J]: published model (`paper`),
@@ -407,8 +407,8 @@ def _compute_powers(
         m: Arrays of the machine.
         speed: Piston speeds, shape (n,) [m/s].
         force: Piston forces under gravity, shape (n,) [N].
-        inertia: Piston forces from inertia, which add to those of gravity, shape (n,) [N].
-        modes: Mode codes, shape (n,).
+        inertia: Piston forces from inertia, to be added to the gravity forces, shape (n,) [N].
+        modes: Mode codes (N, DB, SB), shape (n,).
         own: Working memory, shape (n,), overwritten: boosted supply pressure of each actuator [Pa].
         power: Powers in the order of the fields of `Energy`, shape (7,) [W], written in place.
             These are: all pumps by the published energy model (`paper`), main pump, shafts of the
@@ -513,7 +513,7 @@ def _count_on_rail(modes: ModeArray, k: int) -> int:
     """Count the actuators whose mode in row k connects them to the shared rail.
 
     Args:
-        modes: Mode codes, shape (rows, n).
+        modes: Mode codes (N, DB, SB), shape (rows, n).
         k: Index of the row.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Coasting: the motion by which a moving arm comes to rest within acceleration and jerk limits.
+"""Coasting: the motion that brings a moving arm to rest within acceleration and jerk limits.
 
 It consists of ramps: changes of speed with limited acceleration and jerk (`s3_ramps`). Each piston
 has a length L₀, a speed v₀ and an acceleration a₀ at time 0. They are explained by a ramp from a
@@ -55,7 +55,7 @@ ACCELERATION_ROUNDING = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Coasting:
-    """Motion by which an arm that moves at the start comes to rest.
+    """Motion that brings a moving arm to rest.
 
     Attributes:
         motion: Motion of the pistons. Its last ramp (change of speed) brings them to rest.
@@ -67,7 +67,7 @@ class Coasting:
 
     @property
     def ramp(self) -> Ramp:
-        """Ramp by which the motion comes to rest."""
+        """Ramp (change of speed) that ends the motion."""
         return Ramp(float(self.motion.rise[-1]), float(self.motion.blend[-1]))
 
     @property
@@ -82,7 +82,7 @@ class Coasting:
 
 
 def compute_coasting(machine: Machine, start: MotionState) -> Coasting:
-    """Compute the motion by which an arm that moves at the start comes to rest (coasting).
+    """Compute the motion that brings a moving arm to rest (coasting).
 
     All pistons come to rest by one common ramp (smooth change of speed), after a delay if
     necessary. Several ramps and delays are tried. The first motion within the limits of
@@ -104,7 +104,7 @@ def compute_coasting(machine: Machine, start: MotionState) -> Coasting:
 
 
 def _iterate_gentler_motions(machine: Machine, start: MotionState) -> Iterator[RampedMotion]:
-    """Yield motions by which a moving arm comes to rest, in the order of trial.
+    """Yield motions that bring a moving arm to rest, in the order of trial.
 
     In each motion all pistons stop by one common ramp (smooth change of speed), which begins after
     a delay. The shortest ramp for the speeds at the start comes first. If the ramp for V_max is
@@ -129,7 +129,7 @@ def _iterate_gentler_motions(machine: Machine, start: MotionState) -> Iterator[R
 def _compute_coasting_motion(
     machine: Machine, start: MotionState, ramp: Ramp, parts: int
 ) -> RampedMotion:
-    """Compute the motion by which a moving arm comes to rest with a given ramp and delay.
+    """Compute the motion that brings a moving arm to rest with a given ramp and delay.
 
     A ramp changes speeds by a trapezoid of acceleration, which builds up in the time T₂. All
     pistons come to rest by one ramp, which begins at the time δ. Before that, each piston finishes
@@ -164,7 +164,7 @@ def _compute_coasting_motion(
 
 
 def _choose_ramp(machine: Machine, speed: FloatArray, acceleration: FloatArray) -> Ramp:
-    """Choose the ramp (smooth change of speed) by which all pistons come to rest.
+    """Choose the ramp (smooth change of speed) that brings all pistons to rest.
 
     It is the shortest ramp from the highest piston speed to rest. If an acceleration exceeds
     STEADY_ACCELERATION_SHARE of the limit, a piston is changing its speed already. The shortest

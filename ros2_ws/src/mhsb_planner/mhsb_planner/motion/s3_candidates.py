@@ -262,8 +262,8 @@ def iterate_candidates(
         start: State of the joints at the start.
         brake: Motion that brings a moving arm to rest at the path's first node. None if the arm is
             at rest. With a `Coasting` it is `coast.trajectory`.
-        coast: Motion by which a moving arm comes to rest, or the `Steering` of a start that must
-            not come to rest first. None for any other start.
+        coast: Motion that brings a moving arm to rest, or the `Steering` of a moving arm that goes
+            to the goal without a rest. None if neither is given.
         modes: Modes in force at the start, and time since each actuator's last switch.
         rules: Settings of the fit.
 
@@ -345,7 +345,7 @@ def _iterate_ramped(
         path: Discrete path.
         start: State of the joints at the beginning of the curve.
         lead_in: Motion before the curve, such as braking; None if there is none.
-        coast: Motion by which a moving arm comes to rest. None if the curve begins at rest.
+        coast: Motion that brings a moving arm to rest. None if the curve begins at rest.
         rules: Settings of the fit, with the factors `ramp_factors`.
         words: Beginning of the curves' names in messages. It is ignored if `coast` is given.
 

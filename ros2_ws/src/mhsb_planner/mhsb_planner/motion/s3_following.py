@@ -83,7 +83,7 @@ class PathBeginning(NamedTuple):
     """Time and ramp (smooth change of speed) with which the motion along a path begins.
 
     Attributes:
-        coast: Motion by which a moving arm comes to rest. It is added to the motion along the path.
+        coast: Motion that brings a moving arm to rest. It is added to the motion along the path.
             None if the arm is at rest.
         delay: Time at which the path's first ramp begins [s].
         ramp: Shorter ramp with which the path begins; None means the ramp of all other changes of
@@ -253,7 +253,7 @@ def compute_followed_path(
         machine: Machine that moves.
         path: Discrete path.
         ramp_factor: Factor on the duration of the first motion's ramps [-]; may be below 1.
-        coast: Motion by which a moving arm comes to rest. None if the arm is at rest.
+        coast: Motion that brings a moving arm to rest. None if the arm is at rest.
         scale: Factor on the durations of all steps, or of each step, shape (k,) [-].
         last_ramp_factor: Further factor on the duration of the last ramp [-]; may be below 1.
 
@@ -279,18 +279,18 @@ def _iterate_slower_motions(
 
     If the arm moves at the start, the path begins before the pistons are at rest in these motions:
 
-    1. One motion whose path begins with the ramp by which the pistons come to rest. A piston that
-       keeps its speed then does not slow down in between.
+    1. One motion whose path begins with a ramp like the one that brings the pistons to rest. A
+       piston that keeps its speed then does not slow down in between.
     2. One motion for each factor of RAMP_DURATION_FACTORS on the ramps.
     3. Two motions whose path begins a little later.
 
-    MAX_SLOWING_ROUNDS motions follow in which the path begins from rest. The ramps of each are
-    longer by the factors by which the previous motion exceeded the limits.
+    MAX_SLOWING_ROUNDS motions follow in which the path begins from rest. If a motion exceeds the
+    limits by some factors, the ramps of the next motion are longer by these factors.
 
     Args:
         path: Path of the pistons.
         slower: Factor on the duration of the shortest ramps [-].
-        coast: Motion by which a moving arm comes to rest. None if the arm is at rest.
+        coast: Motion that brings a moving arm to rest. None if the arm is at rest.
         last: Further factor on the duration of the last ramp [-].
 
     Yields:

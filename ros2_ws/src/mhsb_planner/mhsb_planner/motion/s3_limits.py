@@ -1,9 +1,9 @@
 """Check of a joint motion against all limits (`limits.registry`).
 
 Each limit bounds a quantity of the motion, such as the largest ratio of a piston's speed to the
-speed that it can have. Forces are those of gravity if speeds are checked, and of gravity and
-inertia if pressures are checked. What an actuator can do depends on its mode, so a motion is
-checked together with its mode schedule.
+speed that it can have. Speeds are checked under gravity alone, pressures under gravity and inertia.
+The abilities of an actuator depend on its mode, so a motion is checked together with its mode
+schedule.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def repeats_previous_row(modes: ModeArray, k: int) -> bool:
     """Return whether the modes of a row equal the modes of the row before.
 
     Args:
-        modes: Mode codes, shape (rows, n).
+        modes: Mode codes (N, DB, SB), shape (rows, n).
         k: Index of the row.
 
     Returns:
@@ -149,7 +149,7 @@ def _measure_states(
         force: Piston forces under gravity, shape (k, n) [N].
         inertia: Piston forces from inertia, shape (k, n) [N].
         tip: Tip positions (x, z), shape (k, 2) [m].
-        modes: Mode codes, shape (k, n).
+        modes: Mode codes (N, DB, SB), shape (k, n).
 
     Returns:
         Quantities in the order of `STATE_LIMITS`, shape (limits, k).

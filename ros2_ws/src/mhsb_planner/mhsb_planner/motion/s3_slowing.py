@@ -26,7 +26,7 @@ A piece that is slowed alone adds changes of speed to the motion, and the times 
 rounded up. Below this factor it takes less time to slow the whole motion."""
 
 USAGE_RESERVE = 1.003
-"""Factor by which durations are longer than the limits at the trajectory's points need [-].
+"""Reserve factor on durations that are chosen by the limits at the trajectory's points [-].
 
 It covers what may happen between the points."""
 

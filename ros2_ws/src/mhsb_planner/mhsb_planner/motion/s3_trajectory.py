@@ -748,7 +748,7 @@ def _get_preferred_modes(
             means no lead-in.
 
     Returns:
-        Mode codes, shape (m, n).
+        Mode codes (N, DB, SB), shape (m, n).
     """
     time = trajectory.offset_ns / SECOND_NS
     return _assign_step_modes(path.modes, node_time, time, first)
@@ -769,7 +769,7 @@ def _assign_step_modes(
         first: Index of the point at which the path begins; the points before it get mode N.
 
     Returns:
-        Mode codes, shape (m, n).
+        Mode codes (N, DB, SB), shape (m, n).
     """
     modes, step = np.empty((len(time), steps.shape[1]), dtype=np.uint8), 0
     modes[:first] = N

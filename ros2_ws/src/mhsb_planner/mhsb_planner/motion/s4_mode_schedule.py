@@ -78,7 +78,7 @@ class StartModes:
     """Modes in force at the beginning of a schedule, and the time since their last switches.
 
     Attributes:
-        modes: Mode codes, shape (n,).
+        modes: Mode codes (N, DB, SB), shape (n,).
         age: Time since the last switch of each actuator, shape (n,) [s]; inf if unknown or long
             ago.
     """
@@ -96,7 +96,7 @@ class StartModes:
         """Create start modes whose actuators may be switched at once: their age is infinite.
 
         Args:
-            modes: Mode codes, shape (n,).
+            modes: Mode codes (N, DB, SB), shape (n,).
 
         Returns:
             Start modes.
@@ -249,7 +249,7 @@ def _find_changes(modes: ModeArray) -> IntArray:
     """Find the rows of a mode array that differ from the row before.
 
     Args:
-        modes: Mode codes, shape (rows, n).
+        modes: Mode codes (N, DB, SB), shape (rows, n).
 
     Returns:
         Indices of the rows in ascending order, beginning with row 0.
@@ -386,9 +386,9 @@ def _determine_needs(
 ) -> tuple[np.ndarray, np.ndarray, FloatArray]:
     """Determine an actuator's need for boost and its flow at each instant.
 
-    An actuator needs boost if the main pump's pressure is too low for its speed and load. As a
-    reserve, speed and load are multiplied by NEED_FACTOR. At speeds up to MAX_HELD_SPEED the
-    actuator counts as at rest, and the pressure must suffice to hold the load.
+    Boost is supply by servo pumps. An actuator needs it if the main pump's pressure is too low for
+    its speed and load. As a reserve, speed and load are multiplied by NEED_FACTOR. At speeds up to
+    MAX_HELD_SPEED the actuator counts as at rest, and the pressure must suffice to hold the load.
 
     Args:
         m: Arrays of the machine.
@@ -481,7 +481,7 @@ def _find_run_end(on: np.ndarray, first: int, last: int) -> int:
 def _drop_short_holds(
     time: FloatArray, on: np.ndarray, lifts: np.ndarray, longest: float, held_after: bool
 ) -> None:
-    """Remove boost that would only hold a load for a short time.
+    """Remove boost (supply by servo pumps) that would only hold a load for a short time.
 
     The closed valve holds the load instead. A run is a sequence of intervals with boost. It stays
     in three cases: it contains a motion against the load, it lasts `longest` or more, or it reaches
@@ -572,10 +572,10 @@ def _enforce_shared_boost_dwell(
 ) -> None:
     """Adjust the intervals of boost in mode SB so that SB and DB each last long enough.
 
-    A run of boost is a sequence of boosted intervals. It consists of parts in SB and parts in DB.
-    SB parts begin earlier by `rules.lead`. All parts are lengthened to `rules.min_dwell`, as far as
-    the run has room. If a run is too short for an SB part of this length, it becomes DB. The
-    intervals before `free` stay as they are.
+    A boosted actuator is in mode SB (shared rail) or DB (own servo pump). A run is a sequence of
+    boosted intervals, with parts in SB and parts in DB. SB parts begin earlier by `rules.lead`. All
+    parts are lengthened to `rules.min_dwell`, as far as the run has room. If a run is too short for
+    an SB part of this length, it becomes DB. The intervals before `free` stay as they are.
 
     Args:
         time: Limits of the intervals, shape (k,) [s].
@@ -616,14 +616,16 @@ def _reduce_to_module_budget(
 ) -> None:
     """Reduce boost in intervals whose modes use more booster modules than are fitted.
 
-    First the run of mode SB with the least flow becomes DB, run by run. Then mode DB becomes N in
-    intervals in which `needed` is False. No change makes a run of equal modes shorter than `dwell`.
-    If an interval still uses too many modules, it stays so, and the check of limits reports it.
+    A run is a sequence of intervals in which an actuator has one mode. For each interval, the run
+    in mode SB (shared rail) with the least flow becomes DB (own servo pump). This is repeated until
+    the modules suffice or no run is left. Then DB becomes N (main pump alone) in intervals in which
+    `needed` is False. No change makes a run shorter than `dwell`. If an interval still uses too
+    many modules, the check of limits reports it.
 
     Args:
         m: Arrays of the machine.
         time: Limits of the intervals, shape (k,) [s].
-        modes: Mode codes, shape (k - 1, n). Written in place.
+        modes: Mode codes (N, DB, SB), shape (k - 1, n). Written in place.
         demand: Flow into each cylinder in each interval, shape (k - 1, n) [m³/s].
         needed: True for each interval in which an actuator cannot do without boost, shape
             (k - 1, n).
@@ -667,7 +669,15 @@ def _reduce_to_module_budget(
 
 @kernel
 def _count_modules(m: MachineArrays, modes: ModeArray) -> int:
-    """Return the number of booster modules that a mode combination, shape (n,), needs."""
+    """Count the booster modules that a mode combination needs.
+
+    Args:
+        m: Arrays of the machine.
+        modes: Mode code of each actuator, shape (n,).
+
+    Returns:
+        Number of booster modules.
+    """
     used = 0
     for mode in modes:
         used += m.modules_per_mode[mode]
@@ -679,7 +689,7 @@ def _find_run_around(modes: ModeArray, i: int, j: int) -> tuple[int, int]:
     """Find the run of equal modes of an actuator that contains an interval.
 
     Args:
-        modes: Mode codes, shape (intervals, n).
+        modes: Mode codes (N, DB, SB), shape (intervals, n).
         i: Index of the interval.
         j: Index of the actuator.
 

@@ -60,13 +60,15 @@ def find_points_ahead(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> tuple[V
 def _count_passed(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> tuple[int, float]:
     """Count the via points that a motion passes in order.
 
+    The search for a point begins in the segment in which the previous point was passed.
+
     Args:
         tip: Tip positions in time order, shape (k, 2 or 3) [m].
         passing: Via points in order; the last number of each is its tolerance [m].
 
     Returns:
-        Number of points passed, and least distance of the tip from the next point [m]; 0 if all are
-        passed. The search for a point begins in the segment in which the previous point was passed.
+        Number of points passed, and least distance of the tip from the next point [m]. The distance
+        is 0 if all points are passed.
     """
     first = 0
     for count, (*point, tolerance) in enumerate(passing):

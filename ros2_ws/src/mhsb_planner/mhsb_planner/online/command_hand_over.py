@@ -2,7 +2,7 @@
 
 A command is a joint trajectory with its mode schedule. The commit horizon is the time from the
 stamp of a command until it leaves the previous command. The time of plans is the arm's clock minus
-the delay by which speed scaling has slowed plans.
+the delay that speed scaling has caused.
 """
 
 from __future__ import annotations

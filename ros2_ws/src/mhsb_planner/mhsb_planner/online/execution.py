@@ -1,6 +1,6 @@
 """Execution of the plan in force, which ends as reached, replaced, stopped or aborted.
 
-The time of plans is the arm's clock minus the delay by which speed scaling has slowed plans.
+The time of plans is the arm's clock minus the delay that speed scaling has caused.
 """
 
 from __future__ import annotations

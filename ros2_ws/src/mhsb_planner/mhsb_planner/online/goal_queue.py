@@ -1,6 +1,6 @@
 """Queue of goals without a sent plan: the goal that waits, and the goal that is planned for.
 
-The time of plans is the arm's clock minus the delay by which speed scaling has slowed plans.
+The time of plans is the arm's clock minus the delay that speed scaling has caused.
 """
 
 from __future__ import annotations
@@ -272,9 +272,9 @@ class GoalQueue:
 
         Returns:
             True if two conditions are met. First, no event since the request has made the plan void
-            (`epoch`). Second, the arm still executes the same plan as at the request, or holds its
-            position at the end of the request's `start_command`. It may hold up to `EARLY_NS`
-            before this end.
+            (`epoch`). Second, the arm still executes the plan that it executed at the request. If
+            this was the request's `start_command`, the arm may also hold its position at the end of
+            this command, at most `EARLY_NS` before it.
         """
         start, in_force_ns = request.start_command, self._arm_state.plan_in_force_ns
         has_ended = now_ns >= start.trajectory.end_ns - EARLY_NS

@@ -3,8 +3,8 @@
 A command is a joint trajectory with its mode schedule. The new command begins at its stamp, the
 planner's present time. One commit horizon later, at the change, it leaves the old command. Until
 the change it repeats the old motion. The arm can therefore take it at any time between stamp and
-change. All times are in the time of plans: the arm's clock minus the delay by which speed scaling
-has slowed plans.
+change. All times are in the time of plans: the arm's clock minus the delay that speed scaling
+has caused.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Request for a plan, and record of a sent command that the arm has not confirmed yet.
 
 A command is a joint trajectory with its mode schedule. The time of plans is the arm's clock minus
-the delay by which speed scaling has slowed plans.
+the delay that speed scaling has caused.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Progress of the motion to a goal, and the energy that it has taken according to its plans.
 
-The time of plans is the arm's clock minus the delay by which speed scaling has slowed plans.
+The time of plans is the arm's clock minus the delay that speed scaling has caused.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 A command is a joint trajectory with its mode schedule. A new command first repeats the old one for
 the time of its commit horizon. It then leaves the old one with equal position, velocity and
 acceleration. This time is called its change. The time of plans is the arm's clock minus the delay
-by which speed scaling has slowed plans.
+that speed scaling has caused.
 """
 
 from __future__ import annotations

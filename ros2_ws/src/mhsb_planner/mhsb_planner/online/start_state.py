@@ -3,8 +3,8 @@
 A command is a joint trajectory with its mode schedule. A plan continues the command in force if
 this planner has sent it. Otherwise the plan starts from the reference that the servo follows. If
 the arm does not publish a reference, the plan starts from this planner's last command, or from
-measured joint states at rest. The time of plans is the arm's clock minus the delay by which speed
-scaling has slowed plans.
+measured joint states at rest. The time of plans is the arm's clock minus the delay that speed
+scaling has caused.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A stop is finished when the arm is measured at rest. It is also finished when the arm has confirmed
 a braking command, if it is known when the arm will rest. The time of plans is the arm's clock minus
-the delay by which speed scaling has slowed plans.
+the delay that speed scaling has caused.
 """
 
 from __future__ import annotations

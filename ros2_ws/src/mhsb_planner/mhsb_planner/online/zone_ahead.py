@@ -3,8 +3,8 @@
 The arm brakes along its path. The softest braking is taken that rests before the zone, at least the
 margin away from it. If there is none, the braking within the machine's limits that keeps most
 clearance is taken, usually the hardest. A sentence for log and report states the place of rest.
-Absolute times are in the time of plans: the arm's clock minus the delay by which speed scaling has
-slowed plans.
+Absolute times are in the time of plans: the arm's clock minus the delay that speed scaling has
+caused.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Posture with the largest velocity polytope for a chain of any kind (paper, step S1).
 
-If the tip is held, n − 2 of the n joint coordinates are free. The positions of two joints follow
-from those of the others, so that the tip is at its place; these two close the chain
+If the tip is held, n − 2 of the n joint coordinates are free. The positions of the other two joints
+follow from these and from the tip position: the two joints close the chain
 (`tip_postures.close_chain`). At a maximum, some joints may be at their limits. Therefore every pair
 of joints closes the chain in turn, and the other joints are sampled evenly, limits included.
 
@@ -75,7 +75,7 @@ def _sample_postures(m: MachineArrays, x: float, z: float, found: FloatArray) ->
     take evenly spaced values, limits included, as densely as MAX_CLOSED_CHAINS allows.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         x: Tip position forward [m].
         z: Tip position upward [m].
         found: Postures, shape (MAX_CLOSED_CHAINS, n) [rad or m]. Written in place.
@@ -139,7 +139,7 @@ def _compute_area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _AreaB
     function is faster than `s1_polytope.posture_area`, its test oracle.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         q: Posture, shape (n,) [rad or m].
         pattern: Mode combination (one mode for each actuator), shape (n,).
         w: Working memory; `force`, `cross` and `limit` are overwritten.
@@ -187,7 +187,7 @@ def _move_with_fixed_tip(
     limit, it is put on this limit. The driver and the remaining joint then keep the tip in place.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         tip: Tip position (x, z) [m].
         q: Posture, shape (n,) [rad or m].
         moved: New posture, shape (n,) [rad or m]. Written in place.
@@ -239,7 +239,7 @@ def _ascend_area(
     largest area is made. If no move increases the area, the stride is halved.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         tip: Tip position (x, z) [m].
         pattern: Mode combination (one mode for each actuator), shape (n,).
         w: Working memory, overwritten.
@@ -327,7 +327,7 @@ def _find_best_known(
     """Find the posture with the largest velocity polytope among given postures.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         pattern: Mode combination (one mode for each actuator), shape (n,).
         w: Working memory, overwritten.
         known: Postures, shape (k, n) [rad or m].
@@ -366,7 +366,7 @@ def largest_polytopes_of_chain(
     Test oracle: SLSQP from many starts.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         x: Tip position forward [m].
         z: Tip position upward [m].
         patterns: Mode combinations (one mode for each actuator), shape (patterns, n).

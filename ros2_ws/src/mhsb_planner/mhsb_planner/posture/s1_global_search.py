@@ -127,7 +127,7 @@ def _compute_area_inputs(
     """Compute a posture, and the two arrays from which the area of its velocity polytope follows.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         tip: Tip position (x, z) [m].
         psi: End-link angle [rad].
         elbow: Elbow branch (sign of the second-last joint's angle), −1 or 1.
@@ -164,7 +164,7 @@ def _maximise_in_interval(
     and π at its upper end.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         tip: Tip position (x, z) [m].
         interval: Elbow branch (−1 or 1), lower and upper end of ψ [rad], shape (3,).
         low: Parameter t at the lower end of the part [rad].
@@ -235,7 +235,7 @@ def _sample_psi(m: MachineArrays, tip: tuple[float, float]) -> _PsiSamples:
     """Sample the end-link angle ψ in all its feasible intervals at a tip position.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         tip: Tip position (x, z) [m].
 
     Returns:
@@ -341,7 +341,7 @@ def largest_polytopes_3r(
     Test oracle: a dense scan of ψ on both elbow branches.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         x: Tip position forward [m].
         z: Tip position upward [m].
         patterns: Mode combinations (one mode for each actuator), shape (patterns, 3).

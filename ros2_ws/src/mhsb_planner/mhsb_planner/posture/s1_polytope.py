@@ -54,7 +54,7 @@ def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray) -> None:
     number of servo pumps of the mode.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         q: Posture, shape (n,) [rad or m].
         limit: Largest flow by joint, mode and direction (0 extends, 1 retracts), shape (n, modes,
             2) [m³/s]. Written in place.
@@ -75,7 +75,7 @@ def flow_limit(m: MachineArrays, j: int, mode: int, force: float) -> tuple[float
     flow of the mode's servo pumps is a further limit.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         j: Index of the joint.
         mode: Mode code.
         force: Piston force F, positive if it resists extension [N].
@@ -99,7 +99,7 @@ def tip_columns(m: MachineArrays, q: FloatArray) -> FloatArray:
     J_j is the column of the tip's Jacobian for joint j, and r_j the moment arm of its cylinder.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         q: Posture, shape (n,) [rad or m].
 
     Returns:
@@ -251,7 +251,7 @@ def flow_scale(m: MachineArrays) -> FloatArray:
     """Return the piston speed per inlet flow of every joint.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
 
     Returns:
         1/A extending and −1/a retracting, shape (n, 2) [1/m²]. A is the cap-side piston area, a the
@@ -282,7 +282,7 @@ def posture_area(m: MachineArrays, q: FloatArray, pattern: ModeArray) -> float:
     of `polytope_area`.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         q: Posture, shape (n,) [rad or m].
         pattern: Mode of every joint, shape (n,).
 
@@ -320,7 +320,7 @@ def _compute_posture_areas(
     """Compute the areas of the velocity polytopes of many postures in all mode combinations.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         posture: Postures, shape (k, n) [rad or m]. A posture of NaN gets areas of NaN.
         patterns: Mode combinations (one mode for each actuator), shape (patterns, n).
         area: Area by posture and mode combination, written in place, shape (k, patterns) [m²/s²].

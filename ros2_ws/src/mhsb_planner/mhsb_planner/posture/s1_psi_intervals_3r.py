@@ -39,7 +39,7 @@ def solve_posture_at_psi(
     """Compute the posture with a given tip position and end-link angle, and check its limits.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         x: Tip position forward, in the frame of the last three joints [m].
         z: Tip position upward, in the frame of the last three joints [m].
         psi: End-link angle in the same frame [rad].
@@ -93,7 +93,7 @@ def _find_critical_angles(m: MachineArrays, x: float, z: float, found: FloatArra
         cos(θ − φ) = (R² + D² − L₁²)/(2 D R),  ψ = θ − β + q₃
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         x: Tip position forward [m].
         z: Tip position upward [m].
         found: Written in place, shape (MAX_CRITICAL,): the angles in ascending order, in [−π, π)
@@ -148,7 +148,7 @@ def _find_nearest_feasible_psi(
     the middle of the interval, by growing steps.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         x: Tip position forward [m].
         z: Tip position upward [m].
         end: Computed end of the interval [rad].
@@ -181,7 +181,7 @@ def find_feasible_intervals(m: MachineArrays, x: float, z: float, found: FloatAr
     Test oracle: a fine scan of ψ.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         x: Tip position forward [m].
         z: Tip position upward [m].
         found: Intervals, shape (MAX_INTERVALS, 3). Written in place: elbow branch (−1 or 1), lower

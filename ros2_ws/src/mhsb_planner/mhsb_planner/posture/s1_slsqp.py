@@ -2,10 +2,10 @@
 
     maximise area(q)  subject to  tip(q) = node,  q_min ≤ q ≤ q_max
 
-SciPy's SLSQP runs from random starts and computes areas as the global search does. It meets an
-equality constraint only within a tolerance, by which it would gain area. Each result is therefore
-moved to the exact tip position and into the joint limits before its area is computed. The method
-often misses the largest polytope. It serves for comparison only.
+SciPy's SLSQP runs from random starts and computes areas as the global search does. It meets the
+tip position only within a tolerance, and would gain area from this. Each result is therefore moved
+to the exact tip position and into the joint limits before its area is computed. The method often
+misses the largest polytope. It serves for comparison only.
 """
 
 from __future__ import annotations

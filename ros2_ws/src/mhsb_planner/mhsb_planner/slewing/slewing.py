@@ -14,11 +14,11 @@ is clear of the shadow is clear of the zone at all these slew angles.
 If zones raise the cost of the direct path by at most FREE_COST_FACTOR, the other methods are
 dropped. Methods 2 and 3 are also used with the planner's baselines, that is, other planners.
 
-`schedule_in_turn` decides the order of work. Method 1 has the first turn. Methods 2 and 3 with the
-first baseline are the quick proposers. Without baselines, methods 2 and 3 with the planner itself
-are. Until a motion is found, all paths of the first quick proposer come before those of the second.
-After that, the two share all turns until one of them has ended. The other one then has every second
-turn, and all other proposers share the rest.
+`schedule_in_turn` decides the order of work. Method 1 has the first turn. There are two quick
+proposers: methods 2 and 3 with the first baseline, or with the planner itself if it has no
+baselines. Until a motion is found, the first quick proposer comes before the second. After that,
+the two share all turns until one of them has ended. The other one then has every second turn, and
+all other proposers share the remaining turns.
 """
 
 from __future__ import annotations

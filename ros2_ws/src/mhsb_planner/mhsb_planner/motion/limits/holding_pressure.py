@@ -40,13 +40,16 @@ def measure_holding_pressure(m: MachineArrays, state: LimitInputs) -> float:
     """Return the largest ratio of holding pressure to available pressure over all cylinders [-].
 
     The holding pressure carries the load at speed 0, with the boost margin. The available pressure
-    is the highest supply pressure of the cylinder's mode. Two kinds of cylinders do not count:
-    those slower than a quarter of MAX_HELD_SPEED, and those faster than MAX_HELD_SPEED that move
-    with their load. The result is 0 if none counts.
+    is the highest supply pressure of the cylinder's mode. A cylinder does not count if it is slower
+    than a quarter of MAX_HELD_SPEED. It also does not count if it is faster than MAX_HELD_SPEED and
+    moves with its load.
 
     Args:
         m: Arrays of the machine.
         state: Speeds, forces and modes at one instant.
+
+    Returns:
+        Largest ratio; 0 if no cylinder counts.
     """
     oil, valve, cap, rod = get_shared_hydraulics(m), m.valve_coefficient, m.cap_area, m.rod_area
     heaviest = 0.0

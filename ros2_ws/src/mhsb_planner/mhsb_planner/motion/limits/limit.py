@@ -33,9 +33,9 @@ class LimitInputs(NamedTuple):
         position: Joint positions, shape (n,) [rad or m].
         speed: Piston speeds, positive in extension, shape (n,) [m/s].
         force: Piston forces under gravity, positive if they resist extension, shape (n,) [N].
-        inertia: Piston forces from inertia, which add to those of gravity, shape (n,) [N].
+        inertia: Piston forces from inertia, to be added to the gravity forces, shape (n,) [N].
         tip: Tip position (x, z), shape (2,) [m].
-        modes: Mode codes, shape (n,).
+        modes: Mode codes (N, DB, SB), shape (n,).
         scratch: Working memory that every limit may overwrite, shape (n,).
     """
 

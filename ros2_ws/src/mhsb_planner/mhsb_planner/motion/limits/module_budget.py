@@ -16,11 +16,14 @@ from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit
 
 @kernel(inline="always")
 def measure_module_excess(m: MachineArrays, state: LimitInputs) -> float:
-    """Return the number of booster modules that the modes use, minus the number fitted.
+    """Return the number of booster modules that the modes use, minus the number in the machine.
 
     Args:
         m: Arrays of the machine.
         state: State of the motion at one instant; only the modes count.
+
+    Returns:
+        Difference; above 0 if the machine has too few modules.
     """
     beyond = -m.module_count
     for mode in state.modes:
