@@ -181,10 +181,10 @@ def qos_text(profile: QoSProfile) -> str:
                 "depth": profile.depth,
                 "reliability": "reliable" if reliable else "best_effort",
                 "durability": "transient_local" if latched else "volatile",
-                "deadline": UNLIMITED_DURATION,
-                "lifespan": UNLIMITED_DURATION,
+                "deadline": dict(UNLIMITED_DURATION),
+                "lifespan": dict(UNLIMITED_DURATION),
                 "liveliness": "automatic",
-                "liveliness_lease_duration": UNLIMITED_DURATION,
+                "liveliness_lease_duration": dict(UNLIMITED_DURATION),
                 "avoid_ros_namespace_conventions": False,
             }
         ]
@@ -321,14 +321,11 @@ def _is_profile(profile: Any) -> bool:
     )
 
 
-class _PlainDumper(yaml.SafeDumper):
-    """YAML writer without anchors, since not every reader of bags understands them."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        """Return True, so that repeated values are written in full."""
-        return True
-
-
 def _yaml(data: Any) -> str:
-    """Return data as YAML text in block style, keys in their given order."""
-    return yaml.dump(data, Dumper=_PlainDumper, sort_keys=False, default_flow_style=False)
+    """Return data as YAML text in block style, keys in their given order.
+
+    Args:
+        data: Nested dictionaries and lists. None of them may occur twice in `data`: YAML would
+            refer to the first place by an anchor, which not every reader of bags understands.
+    """
+    return yaml.safe_dump(data, sort_keys=False, default_flow_style=False)
