@@ -15,7 +15,7 @@ from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_msgs_py import names
 from mhsb_planner.ros import views
-from mhsb_tools.recording.recording import Recording, TimedValue, check_order
+from mhsb_tools.recording.recording import Recording, check_order
 from mhsb_tools.viewer.ability_scene import PolytopeScene
 from mhsb_tools.viewer.arm_scene import ArmScene
 from mhsb_tools.viewer.energy_flow import compute_powers, integrate_power
@@ -83,8 +83,8 @@ class Playback:
         self._server = server
         self._machine = machine
         self._recording = recording
-        self._began_ns = int(recording.joint_states.time_ns[0])
-        self.duration = float(self._seconds(recording.joint_states.time_ns[-1:])[0])
+        self._began_ns, end_ns = recording.joint_states.time_ns[[0, -1]].tolist()
+        self.duration = (end_ns - self._began_ns) / SECOND_NS
         self._arm = ArmScene(server.scene, machine)
         self._markers = MarkerScene(server.scene, names.BASE_FRAME)
         self._slider: Any = server.gui.add_slider(
@@ -129,7 +129,7 @@ class Playback:
         """
         recording, now_ns = self._recording, self._began_ns + round(at * SECOND_NS)
         states = recording.joint_states
-        posture = states.position[_index(states.time_ns, now_ns)]
+        posture = states.position[_find_rows(states.time_ns, now_ns)]
         with self._server.atomic():
             modes = self._modes_at(np.array([now_ns]))[0]
             self._arm.show(posture, modes)
@@ -156,7 +156,7 @@ class Playback:
         actuators = self._recording.actuators
         pressure = np.full((len(seconds), self._machine.joint_count), np.nan)
         if len(actuators.time_ns):
-            rows = _indices(actuators.time_ns, times_ns)
+            rows = _find_rows(actuators.time_ns, times_ns)
             pressure = actuators.quantity["supply_pressure"][rows]
         return SnapshotColumns(
             seconds, pressure, self._modes_at(times_ns), self._energy_at(times_ns)
@@ -175,7 +175,7 @@ class Playback:
         recording = self._recording
         if len(recording.mode_time_ns) == 0:
             return np.zeros((len(times_ns), self._machine.joint_count), dtype=np.uint8)
-        return recording.modes[_indices(recording.mode_time_ns, times_ns)]
+        return recording.modes[_find_rows(recording.mode_time_ns, times_ns)]
 
     def _energy_at(self, times_ns: IntArray) -> FloatArray:
         """Return the energies at given times, counted from the simulator's first report.
@@ -191,9 +191,10 @@ class Playback:
         reports = self._recording.simulator_reports
         if not reports:
             return np.tile(NO_NUMBERS, (len(times_ns), 1))
+        reported_ns = np.array([each.time_ns for each in reports], dtype=np.int64)
         pumps = np.array([(each.value.main_pump_j, each.value.servo_pumps_j) for each in reports])
-        pumps = (pumps - pumps[0])[_indices(_times(reports), times_ns)]
-        return np.concatenate([pumps, self._used[_indices(self._used_ns, times_ns)]], axis=1)
+        pumps = (pumps - pumps[0])[_find_rows(reported_ns, times_ns)]
+        return np.concatenate([pumps, self._used[_find_rows(self._used_ns, times_ns)]], axis=1)
 
     def _show_plan(self, now_ns: int) -> None:
         """Show the plan in force at a time: path, goal and obstacles.
@@ -210,10 +211,6 @@ class Playback:
             self._plan_ns = stamp_ns
             command = self._commands.get(stamp_ns)
             self._markers.show(views.make_markers(self._machine, command, "", stamp_ns))
-
-    def _seconds(self, times_ns: IntArray) -> FloatArray:
-        """Convert ROS times [ns] to seconds since the recording's first joint state."""
-        return (times_ns - self._began_ns) / SECOND_NS
 
 
 def _integrate_recorded_power(recording: Recording) -> tuple[IntArray, FloatArray]:
@@ -240,7 +237,7 @@ def _integrate_recorded_power(recording: Recording) -> tuple[IntArray, FloatArra
     )
     time_ns = actuators.time_ns
     energy = integrate_power((time_ns - time_ns[0]) / SECOND_NS, power)
-    return time_ns, energy - energy[_index(time_ns, reports[0].time_ns)]
+    return time_ns, energy - energy[_find_rows(time_ns, reports[0].time_ns)]
 
 
 def _commands(recording: Recording) -> dict[int, Command]:
@@ -260,24 +257,15 @@ def _commands(recording: Recording) -> dict[int, Command]:
     }
 
 
-def _times(all_timed: tuple[TimedValue, ...]) -> IntArray:
-    """Return the ROS times of several reports, int64 (k,) [ns]."""
-    return np.array([each.time_ns for each in all_timed], dtype=np.int64)
-
-
-def _index(times_ns: IntArray, now_ns: int) -> int:
-    """Return the row in force at a time: the last one at or before it, else the first."""
-    return int(_indices(times_ns, np.array([now_ns]))[0])
-
-
-def _indices(times_ns: IntArray, wanted_ns: IntArray) -> IntArray:
-    """Return the rows in force at several times.
+def _find_rows(times_ns: IntArray, wanted_ns: IntArray | int) -> IntArray:
+    """Find the rows in force at one or several times.
 
     Args:
         times_ns: Times of the rows, in order, int64 (m,) [ns].
-        wanted_ns: The wanted times, int64 (k,) [ns].
+        wanted_ns: One wanted time, or an array of them, int64 (k,) [ns].
 
     Returns:
-        Index of the last row at or before each wanted time; 0 before the first row.
+        Index of the last row at or before each wanted time; 0 before the first row. For one time
+        it has no dimension.
     """
     return np.maximum(np.searchsorted(times_ns, wanted_ns, side="right") - 1, 0)
