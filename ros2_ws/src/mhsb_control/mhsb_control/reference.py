@@ -17,7 +17,6 @@ from mhsb_model.trajectory import (
     MotionState,
     Trajectory,
     quintic_hermite,
-    standstill,
 )
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 
@@ -139,19 +138,6 @@ class ReferencePreview:
     def has_ended(self) -> bool:
         """True if the trajectory had ended at the last `update`."""
         return bool(self.speed_scaling["rests"][0])
-
-    def hold(self, time_ns: int, position: FloatArray, modes: ModeArray) -> None:
-        """Hold a posture with constant modes from now on, in place of a trajectory.
-
-        Like `follow`, it takes effect at the next `update`.
-
-        Args:
-            time_ns: Stamp of the standstill [ns].
-            position: Joint positions to be held, float64[n], [rad or m].
-            modes: Modes during the hold, uint8[n].
-        """
-        schedule = ModeSchedule(time_ns, np.zeros(1, dtype=np.int64), np.atleast_2d(modes))
-        self.follow(standstill(position, time_ns), schedule, planned=False)
 
     def executes_plan(self, time_ns: int) -> bool:
         """Return whether the arm is executing a plan, and not a stop or a hold.

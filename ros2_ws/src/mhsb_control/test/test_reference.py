@@ -5,7 +5,7 @@ import pytest
 
 from mhsb_control.reference import PREVIEW_POINT, ReferencePreview
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
+from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 
 START = np.array([0.3, -1.4, -1.5])
 GOAL = np.array([0.6, -1.1, -1.2])
@@ -70,7 +70,7 @@ def test_it_says_when_the_modes_change(plan: tuple[Trajectory, ModeSchedule]) ->
 def test_a_plan_is_executed_until_its_end(plan: tuple[Trajectory, ModeSchedule]) -> None:
     trajectory, schedule = plan
     reference = ReferencePreview(np.zeros((POINTS, 3, 3)), preview=0.1)
-    reference.hold(0, START, schedule.modes[0])
+    reference.follow(standstill(START, 0), schedule, planned=False)
     assert not reference.executes_plan(5)
     reference.follow(trajectory, schedule, planned=True)
     assert reference.executes_plan(trajectory.end_ns)
