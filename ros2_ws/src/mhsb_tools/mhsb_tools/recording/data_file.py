@@ -33,10 +33,7 @@ COST_OF_A_READ = 64
 """Bytes by which each read is charged to the budget for reading, for the time of the call."""
 
 READ_AHEAD_SIZE = 64 * 1024
-"""Bytes that are read ahead if at most SMALL_READ bytes are wanted."""
-
-SMALL_READ = 4096
-"""Largest read that is served from the bytes read ahead [bytes]."""
+"""Bytes that are read ahead if fewer are wanted."""
 
 
 class DataFile(AbstractContextManager["DataFile"]):
@@ -61,27 +58,26 @@ class DataFile(AbstractContextManager["DataFile"]):
         """
         self.path = path
         try:
-            self._descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+            descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         except OSError as error:
             raise BagError(f"{path} cannot be read: {error.strerror}; check it") from error
-        status = os.fstat(self._descriptor)
+        status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
-            os.close(self._descriptor)
+            os.close(descriptor)
             raise BagError(f"{path} cannot be read: it is no regular file; name a recording's own")
         self.size = status.st_size
-        self._window, self._window_at = b"", 0
+        self._file = os.fdopen(descriptor, "rb", READ_AHEAD_SIZE)
         self._read_left = FREE_WORK + READ_FACTOR * self.size
         self._unpack_left = FREE_WORK + UNPACK_FACTOR * self.size
 
     def __exit__(self, *failure: object) -> None:
         """Close the file."""
-        os.close(self._descriptor)
+        self._file.close()
 
     def read(self, at: int, length: int) -> bytes:
         """Read bytes at an offset, and charge them to the budget for reading.
 
-        Each call is charged COST_OF_A_READ bytes more than it returns. After a small read,
-        READ_AHEAD_SIZE bytes are kept in memory for further small reads.
+        Each call is charged COST_OF_A_READ bytes more than it returns.
 
         Args:
             at: Offset of the first byte.
@@ -97,36 +93,11 @@ class DataFile(AbstractContextManager["DataFile"]):
         self._read_left -= length + COST_OF_A_READ
         if self._read_left < 0:
             raise self._too_much_work("search")
-        if length > SMALL_READ:
-            return self._pread(at, length)
-        begin = at - self._window_at
-        if begin < 0 or begin + length > len(self._window):
-            self._window, self._window_at, begin = self._pread(at, READ_AHEAD_SIZE), at, 0
-        return self._window[begin : begin + length]
-
-    def _pread(self, at: int, length: int) -> bytes:
-        """Read bytes at an offset from the operating system, in several calls if needed.
-
-        Args:
-            at: Offset of the first byte.
-            length: Number of bytes.
-
-        Returns:
-            The bytes; fewer than `length` at the end of the file.
-
-        Raises:
-            BagError: The file cannot be read.
-        """
         try:
-            data = os.pread(self._descriptor, length, at)
-            while 0 < len(data) < length:  # one call reads at most 2 GiB, and a signal may end it
-                more = os.pread(self._descriptor, length - len(data), at + len(data))
-                if not more:
-                    break
-                data += more
+            self._file.seek(at)
+            return self._file.read(length)
         except OSError as error:
             raise BagError(f"{self.path} cannot be read: {error.strerror}; copy it") from error
-        return data
 
     def count_unpacked(self, size: int) -> None:
         """Charge unpacked bytes to the budget for unpacking.
@@ -153,7 +124,7 @@ class DataFile(AbstractContextManager["DataFile"]):
             not tell where holes are.
         """
         try:
-            return max(at, os.lseek(self._descriptor, at, os.SEEK_DATA))
+            return max(at, self._file.seek(at, os.SEEK_DATA))
         except OSError as error:
             return self.size if error.errno == errno.ENXIO else at  # some file systems cannot tell
 
