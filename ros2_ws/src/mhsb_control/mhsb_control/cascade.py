@@ -388,7 +388,7 @@ def build_axis_records(
 
     So a joint with a low natural frequency gets low gains. k_p is the position gain, and k_i its
     integral gain. ω_F is the bandwidth of the force loop, and τ the time constant of the force bias
-    d. The integral w is limited to V_max divided by `integral_limit_ratio`.
+    d. The integral w is limited to the largest piston speed divided by `integral_limit_ratio`.
 
     Args:
         machine: The machine as declared in its file (the real one may differ).
@@ -646,7 +646,7 @@ def demand_speed(
         F_ref = F_known + d + (k_p k_h/ω_F) e
 
     F_m is the force of the reference without friction. The term with its rate Ḟ_m is the flow that
-    compresses the oil. It is 0 if the controller writes no `command_times`. ω_F is the bandwidth of
+    compresses the oil (`force_rate`; 0 for a controller without preview). ω_F is the bandwidth of
     the force loop [1/s], and k_h the stiffness of the oil [N/m]. k_p is the gain of the position
     loop [1/s], and T the time until a command acts [s]. |u| is limited to `deliverable_speed`,
     which the pumps can supply. While the reference rests, it is also limited to

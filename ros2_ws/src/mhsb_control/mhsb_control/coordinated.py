@@ -229,7 +229,7 @@ def run_coordinated_step(
     5. the piston speeds that the pumps can supply;
     6. the join valves;
     7. the pump commands;
-    8. the gains that the reaction time allows.
+    8. the gains of the position and force loops, lowered if the estimated delay asks for it.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `axes` and the commands of

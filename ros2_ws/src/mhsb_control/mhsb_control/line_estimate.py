@@ -342,9 +342,10 @@ def accumulate_balance(
 
     Args:
         lines: Estimates and balances of n lines. Reads `intake`, the oil that each line and the
-            rail take in this step. Updates record k of `balances` and row k of `row` in place. Row
-            k has the coefficients of the estimated factors: the oil taken by compression, then the
-            leakage of each valve, both as the machine file gives them [m³].
+            rail take in this step. Updates record k of `balances` and row k of `row` in place.
+            Element 0 of row k is the oil [m³] that compression takes by the machine file. The
+            following elements are the leakage of each valve by the machine file [m³]. The
+            estimation finds a factor for each element.
         k: Index of the balance: k < n for line k alone, n for the rail with its joined lines.
         members: Set of the lines in the balance, bit j for line j; 0 discards the window.
         manifold_feeds: 1 if the main pump may feed the lines as well, else 0.

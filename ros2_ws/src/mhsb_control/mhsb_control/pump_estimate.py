@@ -200,7 +200,7 @@ def update_drive_estimates(
 
     Args:
         d: Estimates, updated in place. Written in every step: `flow`, the predicted flow [m³/s],
-            and `pending`, the oil that is delivered up to that instant [m³].
+            and `pending`, the oil that the pump delivers from now to that instant [m³].
         modules: Records of the circuit's modules, [m], with measured flows and the commands of the
             last step.
         settings: Tuned numbers.

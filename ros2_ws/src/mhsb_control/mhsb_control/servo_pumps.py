@@ -410,8 +410,9 @@ def observe_line_draws(s: ServoArguments, p: PumpState) -> None:
 def compute_commanded_flow(axis: ControlAxis, cylinder: CylinderConstants) -> float:
     """Compute the flow that a piston is commanded to take from its line.
 
-    u is the demanded piston speed. The flow is 0 if u is against the direction of the reference at
-    the preview point. If the reference rests there, its present direction counts.
+    u is the demanded piston speed. The preview point is the reference some time ahead, when the
+    command acts (`speed_ahead`). The flow is 0 if u is against the reference's direction at this
+    point. If the reference rests there, its present direction counts.
 
     Args:
         axis: State of the cylinder's control axis, with demand and speeds.

@@ -96,19 +96,22 @@ def update_rate(
 
         s̈ = ω² (s_req − s) − 2 ω ṡ
 
-    s is the rate, s_req the requested rate, and ω is `rate_bandwidth`. With m = `max_slowing`, |s̈|
-    stays within m/`slowing_time`, ṡ within −m … `max_recovery` m, and s within 0 … 1. If s reaches
+    s is the rate, s_req the requested rate, and ω is `rate_bandwidth`. With μ = `max_slowing`, |s̈|
+    is at most μ/`slowing_time`, ṡ is from −μ to `max_recovery` · μ, and s from 0 to 1. If s reaches
     a limit, ṡ becomes 0. If s_req is 1 and s above 1 − NEARLY_FULL, s becomes 1 at once. If s_req
     is 0 and s below NEARLY_NONE, s becomes 0 at once. The delay of the reference behind the plan
-    grows by (1 − s) times the duration of the step. If the plan has ended, the rate becomes 1 at
-    once, and the delay decreases by the duration of the step, but not below 0.
+    grows by (1 − s) times the duration of the step.
+
+    If the reference has reached the end of the plan (`scaling.rests`), the rate becomes 1 at once.
+    The delay then decreases by the duration of the step, but not below 0, because time catches up
+    with a reference that rests.
 
     Args:
-        scaling: State of the speed scaling. Writes `rate` (s), `change` (ṡ) [1/s] and `delay` [ns]
-            in place.
+        scaling: State of the speed scaling. Reads `rests`. Writes `rate` (s), `change` (ṡ) [1/s]
+            and `delay` [ns] in place.
         requested_rate: Requested rate, 0 (standstill) … 1 (full speed).
         step: Control period [s].
-        max_slowing: Largest decrease m of the rate per second [1/s].
+        max_slowing: Largest decrease μ of the rate per second [1/s].
         settings: Tuned numbers.
     """
     before, goal = scaling.rate, requested_rate

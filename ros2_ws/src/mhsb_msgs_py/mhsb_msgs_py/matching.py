@@ -96,8 +96,9 @@ class MatchingSubscriptions:
         Args:
             topic: Name, type and quality of service.
             callback: Called with each message and rclpy's information on it.
-            at_once: True to call `update` as soon as ROS finds a publisher that does not match.
-                This costs time, since the executor then checks for this event at every wake.
+            at_once: True to subscribe to a publisher of another quality of service as soon as ROS
+                finds it, False to wait for the next call of `update`. True costs time, since the
+                executor then checks for this event at every wake.
 
         Returns:
             The subscription with the topic's own quality of service.

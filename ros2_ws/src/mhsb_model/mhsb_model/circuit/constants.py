@@ -83,8 +83,8 @@ def build_actuators(machine: Machine) -> Records[ActuatorState]:
         machine: Machine with n actuators.
 
     Returns:
-        ActuatorState[n]. `relief` is the relief pressure of the chambers [Pa], and
-        `follows_command` and `leakage` are 1. All other fields are 0.
+        ActuatorState[n]. `relief` is the relief pressure of the chambers [Pa]. The shares
+        `follows_command` and `leakage` are 1, their value without faults. All other fields are 0.
     """
     actuators = create_records(ActuatorState, machine.joint_count)
     actuators["relief"] = machine.chamber_reliefs

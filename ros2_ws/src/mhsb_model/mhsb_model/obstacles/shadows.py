@@ -84,12 +84,13 @@ def compute_shadows(
 
 
 def _compute_sector_margin(row: FloatArray) -> float:
-    """Return the angle by which a slew's range is widened so that zones beside the plane count.
+    """Compute the angle to add to a range of slew angles so that zones beside the plane count.
 
         asin(c/ρ₀)
 
-    A link of radius c also touches zones beside the arm's plane. ρ₀ is the zone's least distance
-    from the slew's axis.
+    A link of radius c also touches zones beside the arm's plane. A zone therefore counts if the
+    range of slew angles, widened by this angle on both sides, contains it. ρ₀ is the zone's least
+    distance from the slew's axis.
 
     Args:
         row: Zone in space, a row of the obstacle table, float64[ROW_WIDTH], with c in

@@ -87,9 +87,10 @@ def sample_goal_postures(
     """Sample the postures at a goal and at the other tip positions of its region.
 
     The postures at a tip position have m = n − 2 free coordinates, one less if ψ must have one
-    value. For m = 1 successive samples differ by at most `spacing`, and the ends of each feasible
-    interval are among them. For larger m the distance is spacing^(1/m). With k tip positions,
-    `spacing` is first multiplied by k. Both rules limit the number of samples. Postures that come
+    value. For m = 1 successive samples of ψ differ by at most `spacing`, and the ends of each
+    feasible interval are among them. With more free coordinates, each is sampled at intervals of
+    `spacing` to the power 1/m, both in rad, so that the number of samples does not grow with m.
+    With k tip positions, `spacing` is first multiplied by k for the same reason. Postures that come
     too near to obstacles are dropped, and so are tip positions without any posture.
 
     Args:

@@ -320,9 +320,9 @@ def _sum_state_energies(
         modes: Mode codes (N, DB, SB), shape (k, n).
 
     Returns:
-        Energies in the order of the fields of `Energy`, shape (7,) [J]: published model (`paper`),
-        main pump, shafts of the servo pumps, losses of the servo pumps, leakage, work on the loads,
-        oil to the tank.
+        Energies in the order of the fields of `Energy`, shape (7,) [J]: total by the published
+        model (`paper`), main pump, shafts of the servo pumps, losses of the servo pumps, leakage,
+        work on the loads, oil to the tank.
     """
     energy, power, own = (
         np.zeros(ENERGY_FIELD_COUNT),

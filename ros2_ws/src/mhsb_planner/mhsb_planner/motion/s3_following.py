@@ -175,9 +175,9 @@ def _place_ramps(
     T₂, begins to decrease at T₁, and is 0 from T₁ + T₂ on.
 
     The first ramp begins at `delay` and has the times `first_rise` and `first_blend`. The middles
-    of all ramps are placed as if all had these times. The other ramps then get the times `rise` and
-    `blend`, with unchanged middles. If such a ramp would begin before `delay`, it keeps the times
-    of the first ramp.
+    of all ramps are computed with the times of the first ramp. The other ramps then get the times
+    `rise` and `blend`, around the same middles. If a ramp would then begin before `delay`, it keeps
+    the times of the first ramp.
 
     Args:
         length: Cylinder lengths at the path's nodes, shape (k + 1, n) [m].

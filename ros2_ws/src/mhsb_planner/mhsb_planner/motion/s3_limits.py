@@ -388,10 +388,10 @@ def find_violation_between(
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile the kernels that check intervals at closely spaced instants.
+    """Compile the kernels that check a motion between its points, at closely spaced instants.
 
     Args:
-        machine: Machine whose number of joints gives the argument types.
+        machine: Machine for which a short motion at rest is checked once.
     """
     still = standstill(machine.arrays.joint_min).with_rest(MAX_POINT_SPACING_NS)
     normal = np.zeros((1, machine.joint_count), dtype=np.uint8)

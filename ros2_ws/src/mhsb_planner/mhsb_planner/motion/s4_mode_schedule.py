@@ -573,9 +573,10 @@ def _enforce_shared_boost_dwell(
     """Adjust the intervals of boost in mode SB so that SB and DB each last long enough.
 
     A boosted actuator is in mode SB (shared rail) or DB (own servo pump). A run is a sequence of
-    boosted intervals, with parts in SB and parts in DB. SB parts begin earlier by `rules.lead`. All
-    parts are lengthened to `rules.min_dwell`, as far as the run has room. If a run is too short for
-    an SB part of this length, it becomes DB. The intervals before `free` stay as they are.
+    boosted intervals, with parts in SB and parts in DB. SB parts begin earlier by `rules.lead`.
+    SB parts shorter than `rules.min_dwell` are lengthened, first at the end. DB parts that are then
+    shorter become SB. If a run is too short for an SB part of this length, all of it becomes DB.
+    The intervals before `free` stay as they are.
 
     Args:
         time: Limits of the intervals, shape (k,) [s].

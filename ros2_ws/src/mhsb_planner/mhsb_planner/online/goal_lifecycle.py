@@ -778,10 +778,10 @@ class GoalLifecycle:
     def stop(self, done: Callable[[bool, str], None]) -> None:
         """Bring the arm to rest, whatever has set it in motion, and end all goals.
 
-        If a stop is under way already, it goes on, and `done` is called at its end, too. Goals that
-        wait or are being planned for end as stopped at once. An unconfirmed plan (sent, without an
-        answer) becomes void: if the arm takes it, the arm is stopped. Its goal and the goal of the
-        plan in force end when the arm has stopped.
+        If a stop is under way already, it goes on, and `done` is called at its end, too. Waiting
+        goals, and the goal for which a plan is being made, are ended at once as stopped. An
+        unconfirmed plan (sent, without an answer) becomes void: if the arm takes it, the arm is
+        stopped. Its goal and the goal of the plan in force end when the arm has stopped.
 
         Args:
             done: Called once with success and sentence. Success means that the arm is measured at

@@ -196,8 +196,9 @@ class StopSequence:
     def begin_for_obstacle(self, machine: Machine, goal_after_stop: PendingGoal | None) -> bool:
         """Begin a stop if an obstacle lies ahead on the motion in force.
 
-        If a stop is under way already, it goes on, but now brakes for the obstacle. An earlier
-        confirmed braking command then no longer counts.
+        If a stop is under way already, it goes on, but now brakes for the obstacle. If the arm has
+        already confirmed a braking command of that stop, a new one is made all the same: the first
+        one did not consider the obstacle.
 
         Args:
             machine: Machine with the zones in force.

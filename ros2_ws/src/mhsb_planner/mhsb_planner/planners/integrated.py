@@ -79,8 +79,8 @@ class IntegratedPlanner:
             progress: State of the planning loop, with deadline and log.
 
         Yields:
-            Path proposals. `for_comparison` is set unless they come from the integrated search
-            (with or without leakage) to the goal or its region.
+            Path proposals. `for_comparison` is False for paths of the integrated search (with or
+            without leakage) to the goal or the goal region, and True for all others.
 
         Raises:
             MhsbError: The integrated search has failed. Failures of other searches are only logged.

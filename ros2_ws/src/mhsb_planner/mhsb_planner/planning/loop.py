@@ -125,8 +125,8 @@ class PlanningLoop:
     def start_with_remainder(self, remainder: Trajectory) -> None:
         """Make the remainder of the plan in force the first incumbent (best plan so far).
 
-        If it breaks a limit, there is no incumbent, and the reason is logged. In both cases the
-        time since the request is stored in `first_motion` of the plan's times.
+        If it breaks a limit, there is no incumbent, and the reason is logged. The time since the
+        request is stored as the time of the first motion, even if there is no incumbent.
 
         Args:
             remainder: Remainder of the plan in force, with stamp 0.

@@ -72,8 +72,9 @@ def make_paths(machine: Machine, command: Command, prefix: str) -> tuple[Path, P
         prefix: Text before the names of frames.
 
     Returns:
-        Path in `base_link`, and path in `work_plane` (the arm's plane laid flat). Both have the
-        command's stamp, and points every `PATH_SPACING_NS`.
+        Path in `base_link`, and path in `work_plane`. The latter shows the arm's vertical plane as
+        a horizontal one: its z is drawn as y. Both paths have the command's stamp, and points every
+        `PATH_SPACING_NS`.
     """
     _, postures = _sample_command(command)
     in_base, laid_flat = (

@@ -166,8 +166,9 @@ def compute_fixed_j3_posture(
     """Compute the posture of the conventional method at a tip position.
 
     In this method two joints move freely, and all others keep their given positions. If the two
-    have no solution within limits, one kept joint is changed in steps of 1° until they have one.
-    The step of a telescope is the equivalent length.
+    have no solution within limits, one of the kept joints is moved in steps until they have one.
+    The least number of steps of any kept joint decides. A step is 1°, or for a sliding joint the
+    length `Machine.radian_equivalents` of 1°.
 
     Args:
         machine: Machine without a slewing joint (`Machine.planar_arm`).

@@ -181,8 +181,8 @@ def area_along_path(machine: Machine, path: DiscretePath) -> AreaProfile:
         path: Discrete path.
 
     Returns:
-        Straight length of each part of the tip's path [m]. Area at the middle of each part, in the
-        modes of its step [m²/s²].
+        Straight length of each part of the tip's path [m], and the area at the middle of each part
+        [m²/s²]. The area is computed for the actuator modes (N, DB or SB) of the part's step.
     """
     turned = np.abs(np.diff(path.posture, axis=0)).max(axis=1, initial=0.0)
     parts = np.maximum(1, np.ceil(turned / MAX_JOINT_STEP).astype(np.int64))

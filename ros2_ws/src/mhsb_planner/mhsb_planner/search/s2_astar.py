@@ -254,10 +254,11 @@ def _relax_steps(
 ) -> None:
     """Record every step that leads to a state more cheaply than the path known so far.
 
-    At equal cost a path with fewer steps counts as cheaper. There is a second way to the state:
-    mode switches in the cheapest known state of the same posture. The step is not recorded if the
-    second way costs less, or if it costs the same and has no more steps. Otherwise the state enters
-    the open list, or its place in the list is updated.
+    At equal cost a path with fewer steps counts as cheaper. A state is a posture with a mode
+    pattern. It can also be reached by a path to the cheapest known state of the same posture, with
+    a mode switch there. The step is not recorded if this other path costs less, or if it costs the
+    same and has no more steps. Otherwise the state enters the open list, or its place in the list
+    is updated.
 
     Args:
         open_list: Open list and records of all states. Written in place.

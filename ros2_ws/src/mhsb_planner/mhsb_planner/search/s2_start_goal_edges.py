@@ -413,8 +413,8 @@ def _price_steps_to_nodes(
 
     Returns:
         One step for each node and admissible pattern: reached state (node · patterns + pattern),
-        pattern, duration [s] and energies in both readings (`paper`, `series`) [J]. The fields
-        `origin` and `end` are NO_STATE.
+        pattern, duration [s], and two energies [J]: by the published model (`paper`) and with main
+        pump and servo pumps in series (`series`). The fields `origin` and `end` are NO_STATE.
     """
     m, obstacles, patterns = cost_model.machine, cost_model.obstacles, cost_model.patterns
     layout, postures = cost_model.layout, cost_model.postures

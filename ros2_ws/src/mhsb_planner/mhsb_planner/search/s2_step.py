@@ -440,10 +440,11 @@ def _describe_move(
         c: Hydraulic coefficients of the machine.
         moves: Moves from one posture to the postures of a node.
         k: Number of the move among them.
-        buffers: `move[k]` (columns STROKE_COLUMN to LEAKAGE_COLUMN of each joint) and the bit masks
-            `must_boost[k]` and `may_boost[k]` are written in place. If `moves.middle_force[k]` (the
-            piston forces halfway of the move) is NaN, the move is inadmissible. `must_boost[k]` is
-            then NO_PATTERN, `may_boost[k]` is 0, and `move[k]` is unchanged.
+        buffers: `move[k]` (columns STROKE_COLUMN to LEAKAGE_COLUMN of each joint) and two bit masks
+            of joints are written in place. Joints in `must_boost[k]` need boost even at the lowest
+            speed, joints in `may_boost[k]` at V_max. If `moves.middle_force[k]` (the piston forces
+            halfway of the move) is NaN, the move is inadmissible. `must_boost[k]` is then
+            NO_PATTERN, `may_boost[k]` is 0, and `move[k]` is unchanged.
     """
     start, end, i, last = moves.start, moves.end, moves.origin, moves.first + k
     n = moves.middle_force.shape[1]

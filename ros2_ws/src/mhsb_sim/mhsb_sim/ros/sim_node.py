@@ -357,8 +357,9 @@ class SimNode(Node):
         """Publish hand-over reports, changes of plan and modes, and the simulator's report.
 
         A new plan in force and new modes are published at once. The simulator's report is published
-        if it is due, or if the health has changed in kind. Such a change is logged. Plans that were
-        refused or dropped are logged as warnings.
+        if it is due. It is also published, and logged, if a fault or a warning has begun or ended,
+        or if ~/stop was called (`Health.has_changed`). Plans that were refused or dropped are
+        logged as warnings.
         """
         for report in self._arm.take_reports():
             if report.outcome is not HandOverOutcome.APPLIED:

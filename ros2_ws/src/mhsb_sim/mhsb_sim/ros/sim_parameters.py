@@ -172,7 +172,8 @@ def read_parameters(node: Node) -> SimParameters:
         node: The node, on which the parameters are declared.
 
     Returns:
-        The values, with warning and stop limit of each symptom as a pair.
+        The values. Each symptom that supervision watches (such as the tracking error) has a pair:
+        the value from which the arm warns, and the value from which it stops.
     """
 
     def value(name: str) -> Any:

@@ -254,7 +254,7 @@ def is_missed(result: GoalRun) -> bool:
 def describe_possible_causes(
     arm: SimulatedArmArguments, estimates_file: Path | None, controller: str
 ) -> str:
-    """Return what may be why goals of a run are missed, as clauses that each begin with "; ".
+    """Describe possible causes of goals that a run has missed.
 
     Args:
         arm: Options for the arm that is simulated.
@@ -262,7 +262,8 @@ def describe_possible_causes(
         controller: Name of the servo controller.
 
     Returns:
-        The clauses; empty if the simulated arm is the known one and the servo learns nothing.
+        Clauses that each begin with "; ". Empty if the simulated arm equals its machine file and
+        the servo learns nothing.
     """
     causes = []
     if issubclass(get_controller_class(controller), LearningController):

@@ -182,7 +182,10 @@ class Survey:
 
     @property
     def listed_chunks(self) -> frozenset[tuple[int, int, int]]:
-        """Keys of the chunks in the summary; empty unless the summary's checksum is verified."""
+        """Keys of the chunks in the summary: first and last log time [ns], unpacked size [bytes].
+
+        Empty unless the summary's checksum is verified.
+        """
         if self.summary is None or not self.summary.verified:
             return frozenset()
         return frozenset(self.summary.chunk_keys)

@@ -180,11 +180,12 @@ def _draw_curve(found: BestPoint, axes: Axes) -> None:
 
 
 def _draw_published(fits: FittedRuns, axes: Axes) -> None:
-    """Draw published energies over supply pressure P_S, and the energies of the same runs here.
+    """Draw published and own energies over supply pressure P_S.
 
     Args:
-        fits: Trajectories that were made for some of the runs. Those with a posture table built for
-            their P_S are drawn. A run without a trajectory is left out.
+        fits: Trajectories that the suite has made for runs of the paper. Drawn are the runs at
+            other supply pressures whose posture table was built for that pressure. A run without a
+            trajectory has a published point only.
         axes: Axes to draw on: P_S [MPa] as x, energy [J] as y. Labels of the axes are not set.
     """
     joules = dict(PUBLISHED_ENERGY.values())

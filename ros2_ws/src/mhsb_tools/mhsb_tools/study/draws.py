@@ -194,7 +194,7 @@ class DrawStudy:
         self._rest = hold_start(machine)
 
     def run_draw(self, draw: int) -> list[DrawRecord]:
-        """Draw a plant and goals, and simulate every controller on them.
+        """Choose a plant and goals at random, and simulate every controller on them.
 
         Args:
             draw: Number of the draw.

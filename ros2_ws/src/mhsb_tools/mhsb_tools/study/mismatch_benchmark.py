@@ -247,9 +247,9 @@ def as_markdown(summaries: dict[str, dict[str, Any]]) -> list[str]:
         summaries: Results of `summarize`, by title of the table.
 
     Returns:
-        Lines without line breaks. Each table has a row for each count, and a row for each of
-        `REPORTED_MEASURES` with median / 95 % quantile / largest value; the cell is empty if there
-        is no value.
+        Lines without line breaks. The first rows of a table are numbers of runs: all, failed, lost,
+        and with an open relief valve. Then each of `REPORTED_MEASURES` has a row with median / 95 %
+        quantile / largest value; the cell is empty if there is no value.
     """
     lines = []
     for title, summary in summaries.items():

@@ -96,7 +96,8 @@ def place_valves(site: CircuitSite) -> PlacedValves:
         Records and numbers of the valves.
 
     Raises:
-        MachineFileError: A section names no kind, has an unknown key or a wrong value.
+        MachineFileError: The name of a section is no kind of valve, or a section has an unknown key
+            or a wrong value.
     """
     sections = read_valve_sections(site.machine)
     names = list(EnergyCounters.__annotations__)
@@ -125,7 +126,8 @@ def read_valve_sections(machine: Machine) -> dict[str, Any]:
         leaves out have their defaults.
 
     Raises:
-        MachineFileError: A section names no kind, has an unknown key or a wrong value.
+        MachineFileError: The name of a section is no kind of valve, or a section has an unknown key
+            or a wrong value.
     """
     schemas = {kind.name: kind.section for kind in VALVE_KINDS if kind.section is not None}
     sections, problems = {}, []
