@@ -178,7 +178,7 @@ class Simulator:
         self._servo_circuit = describe_components(self.machine, self.machine.config.simulation.step)
         self._servo_circuit.actuators["join"] = self._circuit.actuators["join"]
         self._healthy = self._circuit.constants.copy()
-        self._kept_pressure = float(self._healthy["supply_pressure"])
+        self._kept_pressure = float(self._healthy["supply_pressure"][0])
         self._reset_mechanics(q)
         self._reset_noise()
         self._reset_servo(q, modes)
@@ -574,7 +574,7 @@ class Simulator:
             faults: All faults that are to exist from now on.
         """
         set_faults(faults, FaultTarget(self._circuit, self._channels), self._healthy)
-        self._kept_pressure = float(self._circuit.constants["supply_pressure"])
+        self._kept_pressure = float(self._circuit.constants["supply_pressure"][0])
 
     def disable_modules(self, lost: Collection[int]) -> None:
         """Stop using some booster modules from now on, and use all others again.
