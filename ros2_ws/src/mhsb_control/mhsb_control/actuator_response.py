@@ -5,14 +5,21 @@ It is piecewise linear over a few speeds v_k, with the commands θ_k there. The 
 
     u = g(v) = Σ_k φ_k(v) θ_k,    φ_k triangular
 
-A Kalman filter estimates θ from pairs of speed and command. Its initial covariance P₀ says how far
-the real curve may differ from the assumed curve p(v) = s v: by a dead band (σ_d), a gain (σ_g), and
-a bend (σ_b). p is the vector of the assumed commands p(v_k).
+A Kalman filter estimates θ from pairs of speed and command. V is the speed at the full command. The
+flow through a valve is assumed to grow between linearly with its opening and with the power γ of
+it. p is the mean of these two curves, b half of their difference:
 
-    P₀ = σ_d² 1 1ᵀ + σ_g² p pᵀ + σ_b² I
+    p(v) = ½ (v/V)^(1/γ) + ½ v/V,    b(v) = ½ (v/V)^(1/γ) − ½ v/V
 
-So one pair moves the whole curve. The covariance returns to P₀ with the time constant of
-forgetting, so that it neither vanishes nor grows.
+The initial covariance P₀ says how the real curve may differ from p: by a dead band, a gain, an
+exponent, and single knots.
+
+    P₀ = σ_d² 1 1ᵀ + σ_g² p pᵀ + b bᵀ + (σ_b c)² I,    c = V_max/V
+
+So one pair moves the whole curve. The covariance returns to P₀ with the time constant
+of forgetting, so that it neither vanishes nor grows. Precision is relative to c, the share of the
+full command that the speed limit needs: a valve that is large for its cylinder needs small
+commands.
 
 The delay h is the time between a command and the motion that it causes. It contains dead time and
 lag. For each candidate h, the mean speed x_h that the commands should have caused in a window is
@@ -50,12 +57,23 @@ class ResponseSettings:
     """Standard deviation σ_d of the dead band, a share of the full command, 0.01 … 0.5.
 
     Origin: excavators have 0.1 to 0.48."""
-    dead_band_step: float = 0.05
-    """Share of the full command by which the dead band is taken to be larger than a command that
-    has not moved the piston, 0.005 … 0.2.
+    first_dead_band_step: float = 0.125
+    """Command by which the dead band is first taken to be larger than a command that has not moved
+    the piston, as a share of c, 0.01 … 0.5.
 
-    Origin: chosen; half of the full dead band is crossed in some seconds, and the piston starts at
-    a tenth of its full speed at the most."""
+    Origin: chosen; the piston then starts at an eighth of its speed limit."""
+    known_dead_band_step: float = 0.02
+    """First step once a part of the curve is known, as a share of c, 0.005 … 0.5.
+
+    Origin: chosen; a larger one leaves slow speeds out, which then are never learnt."""
+    dead_band_step: float = 0.05
+    """Share of the full command that this step does not exceed, 0.005 … 0.2.
+
+    Origin: chosen; half of the full dead band is crossed in some seconds."""
+    step_doubling: float = 5.0
+    """Number of independent windows without motion in which the step doubles, 1 … 100.
+
+    Origin: chosen; a second of standstill with windows of 0.2 s."""
     max_dead_band: float = 0.6
     """Share of the full command from which on a piston that stands counts as blocked, 0.3 … 1.
 
@@ -64,18 +82,28 @@ class ResponseSettings:
     """Standard deviation σ_g of the gain, a share of the assumed one, 0.05 … 1.
 
     Origin: ± 20 % of the rated flow, ± 25 % by the load, and the bend of the curve."""
-    bend_deviation: float = 0.05
-    """Standard deviation σ_b of single knots, a share of the full command, 0.005 … 0.2.
+    max_exponent: float = 1.8
+    """Largest exponent γ of the flow over the opening, 1 … 3.
 
-    Origin: chosen; metering notches with flows up to the power 1.8 of the opening."""
-    command_deviation: float = 0.02
-    """Standard deviation of a command at a measured speed, a share of the full one, 0.002 … 0.1.
+    Origin: metering notches (github ZiqingZou/EfficientTrack)."""
+    bend_deviation: float = 0.125
+    """Standard deviation σ_b of single knots, a share of c, 0.01 … 0.5.
+
+    Origin: chosen; what exponents leave over."""
+    command_deviation: float = 0.05
+    """Standard deviation of a command at a measured speed, a share of c, 0.01 … 0.5.
 
     Origin: chosen; the load changes the speed by some percent within a move."""
-    forgetting_time: float = 120.0
-    """Time in which the covariance relaxes to the initial one [s], 5 … 1000.
+    speed_deviation: float = 0.01
+    """Standard deviation of a measured speed, a share of the speed limit, 0.001 … 0.1.
 
-    Origin: chosen; oil warms up in minutes."""
+    Origin: 0.5 mrad of an encoder with 13 bits in a window of 0.2 s."""
+    forgetting_time: float = 2000.0
+    """Time in which the covariance relaxes to the initial one [s], 100 … 1e5.
+
+    Origin: with σ_d and windows of 0.2 s, the dead band follows within about two seconds, which is
+    longer than the delay; oil warms up in minutes. With 120 s it follows the noise of each window:
+    piston errors are twice as large on one cylinder."""
     min_slope_ratio: float = 0.1
     """Smallest slope of a curve, as a share of the assumed one, 0.01 … 0.5.
 
@@ -112,7 +140,7 @@ class InverseCurve:
     """
 
     def __init__(self, full_speed: float, max_speed: float, settings: ResponseSettings) -> None:
-        """Build a linear curve without a dead band, up to the full command.
+        """Build the mean of the two assumed curves, without a dead band.
 
         Args:
             full_speed: Assumed speed at the full command [m/s].
@@ -121,15 +149,20 @@ class InverseCurve:
         """
         self._settings = settings
         self.speeds: FloatArray = SPEED_KNOTS * max_speed
-        self.commands: FloatArray = self.speeds / full_speed
-        self._min_steps = settings.min_slope_ratio * np.diff(self.commands)
+        straight = self.speeds / full_speed
+        bent = straight ** (1.0 / settings.max_exponent)
+        half = 0.5 * (bent - straight)
+        self.commands: FloatArray = straight + half
+        self._unit = max_speed / full_speed
+        self._min_steps = settings.min_slope_ratio * np.diff(straight)
         self._prior = (
             settings.dead_band_deviation**2
             + settings.gain_deviation**2 * np.outer(self.commands, self.commands)
-            + settings.bend_deviation**2 * np.eye(len(self.speeds))
+            + np.outer(half, half)
+            + (settings.bend_deviation * self._unit) ** 2 * np.eye(len(self.speeds))
         )
         self.covariance: FloatArray = self._prior.copy()
-        self.known_speed = 0.0
+        self.known_speed = self._stood = 0.0
 
     def command_at(self, speed: float) -> float:
         """Return the command for a speed ≥ 0 [m/s]; for speed 0 it is the dead band.
@@ -183,31 +216,31 @@ class InverseCurve:
             command: Command, 0 … 1.
             weight: Weight of this pair of speed and command, above 0 … 1. It is 1 if the pair is
                 independent of earlier pairs, and less if its time window overlaps theirs.
-            spread: Change of the command within the time window, which makes the pair uncertain.
+            spread: Standard deviation of the command, since it changes within the time window.
         """
+        self._stood = 0.0
+        noise = self._settings.speed_deviation * self.speeds[-1] / SPEED_KNOTS[-1]
+        passed = self.command_at(speed + noise) - self.command_at(max(speed - noise, 0.0))
         share = self._shares(speed)
-        gain = self._correct(share, command, weight, spread)
+        deviations = self._settings.command_deviation * self._unit, spread, 0.5 * passed
+        gain = self._correct(share, command, float(np.sum(np.square(deviations))) / weight)
         self.covariance -= np.outer(gain, self.covariance @ share)
         known = np.diag(self.covariance) < 0.25 * np.diag(self._prior)
         self.known_speed = max(self.known_speed, float(self.speeds[known].max(initial=0.0)))
 
-    def _correct(
-        self, share: FloatArray, command: float, weight: float, spread: float = 0.0
-    ) -> FloatArray:
+    def _correct(self, share: FloatArray, command: float, variance: float) -> FloatArray:
         """Correct the commands of all knots with one pair of speed and command.
 
         Args:
             share: Weights φ_k of the knots at the speed of the pair, float64[k].
             command: Command of the pair, 0 … 1.
-            weight: Weight of the pair, above 0 … 1.
-            spread: Change of the command within the time window of the pair.
+            variance: Variance of the pair's command.
 
         Returns:
             Gain: the change of each knot's command per error of the pair's command, float64[k] [-].
         """
-        variance = self._settings.command_deviation**2 + spread**2
         correlated = self.covariance @ share
-        gain = correlated / (share @ correlated + variance / weight)
+        gain = correlated / (share @ correlated + variance)
         self.commands += gain * (command - share @ self.commands)
         self._keep_increasing()
         return gain
@@ -228,15 +261,20 @@ class InverseCurve:
         """Raise the dead band because a command above it has not moved the piston.
 
         A command within the present dead band is ignored. A command of `max_dead_band` or more is
-        ignored too, since something else then holds the piston. The covariance does not change,
-        because the command is only a lower bound of the dead band.
+        ignored too, since something else then holds the piston. The dead band is raised by a step
+        beyond the command. The step doubles while the piston stands, up to `dead_band_step`. The
+        covariance does not change, because the command is only a lower bound of the dead band.
 
         Args:
             command: Command, 0 … 1.
-            weight: Weight of this observation, above 0 … 1.
+            weight: Share of this observation in an independent one, above 0 … 1.
         """
         if self.commands[0] < command < self._settings.max_dead_band:
-            self._correct(self._shares(0.0), command + self._settings.dead_band_step, weight)
+            s = self._settings
+            first = s.known_dead_band_step if self.known_speed > 0.0 else s.first_dead_band_step
+            step = first * self._unit * 2.0 ** (self._stood / s.step_doubling)
+            self._correct(self._shares(0.0), command + min(step, s.dead_band_step), 0.0)
+            self._stood += weight
 
     def forget(self, time: float) -> None:
         """Move the covariance towards the initial one.

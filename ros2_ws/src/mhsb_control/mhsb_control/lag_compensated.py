@@ -39,6 +39,7 @@ from mhsb_control.actuator_response import DelayEstimate, InverseCurve, Response
 from mhsb_control.cascade import joins_rail
 from mhsb_control.controller import REFERENCE_POINTS, ServoSignals
 from mhsb_control.estimates_file import ActuatorResponse
+from mhsb_control.natural_frequency import find_joint_frequency_ranges
 from mhsb_control.reference import PREVIEW_POINT
 from mhsb_model.arm_reports import Estimate
 from mhsb_model.hydraulics import (
@@ -92,27 +93,31 @@ class LagCompensationSettings:
     """
 
     window: float = 0.2
-    """Time over which speeds are measured [s], 0.05 … 1.
+    """Least time over which speeds are measured [s], 0.05 … 1. A joint that oscillates on its oil
+    needs at least one period.
 
     Origin: chosen; two samples at 10 Hz."""
     settling_time: float = 0.2
-    """Time for which a command must have been steady before the window [s], 0 … 1.
+    """Time before the window in which the command must not change its direction [s], 0 … 1.
 
     Origin: lags up to 0.2 s."""
-    max_command_spread: float = 0.06
-    """Largest difference between commands of a steady window, 0.01 … 0.5.
+    standing_delays: float = 1.5
+    """Time for which a command must have acted until a standing piston shows that it lies in the
+    dead band, in delays, 0 … 1.5.
 
-    Origin: chosen; the curve is nearly straight over it."""
-    max_speed_change: float = 0.1
-    """Largest change of the speed between two windows of steady motion, a share of it, 0.02 … 1.
+    Origin: chosen; after half the delay a lag that makes up most of it has reached 0.8 of its
+    end."""
+    spread_share: float = 0.4
+    """Standard deviation of a command, as a share of its change in window and settling time, 0.1 …
+    1.
 
-    Origin: chosen; a ramp of half a second changes it by 0.4."""
-    min_ramp_speed: float = 0.2
-    """Speed above which windows of changing speed count, too, as a share of the speed limit, 0.05 …
-    1. The more the command changes, the less they count.
+    Origin: chosen; the lag is not known exactly, so that the command of a ramp is not, either."""
+    damping_ratio: float = 0.1
+    """Damping ratio of joints on their oil that bounds the position gain to its product with the
+    natural frequency, 0.02 … 1.
 
-    Origin: on 12 random plants. Below it the lag, which is not known exactly, would count as dead
-    band; without such windows a curve that is wrong at high speed leaves none that is steady."""
+    Origin: the smallest for which the gains of `coordinated` are stable. Without lag, a position
+    loop is stable up to twice as high a gain (Merritt)."""
     min_speed_ratio: float = 0.01
     """Speed that counts as standstill, as a share of the speed limit, 0.001 … 0.1.
 
@@ -161,6 +166,7 @@ class LagCompensatedAxis:
         gains: LagCompensatedGains,
         settings: LagCompensationSettings = LagCompensationSettings(),
         ends: tuple[float, float] = (-math.inf, math.inf),
+        frequency: float = math.inf,
     ) -> None:
         """Build the law without past commands and lengths.
 
@@ -173,19 +179,22 @@ class LagCompensatedAxis:
             settings: Tuned numbers.
             ends: Two lengths of the cylinder [m]. Below the first, nothing is learnt while the
                 piston retracts. Above the second, nothing is learnt while the piston extends.
+            frequency: Lowest natural frequency of the joint on the oil of its cylinder [rad/s].
         """
-        self._ends = ends
+        self._ends, self._max_gain = ends, settings.damping_ratio * frequency
         self._gains, self._settings, self._max_speed = gains, settings, max_speed
         self._period = period
         self.curves = tuple(InverseCurve(v, max_speed, settings.response) for v in full_speeds)
         self.delay = DelayEstimate(gains.expected_delay, max_speed, settings.response)
         self.speed, self.learns, self._integral = 0.0, True, 0.0
         self._rested, self._last_correction, self._creep_ratio = 0.0, 0.0, 1.0
-        self._window = max(round(settings.window / self._period), 1)
+        self._brief = max(round(settings.window / self._period), 1)
+        self._window = max(round(2.0 * math.pi / frequency / self._period), self._brief)
         longest = settings.response.max_delay
-        kept = max(2.0 * longest, longest + settings.settling_time)
+        settling = max(settings.standing_delays * longest, settings.settling_time)
+        kept = max(2.0 * longest, longest + settling)
         self._commands = np.zeros(math.ceil(kept / self._period) + self._window + 2)
-        self._lengths = np.full(2 * self._window + 1, np.nan)
+        self._lengths = np.full(self._window + 1, np.nan)
         self._ages = self._period * np.arange(len(self._commands), -1, -1)
 
     def update(self, length: float, look_ahead: LookAhead) -> float:
@@ -245,7 +254,7 @@ class LagCompensatedAxis:
         if rests and self._rests_within(error):
             self.speed = 0.0
             return 0.0
-        gain = g.position_gain / (delay + self._period)
+        gain = min(g.position_gain / (delay + self._period), self._max_gain)
         most = s.max_correction_ratio * self._max_speed
         correction = gain * error + (0.0 if rests else self._integral)
         if abs(correction) < most and not rests:
@@ -303,53 +312,57 @@ class LagCompensatedAxis:
         return np.concatenate([[0.0], np.cumsum(speeds) * self._period])
 
     def _learn(self) -> None:
-        """Update curves and delay from the mean piston speeds of the last two windows.
+        """Update curves and delay from the mean speed of the piston in the last window.
 
         The delay is learnt only while both curves are known. A curve is learnt only if all commands
-        that caused the motion had one direction. Near the end of the stroke nothing is learnt about
-        motion towards that end.
-
-        If the piston stands, the dead band is raised. If the piston moves in the direction of the
-        commands, the curve gets the pair of speed and mean command. A pair counts fully while speed
-        and commands are steady. If they change, it counts only at high speed, and less the more the
-        command changes.
+        that caused the motion had one direction, and the piston moved in this direction. Near the
+        end of the stroke nothing is learnt about motion towards that end. If the piston stands, its
+        dead band may be raised (`_learn_dead_band`).
         """
         s = self._settings
         time = self._window * self._period
-        before, speed = np.diff(self._lengths[:: self._window]) / time
+        speed = float(self._lengths[-1] - self._lengths[0]) / time
         ways, candidates = self._predict_ways(), self.delay.candidates
         ends = np.interp(-candidates, -self._ages, ways)
         starts = np.interp(-candidates - time, -self._ages, ways)
         if all(curve.known_speed > 0.0 for curve in self.curves):
             self.delay.learn((ends - starts) / time, speed, self._period)
-        newest = len(self._commands) - math.floor(self.delay.delay / self._period)
-        oldest = newest - self._window - math.ceil(s.settling_time / self._period)
-        steady = self._commands[max(oldest, 0) : newest]
-        low, high = float(steady.min()), float(steady.max())
         for curve in self.curves:
             curve.forget(self._period)
-        if low * high <= 0.0:
-            return
+        acted = self._commands[: len(self._commands) - math.floor(self.delay.delay / self._period)]
+        newest = float(acted[-1])
         shortest, longest = self._ends  # a stop would be learnt as a dead band
-        if (high > 0.0 and self._lengths[-1] > longest) or (
-            high < 0.0 and self._lengths[-1] < shortest
+        if (newest > 0.0 and self._lengths[-1] > longest) or (
+            newest < 0.0 and self._lengths[-1] < shortest
         ):
             return
-        curve = self.curves[int(high < 0.0)]
-        forwards = math.copysign(speed, speed * high)
-        if abs(speed) < s.min_speed_ratio * self._max_speed:
-            curve.raise_dead_band(min(abs(low), abs(high)), 1.0 / self._window)
-        elif forwards > 0.0:
-            earlier = max(math.copysign(before, before * high), 0.0)
-            is_steady = (
-                high - low < s.max_command_spread
-                and abs(forwards - earlier) < s.max_speed_change * forwards
-            )
-            if is_steady or min(earlier, forwards) > s.min_ramp_speed * self._max_speed:
-                passed = abs(curve.command_at(forwards) - curve.command_at(earlier))
-                spread = 0.0 if is_steady else max(high - low, passed)
-                command = float(np.abs(steady[-self._window :]).mean())
-                curve.learn(forwards, command, 1.0 / self._window, spread)
+        self._learn_dead_band(acted)
+        steady = acted[-self._window - math.ceil(s.settling_time / self._period) :]
+        low, high = float(steady.min()), float(steady.max())
+        forwards = math.copysign(speed, speed * newest)
+        if low * high > 0.0 and forwards > s.min_speed_ratio * self._max_speed:
+            command = float(np.abs(steady[-self._window :]).mean())
+            spread = s.spread_share * (high - low)
+            self.curves[int(high < 0.0)].learn(forwards, command, 1.0 / self._window, spread)
+
+    def _learn_dead_band(self, acted: FloatArray) -> None:
+        """Raise the dead band of a direction if the piston stands, although a command has acted.
+
+        A piston that has not yet moved in this direction stands if it does not move for the
+        shortest window. One that has moved may oscillate on its oil, and must not move for a whole
+        window.
+
+        Args:
+            acted: Commands that are older than the delay, float64[k], in time order.
+        """
+        s = self._settings
+        curve = self.curves[int(acted[-1] < 0.0)]
+        window = self._window if curve.known_speed > 0.0 else self._brief
+        settling = max(s.standing_delays * self.delay.delay, s.settling_time)
+        since = acted[-window - math.ceil(settling / self._period) :]
+        moved = abs(self._lengths[-1] - self._lengths[-1 - window]) / (window * self._period)
+        if moved < s.min_speed_ratio * self._max_speed and since.min() * since.max() > 0.0:
+            curve.raise_dead_band(float(np.abs(since).min()), 1.0 / self._brief)
 
 
 class LagCompensatedController:
@@ -390,6 +403,7 @@ class LagCompensatedController:
         self._until_next = 0
         self._spacing = self.preview / PREVIEW_POINT
         supply, tank = arrays.supply_pressure, arrays.tank_pressure
+        frequencies, _ = find_joint_frequency_ranges(machine)
         self.axes = []
         for j in range(machine.joint_count):
             valve = arrays.valve_coefficient[j], arrays.cap_area[j], arrays.rod_area[j]
@@ -403,8 +417,11 @@ class LagCompensatedController:
             )
             margin = self.settings.end_share * (longest - shortest)
             ends = shortest + margin, longest - margin
+            frequency = float(frequencies[j])
             self.axes.append(
-                LagCompensatedAxis(full_speeds, fastest, period, gains, self.settings, ends)
+                LagCompensatedAxis(
+                    full_speeds, fastest, period, gains, self.settings, ends, frequency
+                )
             )
 
     def update(self) -> None:

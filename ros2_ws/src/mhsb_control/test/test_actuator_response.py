@@ -1,5 +1,7 @@
 """Curve and delay of an actuator are found from its motion; a solver checks the filter."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,21 +11,70 @@ SETTINGS = ResponseSettings()
 MAX_SPEED, FULL_SPEED = 0.1, 0.2
 
 
-def build_curve():
-    return InverseCurve(FULL_SPEED, MAX_SPEED, SETTINGS)
+def build_curve(settings=SETTINGS, full_speed=FULL_SPEED):
+    return InverseCurve(full_speed, MAX_SPEED, settings)
 
 
-def test_it_begins_with_the_assumed_line():
+def test_it_begins_between_the_straight_and_the_most_bent_curve():
     curve = build_curve()
-    for speed in (0.0, 0.013, 0.1, 0.15, 0.3):
-        assert curve.command_at(speed) == pytest.approx(speed / FULL_SPEED)
-    assert curve.speeds_at(np.array([0.0, 0.25])) == pytest.approx([0.0, 0.05])
+    for speed in (0.0, 0.01, 0.1, 0.15):
+        share = speed / FULL_SPEED
+        assert curve.command_at(speed) == pytest.approx(0.5 * (share + share ** (1.0 / 1.8)))
+    begun = curve.command_at(0.04)
+    assert curve.speeds_at(np.array([0.0, begun])) == pytest.approx([0.0, 0.04])
     assert curve.known_speed == 0.0
+    line = build_curve(replace(SETTINGS, max_exponent=1.0))
+    for speed in (0.0, 0.013, 0.1, 0.15, 0.3):
+        assert line.command_at(speed) == pytest.approx(speed / FULL_SPEED)
+
+
+def test_precision_is_relative_to_the_command_that_the_speed_limit_needs():
+    """Of a valve four times as large, all commands without dead band are a quarter."""
+    settings = replace(SETTINGS, dead_band_deviation=0.0, max_exponent=1.0, dead_band_step=1.0)
+    small, large = (build_curve(settings, full_speed) for full_speed in (0.2, 0.8))
+    for speed in (0.02, 0.07, 0.11):
+        small.learn(speed, 4.0 * speed, 0.5, spread=0.04)
+        large.learn(speed, speed, 0.5, spread=0.01)
+    small.raise_dead_band(0.2, 0.5)
+    large.raise_dead_band(0.05, 0.5)
+    assert large.commands == pytest.approx(small.commands / 4.0)
+    assert large.covariance == pytest.approx(small.covariance / 16.0)
+    assert large.known_speed == small.known_speed
+
+
+def test_the_step_of_the_dead_band_grows_while_the_piston_stands():
+    curve, rises = build_curve(full_speed=2.0), []
+    first = SETTINGS.first_dead_band_step * MAX_SPEED / 2.0
+    for _ in range(20):
+        before = curve.command_at(0.0)
+        curve.raise_dead_band(before + 1e-6, 1.0)
+        rises.append(curve.command_at(0.0) - before)
+    assert rises[0] == pytest.approx(first, rel=1e-3)
+    assert max(rises) == pytest.approx(SETTINGS.dead_band_step, rel=1e-3)
+    assert np.all(np.diff(rises[:-1]) > -1e-9)
+    curve.learn(0.05, curve.command_at(0.05), 1e-9)  # it moves
+    before = curve.command_at(0.0)
+    curve.raise_dead_band(before + 1e-6, 1.0)
+    assert curve.known_speed == 0.0
+    assert curve.command_at(0.0) - before == pytest.approx(first, rel=1e-3)
+
+
+def test_a_known_dead_band_is_raised_by_less():
+    curve = build_curve()
+    for _ in range(5):
+        curve.learn(0.05, 0.5, 1.0)
+    assert curve.known_speed > 0.0
+    before = curve.command_at(0.0)
+    curve.raise_dead_band(before + 1e-6, 1.0)
+    least = SETTINGS.known_dead_band_step * MAX_SPEED / FULL_SPEED
+    assert curve.command_at(0.0) - before == pytest.approx(least, rel=1e-3)
 
 
 def test_the_filter_solves_the_least_squares_problem(fresh_seed):
     """Oracle: minimum of |θ − p|² in P₀⁻¹ plus all weighted residuals, by a linear solver."""
-    random, curve = np.random.default_rng(fresh_seed), build_curve()
+    settings = replace(SETTINGS, speed_deviation=0.0)
+    random, curve = np.random.default_rng(fresh_seed), build_curve(settings)
+    variance = (settings.command_deviation * MAX_SPEED / FULL_SPEED) ** 2
     prior, start = curve.covariance.copy(), curve.commands.copy()
     matrix = np.linalg.inv(prior)
     right = matrix @ start
@@ -31,8 +82,8 @@ def test_the_filter_solves_the_least_squares_problem(fresh_seed):
         command = 0.2 + 4.0 * speed
         weight = random.uniform(0.1, 1.0)
         row = np.array([np.interp(speed, curve.speeds, e) for e in np.eye(len(start))])
-        matrix += weight / SETTINGS.command_deviation**2 * np.outer(row, row)
-        right += weight / SETTINGS.command_deviation**2 * command * row
+        matrix += weight / variance * np.outer(row, row)
+        right += weight / variance * command * row
         curve.learn(speed, command, weight)
     expected = np.linalg.solve(matrix, right)
     assert np.all(np.diff(expected) > 0.0)
@@ -41,10 +92,16 @@ def test_the_filter_solves_the_least_squares_problem(fresh_seed):
 
 
 def test_one_pair_moves_the_whole_curve_and_standstill_raises_its_dead_band():
-    curve = build_curve()
+    curve = build_curve(replace(SETTINGS, speed_deviation=0.0))
+    prior, begun = curve.covariance.copy(), curve.commands.copy()
+    at = int(np.argmin(np.abs(curve.speeds - 0.02)))
     curve.learn(0.02, 0.5, 1.0)
     assert curve.command_at(0.02) == pytest.approx(0.5, abs=0.02)
-    assert 0.25 < curve.command_at(0.0) < curve.command_at(0.1)
+    ratio = prior[0, at] / (
+        prior[at, at] + (SETTINGS.command_deviation * MAX_SPEED / FULL_SPEED) ** 2
+    )
+    assert curve.command_at(0.0) == pytest.approx(ratio * (0.5 - begun[at]))
+    assert 0.2 < curve.command_at(0.0) < curve.command_at(0.1)
     before = curve.commands.copy()
     curve.raise_dead_band(0.1, 1.0)
     assert np.array_equal(curve.commands, before)
@@ -72,7 +129,7 @@ def test_uncertainty_returns_in_time_and_not_beyond_its_first_value():
         curve.learn(0.1, 0.5, 1.0)
     assert curve.known_speed >= 0.1
     for _ in range(10_000):
-        curve.forget(0.1)
+        curve.forget(1e-3 * SETTINGS.forgetting_time)
     assert curve.covariance == pytest.approx(prior, rel=1e-3)
     assert curve.known_speed >= 0.1  # a plan is not slowed a second time
 

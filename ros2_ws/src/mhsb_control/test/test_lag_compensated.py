@@ -178,6 +178,32 @@ def test_a_learnt_curve_is_as_good_as_the_true_one_and_far_better_than_p(
             assert abs(curve.command_at(speed) - valve.command(speed, side)) < 0.05
 
 
+def test_a_valve_that_is_large_for_its_cylinder_is_learnt_as_well(fresh_seed):
+    """Measured: 0.8 mm in the median of 16 draws."""
+    random, large, errors = np.random.default_rng(fresh_seed), 8.0, []
+    for _ in range(DRAWS):
+        valve = Valve.draw(random)
+        valve.full_speed = tuple(large * speed for speed in valve.full_speed)
+        full_speeds = tuple(large * speed for speed in FULL_SPEEDS)
+        period = 1.0 / valve.rate
+        axis = LagCompensatedAxis(full_speeds, 2.0 * MAX_SPEED, period, LagCompensatedGains())
+        errors.append(measure_error(valve, follow(axis, 0.02), 0.02))
+    assert np.median(errors) < 2.0, errors
+
+
+def test_a_joint_that_oscillates_slowly_has_a_lower_gain_and_a_window_of_a_period():
+    errors, windows = [], []
+    for frequency in (math.inf, 200.0, 5.0):
+        gains = LagCompensatedGains()
+        axis = LagCompensatedAxis(FULL_SPEEDS, MAX_SPEED, 0.01, gains, frequency=frequency)
+        axis.update(0.0, lambda ahead: (1e-3, 0.01))
+        errors.append(axis.speed - 0.01)
+        windows.append(axis._window * 0.01)
+    assert errors[0] == errors[1] == pytest.approx(0.5 / (0.2 + 0.01) * 1e-3)
+    assert errors[2] == pytest.approx(0.1 * 5.0 * 1e-3)
+    assert windows == pytest.approx([0.2, 0.2, 2.0 * math.pi / 5.0], abs=0.01)
+
+
 def test_an_arm_with_nearly_half_a_dead_band_and_slow_sensors_moves():
     valve = Valve((0.48, 0.35), FULL_SPEEDS, 1.3, 0.35, 0.15, 10.0)
     assert measure_error(valve, follow(build_axis(valve), 0.02), 0.02) < 3.0
