@@ -6,8 +6,9 @@ It is piecewise linear over a few speeds v_k, with the commands θ_k there. The 
     u = g(v) = Σ_k φ_k(v) θ_k,    φ_k triangular
 
 A Kalman filter estimates θ from pairs of speed and command. V is the speed at the full command. The
-flow through a valve is assumed to grow between linearly with its opening and with the power γ of
-it. p is the mean of these two curves, b half of their difference:
+flow through a valve is assumed to lie between two curves: proportional to its opening, and
+proportional to the power γ of its opening. p is the mean of both curves, b half of their
+difference:
 
     p(v) = ½ (v/V)^(1/γ) + ½ v/V,    b(v) = ½ (v/V)^(1/γ) − ½ v/V
 
