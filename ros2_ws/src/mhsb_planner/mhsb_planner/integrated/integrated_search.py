@@ -107,7 +107,9 @@ class IntegratedSearch:
         goals = ik_near_start.add_postures_near_start(
             machine, goals, posture, priced_by.circuit, weight
         )
-        self._task = SearchProblem.create(machine, posture, priced_by, goals, progress, limits)
+        self._task = SearchProblem.create(
+            machine, posture, self._modes, priced_by, goals, progress, limits
+        )
         progress.search_deadline.check(SEARCH_TASK)
 
     def paths(self) -> Iterator[DiscretePath | None]:
@@ -360,4 +362,4 @@ def _example_problem(machine: Machine) -> SearchProblem:
     goals = sample_goal_postures(machine, float(x), float(z), psi, effort.psi_spacing)
     modes = np.zeros(machine.joint_count, dtype=np.uint8)
     priced_by = cost_model(machine, modes, np.ones(3), ENERGY_COLUMN["paper"], AreaTerm(1.0, 1.0))
-    return SearchProblem.create(machine, start, priced_by, goals, PlanProgress(), effort)
+    return SearchProblem.create(machine, start, modes, priced_by, goals, PlanProgress(), effort)

@@ -169,8 +169,9 @@ def sweep_waypoint(
     """Try to move one waypoint of a cylinder path, as part of a compass search.
 
     An inner waypoint is moved along each cylinder by the same stroke, both ways. The last waypoint
-    moves with the goal posture: each free joint coordinate of this posture is changed, both ways. A
-    move that makes the path cheaper is kept at once, and the trials go on from there.
+    moves with the goal posture: its free joint coordinates are changed one by one and together,
+    in all 3^m − 1 combinations of their strides for m coordinates. A move that makes the path
+    cheaper is kept at once, and the trials go on from there.
 
     Call the function for i = 1, 2, … in sequence, because the working memory carries the costs up
     to the previous waypoint.
@@ -203,13 +204,13 @@ def sweep_waypoint(
     kept = np.empty(n)
     last = i == len(via) - 1
     left = 0.0 if last else np.min(ahead[i + 1])
-    for k in range(len(free) if last else n):
-        before = free[k] if last else 0.0
+    free_before = free.copy()
+    for k in range((3 ** len(free) - 1) // 2 if last else n):
         for sign in (-1.0, 1.0):
             copy_row(kept, via[i])
             if last:
-                free[k] = before + sign * strides.turn[k]
-                moved = strides.turn[k] > 0.0 and compute_goal_lengths(
+                copy_row(free_before, free)
+                moved = _turn_goal(free, strides.turn, k, sign) and compute_goal_lengths(
                     t, path.tip, path.elbow, free, via[i]
                 )
             else:
@@ -226,13 +227,39 @@ def sweep_waypoint(
                     cost = trial
                     break
             copy_row(via[i], kept)
-            if last:
-                free[k] = before
+            copy_row(free, free_before)
     copy_row(points.posture[0], posture)
     copy_row(points.length[0], via[i - 1])
     copy_row(points.force[0], force)
     copy_row(w.value[0], value)
     return cost
+
+
+@kernel(borrows=True)
+def _turn_goal(free: FloatArray, turn: FloatArray, k: int, sign: float) -> bool:
+    """Change the free joint coordinates of the goal posture in one of several directions.
+
+    The m digits of k to the base 3 choose the direction: digit 0 adds the stride of the coordinate,
+    1 leaves it as it is, and 2 subtracts the stride. The numbers below (3^m − 1) / 2 give one
+    direction of each opposite pair. Single coordinates do not suffice: strokes add up in the cost,
+    which therefore has kinks, and along a kink several coordinates change together.
+
+    Args:
+        free: Free coordinates, shape (m,) [rad or m]; changed in place.
+        turn: Stride of each free coordinate, shape (m,) [rad or m]; 0 keeps the coordinate.
+        k: Number of the direction, from 0.
+        sign: −1 for the opposite direction, otherwise 1.
+
+    Returns:
+        False if no coordinate changes.
+    """
+    moved = False
+    for j in range(len(free)):
+        stride = sign * (1 - k % 3) * turn[j]
+        k //= 3
+        free[j] += stride
+        moved = moved or stride != 0.0
+    return moved
 
 
 @kernel(borrows=True)

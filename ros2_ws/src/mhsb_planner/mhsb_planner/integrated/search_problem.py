@@ -6,13 +6,20 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
+from mhsb_model.kernels.copying import copy_row
+from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
-from mhsb_model.types import FloatArray
+from mhsb_model.statics import piston_forces
+from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.integrated.cylinder_path import (
     PathCostBuffers,
     PathCostModel,
     PathPieces,
     compute_pieces,
+    count_switches_to_hold,
+    least_move_cost,
     new_path_cost_buffers,
     price_path,
 )
@@ -23,7 +30,6 @@ from mhsb_planner.integrated.lower_bound import (
     bound_cost_to_goals,
 )
 from mhsb_planner.progress import PlanProgress
-from mhsb_planner.search.lower_bound import bound_costs_between
 
 
 @dataclass(frozen=True)
@@ -136,6 +142,7 @@ class SearchProblem:
         cls,
         machine: Machine,
         posture: FloatArray,
+        start_modes: ModeArray,
         cost_model: PathCostModel,
         goals: GoalPostures,
         progress: PlanProgress,
@@ -146,6 +153,7 @@ class SearchProblem:
         Args:
             machine: The arm without a slewing joint.
             posture: Start posture, shape (n,) [rad or m].
+            start_modes: Modes in force at the start, uint8, shape (n,).
             cost_model: Cost model of the search.
             goals: Goal postures.
             progress: State of the planning loop, with the time limit of the search.
@@ -155,7 +163,7 @@ class SearchProblem:
             The problem, with its own working memory and a lower bound on the cost to each goal
             posture.
         """
-        lengths, reached = machine.cylinder_lengths(posture), goals.length
+        lengths = machine.cylinder_lengths(posture)
         return cls(
             machine=machine,
             cost_model=cost_model,
@@ -163,8 +171,8 @@ class SearchProblem:
             start=posture,
             start_lengths=lengths,
             goals=goals,
-            goal_lower_bounds=bound_costs_between(
-                cost_model.circuit, lengths, reached, cost_model.weight
+            goal_lower_bounds=bound_goal_costs(
+                cost_model, lengths, start_modes, goals.posture, goals.length
             ),
             progress=progress,
             limits=effort,
@@ -215,6 +223,40 @@ class SearchProblem:
         """Create the cylinder path to goal posture k from its waypoints, cost and pieces."""
         elbow, free = int(self.goals.elbow[k]), self.goals.free[k]
         return CylinderPath(via, k, elbow, free, cost, pieces)
+
+
+@kernel
+def bound_goal_costs(
+    t: PathCostModel,
+    start: FloatArray,
+    start_modes: ModeArray,
+    posture: FloatArray,
+    length: FloatArray,
+) -> FloatArray:
+    """Compute a lower bound on the cost of a path from the start to rest in each goal posture.
+
+    The bound is that of `least_move_cost`, and the mode switches from the modes at the start to
+    those that hold the arm in the goal posture.
+
+    Test oracle: holding modes in plain Python.
+
+    Args:
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
+        start: Cylinder lengths at the start, shape (n,) [m].
+        start_modes: Modes in force at the start, uint8, shape (n,).
+        posture: Goal postures, shape (goals, n) [rad or m].
+        length: Cylinder lengths in the goal postures, shape (goals, n) [m].
+
+    Returns:
+        Lower bounds on the cost, shape (goals,) [-].
+    """
+    bound, q, force = np.empty(len(posture)), np.empty(len(start)), np.empty(len(start))
+    for k in range(len(posture)):
+        copy_row(q, posture[k])
+        piston_forces(t.machine, q, force)
+        switches = count_switches_to_hold(t.machine, force, start_modes)
+        bound[k] = least_move_cost(t, start, length[k]) + t.weight[2] * switches
+    return bound
 
 
 def max_bound_cells(progress: PlanProgress) -> int:

@@ -1,17 +1,23 @@
 """Small changes to a route: kept where they pay, and only there."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mhsb_model.files.config_files import find_config_file
+from mhsb_model.machine import load_machine
 from mhsb_planner.integrated.cylinder_path import (
     begin_path,
     compute_costs_to_go,
     continue_path,
+    cost_model,
     new_path_cost_buffers,
     price_path,
 )
+from mhsb_planner.integrated.goal_postures import sample_goal_postures
 from mhsb_planner.integrated.refinement import (
     Strides,
     SweptPath,
@@ -115,3 +121,26 @@ def test_sweeps_lead_a_detour_in_n_back_to_the_lower_bound(machine, terms_of, po
         assert cost <= 1.02 * straight
         return
     pytest.fail("no route with a detour was drawn")
+
+
+def test_sweeps_of_four_joints_end_where_no_goal_posture_around_is_cheaper():
+    machine = load_machine(find_config_file("mhsb_arm4.yaml"))
+    start, goal = np.array([0.3, -1.4, -1.2, -0.5]), (0.60, 0.25)
+    t = cost_model(machine, np.zeros(4, dtype=np.uint8), np.array([0.5, 0.0, 2.0]), 1)
+    w, goals, length = new_path_cost_buffers(t), sample_goal_postures(machine, *goal), np.empty(4)
+    compared, turn = 0, 0.03
+    for end, elbow, free in zip(goals.length, goals.elbow, goals.free.copy(), strict=True):
+        via = np.array([machine.cylinder_lengths(start), end])
+        before, cost = np.inf, price_path(t, w, via, start, np.inf)
+        path = SweptPath(via, start, goal, int(elbow), free)
+        while cost < before:
+            before, strides = cost, Strides(1e-3, np.full(2, turn))
+            cost = sweep_waypoints(t, w, path, cost, strides)
+        if cost == np.inf:
+            continue
+        for change in itertools.product((-turn, 0.0, turn), repeat=2):
+            if compute_goal_lengths(t, goal, int(elbow), path.free + change, length):
+                line = np.array([via[0], length])
+                assert price_path(t, w, line, start, np.inf) >= cost * (1.0 - 1e-9)
+                compared += 1
+    assert compared > 20
