@@ -118,19 +118,21 @@ class ZoneStop:
     def describe(self, obstacle: str) -> str:
         """Describe where the arm comes to rest, for the log and the execution report.
 
+        The first case that applies is stated:
+
+        - The arm touches nothing and has passed the obstacle already.
+        - It touches nothing and stops before the obstacle.
+        - It stops nearer to the obstacle than the margin. Distance and margin are stated.
+        - It was in an obstacle at the command's stamp. The depth at rest is stated, or that the arm
+          rests beyond the obstacle.
+        - It cannot stop before the obstacle. The depth at rest is stated. If it rests beyond the
+          obstacle, the greatest depth on the way is stated.
+
         Args:
             obstacle: Name of the obstacle that the motion in force meets.
 
         Returns:
-            A sentence without a full stop. It states the first case that applies:
-
-            - The arm touches nothing and has passed the obstacle already.
-            - It touches nothing and stops before the obstacle.
-            - It stops nearer to the obstacle than the margin. Distance and margin are stated.
-            - It was in an obstacle at the command's stamp. The depth at rest is stated, or that the
-              arm rests beyond the obstacle.
-            - It cannot stop before the obstacle. The depth at rest is stated. If it rests beyond
-              the obstacle, the greatest depth on the way is stated.
+            A sentence without a full stop.
         """
         if not self.touches_obstacle and self.passed_clearance < 0.0:
             return (
