@@ -5,7 +5,6 @@ from other searches, for comparison:
 
 - the paths of the baselines (table planner and fixed-joint planner). The trajectory stage (S3)
   makes a motion of each by the baseline's method and by this planner's method;
-- the path that is cheapest if each second costs TIME_PRICE [W] more;
 - if the manipulability loss has a weight, the path that is found without it.
 """
 
@@ -18,7 +17,6 @@ from functools import partial
 from mhsb_model.machine import Machine
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.integrated.integrated_search import IntegratedSearch
-from mhsb_planner.integrated.search_problem import SearchLimits
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planners.fixed import FixedPlanner
 from mhsb_planner.planners.path_planner import (
@@ -38,17 +36,6 @@ from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.manipulability_loss import WITHOUT_AREA, AreaTerm, area_along_path
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_search import PathQuery
-
-TIME_PRICE = 2.0
-"""Power at which time is charged in an additional search [W].
-
-Of two paths of nearly equal cost, the shorter usually makes the cheaper motion. The value stands
-for the energy of a motion's ramps and switches.
-"""
-
-MAX_TIME_PRICED_STATES = 4000
-"""Largest number of lattice states that the search with TIME_PRICE may expand."""
-
 
 BASELINE_PLANNERS: tuple[PathPlanner, ...] = (TablePlanner(), FixedPlanner())
 """Planners that the integrated planner compares itself with, the faster first."""
@@ -98,11 +85,8 @@ class IntegratedPlanner:
         for the same search without leakage, and one for each baseline (planner to compare with).
         Others are added:
 
-        - If energy has a weight and no motion follows (`period` is 0): a search in which each
-          second costs more.
-        - If the manipulability loss has a weight: a search without this weight. This one and the
-          one before then count as baselines. All baselines have an early turn, because the
-          integrated search takes long.
+        - If the manipulability loss has a weight: a search without this weight. It counts as a
+          baseline. All baselines then have an early turn, because the integrated search takes long.
         - If there is a goal region: the whole planner for the request without the region. It comes
           last, and ensures that the region does not make the plan more expensive.
 
@@ -123,23 +107,17 @@ class IntegratedPlanner:
             Proposer(each.name, compare(_baseline_paths(each, graph, task, progress)))
             for each in self.baselines
         ]
-        later: list[Proposer] = []
-        early_count = 1
-        if options.weights.energy > 0.0 and options.period == 0.0:
-            paths = compare(_path_with_time_price(machine, task, progress))
-            later.append(Proposer(f"{self.name} with a price on time", paths))
         if task.area.weight > 0.0:
             paths = compare(_path_without_area(machine, task, progress))
-            baselines = [Proposer(f"{self.name} without area", paths), *later, *baselines]
-            later, early_count = [], len(baselines)
+            baselines.insert(0, Proposer(f"{self.name} without area", paths))
+        early_count = len(baselines) if task.area.weight > 0.0 else 1
         if options.goal_region is not None:
             paths = self._paths_to_goal_alone(graph, task, progress)
-            later.append(Proposer(f"{self.name} to the goal alone", paths))
+            baselines.append(Proposer(f"{self.name} to the goal alone", paths))
         return ProposerSet(
             Proposer(self.name, own),
             Proposer(f"{self.name} without leakage", leak_free),
             baselines,
-            later,
             task.slew_demand.time,
             early_count,
         )
@@ -183,7 +161,6 @@ def _create_search(
     task: PathRequest,
     progress: PlanProgress,
     area: AreaTerm,
-    effort: SearchLimits | None = None,
     *,
     leaks: bool = True,
 ) -> IntegratedSearch:
@@ -194,7 +171,6 @@ def _create_search(
         task: The request.
         progress: State of the planning loop, with the deadline of the search.
         area: Weight and reference area of the manipulability loss, in place of the request's.
-        effort: Limits on the number of states that the search expands; None: defaults.
         leaks: True if the search counts the leakage of the valves when it compares paths.
 
     Returns:
@@ -216,7 +192,6 @@ def _create_search(
         area=area,
         counts_leakage=leaks,
         progress=progress,
-        limits=effort,
     )
 
 
@@ -240,34 +215,6 @@ def _paths_without_leakage(
     for path in search.paths():
         if path is not None:
             yield PathProposal(path)
-
-
-def _path_with_time_price(
-    machine: Machine, task: PathRequest, progress: PlanProgress
-) -> Iterator[PathProposal]:
-    """Yield the path that is cheapest if each second costs TIME_PRICE [W] more.
-
-    The search ignores the manipulability loss. Once it has a path, it expands at most
-    MAX_TIME_PRICED_STATES states in total.
-
-    Args:
-        machine: The planar arm (without the slewing joint).
-        task: The request.
-        progress: State of the planning loop.
-
-    Yields:
-        One path proposal. Its cost contains neither this price nor the manipulability loss.
-
-    Raises:
-        MhsbError: There is no path, or none was found before the deadline.
-    """
-    weights = task.options.weights
-    time_price = TIME_PRICE * weights.energy
-    options = replace(task.options, weights=replace(weights, time=weights.time + time_price))
-    limits = SearchLimits(max_expansions=MAX_TIME_PRICED_STATES)
-    priced = replace(task, options=options)
-    path = _create_search(machine, priced, progress, WITHOUT_AREA, limits).best_path()
-    yield PathProposal(replace(path, cost=path.cost - time_price * float(path.duration.sum())))
 
 
 def _path_without_area(

@@ -112,8 +112,7 @@ class ProposerSet:
     Attributes:
         own: The integrated search.
         without_leakage: The same search, but it ignores leakage when it compares paths.
-        baselines: Planners to compare with, the quickest first.
-        later: Proposers that follow after all others.
+        baselines: Other sources of paths to compare with, the quickest first.
         slew_time: Least time that the slew needs [s]. `without_leakage` has its turns after the
             first path of `own` that takes less.
         early_count: Number of baselines that have a turn right after the first turns of `own`.
@@ -122,7 +121,6 @@ class ProposerSet:
     own: Proposer
     without_leakage: Proposer
     baselines: Sequence[Proposer]
-    later: Sequence[Proposer]
     slew_time: float
     early_count: int = 1
 
@@ -131,10 +129,10 @@ def schedule_proposers(proposers: ProposerSet, progress: PlanProgress) -> Iterat
     """Yield proposers (sources of paths) in the order of their turns.
 
     1. The integrated search has EARLY_OWN_TURNS turns.
-    2. Each of the first `early_count` baselines (planners to compare with) has one turn.
+    2. Each of the first `early_count` baselines (sources to compare with) has one turn.
     3. The integrated search has one turn after the other until it has ended. If half of the time
        is over without a motion, the baselines have turns until there is one.
-    4. The baselines, then the later proposers, have turns until each has ended.
+    4. The baselines have turns until each has ended.
 
     The search without leakage comes as soon as the integrated search has given a path that takes
     less time than the slew. The motion then lasts as long as the slew, whatever the path, so
@@ -159,7 +157,7 @@ def schedule_proposers(proposers: ProposerSet, progress: PlanProgress) -> Iterat
             for proposer in proposers.baselines:
                 while not (proposer.has_ended or progress.has_motion):
                     yield proposer
-    for proposer in (*proposers.baselines, *proposers.later):
+    for proposer in proposers.baselines:
         yield from _until_end(proposer)
 
 
