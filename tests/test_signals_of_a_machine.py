@@ -17,7 +17,7 @@ from mhsb_tools.recording.bag_format import BagTopic
 from mhsb_tools.recording.bag_writer import BagWriter
 
 GOAL = np.array([0.9, -0.6, -0.8])
-STEPS = 3000
+STEPS = 5000
 REPLAY = Path(__file__).parent / "replay_of_signals.py"
 
 

@@ -64,9 +64,15 @@ class ResponseSettings:
 
     Origin: chosen; the piston then starts at an eighth of its speed limit."""
     known_dead_band_step: float = 0.02
-    """First step once a part of the curve is known, as a share of c, 0.005 … 0.5.
+    """First step once the valve has driven the piston, as a share of c, 0.005 … 0.5.
 
     Origin: chosen; a larger one leaves slow speeds out, which then are never learnt."""
+    min_driven_ratio: float = 0.1
+    """Speed from which on a pair shows that the valve has driven the piston, as a share of the
+    speed limit, 0.02 … 1. Only then the smaller step is taken.
+
+    Origin: a piston that swings on its oil is slower. Where such a swing had counted, an 8 t
+    machine stood still for a minute and more (2 of 8 random plants)."""
     dead_band_step: float = 0.05
     """Share of the full command that this step does not exceed, 0.005 … 0.2.
 
@@ -163,7 +169,7 @@ class InverseCurve:
             + (settings.bend_deviation * self._unit) ** 2 * np.eye(len(self.speeds))
         )
         self.covariance: FloatArray = self._prior.copy()
-        self.known_speed = self._stood = 0.0
+        self.known_speed = self._stood = self._fastest_pair = 0.0
 
     def command_at(self, speed: float) -> float:
         """Return the command for a speed ≥ 0 [m/s]; for speed 0 it is the dead band.
@@ -208,6 +214,7 @@ class InverseCurve:
         ratio = np.minimum(deviations / initial, 1.0)
         self.covariance = self._prior * np.outer(ratio, ratio)
         self.known_speed = min(learnt.known_speed, float(self.speeds[-1]))
+        self._fastest_pair = self.known_speed
 
     def learn(self, speed: float, command: float, weight: float, spread: float = 0.0) -> None:
         """Update the curve with a measured speed and the command that caused it.
@@ -220,6 +227,7 @@ class InverseCurve:
             spread: Standard deviation of the command, since it changes within the time window.
         """
         self._stood = 0.0
+        self._fastest_pair = max(self._fastest_pair, speed)
         noise = self._settings.speed_deviation * self.speeds[-1] / SPEED_KNOTS[-1]
         passed = self.command_at(speed + noise) - self.command_at(max(speed - noise, 0.0))
         share = self._shares(speed)
@@ -272,7 +280,9 @@ class InverseCurve:
         """
         if self.commands[0] < command < self._settings.max_dead_band:
             s = self._settings
-            first = s.known_dead_band_step if self.known_speed > 0.0 else s.first_dead_band_step
+            fast = s.min_driven_ratio * self.speeds[-1] / SPEED_KNOTS[-1]
+            has_driven = self.known_speed > 0.0 and self._fastest_pair >= fast
+            first = s.known_dead_band_step if has_driven else s.first_dead_band_step
             step = first * self._unit * 2.0 ** (self._stood / s.step_doubling)
             self._correct(self._shares(0.0), command + min(step, s.dead_band_step), 0.0)
             self._stood += weight

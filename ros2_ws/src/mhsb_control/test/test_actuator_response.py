@@ -70,6 +70,17 @@ def test_a_known_dead_band_is_raised_by_less():
     assert curve.command_at(0.0) - before == pytest.approx(least, rel=1e-3)
 
 
+def test_a_swing_on_the_oil_makes_no_step_of_the_dead_band_smaller():
+    curve = build_curve(full_speed=2.0)
+    for _ in range(5):
+        curve.learn(0.04 * MAX_SPEED, 0.01, 1.0)
+    assert curve.known_speed > 0.0
+    before = curve.command_at(0.0)
+    curve.raise_dead_band(before + 1e-6, 1.0)
+    first = SETTINGS.first_dead_band_step * MAX_SPEED / 2.0
+    assert curve.command_at(0.0) - before == pytest.approx(first, rel=1e-3)
+
+
 def test_the_filter_solves_the_least_squares_problem(fresh_seed):
     """Oracle: minimum of |θ − p|² in P₀⁻¹ plus all weighted residuals, by a linear solver."""
     settings = replace(SETTINGS, speed_deviation=0.0)
@@ -78,7 +89,7 @@ def test_the_filter_solves_the_least_squares_problem(fresh_seed):
     prior, start = curve.covariance.copy(), curve.commands.copy()
     matrix = np.linalg.inv(prior)
     right = matrix @ start
-    for speed in random.uniform(0.0, 0.14, 40):
+    for speed in random.permutation(np.linspace(0.0, 0.14, 100)):  # so that all knots are observed
         command = 0.2 + 4.0 * speed
         weight = random.uniform(0.1, 1.0)
         row = np.array([np.interp(speed, curve.speeds, e) for e in np.eye(len(start))])
