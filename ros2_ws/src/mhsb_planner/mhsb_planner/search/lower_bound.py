@@ -24,7 +24,6 @@ from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.search.s2_step import (
     HydraulicCoefficients,
     compute_hydraulic_coefficients,
-    describe_postures,
 )
 
 ENERGY_ONLY_WEIGHTS = frozen(np.array([1.0, 0.0]))
@@ -139,11 +138,7 @@ def energy_lower_bound(machine: Machine, start: FloatArray, goals: FloatArray) -
     Returns:
         Least lower bound over the goal postures [J]. No plan to any of them needs less energy.
     """
-    arrays = machine.arrays
-    one, many = (
-        describe_postures(arrays, np.atleast_2d(np.asarray(q, float))) for q in (start, goals)
-    )
-    circuit = compute_hydraulic_coefficients(arrays, machine.patterns)
-    return float(
-        bound_costs_between(circuit, one.length[0], many.length, ENERGY_ONLY_WEIGHTS).min()
-    )
+    lengths = frozen(np.array([machine.cylinder_lengths(q) for q in goals]))
+    circuit = compute_hydraulic_coefficients(machine.arrays, machine.patterns)
+    begin = machine.cylinder_lengths(start)
+    return float(bound_costs_between(circuit, begin, lengths, ENERGY_ONLY_WEIGHTS).min())
