@@ -656,7 +656,7 @@ class GoalLifecycle:
         void_until = self._stop.find_void_time(stop_ns, age, received_at)
         if void_until is None:
             return
-        self._queue.void_until = void_until
+        self._queue.void_goals(void_until, ARM_STOPPED)
         for pending_goal in self._list_goals_before_confirmation():
             if pending_goal.received_at <= void_until:
                 self._reports.end(pending_goal, Verdict.STOPPED, ARM_STOPPED)
@@ -779,7 +779,8 @@ class GoalLifecycle:
         """Bring the arm to rest, whatever has set it in motion, and end all goals.
 
         If a stop is under way already, it goes on, and `done` is called at its end, too. Waiting
-        goals, and the goal for which a plan is being made, are ended at once as stopped. An
+        goals, and the goal for which a plan is being made, are ended at once as stopped. So are
+        goals that were received before this call, but are read later. An
         unconfirmed plan (sent, without an answer) becomes void: if the arm takes it, the arm is
         stopped. Its goal and the goal of the plan in force end when the arm has stopped.
 
@@ -788,6 +789,8 @@ class GoalLifecycle:
                 rest or has confirmed a braking command. Otherwise the sentence says why it may
                 still move.
         """
+        before_now = math.nextafter(self._clock.steady_time(), -math.inf)
+        self._queue.void_goals(before_now, STOP_ASKED)
         for pending_goal in self._queue.goals:
             self._reports.end(pending_goal, Verdict.STOPPED, STOP_ASKED)
         self._queue.clear()

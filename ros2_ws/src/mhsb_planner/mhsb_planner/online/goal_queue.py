@@ -20,7 +20,6 @@ from mhsb_planner.online.plan_request import PlanRequest
 from mhsb_planner.online.planner_io import Clock, PlannerIO
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.online.start_state import MovingError, OtherMachineError
-from mhsb_planner.online.stop_sequence import ARM_STOPPED
 from mhsb_planner.online.verdicts import find_verdict_code
 from mhsb_planner.search import goal_clearance
 
@@ -50,8 +49,9 @@ class GoalQueue:
         settings: Settings for goals that come without settings.
         epoch: Number of events so far that made void a plan that was being made.
         stream: Estimator of the velocity of a moving goal.
-        void_until: Time by the steady clock [s]. Goals received up to it are refused, because the
-            arm was stopped.
+        void_until: Time by the steady clock [s]. Goals received up to it are refused, because of a
+            stop.
+        void_reason: Sentence for these goals: who was asked to stop.
     """
 
     def __init__(
@@ -77,6 +77,7 @@ class GoalQueue:
         self.epoch = 0
         self.stream = GoalStream()
         self.void_until = -math.inf
+        self.void_reason = ""
         self._arm_state = arm_state
         self._clock = clock
         self._outbox = outbox
@@ -97,7 +98,7 @@ class GoalQueue:
 
         The goal is refused if the arm reports a fault or another machine file. It is refused if it
         is out of reach, or if its options do not fit. It is also refused if it was received before
-        the last stop of the arm (`void_until`). An older waiting goal ends as superseded, unless
+        the last stop (`void_goals`). An older waiting goal ends as superseded, unless
         the arm executes a plan for it.
 
         Args:
@@ -110,7 +111,7 @@ class GoalQueue:
         for code, sentence in (
             (Verdict.FAULT, self._arm_state.fault),
             (Verdict.MACHINE, self._arm_state.machine_difference),
-            (Verdict.STOPPED, ARM_STOPPED if pending_goal.received_at <= self.void_until else ""),
+            (Verdict.STOPPED, self.void_reason * (pending_goal.received_at <= self.void_until)),
         ):
             if sentence:
                 self._reports.end(pending_goal, code, sentence)
@@ -126,6 +127,17 @@ class GoalQueue:
         self.waiting = pending_goal
         self._arm_stop_called = False
         return True
+
+    def void_goals(self, received_until: float, reason: str) -> None:
+        """Refuse goals that were received before a stop, but are read after it.
+
+        Args:
+            received_until: Latest time of receipt of such a goal, by the steady clock [s]. An
+                earlier call with a later time stays in force.
+            reason: Sentence for these goals: who was asked to stop.
+        """
+        if received_until > self.void_until:
+            self.void_until, self.void_reason = received_until, reason
 
     def check_place(self, pending_goal: PendingGoal) -> None:
         """Check that the tip can be at the goal, and that the goal's options fit.

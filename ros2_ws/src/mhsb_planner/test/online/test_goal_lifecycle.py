@@ -405,6 +405,18 @@ def test_a_goal_that_came_before_the_arm_was_stopped_is_void_also_when_it_is_rea
     assert not world.planned
 
 
+def test_a_goal_that_came_before_the_planner_was_stopped_is_void_also_when_it_is_read_later(world):
+    came = world.steady_time()
+    world.pass_time(0.01)
+    world.life.stop(lambda *answer: None)
+    world.life.add_goal(Goal(1, *DOWN), came)
+    verdict = world.verdict(1)
+    assert (verdict.code, verdict.sentence) == (Verdict.STOPPED, "the planner was asked to stop")
+    world.pass_time(2.0)
+    assert not world.planned
+    assert world.execution_report(world.send_goal(*UP)).outcome is Outcome.REACHED
+
+
 @pytest.mark.parametrize(("suspended", "code"), [(0.4, Verdict.STOPPED), (0.02, Verdict.OK)])
 def test_a_goal_read_right_after_the_report_of_a_stop_is_void_if_the_planner_was_suspended(
     world, suspended, code
