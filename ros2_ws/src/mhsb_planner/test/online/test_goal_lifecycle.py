@@ -11,7 +11,7 @@ from mhsb_model.goal import Goal
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome, Verdict
-from mhsb_planner.online.arm_state import NO_PLAN, REST_TIME
+from mhsb_planner.online.arm_state import NO_PLAN
 from mhsb_planner.online.goal_queue import GoalQueue
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.online.stop_sequence import StopSequence
@@ -343,18 +343,6 @@ def test_beside_another_planner_the_arm_itself_is_asked_to_stop_and_its_rest_is_
     assert answers == [(True, "the arm stands still", False)]
     assert world.asked_arm_to_stop == 1
     assert world.execution_report(stamp).outcome is Outcome.STOPPED
-
-
-def test_rest_is_measured_after_the_arm_was_asked_to_stop(world):
-    world.send_goal(*UP)
-    world.pass_time_until(lambda: world.arm.is_moving)
-    world.has_other_planner = True
-    answers = []
-    world.life.stop(lambda *answer: answers.append(answer))
-    called = world.steady_time()
-    world.pass_time_until(lambda: bool(answers))
-    assert answers[0][0]
-    assert world.steady_time() - called >= REST_TIME
 
 
 def test_a_frozen_arm_that_takes_a_revoked_plan_afterwards_is_braked_at_once(world):
