@@ -29,7 +29,7 @@ def test_it_begins_between_the_straight_and_the_most_bent_curve():
 
 
 def test_precision_is_relative_to_the_command_that_the_speed_limit_needs():
-    """Of a valve four times as large, all commands without dead band are a quarter."""
+    """A valve four times as large needs a quarter of each command, without a dead band."""
     settings = replace(SETTINGS, dead_band_deviation=0.0, max_exponent=1.0, dead_band_step=1.0)
     small, large = (build_curve(settings, full_speed) for full_speed in (0.2, 0.8))
     for speed in (0.02, 0.07, 0.11):

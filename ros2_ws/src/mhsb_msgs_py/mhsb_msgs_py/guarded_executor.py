@@ -268,8 +268,8 @@ class GuardedExecutor(SingleThreadedExecutor):
 def _send_response(node: Node, service: Service, response: Any, header: Any, attempts: int) -> None:
     """Send a response, and repeat this every `RESPONSE_PERIOD` while its client cannot receive it.
 
-    Only a warning of rclpy tells whether the client can receive the response. If all attempts fail,
-    this is logged.
+    rclpy warns if the client cannot receive the response; there is no other sign. A failure of all
+    attempts is logged.
 
     Args:
         node: Node of the service. A timer of the node makes the next attempt, so its callbacks are

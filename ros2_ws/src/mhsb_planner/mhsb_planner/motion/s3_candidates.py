@@ -134,7 +134,7 @@ class FitMethod(StrEnum):
     RAMPED = "ramped"
     """The discrete path, with each change of piston speed smoothed by a ramp."""
     STEERED = "steered"
-    """From a moving start straight to rest at the path's end, in phases of constant jerk."""
+    """Braking from a moving start to rest at the path's end, in phases of constant jerk."""
     STEPPED = "stepped"
     """The discrete path with a rest at every node."""
     BRAKING = "braking"

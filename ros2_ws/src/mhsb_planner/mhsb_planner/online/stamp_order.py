@@ -26,7 +26,7 @@ class Order(Enum):
 
 
 class StampOrder:
-    """Detector that tells a clock that was set back from several publishers with different clocks.
+    """Detector of the cause of earlier stamps: a clock set back, or publishers with other clocks.
 
     The stamps of one publisher go back once when its clock is set back. With two publishers they go
     back again and again. The ROS graph shows a killed process for a while, so the number of

@@ -272,7 +272,7 @@ class RosOutbox:
         """Return a sentence that names the arms that publish `reference`, if there are several.
 
         `reference` is the arm's topic; the planner only subscribes to it. The sentence contains
-        namespace and name of each publishing node, and tells the user to end all but one.
+        namespace and name of each publishing node. It asks the user to end all but one.
 
         Returns:
             The sentence; empty if the ROS graph shows one publisher or none.

@@ -417,7 +417,7 @@ class Simulator:
 
     @property
     def estimates(self) -> list[Estimate]:
-        """What the servo has estimated of the machine since its valves last opened."""
+        """Estimates of the machine that the servo has made since its valves last opened."""
         return self._servo.controller.estimates
 
     def save_estimates(self) -> None:
