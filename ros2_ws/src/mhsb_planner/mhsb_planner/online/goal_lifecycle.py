@@ -176,6 +176,7 @@ class GoalLifecycle:
         self,
         goal: Goal,
         received_at: float | None = None,
+        sent_at: float | None = None,
         adjust_settings: Adjustment = keep_settings,
         on_report: Callable[[Report], None] = ignore_report,
     ) -> PendingGoal:
@@ -184,6 +185,7 @@ class GoalLifecycle:
         Args:
             goal: Place to which the tip must go.
             received_at: Time of receipt by the steady clock [s]; None means now.
+            sent_at: Time of sending by the steady clock [s]; None means the time of receipt.
             adjust_settings: Function that derives this goal's settings from the settings for all
                 goals.
             on_report: Called with each report on this goal. The outbox gets the reports, too.
@@ -192,9 +194,10 @@ class GoalLifecycle:
             Record of the goal, also if the goal was refused.
         """
         now = self._clock.steady_time()
-        came = now if received_at is None else received_at
+        received_at = now if received_at is None else received_at
+        sent_at = received_at if sent_at is None else sent_at
         pending_goal = PendingGoal(
-            goal, came, now, adjust_settings=adjust_settings, on_report=on_report
+            goal, received_at, sent_at, now, adjust_settings=adjust_settings, on_report=on_report
         )
         executed = None if self.execution is None else self.execution.pending_goal
         if self._queue.admit(pending_goal, executed):
@@ -225,6 +228,7 @@ class GoalLifecycle:
         now, now_ns = self._clock.steady_time(), self._now_ns()
         pending_goal = PendingGoal(
             goal,
+            now,
             now,
             now,
             horizon_factor=horizon_factor,
@@ -644,9 +648,8 @@ class GoalLifecycle:
         """Handle the arm's report of its last stop, and end the goals that came before it.
 
         A stop is ignored if it was reported before, or if this planner has called for it. Otherwise
-        goals that were received up to a certain time end as stopped
-        (`StopSequence.find_void_time`). If the arm executes a plan for such a goal, the arm is
-        stopped again.
+        goals that were sent up to a certain time end as stopped (`StopSequence.find_void_time`). If
+        the arm executes a plan for such a goal, the arm is stopped again.
 
         Args:
             stop_ns: Time of the stop by the arm's clock [ns]; 0 means never, and nothing happens.
@@ -658,10 +661,10 @@ class GoalLifecycle:
             return
         self._queue.void_goals(void_until, ARM_STOPPED)
         for pending_goal in self._list_goals_before_confirmation():
-            if pending_goal.received_at <= void_until:
+            if pending_goal.sent_at <= void_until:
                 self._reports.end(pending_goal, Verdict.STOPPED, ARM_STOPPED)
         execution = self.execution
-        if execution is not None and execution.pending_goal.received_at <= void_until:
+        if execution is not None and execution.pending_goal.sent_at <= void_until:
             if self.arm_state.executes_own(self._now_ns()):  # it took the plan after the stop
                 self._stop.begin(ARM_STOPPED)
             else:
@@ -780,9 +783,9 @@ class GoalLifecycle:
 
         If a stop is under way already, it goes on, and `done` is called at its end, too. Waiting
         goals, and the goal for which a plan is being made, are ended at once as stopped. So are
-        goals that were received before this call, but are read later. An
-        unconfirmed plan (sent, without an answer) becomes void: if the arm takes it, the arm is
-        stopped. Its goal and the goal of the plan in force end when the arm has stopped.
+        goals that were sent before this call, but come or are read later. An unconfirmed plan
+        (sent, without an answer) becomes void: if the arm takes it, the arm is stopped. Its goal
+        and the goal of the plan in force end when the arm has stopped.
 
         Args:
             done: Called once with success and sentence. Success means that the arm is measured at

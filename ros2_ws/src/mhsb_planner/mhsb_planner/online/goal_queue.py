@@ -49,7 +49,7 @@ class GoalQueue:
         settings: Settings for goals that come without settings.
         epoch: Number of events so far that made void a plan that was being made.
         stream: Estimator of the velocity of a moving goal.
-        void_until: Time by the steady clock [s]. Goals received up to it are refused, because of a
+        void_until: Time by the steady clock [s]. Goals sent up to it are refused, because of a
             stop.
         void_reason: Sentence for these goals: who was asked to stop.
     """
@@ -97,9 +97,9 @@ class GoalQueue:
         """Let a new goal wait for planning, or refuse it at once.
 
         The goal is refused if the arm reports a fault or another machine file. It is refused if it
-        is out of reach, or if its options do not fit. It is also refused if it was received before
-        the last stop (`void_goals`). An older waiting goal ends as superseded, unless
-        the arm executes a plan for it.
+        is out of reach, or if its options do not fit. It is also refused if it was sent before the
+        last stop (`void_goals`). An older waiting goal ends as superseded, unless the arm executes
+        a plan for it.
 
         Args:
             pending_goal: The new goal.
@@ -111,7 +111,7 @@ class GoalQueue:
         for code, sentence in (
             (Verdict.FAULT, self._arm_state.fault),
             (Verdict.MACHINE, self._arm_state.machine_difference),
-            (Verdict.STOPPED, self.void_reason * (pending_goal.received_at <= self.void_until)),
+            (Verdict.STOPPED, self.void_reason * (pending_goal.sent_at <= self.void_until)),
         ):
             if sentence:
                 self._reports.end(pending_goal, code, sentence)
@@ -128,16 +128,16 @@ class GoalQueue:
         self._arm_stop_called = False
         return True
 
-    def void_goals(self, received_until: float, reason: str) -> None:
-        """Refuse goals that were received before a stop, but are read after it.
+    def void_goals(self, sent_until: float, reason: str) -> None:
+        """Refuse goals that were sent before a stop, but come or are read after it.
 
         Args:
-            received_until: Latest time of receipt of such a goal, by the steady clock [s]. An
-                earlier call with a later time stays in force.
+            sent_until: Latest time of sending of such a goal, by the steady clock [s]. An earlier
+                call with a later time stays in force.
             reason: Sentence for these goals: who was asked to stop.
         """
-        if received_until > self.void_until:
-            self.void_until, self.void_reason = received_until, reason
+        if sent_until > self.void_until:
+            self.void_until, self.void_reason = sent_until, reason
 
     def check_place(self, pending_goal: PendingGoal) -> None:
         """Check that the tip can be at the goal, and that the goal's options fit.

@@ -31,6 +31,7 @@ class PendingGoal:
     Attributes:
         goal: Place to which the tip must go.
         received_at: Time of receipt by the steady clock [s].
+        sent_at: Time at which the goal was sent, by the steady clock [s]; not after `received_at`.
         waiting_since: Time by the steady clock from which on the goal has waited for planning, or
             for planning again [s].
         has_verdict: True if the goal was accepted by a verdict.
@@ -51,6 +52,7 @@ class PendingGoal:
 
     goal: Goal
     received_at: float
+    sent_at: float
     waiting_since: float
     has_verdict: bool = False
     attempts: int = 0

@@ -16,7 +16,7 @@ from mhsb_model.command import Command
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome
-from mhsb_planner.online.arm_state import NO_PLAN, ArmState
+from mhsb_planner.online.arm_state import NO_PLAN, REST_TIME, ArmState
 from mhsb_planner.online.command_hand_over import HandOver
 from mhsb_planner.online.commit_horizon import LATE_PLAN_FACTOR
 from mhsb_planner.online.execution import Execution, ExecutionResult
@@ -67,7 +67,7 @@ commands would come too late.
 """
 
 OLD_STOP = 1.0
-"""Time after a stop of the arm in which goals are void if they were received before its report [s].
+"""Time after a stop of the arm in which goals are void if they were sent before its report [s].
 
 It covers the delay with which the arm's clock is known from its messages."""
 
@@ -103,6 +103,7 @@ class _Stop:
         last_call_at: Time of the last call of the arm's own ~/stop, by the steady clock [s]; -inf
             if there was no call.
         answer: Success and sentence of the arm's own ~/stop; None before it has answered.
+        answered_at: Time of that answer, by the steady clock [s]; infinite before.
         obstacle: Name of the obstacle for which the arm brakes; empty if there is none.
         obstacle_set_ns: Time at which this obstacle was set, in the time of plans [ns].
     """
@@ -116,6 +117,7 @@ class _Stop:
     is_braking_confirmed: bool = False
     last_call_at: float = -math.inf
     answer: tuple[bool, str] | None = None
+    answered_at: float = math.inf
     obstacle: str = ""
     obstacle_set_ns: int = 0
 
@@ -242,9 +244,9 @@ class StopSequence:
     ) -> float | None:
         """Find the time up to which goals are void, after the arm's report of its last stop.
 
-        Void goals end as stopped. They were received before the report, and not later than
-        `OLD_STOP` after the stop. If this is the first report, they were received before the stop:
-        the first messages that a planner receives may be seconds old, and the stop is then older
+        Void goals end as stopped. They were sent before the report was received, and not later than
+        `OLD_STOP` after the stop. If this is the first report, they were sent before the stop: the
+        first messages that a planner receives may be seconds old, and the stop is then older
         than it seems. A stop that this planner called for (~/stop) makes no goal void. Each call
         accounts for one reported stop, unless the stop came before the call, or the last call is
         more than `OWN_REPORT` ago.
@@ -259,7 +261,7 @@ class StopSequence:
             received_at: Time of receipt of the report by the steady clock [s]; None means now.
 
         Returns:
-            Latest time of receipt of a void goal, by the steady clock [s]. None if there was no
+            Latest time at which a void goal was sent, by the steady clock [s]. None if there was no
             stop, if the stop was reported before, or if this planner has called for it.
         """
         now, arm = self._clock.steady_time(), self._arm_state
@@ -345,8 +347,9 @@ class StopSequence:
         """
 
         def store_answer(success: bool, sentence: str) -> None:
-            """Store the arm's answer in the stop."""
+            """Store the arm's answer in the stop, and its time."""
             stop.answer = success, sentence
+            stop.answered_at = self._clock.steady_time()
 
         now = self._clock.steady_time()
         is_due = now - stop.last_call_at >= CALL_PERIOD
@@ -460,8 +463,10 @@ class StopSequence:
             True after a confirmed braking command. Without one, the answer of the arm's ~/stop
             decides:
 
-            - It answered with success: True if the arm executes no command of this planner. Also
-              True if several publishers send its reference, since its reports are then useless.
+            - It answered with success: True if that was at least `REST_TIME` ago, and the arm
+              executes no command of this planner. A motion that has just begun is too slow to be
+              told from rest, and decelerates after the answer. If several publishers send the
+              arm's reference, its reports are useless and the time alone decides.
             - It answered without success: False.
             - It has not answered: True if three conditions are met. The service could not be called
               or `STOP_TIMEOUT` has passed, only one publisher sends the reference, and no plan is
@@ -472,7 +477,8 @@ class StopSequence:
             return True
         if stop.answer is not None:
             is_held = bool(arm.publisher_conflict) or not arm.executes_own(self._now_ns())
-            return stop.answer[0] and is_held
+            since = self._clock.steady_time() - stop.answered_at
+            return stop.answer[0] and is_held and since >= REST_TIME
         is_unreachable = stop.last_call_at == -math.inf or waited > STOP_TIMEOUT
         has_no_plan = arm.plan_in_force_ns in (None, NO_PLAN)
         return is_unreachable and not arm.publisher_conflict and has_no_plan

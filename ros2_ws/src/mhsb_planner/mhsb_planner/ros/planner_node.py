@@ -56,7 +56,6 @@ from mhsb_msgs_py.node_process import spin_node
 from mhsb_msgs_py.sim_status import HandOverReport
 from mhsb_planner import deadline
 from mhsb_planner.kernel_parts import compile_planner
-from mhsb_planner.online.command_hand_over import LONGEST_WAIT
 from mhsb_planner.online.goal_lifecycle import GoalLifecycle
 from mhsb_planner.online.plan_request import PlanRequest
 from mhsb_planner.online.progress import compute_energy_between
@@ -65,6 +64,7 @@ from mhsb_planner.online.settings import Settings, choose_payload
 from mhsb_planner.online.start_state import NoStateError
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.ros import planner_diagnostics, planner_parameters
+from mhsb_planner.ros.message_times import find_message_times
 from mhsb_planner.ros.move_tip_server import MoveTipServer
 from mhsb_planner.ros.outbox import RosOutbox
 from mhsb_planner.ros.zone_parameters import ZONE_PARAMETERS, replace_deletions
@@ -287,7 +287,8 @@ class PlannerNode(Node):
             sentence = self.faults.record_fault(f"the topic {topics.GOAL_POSE.name}", error)
             self._outbox.report(GoalVerdict(Verdict.INTERNAL, sentence, 0, 0.0, 0.0))
         else:
-            self._lifecycle.add_goal(goal, self._get_receipt_time(info))
+            sent_at, received_at = self._find_message_times(info)
+            self._lifecycle.add_goal(goal, received_at, sent_at)
 
     def _decode_goal(self, message: PoseStamped) -> Goal:
         """Decode the goal of a message.
@@ -406,7 +407,7 @@ class PlannerNode(Node):
                 self._lifecycle.handle_arm_stop(
                     report.last_stop_ns,
                     (report.sim_time_ns - report.last_stop_ns) / SECOND_NS,
-                    self._get_receipt_time(info),
+                    self._find_message_times(info)[1],
                 )
                 self._lifecycle.handle_arm_machine(
                     self._machine.describe_difference(report.machine, report.machine_hash)
@@ -451,21 +452,13 @@ class PlannerNode(Node):
         else:
             self.get_logger().info(f"plans are made for {payload:.2f} kg, as the arm has learnt")
 
-    def _get_receipt_time(self, info: dict[str, int]) -> float:
-        """Compute the time at which a message was received, by the steady clock.
-
-        The node may have been busy between receipt and callback. This time is taken as at least 0
-        and at most `LONGEST_WAIT`.
+    def _find_message_times(self, info: dict[str, int]) -> tuple[float, float]:
+        """Find the times at which a message was sent and received, by the steady clock [s].
 
         Args:
-            info: rclpy's information on the message. Its `received_timestamp` is the time of
-                receipt by the system clock [ns].
-
-        Returns:
-            Time of receipt by the steady clock [s].
+            info: rclpy's information on the message, which gives both by the system clocks.
         """
-        waited = (time.time_ns() - info["received_timestamp"]) / SECOND_NS
-        return self.steady_time() - min(max(0.0, waited), LONGEST_WAIT)
+        return find_message_times(info, self.steady_time(), time.time_ns())
 
     # --- Actions and outputs ---------------------------------------------------------------------
 

@@ -35,7 +35,7 @@ def ending(machine):
 
     def judge(view, now_ns, is_last=False, **changes):
         made_with = replace(settings, **changes)
-        execution = Execution(PendingGoal(goal, 0.0, 0.0), command, goal, plan, made_with, 0)
+        execution = Execution(PendingGoal(goal, 0.0, 0.0, 0.0), command, goal, plan, made_with, 0)
         executions.setdefault(made_with.reached_tolerance, execution)
         same = executions[made_with.reached_tolerance]
         return same.judge(made_with.machine, view, now_ns, is_last=is_last)

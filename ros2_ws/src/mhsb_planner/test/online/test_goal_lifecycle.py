@@ -11,7 +11,7 @@ from mhsb_model.goal import Goal
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome, Verdict
-from mhsb_planner.online.arm_state import NO_PLAN
+from mhsb_planner.online.arm_state import NO_PLAN, REST_TIME
 from mhsb_planner.online.goal_queue import GoalQueue
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.online.stop_sequence import StopSequence
@@ -345,6 +345,18 @@ def test_beside_another_planner_the_arm_itself_is_asked_to_stop_and_its_rest_is_
     assert world.execution_report(stamp).outcome is Outcome.STOPPED
 
 
+def test_rest_is_measured_after_the_arm_was_asked_to_stop(world):
+    world.send_goal(*UP)
+    world.pass_time_until(lambda: world.arm.is_moving)
+    world.has_other_planner = True
+    answers = []
+    world.life.stop(lambda *answer: answers.append(answer))
+    called = world.steady_time()
+    world.pass_time_until(lambda: bool(answers))
+    assert answers[0][0]
+    assert world.steady_time() - called >= REST_TIME
+
+
 def test_a_frozen_arm_that_takes_a_revoked_plan_afterwards_is_braked_at_once(world):
     first = under_way(world)
     world.send_goal(*DOWN)
@@ -403,6 +415,19 @@ def test_a_goal_that_came_before_the_planner_was_stopped_is_void_also_when_it_is
     world.pass_time(2.0)
     assert not world.planned
     assert world.execution_report(world.send_goal(*UP)).outcome is Outcome.REACHED
+
+
+def test_a_goal_that_was_sent_before_a_stop_is_void_though_it_comes_after_it(world):
+    sent = world.steady_time()
+    world.pass_time(0.08)
+    answers = []
+    world.life.stop(lambda *answer: answers.append(answer))
+    world.pass_time_until(lambda: bool(answers))
+    world.life.add_goal(Goal(1, *DOWN), world.steady_time(), sent)
+    verdict = world.verdict(1)
+    assert (verdict.code, verdict.sentence) == (Verdict.STOPPED, "the planner was asked to stop")
+    world.pass_time(2.0)
+    assert not world.planned
 
 
 @pytest.mark.parametrize(("suspended", "code"), [(0.4, Verdict.STOPPED), (0.02, Verdict.OK)])

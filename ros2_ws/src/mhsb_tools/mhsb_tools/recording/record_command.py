@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_format
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -100,7 +101,8 @@ class Recorder(Node):
                 data: Serialized message.
                 info: Message info of rclpy, with `received_timestamp` and `source_timestamp` [ns].
             """
-            self._bag.write(name, data, info["received_timestamp"], info["source_timestamp"])
+            received_ns = info["received_timestamp"] or time.time_ns()  # Cyclone DDS gives none
+            self._bag.write(name, data, received_ns, info["source_timestamp"])
 
         def matched(info: Any) -> None:
             """Note that a publisher of the topic is connected.

@@ -1,0 +1,39 @@
+"""Times at which a message was sent and received, by the steady clock."""
+
+from __future__ import annotations
+
+from mhsb_model.trajectory import SECOND_NS
+
+MAX_TRANSPORT_TIME = 2.0
+"""Longest time from sending to the callback that a message may show [s].
+
+A longer time means that the clocks of sender and receiver differ. The middleware sends a lost
+message again after a few tenths of a second.
+"""
+
+
+def find_message_times(
+    info: dict[str, int], steady_time: float, system_ns: int
+) -> tuple[float, float]:
+    """Find the times at which a message was sent and received, by the steady clock.
+
+    A time that lies in the future counts as the present. The time of receipt is at most
+    `MAX_TRANSPORT_TIME` ago. If the sender's time is longer ago than this, its clock differs from
+    the receiver's, and the message counts as sent when it was received. The same holds if the
+    middleware does not give one of both times.
+
+    Args:
+        info: rclpy's information on the message. `source_timestamp` and `received_timestamp` are
+            the times of sending and receipt by the system clocks [ns]; 0 means not given.
+        steady_time: Present time by the steady clock [s].
+        system_ns: Present time by the system clock [ns].
+
+    Returns:
+        Time of sending and time of receipt by the steady clock [s]. The first is not the later one.
+    """
+    sent_ns, received_ns = info["source_timestamp"], info["received_timestamp"] or system_ns
+    waited = min(max(0.0, (system_ns - received_ns) / SECOND_NS), MAX_TRANSPORT_TIME)
+    under_way = (system_ns - sent_ns) / SECOND_NS
+    if not waited <= under_way <= MAX_TRANSPORT_TIME:
+        under_way = waited
+    return steady_time - under_way, steady_time - waited
