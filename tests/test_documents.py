@@ -14,9 +14,9 @@ import pytest
 
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.errors import NoPathError
-from mhsb_planner.online.arm_state import OLDEST_STATE
-from mhsb_planner.online.command_hand_over import LONGEST_WAIT
 from mhsb_planner.online.goal_queue import START_UP
+from mhsb_planner.online.hand_over import LONGEST_WAIT
+from mhsb_planner.online.rest_detector import OLDEST_STATE
 from mhsb_planner.online.start_state import NoStateError
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.planners.registry import REGISTERED_PLANNERS

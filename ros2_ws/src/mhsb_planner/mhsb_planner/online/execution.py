@@ -39,11 +39,11 @@ REASON_NS = SECOND_NS
 `plan_in_force` and `/diagnostics` come in any order.
 """
 
-STAY_TIME = SECOND_NS // 5
+STAY_TIME_NS = SECOND_NS // 5
 """Time for which the tip must stay at a goal to have reached it, without dead times [ns]."""
 
 STAY_DEAD_TIMES = 2.0
-"""Number of dead times of the machine that are added to STAY_TIME [-].
+"""Number of dead times of the machine that are added to `STAY_TIME_NS` [-].
 
 A correction of the servo acts within this time."""
 
@@ -177,9 +177,9 @@ class Execution:
         """Judge after the plan's end whether the measured tip stays at the goal or in its region.
 
         The check begins one dead time of the machine after the plan's end. From then on the tip
-        must stay within `reached_tolerance` of the settings for `STAY_TIME` plus `STAY_DEAD_TIMES`
-        dead times. A tip that only passes the goal therefore does not count. If joint states were
-        never measured, the goal counts as reached. The method writes `distances`.
+        must stay within `reached_tolerance` of the settings for `STAY_TIME_NS` plus
+        `STAY_DEAD_TIMES` dead times. A tip that only passes the goal therefore does not count. If
+        joint states were never measured, the goal counts as reached. The method writes `distances`.
 
         Args:
             machine: Machine from which the tip position is computed.
@@ -201,7 +201,7 @@ class Execution:
         position = arm_state.measured.state.position
         goal = self.pending_goal.goal.position
         distances.append((since_ns, options.distance_to_goal(machine, goal, position)))
-        begin_ns = since_ns - STAY_TIME - round(STAY_DEAD_TIMES * dead_ns)
+        begin_ns = since_ns - STAY_TIME_NS - round(STAY_DEAD_TIMES * dead_ns)
         while len(distances) > 1 and distances[1][0] <= begin_ns:
             distances.popleft()
         largest = max(distance for _, distance in distances)

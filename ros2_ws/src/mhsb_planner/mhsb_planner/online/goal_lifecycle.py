@@ -31,12 +31,12 @@ from mhsb_model.verdict import Outcome, Report, Verdict
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.errors import DeadlineError
 from mhsb_planner.online.arm_state import ArmState
-from mhsb_planner.online.command_hand_over import LONGEST_WAIT, MAX_LATE_PLANS, HandOver
 from mhsb_planner.online.commit_horizon import LATE_PLAN_FACTOR, CommitHorizonEstimator
 from mhsb_planner.online.execution import Execution
 from mhsb_planner.online.goal_queue import GoalQueue
 from mhsb_planner.online.goal_reports import GoalReports
 from mhsb_planner.online.goal_states import GoalState
+from mhsb_planner.online.hand_over import LONGEST_WAIT, MAX_LATE_PLANS, HandOver
 from mhsb_planner.online.pending_goal import (
     Adjustment,
     PendingGoal,

@@ -11,10 +11,10 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.goal import Goal
 from mhsb_model.verdict import Verdict
 from mhsb_planner.online.arm_state import NO_PLAN, ArmState
-from mhsb_planner.online.command_hand_over import LONGEST_WAIT
 from mhsb_planner.online.execution import EARLY_NS
 from mhsb_planner.online.goal_reports import GoalReports
 from mhsb_planner.online.goal_stream import GoalStream
+from mhsb_planner.online.hand_over import LONGEST_WAIT
 from mhsb_planner.online.pending_goal import PendingGoal
 from mhsb_planner.online.plan_request import PlanRequest
 from mhsb_planner.online.planner_io import Clock, PlannerIO

@@ -1,194 +1,351 @@
-"""Hand-over of plans: a new command first repeats the old one, and then leaves it.
+"""Hand-over of commands to the arm: stamps, commit horizons, confirmations and refusals.
 
-A command is a joint trajectory with its mode schedule. The new command begins at its stamp, the
-planner's present time. One commit horizon later, at the change, it leaves the old command. Until
-the change it repeats the old motion. The arm can therefore take it at any time between stamp and
-change. All times are in the time of plans: the arm's clock minus the delay that speed scaling
-has caused.
+A command is a joint trajectory with its mode schedule. The commit horizon is the time from the
+stamp of a command until it leaves the previous command. The time of plans is the arm's clock minus
+the delay that speed scaling has caused.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from mhsb_model.arm_reports import HandOverReason
+from mhsb_model.circuit.dead_time import compute_dead_time
+from mhsb_model.command import Command
+from mhsb_model.trajectory import SECOND_NS
+from mhsb_planner.online.arm_state import ArmState
+from mhsb_planner.online.commit_horizon import (
+    LATE_PLAN_FACTOR,
+    CommitHorizon,
+    CommitHorizonEstimator,
+)
+from mhsb_planner.online.pending_goal import PendingGoal
+from mhsb_planner.online.plan_request import UnconfirmedPlan
+from mhsb_planner.online.planner_io import Clock, PlannerIO
+from mhsb_planner.online.replanning import Replan
+from mhsb_planner.online.settings import Settings
 
-import numpy as np
+LONGEST_WAIT = 2.0
+"""Longest time for which a goal waits for a state, a receiver of plans, or an arm at rest [s]."""
 
-from mhsb_model.braking import MIN_POINT_SPACING_NS
-from mhsb_model.command import MAX_HAND_OVER_JUMP, Command
-from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.trajectory import MAX_POINT_SPACING_NS, MotionState, Trajectory
-from mhsb_model.types import IntArray
+CONFIRMATION_TIMEOUT = 0.1
+"""Time for the arm to confirm a plan, from the time at which the plan leaves the previous one [s].
+
+After it the plan counts as not taken, if the arm has sent a state since then.
+"""
+
+AHEAD_NS = SECOND_NS // 10
+"""Largest time by which the last sent stamp may be ahead of the time of plans [ns]."""
+
+MAX_LATE_PLANS = 3
+"""Number of plans that fail at the longest commit horizon before a goal is refused."""
+
+SENT_COMMAND_CAPACITY = 16
+"""Number of last sent commands that are kept, since the arm may still confirm any of them."""
 
 
-@dataclass(frozen=True)
-class HandOverTimes:
-    """Times at which a new command takes over from an old one.
+class HandOver:
+    """Record of sent commands until the arm confirms or refuses them.
+
+    At most one command is unconfirmed. The lifecycle of goals sends a command with `send`. It
+    reports the arm's confirmation with `confirm`, and a refusal with `give_up`. It also calls
+    `give_up` if `is_overdue` returns True. It withdraws a plan with `revoke`. The other methods
+    choose stamps and commit horizons.
 
     Attributes:
-        stamp_ns: Absolute time at which the new command begins; it first repeats the old one [ns].
-        change_ns: Absolute time at which it leaves the old command [ns].
+        unconfirmed: Command that has been sent and not confirmed; None if there is none.
+        horizon_estimator: Estimator of the commit horizon (time from a command's stamp until it
+            leaves the previous command).
     """
 
-    stamp_ns: int
-    change_ns: int
+    def __init__(self, arm_state: ArmState, clock: Clock, outbox: PlannerIO) -> None:
+        """Begin without a command.
 
+        Args:
+            arm_state: Arm state. A confirmation writes its `own_command`.
+            clock: Source of the present time.
+            outbox: Sends commands.
+        """
+        self.unconfirmed: UnconfirmedPlan | None = None
+        self.horizon_estimator = CommitHorizonEstimator()
+        self._arm_state = arm_state
+        self._clock = clock
+        self._outbox = outbox
+        self._sent_commands: dict[int, UnconfirmedPlan] = {}
+        self._last_stamp_ns = 0
 
-def choose_hand_over_times(in_force: Command, now_ns: int, commit_horizon_ns: int) -> HandOverTimes:
-    """Choose the stamp and the change of a command that takes over from another one.
+    @property
+    def goals(self) -> list[PendingGoal]:
+        """Goal of the unconfirmed plan (sent, without an answer) as a list of one element.
 
-    From its stamp on, the new command repeats the old one. At the change, `commit_horizon_ns`
-    later, it leaves the old one. Two trajectory points must not be closer than
-    `MIN_POINT_SPACING_NS`, or the quintic between them is inaccurate. The stamp is therefore chosen
-    in steps:
+        The list is empty if there is no such plan, or if the unconfirmed command only brakes.
+        """
+        request = None if self.unconfirmed is None else self.unconfirmed.request
+        return [] if request is None else [request.pending_goal]
 
-    1. The stamp is `now_ns`, but at least `MIN_POINT_SPACING_NS` after the old stamp.
-    2. If an old point follows the stamp by less than this spacing, the stamp moves to this point.
-    3. If an old point precedes the change by less than this spacing, stamp and change are delayed.
+    # --- Stamps and commit horizons --------------------------------------------------------------
 
-    Steps 2 and 3 are repeated until no old point is too near.
+    def choose_stamp(self, now_ns: int) -> int:
+        """Return the earliest stamp for a new command.
 
-    Args:
-        in_force: Command that is to be replaced. Only `trajectory` is read.
-        now_ns: Earliest stamp, by the clock of the old stamp [ns].
-        commit_horizon_ns: Commit horizon (time from stamp to change) [ns].
+        Args:
+            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
-    Returns:
-        Stamp and change, by the same clock [ns].
+        Returns:
+            `now_ns`, or the last stamp sent plus 1 ns if that is later [ns].
+        """
+        return max(now_ns, self._last_stamp_ns + 1)
 
-    Raises:
-        ValueError: The commit horizon is shorter than `MIN_POINT_SPACING_NS`.
-    """
-    if commit_horizon_ns < MIN_POINT_SPACING_NS:
-        raise ValueError(f"a lead of {commit_horizon_ns} ns is too short for a hand-over")
-    old = in_force.trajectory
-    points = old.stamp_ns + old.offset_ns
-    stamp = max(now_ns, old.stamp_ns + MIN_POINT_SPACING_NS)
-    while True:
-        wait = _compute_stamp_delay(points, stamp, commit_horizon_ns)
-        if wait == 0:
-            return HandOverTimes(stamp, stamp + commit_horizon_ns)
-        stamp += wait
+    def is_ahead(self, now_ns: int) -> bool:
+        """Return whether the last stamp sent is more than `AHEAD_NS` ahead of the time of plans.
 
+        Args:
+            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
+        """
+        return self._last_stamp_ns > now_ns + AHEAD_NS
 
-def join_commands(in_force: Command, times: HandOverTimes, new: Command) -> Command:
-    """Build the command that repeats the command in force up to the change, and then a new one.
+    def choose_horizon(self, pending_goal: PendingGoal, settings: Settings) -> CommitHorizon:
+        """Choose the commit horizon (time until a new plan takes over) for a goal, in real time.
 
-    The old modes stay in force up to the change. If the old trajectory ends before the change, its
-    last position is held in between.
+        Args:
+            pending_goal: The goal. Its `horizon_factor` lengthens the horizon if earlier plans for
+                it came too late.
+            settings: Settings for all goals, which give bounds or a fixed horizon.
 
-    Args:
-        in_force: Command that is replaced.
-        times: Stamp of the result, and change (time at which it leaves `in_force`).
-        new: Command for the time from the change on. It must start with the state of the old
-            trajectory at the change. Its stamp is ignored.
+        Returns:
+            Commit horizon by the steady clock, without the machine's dead time.
+        """
+        return self.horizon_estimator.choose_horizon(
+            settings.lead_min,
+            settings.lead_max,
+            settings.planning_budget,
+            pending_goal.horizon_factor,
+        )
 
-    Returns:
-        Joined command with the stamp `times.stamp_ns`.
+    def choose_horizon_from_rest(self, commit_horizon: CommitHorizon, settings: Settings) -> float:
+        """Choose the commit horizon of a plan that starts from rest, in real time.
 
-    Raises:
-        ValueError: Position or velocity at the change differ by more than `MAX_HAND_OVER_JUMP`.
-    """
-    old = in_force.trajectory
-    _check_continuity(old.sample(times.change_ns), new.trajectory)
-    prefix_ns = _compute_prefix_times(old, times)
-    q, qd, qdd = old.sample_many(prefix_ns)
-    late_ns = times.change_ns - times.stamp_ns
-    trajectory = Trajectory(
-        times.stamp_ns,
-        np.concatenate([prefix_ns - times.stamp_ns, late_ns + new.trajectory.offset_ns]),
-        np.vstack([q, new.trajectory.position]),
-        np.vstack([qd, new.trajectory.velocity]),
-        np.vstack([qdd, new.trajectory.acceleration]),
-    )
-    return Command(trajectory, _join_schedules(in_force.schedule, times, new.schedule))
+        The commit horizon is the time from the stamp until the plan takes over. A plan from rest is
+        stamped when it is ready, so its horizon covers transport and confirmation only.
 
+        Args:
+            commit_horizon: Commit horizon that a plan for the goal would have in motion. Its
+                `transport_reserve` is read.
+            settings: Settings for all goals; `lead_min` is the lower bound of the result.
 
-def _check_continuity(left: MotionState, new: Trajectory) -> None:
-    """Check that a trajectory starts with a given position and velocity.
+        Returns:
+            Commit horizon by the steady clock, without the machine's dead time [s].
+        """
+        return max(commit_horizon.transport_reserve, settings.lead_min)
 
-    Args:
-        left: State in which the old trajectory is left.
-        new: The new trajectory; its first point is compared. Accelerations are not compared.
+    def choose_braking_horizon(self, tries: int, settings: Settings) -> float:
+        """Choose the commit horizon of a braking command: the time from stamp to braking.
 
-    Raises:
-        ValueError: Position or velocity of a joint differ by more than `MAX_HAND_OVER_JUMP`.
-    """
-    jump = max(
-        float(np.abs(new.position[0] - left.position).max()),
-        float(np.abs(new.velocity[0] - left.velocity).max()),
-    )
-    if not jump <= MAX_HAND_OVER_JUMP:
-        raise ValueError(f"the new command starts {jump:.3g} rad or rad/s from where it leaves")
+        It is the estimated transport time times `LATE_PLAN_FACTOR`^`tries`. It is limited to
+        `lead_min` and `lead_max` of the settings. It is then converted to the arm's clock, and the
+        machine's dead time is added.
 
+        Args:
+            tries: Number of braking commands of this stop that the arm has not taken.
+            settings: Settings for all goals.
 
-def _compute_stamp_delay(points: IntArray, stamp_ns: int, commit_horizon_ns: int) -> int:
-    """Compute the delay of a stamp that keeps old trajectory points away from stamp and change.
+        Returns:
+            Commit horizon by the arm's clock [s].
+        """
+        wanted = LATE_PLAN_FACTOR**tries * self.horizon_estimator.transport_time
+        horizon = min(max(settings.lead_min, wanted), settings.lead_max)
+        return self.convert_horizon(horizon, settings)
 
-    No old point may be less than `MIN_POINT_SPACING_NS` after the stamp, or less than this before
-    the change. The change is the time at which the new command leaves the old one.
+    def convert_horizon(self, seconds: float, settings: Settings) -> float:
+        """Convert a commit horizon from real time to the arm's clock, and add the dead time.
 
-    Args:
-        points: Absolute times of the old trajectory's points, increasing, int64[k], [ns].
-        stamp_ns: Proposed stamp [ns].
-        commit_horizon_ns: Time from the stamp to the change [ns].
+        The servo must know a new plan one dead time before the new plan leaves the plan in force.
 
-    Returns:
-        Delay [ns]; 0 if the stamp can stay. A delayed stamp must be checked again.
-    """
-    after = points[np.searchsorted(points, stamp_ns, "left") :]
-    if len(after) > 0 and 0 < after[0] - stamp_ns < MIN_POINT_SPACING_NS:
-        return int(after[0] - stamp_ns)
-    change_ns = stamp_ns + commit_horizon_ns
-    before = points[: np.searchsorted(points, change_ns, "left")]
-    if len(before) > 0 and change_ns - before[-1] < MIN_POINT_SPACING_NS:
-        return int(MIN_POINT_SPACING_NS - (change_ns - before[-1]))
-    return 0
+        Args:
+            seconds: Commit horizon in real time [s].
+            settings: Settings for all goals. Only `machine` is read.
 
+        Returns:
+            Commit horizon by the arm's clock [s].
+        """
+        duration = self._arm_state.clock_estimator.convert_duration(seconds)
+        return duration + compute_dead_time(settings.machine)
 
-def _compute_prefix_times(old: Trajectory, times: HandOverTimes) -> IntArray:
-    """Compute the times of the points at which a new command repeats the old one.
+    def lengthen_horizon(self, pending_goal: PendingGoal, settings: Settings) -> bool:
+        """Lengthen the commit horizon of a goal by `LATE_PLAN_FACTOR`, after a plan came too late.
 
-    They are the stamp, and all points of the old trajectory between stamp and change. If the old
-    trajectory ends before the change, its last position is held until then. The hold gets evenly
-    spaced points, at most `MAX_POINT_SPACING_NS` apart.
+        The commit horizon is the time until a new plan takes over. The method writes
+        `horizon_factor` and `late_plans_at_longest_horizon` of the goal.
 
-    Args:
-        old: Trajectory that is repeated.
-        times: Stamp of the new command, and change (time at which it leaves the old one).
+        Args:
+            pending_goal: The goal.
+            settings: Settings for all goals.
 
-    Returns:
-        Absolute times in ascending order, int64[k], [ns]. The first is the stamp. The change is not
-        included.
-    """
-    points = old.stamp_ns + old.offset_ns
-    inside = points[(points > times.stamp_ns) & (points < times.change_ns)]
-    kept = np.concatenate([[times.stamp_ns], inside])
-    begin_ns = max(times.stamp_ns, old.end_ns)
-    held_ns = max(0, times.change_ns - begin_ns)
-    intervals = -(-held_ns // MAX_POINT_SPACING_NS)
-    hold = begin_ns + held_ns * np.arange(1, intervals) // max(1, intervals)
-    return np.concatenate([kept, hold]).astype(np.int64)
+        Returns:
+            False if `MAX_LATE_PLANS` plans for the goal have failed at the longest horizon. True if
+            another plan may be tried.
+        """
+        is_longest = self.choose_horizon(pending_goal, settings).is_longest
+        pending_goal.late_plans_at_longest_horizon += is_longest
+        pending_goal.horizon_factor *= LATE_PLAN_FACTOR
+        return pending_goal.late_plans_at_longest_horizon < MAX_LATE_PLANS
 
+    def stamp_from_rest(
+        self, replan: Replan, pending_goal: PendingGoal, settings: Settings, now_ns: int
+    ) -> Replan | None:
+        """Return a copy of a plan from rest with a new stamp and a new commit horizon.
 
-def _join_schedules(old: ModeSchedule, times: HandOverTimes, new: ModeSchedule) -> ModeSchedule:
-    """Join an old mode schedule up to the change with a new one from the change on.
+        The stamp is `now_ns`, or the last stamp sent plus 1 ns if that is later. The commit horizon
+        (time from the stamp until the plan takes over) is chosen by goal and settings.
 
-    The result also stores the time of each actuator's last switch before the stamp, from `old`.
+        Args:
+            replan: The plan.
+            pending_goal: Its goal, for the commit horizon.
+            settings: Settings for all goals, which bound the commit horizon.
+            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
-    Args:
-        old: Schedule that is in force up to the change.
-        times: Stamp of the result, and change (time at which the new command leaves the old one).
-        new: Schedule whose first row begins at the change; its stamp is ignored.
+        Returns:
+            The copy. None if the previous command still moves at the new stamp, because the arm's
+            clock was set back.
+        """
+        stamp_ns = self.choose_stamp(now_ns)
+        if not replan.may_begin_at(stamp_ns):
+            return None
+        horizon = self.choose_horizon_from_rest(
+            self.choose_horizon(pending_goal, settings), settings
+        )
+        return replan.with_stamp(stamp_ns, self.convert_horizon(horizon, settings))
 
-    Returns:
-        Joined schedule with the stamp `times.stamp_ns`.
-    """
-    rows = old.stamp_ns + old.offset_ns
-    rows = rows[(rows > times.stamp_ns) & (rows < times.change_ns)]
-    at_ns = np.concatenate([[times.stamp_ns], rows]).astype(np.int64)
-    return ModeSchedule(
-        times.stamp_ns,
-        np.concatenate([at_ns, times.change_ns + new.offset_ns]) - times.stamp_ns,
-        np.vstack([old.modes_at_many(at_ns), new.modes]),
-        old.find_last_switches(times.stamp_ns),
-    )
+    # --- From sending to the answer --------------------------------------------------------------
+
+    def send(self, sent: UnconfirmedPlan) -> bool:
+        """Send a command, and store it as unconfirmed (without an answer of the arm).
+
+        The last `SENT_COMMAND_CAPACITY` commands are stored by their stamps.
+
+        Args:
+            sent: The command, with the times of its planning and sending and the request for it.
+
+        Returns:
+            True if the arm is of a kind that does not report which plan it executes. The caller
+            must then confirm the command at once.
+        """
+        self._outbox.send(sent.command)
+        self._last_stamp_ns = sent.command.stamp_ns
+        self._sent_commands[sent.command.stamp_ns] = sent
+        while len(self._sent_commands) > SENT_COMMAND_CAPACITY:
+            self._sent_commands.pop(next(iter(self._sent_commands)))
+        self.unconfirmed = sent
+        return self._arm_state.plan_in_force_ns is None
+
+    def find_new_confirmation(self, stamp_ns: int) -> UnconfirmedPlan | None:
+        """Find the sent command that the arm has newly taken as its plan in force.
+
+        Args:
+            stamp_ns: Stamp of the plan in force [ns].
+
+        Returns:
+            The command with this stamp. None if this planner did not send it, or if it was
+            confirmed before.
+        """
+        sent = self._sent_commands.get(stamp_ns)
+        return None if sent is None or sent.command is self._arm_state.own_command else sent
+
+    def find_plan_of_command(self, command: Command, settings: Settings) -> Replan | None:
+        """Find the plan from which a command was made, if it was made with given settings.
+
+        Args:
+            command: Command that a new plan will continue.
+            settings: Settings of the new plan. They must be the same object as the settings of the
+                earlier plan.
+
+        Returns:
+            The plan. None if this planner did not send the command, if the command only brakes, or
+            if the settings differ.
+        """
+        sent = self._sent_commands.get(command.stamp_ns)
+        if sent is None or sent.command is not command or sent.request is None:
+            return None
+        return sent.replan if sent.request.settings is settings else None
+
+    def confirm(self, sent: UnconfirmedPlan) -> None:
+        """Store that the arm follows a command.
+
+        The command becomes `own_command` of the arm state, even if `give_up` was called for it
+        before. If the arm reports which plan it executes, the time since planning becomes a sample
+        of the estimated transport time.
+
+        Args:
+            sent: The command.
+        """
+        if self.unconfirmed is sent:
+            self.unconfirmed = None
+        self._arm_state.own_command = sent.command
+        if self._arm_state.plan_in_force_ns is not None:
+            self.horizon_estimator.add_transport_time(self._clock.steady_time() - sent.planned_at)
+
+    def is_overdue(self, sent: UnconfirmedPlan, now_ns: int) -> bool:
+        """Return whether a sent command without an answer counts as not taken by the arm.
+
+        Args:
+            sent: The command.
+            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
+
+        Returns:
+            True if the command was sent more than `LONGEST_WAIT` ago in real time. Also True if two
+            conditions are met: it was sent more than `CONFIRMATION_TIMEOUT` ago, and the arm has
+            sent a state more than this time after the command's change. The change is the time at
+            which the command leaves the previous one. If the arm has been silent since the change,
+            its confirmation may just be late.
+        """
+        now, estimator = self._clock.steady_time(), self._arm_state.clock_estimator
+        waited = now - sent.sent_at
+        silence = estimator.convert_duration(estimator.time_since_last_stamp(now))
+        grace = estimator.convert_duration(CONFIRMATION_TIMEOUT)
+        late = (now_ns - sent.change_ns) / SECOND_NS - silence
+        return waited > LONGEST_WAIT or (late > grace and waited > CONFIRMATION_TIMEOUT)
+
+    def give_up(self, sent: UnconfirmedPlan, reason: HandOverReason) -> None:
+        """Store that the arm has not taken the command that was sent last.
+
+        For the reason `LATE`, the estimated transport time becomes longer. The reason `STAMP` means
+        that the arm did not accept the command's stamp. The estimate of the arm's clock then starts
+        again from the last stamp of the arm.
+
+        Args:
+            sent: The command. Only `planned_at` is read.
+            reason: Reason code; `LATE` also if the arm gave no answer in time.
+        """
+        self.unconfirmed = None
+        estimator = self.horizon_estimator
+        if reason == HandOverReason.LATE:
+            waited = self._clock.steady_time() - sent.planned_at
+            estimator.add_transport_time(max(waited, LATE_PLAN_FACTOR * estimator.transport_time))
+        elif reason == HandOverReason.STAMP:
+            self._arm_state.clock_estimator.keep_last_stamp_only()
+
+    def revoke(self) -> list[PendingGoal]:
+        """Mark the unconfirmed plan (sent, without an answer) as void: it is not wanted any more.
+
+        If the arm takes a void plan after all, the lifecycle of goals stops the arm.
+
+        Returns:
+            The plan's goal as a list of one element. The list is empty if there is no unconfirmed
+            plan, or if the unconfirmed command only brakes.
+        """
+        if self.unconfirmed is not None:
+            self.unconfirmed.is_void = True
+        return self.goals
+
+    def forget(self) -> list[PendingGoal]:
+        """Drop all commands and stamps after a clock jump.
+
+        Returns:
+            Goal of the unconfirmed plan (sent, without an answer) as a list of one element. The
+            list is empty in three cases: there is no such plan, the command only brakes, or
+            `revoke` has marked the plan as void.
+        """
+        revoked = self.unconfirmed is not None and self.unconfirmed.is_void
+        goals = [] if revoked else self.goals
+        self.unconfirmed = None
+        self._sent_commands.clear()
+        self._last_stamp_ns = 0
+        return goals

@@ -18,7 +18,7 @@ from mhsb_model.types import Position
 from mhsb_planner import deadline
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.motion.via_check import find_points_ahead
-from mhsb_planner.online.hand_over import choose_hand_over_times
+from mhsb_planner.online.command_joining import choose_hand_over_times
 from mhsb_planner.online.pending_goal import PendingGoal
 from mhsb_planner.online.replanning import Replan, Replanner
 from mhsb_planner.online.settings import Settings

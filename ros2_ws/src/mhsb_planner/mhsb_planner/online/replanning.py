@@ -25,8 +25,8 @@ from mhsb_model.types import Position
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.motion.s3_trajectory import fit_braking
 from mhsb_planner.motion.s4_mode_schedule import StartModes
+from mhsb_planner.online.command_joining import HandOverTimes, choose_hand_over_times, join_commands
 from mhsb_planner.online.commit_horizon import OFFLINE_LEAD
-from mhsb_planner.online.hand_over import HandOverTimes, choose_hand_over_times, join_commands
 from mhsb_planner.planner import PLANNER_KINDS, Plan, Planner, PlanOptions, warm_up
 from mhsb_planner.posture.s1_posture_table import PostureTable
 

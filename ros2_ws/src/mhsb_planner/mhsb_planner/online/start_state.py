@@ -14,7 +14,8 @@ import numpy as np
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.online.arm_state import OLDEST_STATE, REST_SPEED, ArmState
+from mhsb_planner.online.arm_state import ArmState
+from mhsb_planner.online.rest_detector import OLDEST_STATE, REST_SPEED
 
 
 class NoStateError(MhsbError):

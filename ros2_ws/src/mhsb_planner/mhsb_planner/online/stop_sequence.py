@@ -16,14 +16,15 @@ from mhsb_model.command import Command
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome
-from mhsb_planner.online.arm_state import NO_PLAN, REST_TIME, ArmState
-from mhsb_planner.online.command_hand_over import HandOver
+from mhsb_planner.online.arm_state import NO_PLAN, ArmState
 from mhsb_planner.online.commit_horizon import LATE_PLAN_FACTOR
 from mhsb_planner.online.execution import Execution, ExecutionResult
 from mhsb_planner.online.goal_reports import GoalReports
+from mhsb_planner.online.hand_over import HandOver
 from mhsb_planner.online.pending_goal import PendingGoal
 from mhsb_planner.online.plan_request import UnconfirmedPlan
 from mhsb_planner.online.planner_io import Clock, PlannerIO
+from mhsb_planner.online.rest_detector import REST_TIME
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.online.zone_ahead import (
     describe_missing_braking,

@@ -27,7 +27,7 @@ from mhsb_planner.motion.s3_hard_braking import iterate_harder_brakings
 from mhsb_planner.motion.s3_limits import find_first_violation
 from mhsb_planner.motion.s3_trajectory import fit_braking
 from mhsb_planner.motion.s4_mode_schedule import StartModes
-from mhsb_planner.online.hand_over import choose_hand_over_times, join_commands
+from mhsb_planner.online.command_joining import choose_hand_over_times, join_commands
 
 LOOK_NS = 2_000_000
 """Time between the postures at which clearances are measured [ns]."""

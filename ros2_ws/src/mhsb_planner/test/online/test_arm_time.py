@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_planner.online.arm_state import ArmClockEstimator
+from mhsb_planner.online.arm_clock import ArmClockEstimator
 
 delays = st.lists(st.floats(0.0, 0.05), min_size=120, max_size=160)
 

@@ -12,7 +12,7 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.verdict import Outcome, PlanSummary, Verdict
 from mhsb_planner.online.arm_state import NO_PLAN, ArmState, StampedState
-from mhsb_planner.online.execution import STAY_TIME, Execution
+from mhsb_planner.online.execution import STAY_TIME_NS, Execution
 from mhsb_planner.online.pending_goal import PendingGoal
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.planner import PlanOptions
@@ -63,8 +63,8 @@ def test_the_end_is_counted_after_the_dead_time(ending, machine):
     for since_ns, place, outcome in (
         (late_ns - 1, END, None),
         (late_ns, END, None),
-        (3 * late_ns + STAY_TIME - 1, END, None),
-        (3 * late_ns + STAY_TIME, END, Outcome.REACHED),
+        (3 * late_ns + STAY_TIME_NS - 1, END, None),
+        (3 * late_ns + STAY_TIME_NS, END, Outcome.REACHED),
         (settled_ns - 1, START, None),
         (settled_ns, START, Outcome.ABORTED),
     ):
@@ -74,7 +74,7 @@ def test_the_end_is_counted_after_the_dead_time(ending, machine):
 
 def test_a_plan_that_ends_at_the_goal_is_reached_and_the_distance_told(ending):
     assert ending(view(NO_PLAN, END), FINISH) is None
-    assert ending(view(NO_PLAN, END), FINISH + STAY_TIME) == (
+    assert ending(view(NO_PLAN, END), FINISH + STAY_TIME_NS) == (
         Outcome.REACHED,
         "the tip is 0.00 mm from the goal",
         None,
@@ -85,8 +85,8 @@ def test_the_largest_distance_while_the_tip_stays_is_told(ending, machine):
     beside = END + [0.001, 0, 0]
     away = np.hypot(*(machine.tip_position(beside) - machine.tip_position(END)))
     assert ending(view(STAMP, END), FINISH) is None
-    assert ending(view(STAMP, beside), FINISH + STAY_TIME // 2) is None
-    result = ending(view(STAMP, END), FINISH + STAY_TIME)
+    assert ending(view(STAMP, beside), FINISH + STAY_TIME_NS // 2) is None
+    result = ending(view(STAMP, END), FINISH + STAY_TIME_NS)
     assert result.outcome is Outcome.REACHED
     assert result.sentence == f"the tip is {1e3 * away:.2f} mm from the goal"
 
@@ -94,15 +94,15 @@ def test_the_largest_distance_while_the_tip_stays_is_told(ending, machine):
 def test_a_tip_that_swings_through_the_goal_and_rests_elsewhere_has_not_reached_it(ending):
     aside = END + [0.06, 0.0, 0.0]
     for at, place in enumerate((aside, END, aside, END, aside)):
-        assert ending(view(STAMP, place), FINISH + at * STAY_TIME) is None
+        assert ending(view(STAMP, place), FINISH + at * STAY_TIME_NS) is None
     assert ending(view(STAMP, aside), FINISH + SECOND_NS).outcome is Outcome.ABORTED
 
 
 def test_a_tip_that_comes_late_and_stays_has_reached_the_goal(ending):
     for at in range(4):
-        assert ending(view(STAMP, START), FINISH + at * STAY_TIME) is None
-    assert ending(view(STAMP, END), FINISH + 4 * STAY_TIME) is None
-    assert ending(view(STAMP, END), FINISH + 5 * STAY_TIME).outcome is Outcome.REACHED
+        assert ending(view(STAMP, START), FINISH + at * STAY_TIME_NS) is None
+    assert ending(view(STAMP, END), FINISH + 4 * STAY_TIME_NS) is None
+    assert ending(view(STAMP, END), FINISH + 5 * STAY_TIME_NS).outcome is Outcome.REACHED
 
 
 def test_a_stop_judges_by_the_distances_so_far(ending):
@@ -154,4 +154,4 @@ def test_another_planners_plan_replaces_ours(ending):
 def test_an_arm_that_does_not_report_plans_is_taken_to_obey(ending):
     assert ending(view(None), HALFWAY) is None
     assert ending(view(None, END), FINISH) is None
-    assert ending(view(None, END), FINISH + STAY_TIME).outcome is Outcome.REACHED
+    assert ending(view(None, END), FINISH + STAY_TIME_NS).outcome is Outcome.REACHED

@@ -11,8 +11,9 @@ from mhsb_model.goal import Goal
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome, Verdict
-from mhsb_planner.online.arm_state import NO_PLAN, REST_TIME
+from mhsb_planner.online.arm_state import NO_PLAN
 from mhsb_planner.online.goal_queue import GoalQueue
+from mhsb_planner.online.rest_detector import REST_TIME
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.online.stop_sequence import StopSequence
 from mhsb_planner.planner import PlanOptions

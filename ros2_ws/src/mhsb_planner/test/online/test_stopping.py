@@ -5,7 +5,8 @@ import pytest
 
 from mhsb_model.trajectory import MotionState
 from mhsb_model.verdict import Outcome
-from mhsb_planner.online.arm_state import NO_PLAN, REST_SPEED, REST_TIME, RestDetector
+from mhsb_planner.online.arm_state import NO_PLAN
+from mhsb_planner.online.rest_detector import REST_SPEED, REST_TIME, RestDetector
 
 UP, DOWN = (0.55, 0.60), (0.55, -0.60)
 

@@ -9,7 +9,7 @@ from mhsb_model.braking import MIN_POINT_SPACING_NS
 from mhsb_model.command import Command
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_planner.online.hand_over import choose_hand_over_times, join_commands
+from mhsb_planner.online.command_joining import choose_hand_over_times, join_commands
 
 STAMP = 1_700_000_000 * SECOND_NS
 BUDGET = 100_000_000
