@@ -295,7 +295,8 @@ def goals_at_once(arm, client, count, cancelled, **options):
 def test_of_sixty_goals_at_once_and_thirty_cancels_at_once_each_is_answered(arm, client):
     results = goals_at_once(arm, client, 60, 30)
     assert results[-1].outcome == Outcome.REACHED, results[-1].message
-    assert client.ask(*OUT)[1].outcome == Outcome.REACHED
+    result = client.ask(*OUT)[1]
+    assert result.outcome == Outcome.REACHED, result.message
 
 
 def test_plans_that_nobody_executes_wait_without_keeping_a_goal_waiting(arm, client):
@@ -303,7 +304,8 @@ def test_plans_that_nobody_executes_wait_without_keeping_a_goal_waiting(arm, cli
     arm.until(lambda: all(each.done() for each in waiting))
     handles = [each.result() for each in waiting]
     results = [handle.get_result_async() for handle in handles]
-    assert client.ask(*OUT)[1].outcome == Outcome.REACHED
+    result = client.ask(*OUT)[1]
+    assert result.outcome == Outcome.REACHED, result.message
     cancels = [handle.cancel_goal_async() for handle in handles]
     arm.until(lambda: all(each.done() for each in (*cancels, *results)))
     assert {each.result().status for each in results} <= ENDED
@@ -313,7 +315,8 @@ def test_plans_that_nobody_executes_wait_without_keeping_a_goal_waiting(arm, cli
 def test_of_a_thousand_goals_at_once_and_five_hundred_cancels_at_once_each_is_answered(arm, client):
     results = goals_at_once(arm, client, 1000, 500)
     assert results[-1].outcome == Outcome.REACHED, results[-1].message
-    assert client.ask(*OUT)[1].outcome == Outcome.REACHED
+    result = client.ask(*OUT)[1]
+    assert result.outcome == Outcome.REACHED, result.message
 
 
 @pytest.mark.slow
@@ -321,4 +324,5 @@ def test_goals_beyond_those_that_may_wait_are_refused_with_a_sentence(arm, clien
     results = goals_at_once(arm, client, 2500, 2500, plan_only=True)
     refused = [each for each in results if "the most that are taken" in each.message]
     assert {each.verdict for each in refused} == {Verdict.DEADLINE}, "some came beyond the bound"
-    assert client.ask(*OUT)[1].outcome == Outcome.REACHED
+    result = client.ask(*OUT)[1]
+    assert result.outcome == Outcome.REACHED, result.message
