@@ -196,7 +196,10 @@ class Execution:
         if since_ns < dead_ns:
             return None
         if arm_state.measured is None:
-            return ExecutionResult(Outcome.REACHED, "the plan has ended; nobody measures the tip")
+            return ExecutionResult(
+                Outcome.REACHED,
+                "the plan has ended; no joint_states came, so the tip was not measured",
+            )
         options, distances = self.settings.options, self.distances
         position = arm_state.measured.state.position
         goal = self.pending_goal.goal.position
