@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from benchmarks.departures import find_branch_times
 
+from mhsb_model.verdict import Verdict
 from mhsb_tools.recording.recording import Recording
 from mhsb_tools.report.goal_fates import GoalResult, JudgedGoal, judge_recorded_goals
 from mhsb_tools.report.summary import (
@@ -47,13 +48,16 @@ def compute_replanning_figures(recording: Recording) -> Summary:
     fates = judge_recorded_goals(recording, all_feasible=True)
     number = {fate: sum(each.result is fate for each in fates) for fate in GoalResult}
     failed = [each for each in fates if each.result in (GoalResult.LOST, GoalResult.STOPPED)]
+    executions = [each.execution for each in fates if each.execution]
+    verdicts = [each.verdict.code for each in fates if each.verdict]
+    reasons = [*verdicts, *(each.reason for each in executions)]
     made = [each.verdict.plan for each in fates if each.verdict and not each.is_continued]
     return {
         "goals": len(fates),
         "applied": number[GoalResult.APPLIED],
-        "retried": sum(each.was_retried for each in fates),
+        "retried": sum(each.attempts > 1 for each in executions),
         "lost": len(failed),
-        "deadline": sum(each.has_missed_deadline for each in fates),
+        "deadline": reasons.count(Verdict.DEADLINE),
         "superseded": number[GoalResult.SUPERSEDED],
         "real_time_factor": compute_real_time_factor(recording),
         **compute_reference_jumps(recording),

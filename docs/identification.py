@@ -41,7 +41,6 @@ from mhsb_tools.reproduction.expectations import (
     PAPER_EXPECTATIONS,
     ExpectationResult,
     judge_expectation,
-    misfit_of,
 )
 
 UNREACHED = 3.0
@@ -204,6 +203,17 @@ class Objective:
             (self._out / f"{name}.yaml").write_text(yaml.safe_dump(kept, sort_keys=False))
         spent = time.monotonic() - self._begun
         print(f"{spent:6.0f} s {self.evaluations:5d} machines  misfit {self.best:.3f}", flush=True)
+
+
+MISSED_PENALTY = 0.5
+"""Misfit of an expectation that is just missed; one wholly missed has a misfit of 1."""
+
+
+def misfit_of(found: list[ExpectationResult]) -> float:
+    """Sum over expectations: 0 if met, else MISSED_PENALTY + (1 − MISSED_PENALTY) · shortfall."""
+    return sum(
+        0.0 if r.met else MISSED_PENALTY + (1.0 - MISSED_PENALTY) * r.shortfall for r in found
+    )
 
 
 def weighted(records: list[ExpectationResult]) -> float:

@@ -47,7 +47,7 @@ class RosError(MhsbError):
     """Error: ROS cannot make a node in this environment."""
 
 
-def spin_node(make_node: Callable[[], Node], arguments: list[str] | None = None) -> int:
+def spin_node(make_node: Callable[[], Node]) -> int:
     """Make a node and serve it until a signal asks the process to end.
 
     The executor has one thread, and survives exceptions in callbacks (`guarded_executor`). A timer
@@ -55,8 +55,6 @@ def spin_node(make_node: Callable[[], Node], arguments: list[str] | None = None)
 
     Args:
         make_node: Function that makes the node.
-        arguments: Words of the command line; rclpy reads only the words after `--ros-args`. None
-            takes the process's own.
 
     Returns:
         The exit code 0.
@@ -67,7 +65,7 @@ def spin_node(make_node: Callable[[], Node], arguments: list[str] | None = None)
     """
     try:
         with (
-            run_ros(arguments),
+            run_ros(),
             serve_node(make_node, GuardedExecutor) as (executor, node),
             process.grace_period(),
         ):

@@ -104,14 +104,6 @@ class ExpansionLimitError(MhsbError):
         super().__init__(f"the search did not end within {limit} expanded states")
 
 
-class PlanningCancelledError(MhsbError):
-    """The caller no longer wants the result."""
-
-    def __init__(self, work: str) -> None:
-        """Compose the message; `work` is the subject of its sentence."""
-        super().__init__(f"{work} was cancelled")
-
-
 class RequestError(ArgumentError):
     """A value in a planning request is out of its range.
 

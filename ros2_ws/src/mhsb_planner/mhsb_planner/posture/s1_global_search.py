@@ -28,11 +28,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import MODE_COUNT
 from mhsb_model.types import BoolArray, FloatArray, IntArray, ModeArray, frozen
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
-from mhsb_planner.errors import (
-    EmptyTableError,
-    InfeasibleGoalError,
-    PlanningCancelledError,
-)
+from mhsb_planner.errors import EmptyTableError, InfeasibleGoalError
 from mhsb_planner.executor import Jobs, over_ranges
 from mhsb_planner.posture.grid import grid_nodes
 from mhsb_planner.posture.s1_chain_search import largest_polytopes_of_chain
@@ -81,8 +77,6 @@ PATTERNS_AT_ONCE = 4
 
 Progress = Callable[[int, int], None]
 """Function that is called with the number of finished nodes and the number of all nodes."""
-Cancelled = Callable[[], bool]
-"""Function that returns True if the work must be given up."""
 NodeSolver = Callable[[Machine, FloatArray, FloatArray, FloatArray], None]
 """Function that finds the postures of a posture table at given tip positions.
 
@@ -485,7 +479,6 @@ def build_posture_table(
     spacing: float | None = None,
     jobs: Jobs = None,
     progress: Progress | None = None,
-    cancelled: Cancelled | None = None,
     solver: NodeSolver = search_globally,
 ) -> PostureTable:
     """Build the posture table of a machine without its slewing joint.
@@ -500,8 +493,6 @@ def build_posture_table(
         jobs: Number of threads, or a cluster; None means one thread for each processor.
         progress: Called after each task with the number of finished nodes and the number of all
             nodes. None means no calls.
-        cancelled: Called after each task. If it returns True, the work is given up. None means
-            never.
         solver: Function that finds the postures.
 
     Returns:
@@ -509,7 +500,6 @@ def build_posture_table(
 
     Raises:
         RequestError: The spacing or the number of jobs is out of range.
-        PlanningCancelledError: `cancelled` returned true.
         ClusterError: The cluster cannot be used.
         EmptyTableError: No node has a posture within limits.
     """
@@ -527,8 +517,6 @@ def build_posture_table(
             done = part.stop
             if progress is not None:
                 progress(done, len(nodes))
-            if cancelled is not None and cancelled():
-                raise PlanningCancelledError("building the posture table")
     table = PostureTable(
         machine_name=machine.name,
         machine_hash=machine.table_hash,

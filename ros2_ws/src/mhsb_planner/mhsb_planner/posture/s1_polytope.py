@@ -441,12 +441,3 @@ def _turns_left(a: tuple[float, float], b: tuple[float, float], c: tuple[float, 
     """Return whether the way from point a through b to c turns left, by more than rounding."""
     cross = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     return cross > 1e-12 * math.dist(a, b) * math.dist(a, c)
-
-
-def warm_up(machine: Machine) -> None:
-    """Compile the kernels that compute velocity-polytope areas, by one call.
-
-    Args:
-        machine: Machine whose joints and mode combinations give the argument types.
-    """
-    polytope_area(machine, machine.arrays.joint_min, machine.patterns[0])

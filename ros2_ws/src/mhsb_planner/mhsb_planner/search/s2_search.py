@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
@@ -22,7 +21,6 @@ from mhsb_planner.errors import (
     ExpansionLimitError,
     InfeasibleGoalError,
     NoPathError,
-    PlanningCancelledError,
     RequestError,
 )
 from mhsb_planner.goal_region import Angle, is_goal_met
@@ -105,7 +103,6 @@ def search(
     heuristic_scale: float = DEFAULT_HEURISTIC_SCALE,
     deadline: Deadline = NO_DEADLINE,
     max_expansions: int | None = None,
-    cancelled: Callable[[], bool] | None = None,
 ) -> DiscretePath:
     """Search for a discrete path from a start posture to a tip position.
 
@@ -124,7 +121,6 @@ def search(
         deadline: Instant at which an unfinished search is given up.
         max_expansions: Number of expanded states after which the search is given up; None means no
             limit.
-        cancelled: Function that returns True to stop the search; it is called after every portion.
 
     Returns:
         The path found.
@@ -136,7 +132,6 @@ def search(
         NoPathError: No path leads to the goal.
         DeadlineError: The deadline passed.
         ExpansionLimitError: max_expansions was reached.
-        PlanningCancelledError: `cancelled` returned True.
         RequestError: A weight, the posture or an option is invalid.
     """
     began, weights, goal_psi = time.perf_counter(), query.weights, query.goal_psi
@@ -156,7 +151,7 @@ def search(
     for rings in NODE_RINGS:
         joined = Query.join(graph, start, modes, goal, weight, column, rings, deadline)
         under_way = _create_search(joined, method, heuristic_scale, deadline)
-        if _run_to_goal(under_way, deadline, max_expansions, expanded, cancelled):
+        if _run_to_goal(under_way, deadline, max_expansions, expanded):
             return joined.assemble_path(under_way, time.perf_counter() - began)
         expanded += under_way.expanded
     raise NoPathError(start.tip, goal.tip, graph.machine.obstacles.names)
@@ -193,7 +188,6 @@ def _run_to_goal(
     deadline: Deadline,
     max_expansions: int | None,
     expanded_before: int,
-    cancelled: Callable[[], bool] | None,
 ) -> bool:
     """Expand the states of a search in portions until the goal is found or no state is left.
 
@@ -202,8 +196,6 @@ def _run_to_goal(
         deadline: Instant at which the search is given up, checked between portions.
         max_expansions: Limit on expanded states; None means no limit.
         expanded_before: States expanded by earlier searches that count towards the limit.
-        cancelled: Function that returns True to stop the search, called after each portion; None
-            means never.
 
     Returns:
         True if the goal was found, False if no state was left to expand.
@@ -211,7 +203,6 @@ def _run_to_goal(
     Raises:
         DeadlineError: The deadline passed.
         ExpansionLimitError: max_expansions was reached.
-        PlanningCancelledError: `cancelled` returned True.
     """
     for portion in deadline.portions(running_search.first_portion, running_search.portion):
         status = running_search.expand(
@@ -219,8 +210,6 @@ def _run_to_goal(
         )
         if status == GOAL_FOUND:
             return True
-        if cancelled is not None and cancelled():
-            raise PlanningCancelledError("planning")
         if status != SEARCH_PAUSED:
             return False
     raise DeadlineError(SEARCH_TASK)

@@ -1,12 +1,10 @@
 """Postures of largest velocity polytope, against a dense scan."""
 
-import threading
-
 import numpy as np
 import pytest
 
 from mhsb_model.inverse_kinematics.closed_form_3r import is_within_limits
-from mhsb_planner.errors import InfeasibleGoalError, PlanningCancelledError
+from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
 from mhsb_planner.posture.s1_polytope import polytope_area
 
@@ -73,16 +71,3 @@ def test_progress_rises_to_the_number_of_nodes(machine, coarse):
     build_posture_table(machine, 0.2, progress=lambda done, total: told.append((done, total)))
     assert told == sorted(told)
     assert told[-1] == (len(coarse.nodes), len(coarse.nodes))
-
-
-def test_building_can_be_cancelled(machine):
-    stop = threading.Event()
-    told = []
-
-    def progress(done, total):
-        told.append(done)
-        stop.set()
-
-    with pytest.raises(PlanningCancelledError, match="posture table was cancelled"):
-        build_posture_table(machine, jobs=1, progress=progress, cancelled=stop.is_set)
-    assert len(told) == 1

@@ -9,7 +9,6 @@ from mhsb_planner.errors import (
     DeadlineError,
     ExpansionLimitError,
     NoPathError,
-    PlanningCancelledError,
     RequestError,
 )
 from mhsb_planner.posture.s1_global_search import build_posture_table
@@ -222,16 +221,4 @@ def test_where_nothing_leads_it_says_so(graph, machine):
             heavy,
             PathQuery(start, NORMAL, (0.8, 0.3), Weights(*ENERGY_OPTIMAL)),
             method="published",
-        )
-
-
-def test_cancelling_is_noticed(graph):
-    start = graph.table.posture[graph.grid.node_at(0.8, -0.3), 0]
-    heavy = graph.create_for(graph.machine.changed(payload=200.0))
-    with pytest.raises(PlanningCancelledError):
-        search(
-            heavy,
-            PathQuery(start, NORMAL, (0.8, 0.3), Weights(*ENERGY_OPTIMAL)),
-            method="published",
-            cancelled=lambda: True,
         )

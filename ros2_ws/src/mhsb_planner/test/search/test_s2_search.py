@@ -15,7 +15,6 @@ from mhsb_planner.errors import (
     DeadlineError,
     InfeasibleGoalError,
     NoPathError,
-    PlanningCancelledError,
     RequestError,
 )
 from mhsb_planner.posture.s1_global_search import postures_at
@@ -325,15 +324,6 @@ def test_steps_that_could_not_be_priced_in_time_are_priced_later(graph, machine)
     assert lighter.steps.edges.used[0] == 0
     complete = StepGraph(lighter.machine, graph.table)
     assert np.array_equal(lighter.edges.cost, complete.edges.cost)
-
-
-def test_a_search_can_be_cancelled(graph):
-    with pytest.raises(PlanningCancelledError, match="planning was cancelled"):
-        search(
-            graph,
-            PathQuery(a_node(graph, 0.55, -0.7), NORMAL, (0.55, 0.75), Weights(0, 0, 0)),
-            cancelled=lambda: True,
-        )
 
 
 @pytest.mark.parametrize("weights", [(-1.0, 0, 0), (0, float("nan"), 0), (0, 0, float("inf"))])

@@ -7,8 +7,8 @@ instance `servo_pump_dead:2, pressure_offset:actuator_1.cap_pressure:5e5`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from mhsb_model.circuit.quantities import CircuitConstants
 from mhsb_model.machine import Machine
@@ -74,18 +74,20 @@ class FaultKind(NamedTuple):
     """A kind of fault.
 
     Attributes:
-        places: Function that returns the names of possible places in a machine; no names if there
-            is only one place.
+        places: Function that returns the names of possible places in a machine; no names if the
+            fault concerns the whole part.
+        part: Part of the circuit or of the sensors that fails; see `_select_parts`.
+        fields: What the fault writes into that part: number by field, None for the fault's value.
         default_value: Value if none is given; None if a fault of this kind has no value.
         unit: Unit of the value.
-        apply: Function (plant, index of the place, value) that sets the fault in the plant.
         limits: Smallest and largest value.
     """
 
     places: Callable[[Machine], Sequence[str]]
-    default_value: float | None
-    unit: str
-    apply: Callable[[FaultTarget, int, float], None]
+    part: str
+    fields: Mapping[str, float | None]
+    default_value: float | None = None
+    unit: str = ""
     limits: tuple[float, float] = (0.0, 0.0)
 
 
@@ -175,17 +177,32 @@ def set_faults(
         constants: Constants of the circuit without faults, CircuitConstants[1]. They are copied
             into the circuit before the faults are set.
     """
-    circuit, channels = plant
-    circuit.constants[:] = constants
-    for records, values in (
-        (circuit.actuators, {"follows_command": 1.0, "seized": 0.0, "leakage": 1.0}),
-        (circuit.modules, {"flow_ratio": 1.0, "runs_on": 0.0, "lag_ratio": 1.0}),
-        (channels, {"dead": 0.0, "frozen": 0.0, "error": 0.0, "error_rate": 0.0}),
-    ):
-        for name, value in values.items():
-            records[name] = value
+    parts = _select_parts(plant)
+    parts["constants"][:] = constants
+    for part, fields in HEALTHY_VALUES.items():
+        for name, healthy in fields.items():
+            parts[part][name] = healthy
     for fault in faults:
-        FAULT_KINDS[fault.kind].apply(plant, fault.place, fault.value)
+        kind = FAULT_KINDS[fault.kind]
+        where = slice(None) if kind.places is _list_no_places else fault.place
+        for name, value in kind.fields.items():
+            parts[kind.part][name][where] = fault.value if value is None else value
+
+
+def _select_parts(plant: FaultTarget) -> dict[str, Records[Any]]:
+    """Return the arrays of a plant into which faults are written, by name.
+
+    `constants` belong to the whole circuit. `actuators`, `servo_pumps`, `sensors` and `pressures`
+    (the pressure sensors alone) have a record for each place.
+    """
+    circuit, channels = plant
+    return {
+        "constants": circuit.constants,
+        "actuators": circuit.actuators,
+        "servo_pumps": circuit.modules,
+        "sensors": channels,
+        "pressures": channels[len(circuit.actuators) :],
+    }
 
 
 # --- Places --------------------------------------------------------------------------------------
@@ -224,103 +241,46 @@ def _sensors(machine: Machine) -> Sequence[str]:
 
 # --- Effects -------------------------------------------------------------------------------------
 
-
-def _main_pump(plant: FaultTarget, place: int, value: float) -> None:
-    """Set the largest flow of the main pump to 0."""
-    plant.circuit.constants["main_pump_flow"] = 0.0
-
-
-def _supply_sag(plant: FaultTarget, place: int, value: float) -> None:
-    """Lower the pressure that the main pump keeps to `value` [Pa]."""
-    plant.circuit.constants["supply_pressure"] = value
-
-
-def _servo_pumps_off(plant: FaultTarget, place: int, value: float) -> None:
-    """Set the largest flow of all servo pumps to 0."""
-    plant.circuit.modules["flow_ratio"] = 0.0
-
-
-def _servo_pump_dead(plant: FaultTarget, place: int, value: float) -> None:
-    """Set the largest flow of servo pump `place` to 0."""
-    plant.circuit.modules["flow_ratio"][place] = 0.0
-
-
-def _servo_pump_slow(plant: FaultTarget, place: int, value: float) -> None:
-    """Multiply the lag of servo pump `place` by `value`."""
-    plant.circuit.modules["lag_ratio"][place] = value
-
-
-def _servo_pump_stuck_on(plant: FaultTarget, place: int, value: float) -> None:
-    """Let servo pump `place` give its largest flow, whatever its command."""
-    plant.circuit.modules["runs_on"][place] = 1.0
-
-
-def _valve_stuck(plant: FaultTarget, place: int, value: float) -> None:
-    """Let the spool of actuator `place` stay where it is."""
-    plant.circuit.actuators["seized"][place] = 1.0
-
-
-def _valve_hard_over(plant: FaultTarget, place: int, value: float) -> None:
-    """Let the spool of actuator `place` go to the position `value`, −1 … 1."""
-    plant.circuit.actuators["follows_command"][place] = 0.0
-    plant.circuit.actuators["runaway"][place] = value
-
-
-def _leakage(plant: FaultTarget, place: int, value: float) -> None:
-    """Multiply the leakage of actuator `place`'s valve by `value`."""
-    plant.circuit.actuators["leakage"][place] = value
-
-
-def _sensor_dead(plant: FaultTarget, place: int, value: float) -> None:
-    """Let sensor `place` give no readings."""
-    plant.channels["dead"][place] = 1.0
-
-
-def _sensor_frozen(plant: FaultTarget, place: int, value: float) -> None:
-    """Let sensor `place` repeat its last reading."""
-    plant.channels["frozen"][place] = 1.0
-
-
-def _length_offset(plant: FaultTarget, place: int, value: float) -> None:
-    """Add `value` [m] to all readings of length sensor `place`."""
-    plant.channels["error"][place] = value
-
-
-def _length_drift(plant: FaultTarget, place: int, value: float) -> None:
-    """Let the error of length sensor `place` grow by `value` [m/s]."""
-    plant.channels["error_rate"][place] = value
-
-
-def _pressure_offset(plant: FaultTarget, place: int, value: float) -> None:
-    """Add `value` [Pa] to all readings of pressure sensor `place`."""
-    plant.channels["error"][len(plant.circuit.actuators) + place] = value
-
-
-def _pressure_drift(plant: FaultTarget, place: int, value: float) -> None:
-    """Let the error of pressure sensor `place` grow by `value` [Pa/s]."""
-    plant.channels["error_rate"][len(plant.circuit.actuators) + place] = value
-
+HEALTHY_VALUES = {
+    "actuators": {"follows_command": 1.0, "seized": 0.0, "leakage": 1.0},
+    "servo_pumps": {"flow_ratio": 1.0, "runs_on": 0.0, "lag_ratio": 1.0},
+    "sensors": {"dead": 0.0, "frozen": 0.0, "error": 0.0, "error_rate": 0.0},
+}
+"""What the fields that faults write hold in a healthy plant, by part."""
 
 FAULT_KINDS = {
-    "main_pump": FaultKind(_list_no_places, None, "", _main_pump),
-    "supply_sag": FaultKind(_list_no_places, 3.3e6, "Pa", _supply_sag, (1e3, 5e7)),
-    "servo_pumps": FaultKind(_list_no_places, None, "", _servo_pumps_off),
-    "servo_pump_dead": FaultKind(_servo_pumps, None, "", _servo_pump_dead),
+    "main_pump": FaultKind(_list_no_places, "constants", {"main_pump_flow": 0.0}),
+    "supply_sag": FaultKind(
+        _list_no_places, "constants", {"supply_pressure": None}, 3.3e6, "Pa", (1e3, 5e7)
+    ),
+    "servo_pumps": FaultKind(_list_no_places, "servo_pumps", {"flow_ratio": 0.0}),
+    "servo_pump_dead": FaultKind(_servo_pumps, "servo_pumps", {"flow_ratio": 0.0}),
     "servo_pump_slow": FaultKind(
-        _servo_pumps, 20.0, "times its lag", _servo_pump_slow, (0.01, 1e4)
+        _servo_pumps, "servo_pumps", {"lag_ratio": None}, 20.0, "times its lag", (0.01, 1e4)
     ),
-    "servo_pump_stuck_on": FaultKind(_servo_pumps, None, "", _servo_pump_stuck_on),
-    "valve_stuck": FaultKind(_actuators, None, "", _valve_stuck),
+    "servo_pump_stuck_on": FaultKind(_servo_pumps, "servo_pumps", {"runs_on": 1.0}),
+    "valve_stuck": FaultKind(_actuators, "actuators", {"seized": 1.0}),
     "valve_hard_over": FaultKind(
-        _actuators, 1.0, "shares of its stroke", _valve_hard_over, (-1.0, 1.0)
+        _actuators,
+        "actuators",
+        {"follows_command": 0.0, "runaway": None},
+        1.0,
+        "shares of its stroke",
+        (-1.0, 1.0),
     ),
-    "leakage": FaultKind(_actuators, 5.0, "times that of the file", _leakage, (0.0, 1e4)),
-    "sensor_dead": FaultKind(_sensors, None, "", _sensor_dead),
-    "sensor_frozen": FaultKind(_sensors, None, "", _sensor_frozen),
-    "length_offset": FaultKind(_lengths, 5e-3, "m", _length_offset, (-10.0, 10.0)),
-    "length_drift": FaultKind(_lengths, 2e-3, "m/s", _length_drift, (-10.0, 10.0)),
-    "pressure_offset": FaultKind(_pressures, 1e6, "Pa", _pressure_offset, (-1e8, 1e8)),
-    "pressure_drift": FaultKind(_pressures, 2e5, "Pa/s", _pressure_drift, (-1e9, 1e9)),
+    "leakage": FaultKind(
+        _actuators, "actuators", {"leakage": None}, 5.0, "times that of the file", (0.0, 1e4)
+    ),
+    "sensor_dead": FaultKind(_sensors, "sensors", {"dead": 1.0}),
+    "sensor_frozen": FaultKind(_sensors, "sensors", {"frozen": 1.0}),
+    "length_offset": FaultKind(_lengths, "sensors", {"error": None}, 5e-3, "m", (-10.0, 10.0)),
+    "length_drift": FaultKind(
+        _lengths, "sensors", {"error_rate": None}, 2e-3, "m/s", (-10.0, 10.0)
+    ),
+    "pressure_offset": FaultKind(_pressures, "pressures", {"error": None}, 1e6, "Pa", (-1e8, 1e8)),
+    "pressure_drift": FaultKind(
+        _pressures, "pressures", {"error_rate": None}, 2e5, "Pa/s", (-1e9, 1e9)
+    ),
 }
 """Kinds of faults by name.
 

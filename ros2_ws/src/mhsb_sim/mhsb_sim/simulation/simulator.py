@@ -38,7 +38,6 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import modules_in_use, pattern_name
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray, ModeArray, frozen
-from mhsb_sim.circuit.audit import energy_gap
 from mhsb_sim.circuit.network import build_circuit, set_rest_pressures
 from mhsb_sim.errors import ModeError, SimulationDivergedError
 from mhsb_sim.mechanics.mujoco_model import build_model, set_payload
@@ -446,14 +445,6 @@ class Simulator:
         """
         energy = self._circuit.energy
         return {name: float(energy[name][0]) for name in energy.dtype.names or ()}
-
-    @property
-    def energy_gap(self) -> float:
-        """Energy that the pumps delivered, minus the sum of where it went [J].
-
-        It is zero apart from rounding.
-        """
-        return energy_gap(self.energies)
 
     @property
     def volumes(self) -> dict[str, float]:

@@ -120,17 +120,6 @@ class JudgedGoal:
         """True if the plan in force already led to the goal, so that no new one was published."""
         return bool(self.verdict and self.verdict.plan and self.verdict.plan.continued)
 
-    @property
-    def was_retried(self) -> bool:
-        """True if more than one plan was sent for the goal."""
-        return self.execution is not None and self.execution.attempts > 1
-
-    @property
-    def has_missed_deadline(self) -> bool:
-        """True if the goal was refused or aborted because no plan could be sent in time."""
-        refused = self.verdict is not None and self.verdict.code is Verdict.DEADLINE
-        return refused or (self.execution is not None and self.execution.reason is Verdict.DEADLINE)
-
 
 def judge_recorded_goals(
     recording: Recording,

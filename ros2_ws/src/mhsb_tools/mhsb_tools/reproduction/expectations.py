@@ -682,17 +682,3 @@ def judge_expectation(expectation: Expectation, runs: Runs) -> ExpectationResult
 def records(runs: Runs) -> list[ExpectationResult]:
     """Return the judgements of all expectations, in the order of `PAPER_EXPECTATIONS`."""
     return [judge_expectation(expectation, runs) for expectation in PAPER_EXPECTATIONS]
-
-
-MISSED_PENALTY = 0.5
-"""Misfit of an expectation that is just missed; one wholly missed has a misfit of 1."""
-
-
-def misfit_of(found: list[ExpectationResult]) -> float:
-    """Return how far a machine is from meeting all expectations, a sum over their judgements.
-
-    An expectation adds 0 if it is met, else MISSED_PENALTY + (1 − MISSED_PENALTY) · shortfall.
-    """
-    return sum(
-        0.0 if r.met else MISSED_PENALTY + (1.0 - MISSED_PENALTY) * r.shortfall for r in found
-    )

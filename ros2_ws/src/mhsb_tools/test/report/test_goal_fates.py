@@ -59,7 +59,6 @@ def test_a_goal_whose_plan_was_in_force_and_was_reached_is_applied():
     )
     assert (fate.result, fate.reason, fate.plan_stamp_ns) == (GoalResult.APPLIED, "", 77)
     assert fate.lead_ms == 60.0
-    assert not fate.was_retried
 
 
 def test_without_a_verdict_a_goal_is_lost():
@@ -72,7 +71,6 @@ def test_a_goal_refused_for_what_is_not_its_own_fault_is_lost(code):
     [fate] = fates(reports=[verdict(1, code)])
     assert fate.result is GoalResult.LOST
     assert f"refused with {code}" in fate.reason
-    assert fate.has_missed_deadline == (code is Verdict.DEADLINE)
 
 
 def test_a_goal_that_nothing_leads_to_is_refused_and_supersedes_nothing():
@@ -127,8 +125,6 @@ def test_an_accepted_goal_whose_plan_the_arm_never_took_is_lost_and_says_how_it_
     )
     assert fate.result is GoalResult.LOST
     assert "no plan for it came into force, and no newer goal came: aborted" in fate.reason
-    assert fate.was_retried
-    assert fate.has_missed_deadline
 
 
 def test_a_goal_planned_again_is_applied_by_its_last_plan_and_its_lead_is_that_ones():
@@ -141,7 +137,6 @@ def test_a_goal_planned_again_is_applied_by_its_last_plan_and_its_lead_is_that_o
         ends=[(77, 5.0), (78, 5.1)],
     )
     assert (fate.result, fate.plan_stamp_ns, fate.lead_ms) == (GoalResult.APPLIED, 78, 150.0)
-    assert fate.was_retried
 
 
 def test_a_goal_with_time_for_its_whole_motion_must_be_reached():

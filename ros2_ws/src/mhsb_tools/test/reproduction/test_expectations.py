@@ -7,13 +7,11 @@ from dataclasses import asdict, replace
 import pytest
 
 from mhsb_tools.reproduction.expectations import (
-    MISSED_PENALTY,
     PAPER_EXPECTATIONS,
     PUBLISHED_ENERGY,
     at_least,
     at_most,
     judge_expectation,
-    misfit_of,
     records,
 )
 from mhsb_tools.reproduction.runs import Run, Runs
@@ -82,11 +80,3 @@ def test_a_run_without_path_leaves_its_expectations_unmet_and_says_why(runs):
     assert found["1-1"].sentence == "missed: run 1-2 has no path (no path)"
     assert found["1-1"].shortfall == 1.0
     assert found["2-1"] == record(runs, "2-1")
-
-
-def test_the_misfit_counts_what_is_missed_and_by_how_much(runs):
-    found = [
-        replace(record(runs, "2-1"), met=met, shortfall=shortfall)
-        for met, shortfall in ((True, 0.0), (False, 0.0), (False, 1.0), (False, 0.5))
-    ]
-    assert misfit_of(found) == pytest.approx(MISSED_PENALTY + 1.0 + (MISSED_PENALTY + 1.0) / 2)
