@@ -32,7 +32,7 @@ from mhsb_model.files.machine_files import MACHINE_FILE
 from mhsb_model.hydraulics import needs_boost
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import Mode, modules_in_use
+from mhsb_model.modes import Mode, count_modules
 from mhsb_model.schema import MachineConfig
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, quintic_hermite
 from mhsb_model.types import FloatArray, ModeArray
@@ -440,7 +440,7 @@ def _schedule(machine: Machine, trajectory: Trajectory) -> ModeSchedule:
     modes = needed.copy()
     for k in range(len(needed)):
         near = needed[max(0, k - SWITCH_MARGIN) : k + SWITCH_MARGIN + 1].max(axis=0)
-        modes[k] = near if modules_in_use(near, modules.per_mode) <= modules.count else needed[k]
+        modes[k] = near if count_modules(near, modules.per_mode) <= modules.count else needed[k]
     changes = np.any(np.diff(modes.astype(int), axis=0) != 0, axis=1)
     rows = np.flatnonzero(np.concatenate([[True], changes[:-1], [True]]))
     return ModeSchedule(trajectory.stamp_ns, trajectory.offset_ns[rows], modes[rows])

@@ -38,7 +38,7 @@ from mhsb_planner.result_files import write_json
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.study.draws import DrawStudy, PlannedSequence
 from mhsb_tools.study.replay import replay
-from mhsb_tools.study.servo_study import supply_overshoot
+from mhsb_tools.study.servo_study import compute_supply_overshoot
 from mhsb_tools.study.variations import load_variations
 
 MACHINES = ("mhsb_arm3", "excavator", "forestry_crane", "telescope_arm", "mhsb_arm4")
@@ -212,7 +212,7 @@ def simulate(machine: Machine, plant: Machine, sequence: PlannedSequence, draw: 
     return {
         "rms": float(np.sqrt(np.mean(error**2))),
         "max": float(error.max()),
-        "overshoot": float(supply_overshoot(plant, run).max() / 1e6),
+        "overshoot": float(compute_supply_overshoot(plant, run).max() / 1e6),
         "interventions": float(run.interventions),
         "held": run.hold_reason,
     }

@@ -41,7 +41,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.cases.moves import random_position
+from mhsb_planner.cases.moves import draw_random_position
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.planner import Plan, Planner, PlanOptions, warm_up
@@ -179,7 +179,7 @@ def record_plans(name: str, kind: str, weights: str, count: int, seed: int) -> d
 def random_goals(machine: Machine, count: int, seed: int) -> list[tuple[float, ...]]:
     """Draw goals anywhere in the workspace [m]; some of them cannot be reached."""
     random = np.random.default_rng(seed)
-    return [tuple(map(float, random_position(machine, random))) for _ in range(count)]
+    return [tuple(map(float, draw_random_position(machine, random))) for _ in range(count)]
 
 
 def record_motion(name: str, seed: int) -> dict[str, Record]:

@@ -18,12 +18,12 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState
 from mhsb_model.types import FloatArray
-from mhsb_planner.cases.moves import Move, case_moves
+from mhsb_planner.cases.moves import Move, list_case_moves
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import DeadlineError
 from mhsb_planner.planner import ENERGY_OPTIMAL, Plan, Planner, PlanOptions
 from mhsb_planner.slewing.slew_distribution import compute_slew_demand
-from mhsb_tools.comparison.ground_truth import ground_truth
+from mhsb_tools.comparison.ground_truth import search_ground_truth
 
 MILLI = 1e3
 
@@ -70,7 +70,7 @@ def integrated_figures(
         first moves, and is left out if there are none. `soon` has these figures with the deadline.
     """
     three = planner.machine.is_3r
-    cases = list(case_moves(planner.machine).values()) if three else []
+    cases = list(list_case_moves(planner.machine).values()) if three else []
     of_cases = [_compare_plans(planner, move, deadline) for move in cases]
     bar = tqdm(moves, desc="against the table")
     of_moves = [_compare_plans(planner, move, deadline) for move in bar]
@@ -131,7 +131,7 @@ def _ground_truth_energy(machine: Machine, move: Move) -> float:
     modes = np.full(plane.joint_count, Mode.N, dtype=np.uint8)
     goal, slew = machine.convert_to_plane(move.goal, move.start[0])
     start = move.start[-plane.joint_count :]
-    truth = ground_truth(plane, start, modes, goal, ENERGY_OPTIMAL)
+    truth = search_ground_truth(plane, start, modes, goal, ENERGY_OPTIMAL)
     energy = float(truth.energy.sum())
     if slew is None:
         return energy
@@ -140,7 +140,9 @@ def _ground_truth_energy(machine: Machine, move: Move) -> float:
     if time > truth.duration.sum():
         flow = a.main_pump_flow - leakage
         tight = plane.arrays._replace(leakage_flow=0.0, external_leakage=0.0, main_pump_flow=flow)
-        patient = ground_truth(replace(plane, arrays=tight), start, modes, goal, ENERGY_OPTIMAL)
+        patient = search_ground_truth(
+            replace(plane, arrays=tight), start, modes, goal, ENERGY_OPTIMAL
+        )
         energy = max(energy, float(patient.energy.sum()) + a.supply_pressure * leakage * time)
     return energy + a.supply_pressure * oil
 

@@ -86,7 +86,7 @@ class MessageWatcher(GoalSender):
         with BagWriter(folder) as bag:
             for topic, messages in self.kept_messages.items():
                 name = self.resolve_topic_name(topic.name)
-                bag.add_topic(BagTopic(name, topic.type_name, bag_format.qos_text(topic.qos)))
+                bag.add_topic(BagTopic(name, topic.type_name, bag_format.format_qos(topic.qos)))
                 for time_ns, data in messages:
                     bag.write(name, data, time_ns, time_ns)
 

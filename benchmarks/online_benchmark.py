@@ -40,7 +40,7 @@ from mhsb_model import command_line
 from mhsb_model.command_line import Count, JsonFlag, NumberRange, Seed, UsageError
 from mhsb_model.machine import Machine, load_machine
 from mhsb_msgs_py.node_process import run_ros, serve_node, spin_until
-from mhsb_planner.cases.moves import random_moves
+from mhsb_planner.cases.moves import yield_random_moves
 from mhsb_planner.planner import Planner, warm_up
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
@@ -191,7 +191,7 @@ def reference_ms(planner: Planner) -> float:
     Args:
         planner: The planner, for its graph.
     """
-    moves = list(random_moves(planner, REFERENCE_MOVES))
+    moves = list(yield_random_moves(planner, REFERENCE_MOVES))
     return float(dijkstra_figures(planner.graph, moves, REFERENCE_RUNS)["p50_ms"])
 
 

@@ -52,7 +52,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine, load_machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.cases.moves import Move, random_moves
+from mhsb_planner.cases.moves import Move, yield_random_moves
 from mhsb_planner.motion.s4_mode_schedule import StartModes, mode_schedule
 from mhsb_planner.planner import ENERGY_OPTIMAL, Planner, PlanOptions, warm_up
 from mhsb_planner.posture import s1_judge, s1_slsqp
@@ -145,7 +145,7 @@ def measure(
     if "table" in parts:
         table, figures["table"] = _table_figures(machine, size, jobs)
     planner = Planner(machine, table)
-    bar = tqdm(random_moves(planner, size.moves, size.seed), "moves", size.moves, unit="move")
+    bar = tqdm(yield_random_moves(planner, size.moves, size.seed), "moves", size.moves, unit="move")
     moves = list(bar)
     figures["scipy_dijkstra"] = dijkstra_figures(planner.graph, moves, size.runs)
     yardstick = figures["scipy_dijkstra"]["p50_ms"]

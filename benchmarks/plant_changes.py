@@ -28,10 +28,10 @@ from mhsb_control import load_machine
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
 from mhsb_model.files.config_files import find_config_file
-from mhsb_model.holding import holding_modes
+from mhsb_model.holding import choose_holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_planner.cases.moves import random_position
+from mhsb_planner.cases.moves import draw_random_position
 from mhsb_planner.online.commit_horizon import OFFLINE_LEAD
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
@@ -39,7 +39,7 @@ from mhsb_planner.result_files import write_json
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.study.draws import PLAN_OPTIONS
 from mhsb_tools.study.replay import Replay, replay
-from mhsb_tools.study.servo_study import supply_overshoot
+from mhsb_tools.study.servo_study import compute_supply_overshoot
 
 GOALS = {"mhsb_arm3": 6, "excavator": 3, "forestry_crane": 3}
 """Number of goals of a sequence, by machine; others have 3."""
@@ -81,11 +81,11 @@ def plan_sequence(machine: Machine, replanner: Replanner, seed: int, goals: int)
     """Plan random goals from the start posture on, one after the other."""
     random = np.random.default_rng(seed)
     start = np.array(machine.config.simulation.start_posture)
-    command = Command.hold(0, start, holding_modes(machine, machine.piston_forces(start)))
+    command = Command.hold(0, start, choose_holding_modes(machine, machine.piston_forces(start)))
     commands: list[Command] = []
     while len(commands) < goals:
         now_ns = command.trajectory.end_ns + round(PAUSE * SECOND_NS) if commands else 0
-        goal = random_position(machine, random)
+        goal = draw_random_position(machine, random)
         try:
             replan = replanner.replan(command, now_ns, goal, OFFLINE_LEAD, PLAN_OPTIONS)
         except MhsbError:
@@ -130,7 +130,7 @@ def measure(
         "goals": len(commands),
         "rms_per_reach": float(np.sqrt(np.mean(error[moving] ** 2)))
         / (PAPER_REACH * plant.relative_size),
-        "overshoot": float(supply_overshoot(plant, run).max() / 1e6),
+        "overshoot": float(compute_supply_overshoot(plant, run).max() / 1e6),
         "relief": bool(run.energies["relief_valves"] > 0.0),
         "held": run.hold_reason,
     }

@@ -23,7 +23,7 @@ from tqdm import tqdm
 
 from mhsb_control import load_machine
 from mhsb_model.errors import MhsbError
-from mhsb_model.holding import HoldingError, holding_modes
+from mhsb_model.holding import HoldingError, choose_holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import MotionState
 from mhsb_model.types import FloatArray
@@ -130,7 +130,7 @@ def slow_down(arm: Machine, factor: float) -> Machine:
 def is_held(arm: Machine, posture: FloatArray) -> bool:
     """Return whether the booster modules suffice to hold a posture at rest."""
     try:
-        holding_modes(arm, arm.piston_forces(posture))
+        choose_holding_modes(arm, arm.piston_forces(posture))
     except HoldingError:
         return False
     return True

@@ -43,9 +43,9 @@ from mhsb_planner.planner import ENERGY_OPTIMAL, PLANNER_KINDS, Planner
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
 from mhsb_tools.commands.demo_command import GOALS_FILE, read_goals
-from mhsb_tools.comparison.compare_command import requests
+from mhsb_tools.comparison.compare_command import list_compared_moves
 from mhsb_tools.comparison.planner_comparison import ComparedMove, Comparison, compare_all
-from mhsb_tools.comparison.supply_comparison import as_markdown, totals
+from mhsb_tools.comparison.supply_comparison import as_markdown, sum_supply_energies
 from mhsb_tools.study import mismatch_benchmark
 from mhsb_tools.study.study_command import study_benchmark
 
@@ -87,7 +87,7 @@ def energy_figures(machine: Machine, comparisons: Sequence[Comparison]) -> Figur
 
     Returns:
         `moves` (count), `planners` with sums [J, s] and the geometric mean `ratio` of the simulated
-        energy over the table planner's, and `supplies` of `totals`.
+        energy over the table planner's, and `supplies` of `sum_supply_energies`.
     """
     done = [each for each in comparisons if set(PLANNER_KINDS) <= set(each.records)]
     base = np.array([each.records["table"].energy_simulated_j for each in done])
@@ -97,7 +97,7 @@ def energy_figures(machine: Machine, comparisons: Sequence[Comparison]) -> Figur
         planners[kind] = {name: sum(row[name] for row in rows) for name in SUMMED}
         ratios = np.array([row["energy_simulated_j"] for row in rows]) / base
         planners[kind]["ratio"] = float(np.exp(np.log(ratios).mean()))
-    supplies = totals(machine, [each.motions for each in comparisons])
+    supplies = sum_supply_energies(machine, [each.motions for each in comparisons])
     return {"moves": len(done), "planners": planners, "supplies": supplies}
 
 
@@ -273,7 +273,7 @@ def results(
     """
     machine = load_machine()
     figures: Figures = {"conditions": conditions(), "machine": machine.name}
-    asked = {"demo": demo_moves(machine), "random": requests(machine, moves, 0)[-moves:]}
+    asked = {"demo": demo_moves(machine), "random": list_compared_moves(machine, moves, 0)[-moves:]}
     for title, compared in asked.items():
         found = compare_all(machine, ENERGY_OPTIMAL, compared)
         done = list(tqdm(found, title, len(compared), unit="move"))

@@ -15,14 +15,14 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.cases.moves import Move, random_moves
+from mhsb_planner.cases.moves import Move, yield_random_moves
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.errors import DeadlineError
 from mhsb_planner.integrated.integrated_search import search
 from mhsb_planner.planner import ENERGY_OPTIMAL, Planner, PlanOptions
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.search.s2_search import PathQuery
-from mhsb_tools.comparison.ground_truth import ground_truth
+from mhsb_tools.comparison.ground_truth import search_ground_truth
 
 HEAVY_PAYLOAD, LOW_PRESSURE = 16.0, 2.5e6  # kg, Pa
 """Payload [kg] and supply pressure [Pa] of machines that need much boost."""
@@ -117,10 +117,10 @@ def _measure_boosted(planner: Planner, moves: int, name: str) -> Figures:
         path.
     """
     ratios, quick, seconds = [], [], []
-    for move in tqdm(random_moves(planner, moves), f"ground truth, {name}", moves):
+    for move in tqdm(yield_random_moves(planner, moves), f"ground truth, {name}", moves):
         machine, task = planner.machine, _search_arguments(planner.machine, move)
         query = PathQuery(*task, ENERGY_OPTIMAL)
-        truth = ground_truth(machine, *task, ENERGY_OPTIMAL).cost
+        truth = search_ground_truth(machine, *task, ENERGY_OPTIMAL).cost
         began = time.perf_counter()
         ratios.append(search(machine, query).cost / truth)
         seconds.append(time.perf_counter() - began)

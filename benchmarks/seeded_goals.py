@@ -9,7 +9,7 @@ import numpy as np
 from mhsb_model.errors import MhsbError
 from mhsb_model.trajectory import MotionState
 from mhsb_model.types import Position
-from mhsb_planner.cases.moves import random_position
+from mhsb_planner.cases.moves import draw_random_position
 from mhsb_planner.planner import Planner, PlanOptions
 
 MIN_INTERVAL, MAX_INTERVAL = 0.5, 3.0
@@ -66,7 +66,7 @@ def draw_reachable_goals(
     goals: list[SeededGoal] = []
     refused = 0
     while len(goals) < count:
-        position = random_position(machine, random)
+        position = draw_random_position(machine, random)
         try:
             planner.plan(position, start, options=options)
         except MhsbError:

@@ -32,11 +32,11 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import Trajectory
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.cases.moves import Move
-from mhsb_planner.motion.energy import motion_energy
+from mhsb_planner.motion.energy import compute_motion_energy
 from mhsb_planner.motion.limits.holding_pressure import HOLDING_PRESSURE_LIMIT
 from mhsb_planner.motion.limits.node_set import NODE_SET_LIMIT
 from mhsb_planner.motion.limits.usage import USAGE_LIMIT
-from mhsb_planner.motion.motion_profile import motion_profile
+from mhsb_planner.motion.motion_profile import compute_motion_profile
 from mhsb_planner.motion.s3_limits import LimitValues
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.online.settings import Settings
@@ -141,7 +141,9 @@ class MotionLog:
         offset = np.array(self.time_ns) - self.time_ns[0]
         q, qd, qdd = np.array(self.state).transpose(1, 0, 2)
         schedule = ModeSchedule(0, offset, np.array(self.modes))
-        return motion_energy(self.world.machine, Trajectory(0, offset, q, qd, qdd), schedule).paper
+        return compute_motion_energy(
+            self.world.machine, Trajectory(0, offset, q, qd, qdd), schedule
+        ).paper
 
 
 # --- The same goal -------------------------------------------------------------------------------
@@ -290,7 +292,7 @@ def _can_follow(machine: Machine, line: Line, speed: float) -> bool:
         ):
             continue
         velocity = np.asarray(np.gradient(q, time, axis=0))
-        profile = motion_profile(machine, q, velocity)
+        profile = compute_motion_profile(machine, q, velocity)
         values = LimitValues.from_profile(machine, profile, modes)
         fastest = (np.abs(profile.speed) / arrays.max_piston_speed).max()
         usage = max(fastest, values.of(USAGE_LIMIT).max(), values.of(HOLDING_PRESSURE_LIMIT).max())

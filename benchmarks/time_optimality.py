@@ -30,16 +30,16 @@ from tqdm import tqdm
 from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import (
     compute_inertia_margin,
+    compute_valve_drop,
     get_max_supply_pressure,
     get_shared_hydraulics,
-    valve_margin,
 )
 from mhsb_model.linkages.linkage import cylinder_lengths
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.cases.moves import Move
-from mhsb_planner.motion.limits.usage import speed_limit
+from mhsb_planner.motion.limits.usage import compute_speed_limit
 from mhsb_planner.motion.piston_motion import convert_to_joints
 from mhsb_planner.planner import Plan, Planner, PlanOptions
 from mhsb_planner.search.s2_search import Weights
@@ -217,8 +217,8 @@ class _Grid:
                 modules = m.modules_per_mode[mode]
                 for k in (i, i + 1):
                     own = (m.valve_coefficient[j], m.cap_area[j], m.rod_area[j], force[k, j])
-                    out = speed_limit(oil, *own, 1.0, modules)
-                    back = speed_limit(oil, *own, -1.0, modules)
+                    out = compute_speed_limit(oil, *own, 1.0, modules)
+                    back = compute_speed_limit(oil, *own, -1.0, modules)
                     upper[k, j] = min(upper[k, j], max(out, MAX_HELD_SPEED))
                     lower[k, j] = max(lower[k, j], -max(back, MAX_HELD_SPEED))
         return lower, upper
@@ -248,7 +248,7 @@ class _Grid:
                 for i in (max(0, k - 1), k)
             )
             supply -= oil.boost_margin - compute_inertia_margin(oil)
-            supply -= valve_margin(m.valve_coefficient[j], cap, rod, v)
+            supply -= compute_valve_drop(m.valve_coefficient[j], cap, rod, v)
             room[k, j] = inlet * supply - outlet * oil.tank_pressure - np.sign(v) * force[k, j]
         return room
 

@@ -33,7 +33,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.schema import MachineConfig
 from mhsb_model.types import FloatArray
-from mhsb_planner.cases.paper_cases import PaperCase, paper_cases
+from mhsb_planner.cases.paper_cases import PaperCase, load_paper_cases
 from mhsb_planner.search.s2_search import SEARCH_METHODS, SearchMethod
 from mhsb_tools.reproduction import measures, runs
 from mhsb_tools.reproduction.expectations import (
@@ -249,7 +249,7 @@ def off_targets(found: runs.Runs) -> float:
 
 
 def _cases(initial_j3: tuple[float, float]) -> dict[str, PaperCase]:
-    cases = paper_cases()
+    cases = load_paper_cases()
     for name, j3 in zip(("4-2", "4-3"), initial_j3, strict=True):
         cases[name] = replace(cases[name], initial_j3=j3)
     return cases
@@ -288,7 +288,7 @@ def main() -> None:
         "--initial-j3",
         type=float,
         nargs=2,
-        default=[paper_cases()[name].initial_j3 for name in ("4-2", "4-3")],
+        default=[load_paper_cases()[name].initial_j3 for name in ("4-2", "4-3")],
         help="where J3 begins in Cases 4-2 and 4-3 [rad]; those of the paper's cases if left out",
     )
     parser.add_argument("--out", type=Path, default=Path("out/identified"))

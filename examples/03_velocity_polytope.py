@@ -13,8 +13,8 @@ import numpy as np
 
 from mhsb_model import Mode, load_machine
 from mhsb_model.figure_style import open_figure
-from mhsb_model.modes import pattern_name
-from mhsb_planner.posture.s1_polytope import polytope_area, polytope_vertices
+from mhsb_model.modes import format_pattern
+from mhsb_planner.posture.s1_polytope import compute_polytope_area, compute_polytope_vertices
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/examples")
 folder.mkdir(parents=True, exist_ok=True)
@@ -33,9 +33,9 @@ with open_figure(folder / "polytopes.png", height=6.0, width=7.0) as figure:
     axes = figure.add_subplot()
     for modes in combinations:
         pattern = np.array(modes, dtype=np.uint8)
-        corners = polytope_vertices(machine, posture, pattern)
-        area = polytope_area(machine, posture, pattern)
-        label = f"{pattern_name(pattern)}: {area:.4f} m²/s²"
+        corners = compute_polytope_vertices(machine, posture, pattern)
+        area = compute_polytope_area(machine, posture, pattern)
+        label = f"{format_pattern(pattern)}: {area:.4f} m²/s²"
         print(label)
         axes.plot(*np.vstack([corners, corners[:1]]).T, label=label)
     axes.set(xlabel="tip velocity along x [m/s]", ylabel="tip velocity along z [m/s]")

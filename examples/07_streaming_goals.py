@@ -10,7 +10,7 @@ import numpy as np
 
 from mhsb_model import load_machine
 from mhsb_model.command import Command
-from mhsb_model.holding import holding_modes
+from mhsb_model.holding import choose_holding_modes
 from mhsb_planner import PlanOptions, load_or_build_table
 from mhsb_planner.online.replanning import Replanner
 
@@ -21,7 +21,7 @@ machine = load_machine()
 replanner = Replanner(machine, load_or_build_table(machine))
 options = PlanOptions(period=PERIOD)
 start = np.array(machine.config.simulation.start_posture)
-command = Command.hold(0, start, holding_modes(machine, machine.piston_forces(start)))
+command = Command.hold(0, start, choose_holding_modes(machine, machine.piston_forces(start)))
 
 tip = machine.tip_position(start)
 for k in range(15):

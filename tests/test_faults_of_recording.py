@@ -97,7 +97,7 @@ def test_a_bad_sector_is_told_by_report_and_repaired_with_the_original_kept(star
     bag = tmp_path / "bag"
     with BagWriter(bag) as writer:
         topic = topics.MODES
-        writer.add_topic(BagTopic("/modes", topic.type_name, bag_format.qos_text(topic.qos)))
+        writer.add_topic(BagTopic("/modes", topic.type_name, bag_format.format_qos(topic.qos)))
         for number in range(3000):
             writer.write("/modes", bytes(40), number, number)
     path = bag / "bag_0.mcap"

@@ -12,7 +12,7 @@ from mhsb_model.machine import load_machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py import topics, trajectory
-from mhsb_planner.cases.moves import random_position
+from mhsb_planner.cases.moves import draw_random_position
 
 FILES = ("mhsb_arm3", "mhsb_arm4", "telescope_arm", "excavator", "forestry_crane")
 ZONES = int(os.environ.get("MHSB_ZONES_AHEAD", "8"))
@@ -41,7 +41,7 @@ class ZoneTrials:
     def run(self):
         """One trial: what was said, the least clearance, that at rest; None without a contact."""
         arm, random = self.arm, self.random
-        verdict = arm.request_verdict(*random_position(arm.machine, random))
+        verdict = arm.request_verdict(*draw_random_position(arm.machine, random))
         if verdict.code is not Verdict.OK or verdict.plan.continued:
             return None
         arm.until_in_force(verdict)

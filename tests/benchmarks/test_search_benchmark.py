@@ -12,9 +12,9 @@ from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_planner.integrated.integrated_search import search
 from mhsb_planner.planner import Planner
 from mhsb_planner.search.s2_search import PathQuery, Weights
-from mhsb_planner.search.s2_step import step_costs
+from mhsb_planner.search.s2_step import compute_step_costs
 from mhsb_tools.comparison.least_cost import _Pricing as Pricing
-from mhsb_tools.comparison.least_cost import least_cost
+from mhsb_tools.comparison.least_cost import search_least_cost
 
 WEIGHTS = Weights(0.5, 1.0, 2.0)
 NORMAL = np.zeros(3, dtype=np.uint8)
@@ -51,7 +51,7 @@ def test_prices_are_the_planner_s(machine, own, rest_speed):
         postures = np.array([ends[0], ends.mean(axis=0), ends[1]])
         if not turns.any() or pricing.workspace_violation(postures).max() > -0.01:
             continue
-        step = step_costs(machine, *ends, rest_speed)
+        step = compute_step_costs(machine, *ends, rest_speed)
         expected = np.where(step.admissible, 0.5 * step.energy + step.duration, np.inf)
         forces = tuple(pricing.forces(postures, pricing.arms(postures))[:, None, :])
         lengths = pricing.lengths(ends)
@@ -68,11 +68,11 @@ def test_another_way_to_the_least_cost_comes_to_the_same(machine):
     start = np.array([0.3, -1.4, -0.5])
     goal = tuple(light.tip_position(start + [0.15, 0.1, -0.1]))
     path = search(light, PathQuery(start, NORMAL, goal, WEIGHTS))
-    cost, via = least_cost(light, start, goal, WEIGHTS, 1.2 * path.cost)
+    cost, via = search_least_cost(light, start, goal, WEIGHTS, 1.2 * path.cost)
     assert cost == pytest.approx(path.cost, rel=0.03)
     assert via[0] == pytest.approx(light.cylinder_lengths(start))
     assert np.abs(np.diff(via, axis=0)).max() < 2.6e-3
-    assert least_cost(light, start, goal, WEIGHTS, 0.9 * path.cost) == (math.inf, None)
+    assert search_least_cost(light, start, goal, WEIGHTS, 0.9 * path.cost) == (math.inf, None)
 
 
 def test_scenes_are_clear_at_their_starts_and_the_same_every_time(machine, table):

@@ -10,7 +10,7 @@ from tests.soak.soak_command import Soak
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.files.machine_files import MACHINE_FILE
 from mhsb_model.machine import load_machine
-from mhsb_planner.cases.moves import random_position
+from mhsb_planner.cases.moves import draw_random_position
 
 
 @pytest.mark.parametrize(
@@ -24,7 +24,7 @@ from mhsb_planner.cases.moves import random_position
 def test_zones_are_around_goals_and_such_as_the_arm_can_have(file, kinds):
     machine, told = load_machine(find_config_file(file)), []
     random = np.random.default_rng(0)
-    goals = [SeededGoal(random_position(machine, random), 1.0) for _ in range(20)]
+    goals = [SeededGoal(draw_random_position(machine, random), 1.0) for _ in range(20)]
     soak = Soak(SimpleNamespace(set_zones=told.append), goals, machine, 0)
     for _ in range(30):
         soak.set_zones()

@@ -27,7 +27,7 @@ def inverse_dynamics(
     weight, torque = np.empty(machine.joint_count), np.empty(machine.joint_count)
     work = np.empty((statics.MOTION_WORK, machine.joint_count))
     state = (np.array(values, dtype=np.float64) for values in (q, qd, qdd))
-    statics.compute_motion_torques(statics.chain_of(machine.arrays), *state, work, weight, torque)
+    statics.compute_motion_torques(statics.get_chain(machine.arrays), *state, work, weight, torque)
     return torque
 
 

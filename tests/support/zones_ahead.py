@@ -18,7 +18,7 @@ from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
 from mhsb_model.verdict import Verdict
-from mhsb_planner.cases.moves import random_position
+from mhsb_planner.cases.moves import draw_random_position
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.online.settings import Settings
 
@@ -146,7 +146,7 @@ def random_trial(
     while True:
         replanner.change_machine(machine)
         world = LockStepWorld(machine, replanner, settings)
-        stamp = world.send_goal(*random_position(machine, random))
+        stamp = world.send_goal(*draw_random_position(machine, random))
         if world.verdict(stamp).code is not Verdict.OK:
             continue
         motion = _wait_for_motion(world)

@@ -53,7 +53,7 @@ from mhsb_control.machine_scales import compute_supply_torques
 from mhsb_control.natural_frequency import find_joint_frequency_ranges
 from mhsb_control.reference import PREVIEW_POINT
 from mhsb_model.circuit.dead_time import compute_valve_lag
-from mhsb_model.circuit.elements import chamber_volumes, friction_force
+from mhsb_model.circuit.elements import compute_chamber_volumes, compute_friction_force
 from mhsb_model.circuit.quantities import (
     ActuatorState,
     CircuitConstants,
@@ -76,8 +76,8 @@ from mhsb_model.statics import (
     INERTIA_WORK,
     MOTION_WORK,
     Chain,
-    chain_of,
     compute_motion_torques,
+    get_chain,
     replace_payload,
 )
 from mhsb_model.types import FloatArray, IntArray, ModeArray
@@ -469,7 +469,7 @@ def build_servo_arguments(
         actuators=circuit.actuators,
         modules=circuit.modules,
         linkage=machine.arrays.linkage,
-        chain=chain_of(machine.arrays),
+        chain=get_chain(machine.arrays),
         load=build_load_estimate(
             machine.arrays.payload,
             compute_supply_torques(machine),
@@ -518,7 +518,7 @@ def compute_piston_demands(s: ServoArguments) -> None:
             lifted = s.scratch[SINE_ROW, j]
         load.weight[j] = s.chain.gravity * lifted
         update_oil_stiffness(axis, cylinder, sensor, c)
-        friction = cylinder.friction * friction_force(
+        friction = cylinder.friction * compute_friction_force(
             c.coulomb_friction, c.viscous_friction, c.friction_speed, axis.speed
         )
         axis.friction = friction
@@ -630,7 +630,7 @@ def update_oil_stiffness(
         constants: Constants of the circuit with the bulk modulus β [Pa].
     """
     cap, rod = cylinder.cap_area, cylinder.rod_area
-    cap_room, rod_room = chamber_volumes(cylinder, sensor.length)
+    cap_room, rod_room = compute_chamber_volumes(cylinder, sensor.length)
     axis.cap_stiffness = constants.bulk_modulus / cap_room
     axis.rod_stiffness = constants.bulk_modulus / rod_room
     axis.stiffness = cap * cap * axis.cap_stiffness + rod * rod * axis.rod_stiffness

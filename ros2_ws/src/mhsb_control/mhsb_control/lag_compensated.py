@@ -43,10 +43,10 @@ from mhsb_control.natural_frequency import find_joint_frequency_ranges
 from mhsb_control.reference import PREVIEW_POINT
 from mhsb_model.arm_reports import Estimate
 from mhsb_model.hydraulics import (
+    compute_extension_speed,
+    compute_retraction_speed,
     compute_slip_flow,
-    extension_speed,
     inlet_area,
-    retraction_speed,
 )
 from mhsb_model.linkages.linkage import evaluate_linkage_at_angles
 from mhsb_model.machine import Machine
@@ -408,8 +408,8 @@ class LagCompensatedController:
         for j in range(machine.joint_count):
             valve = arrays.valve_coefficient[j], arrays.cap_area[j], arrays.rod_area[j]
             full_speeds = (
-                extension_speed(*valve, supply, tank, 0.0),
-                retraction_speed(*valve, supply, tank, 0.0),
+                compute_extension_speed(*valve, supply, tank, 0.0),
+                compute_retraction_speed(*valve, supply, tank, 0.0),
             )
             fastest, period = float(arrays.max_piston_speed[j]), self._steps * step
             shortest, longest = (

@@ -19,7 +19,7 @@ from mhsb_control.reference import ReferencePreview
 from mhsb_control.registry import make_controller
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import RAIL_MODES, Mode, assign_modules, modules_in_use, stronger
+from mhsb_model.modes import RAIL_MODES, Mode, assign_modules, choose_stronger_modes, count_modules
 from mhsb_model.trajectory import Trajectory
 from mhsb_model.types import ModeArray
 
@@ -162,12 +162,12 @@ class ServoLoop:
         planned, planned_ahead = self.reference.modes, self.reference.modes_ahead
         count = modules.count - len(lost)
         now, ahead = (self.guard.select_modes(each, count) for each in (planned, planned_ahead))
-        self.guard.record_modes(planned, stronger(planned, planned_ahead), now)
+        self.guard.record_modes(planned, choose_stronger_modes(planned, planned_ahead), now)
         self.modes = now
-        prepared = stronger(now, ahead)
+        prepared = choose_stronger_modes(now, ahead)
         if np.any(RAIL_MODES[now] & ~RAIL_MODES[ahead]):
             prepared[~RAIL_MODES[now] & RAIL_MODES[ahead]] = Mode.DB
-        if modules_in_use(prepared, modules.per_mode) > count:
+        if count_modules(prepared, modules.per_mode) > count:
             prepared = now
         signals.modes[:] = prepared
         signals.modes_ahead[:] = ahead

@@ -11,7 +11,7 @@ from mhsb_control.valve_estimate import (
     shift_opening,
     update_valve_filter,
 )
-from mhsb_model.circuit.elements import metered_opening
+from mhsb_model.circuit.elements import compute_valve_opening
 from mhsb_model.records import create_records
 
 STEP, SPEED_GAIN, STIFFNESS = 1e-3, 0.1, 1e7
@@ -59,7 +59,9 @@ def move(
     """Move one of several valves."""
     length, force, valve = 0.5, 0.0, valves.records[j]
     for opening in openings:
-        speed = gain * SPEED_GAIN * metered_opening(opening, overlap[0 if opening > 0.0 else 1])
+        speed = (
+            gain * SPEED_GAIN * compute_valve_opening(opening, overlap[0 if opening > 0.0 else 1])
+        )
         for _ in range(SETTINGS.window_steps + 1):
             valve["speed_gain"] = SPEED_GAIN
             hold_opening(valve, opening)
@@ -106,7 +108,7 @@ def test_a_shut_valve_is_opened_until_its_piston_moves(overlap: float) -> None:
         speed = 3e-3
         accumulate_valve_window(valves, 0, speed, length, 1000.0, STIFFNESS, STEP)
         reference += speed * STEP
-        length += SPEED_GAIN * metered_opening(opening, overlap) * STEP
+        length += SPEED_GAIN * compute_valve_opening(opening, overlap) * STEP
     assert abs(reference - length) < 1e-3
     assert valves.overlap[0, 0] == pytest.approx(overlap, abs=0.03)
 
@@ -128,7 +130,7 @@ def test_a_declared_overlap_is_crossed_from_the_first_step_on() -> None:
     valve = valves.records[0]
     valve["speed_gain"] = SPEED_GAIN
     opening = invert(valve, valves.overlap[0], speed)
-    assert SPEED_GAIN * metered_opening(opening, overlap) == pytest.approx(speed)
+    assert SPEED_GAIN * compute_valve_opening(opening, overlap) == pytest.approx(speed)
     deviation = np.sqrt(valves.covariance[0, 1, 0, 1]) * (1.0 - overlap)
     assert deviation == pytest.approx(SETTINGS.declared_overlap_share * overlap, rel=0.05)
 
@@ -139,7 +141,7 @@ def test_each_direction_crosses_its_own_declared_overlap() -> None:
     valves.records["speed_gain"] = SPEED_GAIN
     for lap, sign in zip(overlap, (1.0, -1.0), strict=True):
         opening = invert(valves.records[0], valves.overlap[0], sign * speed)
-        assert SPEED_GAIN * metered_opening(opening, lap) == pytest.approx(sign * speed)
+        assert SPEED_GAIN * compute_valve_opening(opening, lap) == pytest.approx(sign * speed)
 
 
 def test_what_one_direction_shows_of_its_overlap_is_expected_of_the_other() -> None:
@@ -186,7 +188,7 @@ def test_at_one_opening_gain_and_overlap_are_not_told_apart() -> None:
     valves = moved(0.8, (0.03, 0.03), np.full(80, 0.1))
     assert np.sqrt(valves.covariance[0, 0, 0, 0]) > 0.05
     valve = valves.records[0]
-    speed = 0.8 * SPEED_GAIN * metered_opening(0.1, 0.03)
+    speed = 0.8 * SPEED_GAIN * compute_valve_opening(0.1, 0.03)
     assert invert(valve, valves.overlap[0], speed) == pytest.approx(0.1, rel=0.02)
 
 
@@ -205,7 +207,7 @@ def test_a_piston_that_does_not_move_as_told_tells_of_overlap() -> None:
     for _ in range(40):
         valve["speed_gain"] = SPEED_GAIN
         opening = invert(valve, valves.overlap[0], 1e-3)
-        speed = SPEED_GAIN * metered_opening(opening, overlap)
+        speed = SPEED_GAIN * compute_valve_opening(opening, overlap)
         length = 0.5
         for _ in range(SETTINGS.window_steps + 1):
             hold_opening(valve, opening)
@@ -221,7 +223,7 @@ def test_the_inverse_opens_a_valve_with_overlap_as_far_as_is_demanded(demand: fl
     valve["gain"] = gain
     valve["speed_gain"] = SPEED_GAIN
     opening = invert(valve, overlap, demand)
-    assert gain * SPEED_GAIN * metered_opening(opening, overlap) == pytest.approx(demand)
+    assert gain * SPEED_GAIN * compute_valve_opening(opening, overlap) == pytest.approx(demand)
 
 
 def test_the_update_is_kalmans() -> None:

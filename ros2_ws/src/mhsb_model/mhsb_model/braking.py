@@ -114,7 +114,7 @@ def retime_along(
     return Trajectory(at_ns, offset_ns, q, qd, qdd)
 
 
-def cut_before(trajectory: Trajectory, at_ns: int) -> Trajectory | None:
+def extract_remainder(trajectory: Trajectory, at_ns: int) -> Trajectory | None:
     """Return the part of a trajectory after an absolute time, as a trajectory with stamp 0.
 
     Args:

@@ -115,7 +115,7 @@ def derive_curve_limits(
     """
     pressure = max(m.supply_pressure, m.max_boost_pressure)
     torque = pressure * np.minimum(m.cap_area, m.rod_area) * longest_arms
-    acceleration = torque / least_inertias(m)
+    acceleration = torque / find_least_inertias(m)
     natural_frequency = 2.0 * math.pi * circuit.valve_frequency
     settling = SETTLING_TIME / (circuit.valve_damping * natural_frequency)
     return CurveLimits(
@@ -127,7 +127,7 @@ def derive_curve_limits(
     )
 
 
-def least_inertias(m: MachineArrays) -> FloatArray:
+def find_least_inertias(m: MachineArrays) -> FloatArray:
     """Find the smallest inertia M_jj about each joint over the workspace.
 
     M_jj is a diagonal element of the mass matrix. It is evaluated on a grid of about

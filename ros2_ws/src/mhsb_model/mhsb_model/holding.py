@@ -13,7 +13,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.hydraulics import needs_boost
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
-from mhsb_model.modes import Mode, pattern_name
+from mhsb_model.modes import Mode, format_pattern
 from mhsb_model.types import FloatArray, ModeArray
 
 MAX_HELD_SPEED = 2e-4
@@ -37,12 +37,12 @@ class HoldingError(MhsbError):
         """
         self.modes = modes
         super().__init__(
-            f"to hold the posture, the mode pattern {pattern_name(modes)} needs {needed} booster "
+            f"to hold the posture, the mode pattern {format_pattern(modes)} needs {needed} booster "
             f"modules, {fitted} are fitted; choose a posture that the supply pressure carries"
         )
 
 
-def holding_modes(machine: Machine, force: FloatArray) -> ModeArray:
+def choose_holding_modes(machine: Machine, force: FloatArray) -> ModeArray:
     """Choose the modes in which the cylinders hold their loads at rest.
 
     An actuator holds in mode N (fed by the main pump alone) if the main pump's pressure suffices.
@@ -81,7 +81,7 @@ def choose_stop_modes(machine: Machine, force: FloatArray, in_force: ModeArray) 
         Modes in a new array, uint8 of shape (n,).
     """
     try:
-        return holding_modes(machine, force)
+        return choose_holding_modes(machine, force)
     except HoldingError:
         return np.array(in_force, dtype=np.uint8)
 

@@ -28,7 +28,7 @@ rest."""
 
 
 @kernel
-def extension_speed(
+def compute_extension_speed(
     k: float, cap: float, rod: float, supply: float, tank: float, force: float
 ) -> float:
     """Compute the speed at which a fully open valve extends the piston.
@@ -53,7 +53,7 @@ def extension_speed(
 
 
 @kernel
-def retraction_speed(
+def compute_retraction_speed(
     k: float, cap: float, rod: float, supply: float, tank: float, force: float
 ) -> float:
     """Compute the speed at which a fully open valve retracts the piston.
@@ -103,7 +103,7 @@ def load_pressure(cap: float, rod: float, tank: float, force: float, direction: 
 
 
 @kernel
-def valve_margin(k: float, cap: float, rod: float, speed: float) -> float:
+def compute_valve_drop(k: float, cap: float, rod: float, speed: float) -> float:
     """Compute the pressure that the fully open valve needs beyond the load pressure at a speed.
 
         m(v) = v² (A³ + a³) / (K² A)    extending (v > 0)
@@ -132,7 +132,7 @@ def compute_speed_from_drop(
 
         v = K √(Δp A_dir / (A³ + a³))
 
-    This is the inverse of `valve_margin`.
+    This is the inverse of `compute_valve_drop`.
 
     Args:
         k: Valve coefficient K [m³/(s √Pa)].
@@ -172,7 +172,7 @@ def compute_pressure_without_margin(
         Required supply pressure, without boost margin [Pa].
     """
     direction = speed if speed != 0.0 else force
-    return load_pressure(cap, rod, tank, force, direction) + valve_margin(k, cap, rod, speed)
+    return load_pressure(cap, rod, tank, force, direction) + compute_valve_drop(k, cap, rod, speed)
 
 
 @kernel
@@ -379,7 +379,7 @@ def cylinder_needs_boost(
 
 
 @kernel
-def boosted_supply(
+def compute_boosted_supply(
     oil: SharedHydraulics, k: float, cap: float, rod: float, force: float, speed: float
 ) -> float:
     """Compute the pressure to which servo pumps charge the line of a boosted cylinder.
@@ -415,8 +415,9 @@ def rail_pressure(oil: SharedHydraulics, line_pressure: FloatArray, modes: ModeA
 
     Args:
         oil: The main pump's pressure P_S.
-        line_pressure: Boosted line pressure that each actuator needs, from `boosted_supply`, shape
-            (n,) [Pa]. Values of actuators in other modes are ignored.
+        line_pressure: Boosted line pressure that each actuator needs, from
+            `compute_boosted_supply`, shape (n,) [Pa]. Values of actuators in other modes are
+            ignored.
         modes: Mode of each actuator, shape (n,).
 
     Returns:
@@ -581,8 +582,8 @@ def compute_piston_flow_budget(
 
     Args:
         oil: Pressures, main pump flow and leakage.
-        line_pressure: Boosted line pressure that each actuator needs, from `boosted_supply`, shape
-            (n,) [Pa]; ignored for actuators in mode N.
+        line_pressure: Boosted line pressure that each actuator needs, from
+            `compute_boosted_supply`, shape (n,) [Pa]; ignored for actuators in mode N.
         modes: Mode of each actuator, shape (n,).
 
     Returns:
@@ -601,7 +602,7 @@ def compute_piston_flow_budget(
 
 
 @kernel(borrows=True)
-def required_pressure(m: MachineArrays, j: int, force: float, speed: float) -> float:
+def compute_required_pressure(m: MachineArrays, j: int, force: float, speed: float) -> float:
     """Compute the supply pressure at which actuator j moves or holds its load.
 
     It is the load pressure, plus the drop across the fully open valve, plus the boost margin.
@@ -641,7 +642,9 @@ def needs_boost(m: MachineArrays, j: int, force: float, speed: float) -> bool:
 
 
 @kernel
-def required_pressures(m: MachineArrays, force: FloatArray, speed: FloatArray) -> FloatArray:
+def compute_required_pressures(
+    m: MachineArrays, force: FloatArray, speed: FloatArray
+) -> FloatArray:
     """Compute the supply pressures at which all actuators move or hold their loads.
 
     Each is the load pressure, plus the drop across the fully open valve, plus the boost margin.
@@ -659,5 +662,5 @@ def required_pressures(m: MachineArrays, force: FloatArray, speed: FloatArray) -
     pressure = np.empty(force.shape)
     for i in range(force.shape[0]):
         for j in range(force.shape[1]):
-            pressure[i, j] = required_pressure(m, j, force[i, j], speed[i, j])
+            pressure[i, j] = compute_required_pressure(m, j, force[i, j], speed[i, j])
     return pressure

@@ -27,7 +27,7 @@ from mhsb_model.inverse_kinematics.telescope_postures import find_telescope_post
 from mhsb_model.inverse_kinematics.tip_postures import LEAST_JOINTS
 from mhsb_model.linkages import linkage
 from mhsb_model.linkages.linkage_rules import linkage_problems
-from mhsb_model.modes import mode_patterns
+from mhsb_model.modes import list_mode_patterns
 from mhsb_model.obstacles import clearance
 from mhsb_model.obstacles.shadows import compute_shadows
 from mhsb_model.obstacles.zones import (
@@ -324,7 +324,7 @@ class Machine:
         lexicographic order of the mode codes 0 N, 1 DB, 2 SB.
         """
         modules = self.config.hydraulics.modules
-        return mode_patterns(self.joint_count, modules.count, modules.per_mode)
+        return list_mode_patterns(self.joint_count, modules.count, modules.per_mode)
 
     @cached_property
     def table_hash(self) -> str:

@@ -67,7 +67,7 @@ MODES_BY_RANK = sorted(Mode, key=lambda mode: MODE_PROPERTIES[mode].rank)
 """Modes from the weakest to the strongest."""
 
 
-def stronger(one: ModeArray, other: ModeArray) -> ModeArray:
+def choose_stronger_modes(one: ModeArray, other: ModeArray) -> ModeArray:
     """Return, for each actuator, the stronger of its modes in two mode combinations.
 
     The order from the weakest to the strongest mode is N, DB, SB.
@@ -82,7 +82,7 @@ def stronger(one: ModeArray, other: ModeArray) -> ModeArray:
     return np.where(MODE_RANKS[other] > MODE_RANKS[one], other, one)
 
 
-def strongest(modes: ModeArray) -> ModeArray:
+def find_strongest_modes(modes: ModeArray) -> ModeArray:
     """Return the strongest mode that occurs in each mode combination.
 
     The order from the weakest to the strongest mode is N, DB, SB.
@@ -108,7 +108,7 @@ def any_boosted(modes: ModeArray) -> np.ndarray:
     return np.any(BOOSTED_MODES[modes], axis=-1)
 
 
-def modules_in_use(pattern: Sequence[int] | ModeArray, modules_per_mode: Sequence[int]) -> int:
+def count_modules(pattern: Sequence[int] | ModeArray, modules_per_mode: Sequence[int]) -> int:
     """Return the number of booster modules that a mode combination occupies.
 
     Args:
@@ -118,7 +118,7 @@ def modules_in_use(pattern: Sequence[int] | ModeArray, modules_per_mode: Sequenc
     return sum(modules_per_mode[mode] for mode in pattern)
 
 
-def mode_patterns(
+def list_mode_patterns(
     actuator_count: int, module_count: int, modules_per_mode: Sequence[int]
 ) -> ModeArray:
     """List all mode combinations that the booster modules of a machine allow.
@@ -136,7 +136,7 @@ def mode_patterns(
     allowed = [
         pattern
         for pattern in itertools.product(sorted(Mode), repeat=actuator_count)
-        if modules_in_use(pattern, modules_per_mode) <= module_count
+        if count_modules(pattern, modules_per_mode) <= module_count
     ]
     patterns = np.array(allowed, dtype=np.uint8)
     patterns.setflags(write=False)
@@ -174,7 +174,7 @@ def assign_modules(
     needed = [modules_per_mode[mode] for mode in pattern]
     if sum(needed) > module_count - len(lost):
         raise ValueError(
-            f"mode pattern {pattern_name(pattern)} needs {sum(needed)} modules, "
+            f"mode pattern {format_pattern(pattern)} needs {sum(needed)} modules, "
             f"{module_count - len(lost)} are there"
         )
     serves = np.full(module_count, -1, dtype=np.int64)
@@ -190,6 +190,6 @@ def assign_modules(
     return serves
 
 
-def pattern_name(pattern: Sequence[int] | ModeArray) -> str:
+def format_pattern(pattern: Sequence[int] | ModeArray) -> str:
     """Return the short name of a mode combination, for instance `SB-DB-N`."""
     return "-".join(Mode(int(mode)).name for mode in pattern)

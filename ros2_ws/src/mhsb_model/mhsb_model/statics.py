@@ -46,7 +46,7 @@ class Chain(NamedTuple):
 
 
 @kernel(inline="always")
-def chain_of(m: MachineArrays) -> Chain:
+def get_chain(m: MachineArrays) -> Chain:
     """Return the links and the payload of a machine."""
     return Chain(
         m.turns,
@@ -87,7 +87,9 @@ def replace_payload(c: Chain, payload: float) -> Chain:
 
 
 @kernel
-def link_directions(turns: BoolArray, q: FloatArray, cosine: FloatArray, sine: FloatArray) -> None:
+def compute_link_directions(
+    turns: BoolArray, q: FloatArray, cosine: FloatArray, sine: FloatArray
+) -> None:
     """Compute the cosine and the sine of each link's angle in the arm's plane.
 
     The angle θⱼ of link j is the sum of all revolute joint angles up to j.
@@ -105,7 +107,7 @@ def link_directions(turns: BoolArray, q: FloatArray, cosine: FloatArray, sine: F
 
 
 @kernel(inline="always")
-def chain_gravity_torques(
+def compute_chain_gravity_torques(
     c: Chain, q: FloatArray, cosine: FloatArray, sine: FloatArray, torque: FloatArray
 ) -> None:
     """Compute the joint torques that hold a chain of links against gravity.
@@ -123,8 +125,9 @@ def chain_gravity_torques(
     Args:
         c: Links and payload.
         q: Joint positions, shape (n,) [rad or m].
-        cosine: Cosine of each link's angle in the plane, from `link_directions`, shape (n,).
-        sine: Sine of each link's angle in the plane, from `link_directions`, shape (n,).
+        cosine: Cosine of each link's angle in the plane, from `compute_link_directions`, shape
+            (n,).
+        sine: Sine of each link's angle in the plane, from `compute_link_directions`, shape (n,).
         torque: Output, written in place, shape (n,) [N m], or [N] for a sliding joint.
     """
     moment = 0.0
@@ -162,14 +165,14 @@ def _add_link_moment(
 
 
 INERTIA_WORK = 3
-"""Number of rows of the scratch array `work` that `inertia_torques` needs."""
+"""Number of rows of the scratch array `work` that `compute_inertia_torques` needs."""
 
 MOTION_WORK = INERTIA_WORK + 2
 """Number of rows of the scratch array `work` that `compute_motion_torques` needs."""
 
 
 @kernel(inline="always")
-def inertia_torques(
+def compute_inertia_torques(
     c: Chain,
     motion: JointMotion,
     cosine: FloatArray,
@@ -196,8 +199,9 @@ def inertia_torques(
     Args:
         c: Links and payload.
         motion: Positions q, velocities q̇ and accelerations q̈ of the joints at one instant.
-        cosine: Cosine of each link's angle in the plane, from `link_directions`, shape (n,).
-        sine: Sine of each link's angle in the plane, from `link_directions`, shape (n,).
+        cosine: Cosine of each link's angle in the plane, from `compute_link_directions`, shape
+            (n,).
+        sine: Sine of each link's angle in the plane, from `compute_link_directions`, shape (n,).
         work: Working memory with at least INERTIA_WORK rows, shape (…, n). The first INERTIA_WORK
             rows are overwritten.
         torque: Output, written in place, shape (n,) [N m], or [N] for a sliding joint.
@@ -325,9 +329,9 @@ def compute_motion_torques(
         torque: Output, written in place: τ, gravity included, shape (n,) [N m or N].
     """
     cosine, sine = work[INERTIA_WORK], work[INERTIA_WORK + 1]
-    link_directions(c.turns, q, cosine, sine)
-    chain_gravity_torques(c, q, cosine, sine, static_torque)
-    inertia_torques(c, JointMotion(q, qd, qdd), cosine, sine, work, torque)
+    compute_link_directions(c.turns, q, cosine, sine)
+    compute_chain_gravity_torques(c, q, cosine, sine, static_torque)
+    compute_inertia_torques(c, JointMotion(q, qd, qdd), cosine, sine, work, torque)
     for j in range(len(torque)):
         torque[j] += static_torque[j]
 
@@ -343,7 +347,7 @@ def gravity_torque(m: MachineArrays, q: FloatArray, torque: FloatArray) -> None:
             that of the joint's coordinate: positive if the actuator must push the joint towards
             larger values. It is 0 for a slew.
     """
-    chain, angle = chain_of(m), 0.0
+    chain, angle = get_chain(m), 0.0
     for j in range(len(q)):
         angle += get_turn_angle(m.turns, q, j)
         torque[j] = angle
@@ -408,7 +412,7 @@ def mass_matrix(m: MachineArrays, q: FloatArray) -> FloatArray:
     points = joint_positions(m, q)
     result = np.zeros((n, n))
     cosine, sine, column = np.empty(n), np.empty(n), np.empty((3, n))
-    link_directions(m.turns, q, cosine, sine)
+    compute_link_directions(m.turns, q, cosine, sine)
     for i in range(n + 1):
         if i < n:
             center = add_extension(m.slides, m.link_center, q, i)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mhsb_model.holding import HoldingError, choose_stop_modes, holding_modes
+from mhsb_model.holding import HoldingError, choose_holding_modes, choose_stop_modes
 from mhsb_model.hydraulics import needs_boost
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
@@ -22,21 +22,21 @@ def poor(content):
 
 
 def test_the_holding_modes_boost_only_what_the_supply_pressure_cannot_hold(machine):
-    assert holding_modes(machine, np.array([HEAVY, LIGHT, -LIGHT])).tolist() == [DB, N, N]
-    assert holding_modes(machine, np.array([LIGHT, PULLED, 0.0])).tolist() == [N, DB, N]
+    assert choose_holding_modes(machine, np.array([HEAVY, LIGHT, -LIGHT])).tolist() == [DB, N, N]
+    assert choose_holding_modes(machine, np.array([LIGHT, PULLED, 0.0])).tolist() == [N, DB, N]
 
 
 def test_the_need_is_that_of_the_planners_law(machine):
     random = np.random.default_rng(1)
     for force in random.uniform(-4000.0, 4000.0, (100, 3)):
         boosted = [needs_boost(machine.arrays, j, force[j], 0.0) for j in range(3)]
-        assert (holding_modes(machine, force) != N).tolist() == boosted
+        assert (choose_holding_modes(machine, force) != N).tolist() == boosted
 
 
 def test_too_few_modules_are_an_error_that_tells_the_modes_and_both_numbers(poor):
-    assert holding_modes(poor, np.array([LIGHT, HEAVY, LIGHT])).tolist() == [N, DB, N]
+    assert choose_holding_modes(poor, np.array([LIGHT, HEAVY, LIGHT])).tolist() == [N, DB, N]
     with pytest.raises(HoldingError, match="DB-N-DB needs 2 booster modules, 1 are fitted"):
-        holding_modes(poor, np.array([HEAVY, LIGHT, PULLED]))
+        choose_holding_modes(poor, np.array([HEAVY, LIGHT, PULLED]))
 
 
 def test_a_stop_keeps_the_modes_in_force_where_modules_are_too_few(poor):

@@ -18,7 +18,7 @@ from mhsb_model.command_line import Count, JobCount, NumberRange
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.cluster import Scheduler, parse_jobs
 from mhsb_planner.posture import s1_global_search, s1_slsqp
-from mhsb_planner.posture.grid import grid_nodes
+from mhsb_planner.posture.grid import list_grid_nodes
 from mhsb_planner.posture.posture_table_cache import cached_table_path
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_judge import TableComparison, compare_with_slsqp
@@ -71,7 +71,7 @@ def build_table(
     """
     arm = load_machine(machine).planar_arm
     spacing = arm.spacing if table.spacing is None else table.spacing
-    total = len(grid_nodes(arm, spacing))
+    total = len(list_grid_nodes(arm, spacing))
     workers = parse_jobs(jobs, scheduler)
     s1_global_search.warm_up(arm)
     began = time.perf_counter()

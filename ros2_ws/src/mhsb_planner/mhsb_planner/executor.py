@@ -156,7 +156,7 @@ class SharedStateExecutor(AbstractContextManager["SharedStateExecutor[State]"], 
         self._pool.shutdown()
 
 
-def results_of(tasks: Iterable[Future[Result]], *, in_order: bool = False) -> Iterator[Result]:
+def yield_results(tasks: Iterable[Future[Result]], *, in_order: bool = False) -> Iterator[Result]:
     """Yield the results of tasks.
 
     If the generator is closed early or a task has failed, all tasks that have not begun are
@@ -179,7 +179,7 @@ def results_of(tasks: Iterable[Future[Result]], *, in_order: bool = False) -> It
             task.cancel()
 
 
-def over_ranges(
+def yield_results_of_ranges(
     work: Callable[[int, int], Result], total: int, size: int, jobs: Jobs = None
 ) -> Generator[Result, None, None]:
     """Call a function for index ranges that cover 0 … total − 1, and yield the results in order.
@@ -205,11 +205,11 @@ def over_ranges(
     if jobs is None or isinstance(jobs, int):
         with ThreadPoolExecutor(_worker_count(jobs)) as threads:
             tasks = [threads.submit(work, begin, end) for begin, end in ranges]
-            yield from results_of(tasks, in_order=True)
+            yield from yield_results(tasks, in_order=True)
     else:
         with SharedStateExecutor(jobs, partial, work) as workers:
             tasks = [workers.submit(operator.call, begin, end) for begin, end in ranges]
-            yield from results_of(tasks, in_order=True)
+            yield from yield_results(tasks, in_order=True)
 
 
 class _LocalExecutor(ThreadPoolExecutor):

@@ -19,7 +19,7 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.integrated.lower_bound import bound_energy_to_goal
 from mhsb_planner.motion import s3_trajectory
-from mhsb_planner.motion.energy import energy_of_states
+from mhsb_planner.motion.energy import compute_energy_of_states
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.search import (
     fixed_j3,
@@ -67,7 +67,7 @@ def compile_motion() -> None:
     """Compile the fit of motions from rest: trajectory (S3), mode schedule (S4) and energy."""
     s3_trajectory.warm_up(machine())
     rest = np.zeros((1, machine().joint_count))
-    energy_of_states(machine(), np.ones(1), rest, rest, rest.astype(np.uint8))
+    compute_energy_of_states(machine(), np.ones(1), rest, rest, rest.astype(np.uint8))
 
 
 def compile_goal_checks() -> None:

@@ -54,7 +54,7 @@ from mhsb_planner.planning.start_problems import describe_start_problems
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search import goal_clearance, manipulability_loss, s2_step
 from mhsb_planner.search.discrete_path import DiscretePath
-from mhsb_planner.search.manipulability_loss import area_term
+from mhsb_planner.search.manipulability_loss import create_area_cost
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.slewing import among_zones
 from mhsb_planner.slewing.slewing import SlewingPaths
@@ -404,7 +404,7 @@ class Planner:
             The request. Its departure is the posture of rest to which `brake` leads. If this is
             None, it is the posture of the start.
         """
-        area = area_term(options.area_weight, self.graph.table)
+        area = create_area_cost(options.area_weight, self.graph.table)
         departure = start.position
         if brake is not None:
             departure = brake.position[-1] if isinstance(brake, Trajectory) else brake.posture

@@ -14,7 +14,7 @@ from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_step import step_costs
+from mhsb_planner.search.s2_step import compute_step_costs
 
 
 class Looks:
@@ -188,7 +188,7 @@ def walk(machine: Machine) -> Callable[..., DiscretePath]:
             return None
         near = np.argmin(np.abs(choice - q).max(axis=1))
         posture = choice[random.integers(len(choice)) if random.random() < leap else near]
-        costs = step_costs(machine, q, posture)
+        costs = compute_step_costs(machine, q, posture)
         if not costs.admissible.any() or not stays_inside(q, posture):
             return None
         return posture, int(np.nanargmin(costs.energy)), costs

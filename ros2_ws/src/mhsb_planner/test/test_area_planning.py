@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.cases.paper_cases import paper_case
+from mhsb_planner.cases.paper_cases import get_paper_case
 from mhsb_planner.planner import Plan, Planner, PlanOptions
-from mhsb_planner.search.manipulability_loss import AreaProfile, area_along_motion, area_along_path
-from mhsb_planner.search.manipulability_loss import reference_area as full_area
+from mhsb_planner.search.manipulability_loss import (
+    AreaProfile,
+    compute_area_along_motion,
+    compute_area_along_path,
+)
+from mhsb_planner.search.manipulability_loss import compute_reference_area as full_area
 
 WEIGHTS = (0.0, 300.0, 1000.0, 3000.0, 10000.0)
 
@@ -22,7 +26,7 @@ def planner(machine, table) -> Planner:
 @pytest.fixture(scope="module")
 def plans(planner) -> dict[float, Plan]:
     """Case 4 under ever more weight."""
-    case = paper_case("4-1")
+    case = get_paper_case("4-1")
     start = MotionState.at_rest(case.start_posture(planner.machine))
     return {w4: planner.plan(case.goal, start, options=weighing(w4)) for w4 in WEIGHTS}
 
@@ -32,7 +36,7 @@ def weighing(w4: float, **options) -> PlanOptions:
 
 
 def of_motion(planner, plan) -> AreaProfile:
-    return area_along_motion(planner.machine, plan.motion.trajectory, plan.motion.schedule)
+    return compute_area_along_motion(planner.machine, plan.motion.trajectory, plan.motion.schedule)
 
 
 def test_paths_cost_what_their_sums_and_their_shortfall_come_to(planner, plans):
@@ -41,14 +45,16 @@ def test_paths_cost_what_their_sums_and_their_shortfall_come_to(planner, plans):
     for w4, plan in plans.items():
         path = plan.path
         sums = 0.5 * path.energy.sum() + 2.0 * path.switches
-        shortfall = area_along_path(planner.machine, path).compute_area_loss(full)
+        shortfall = compute_area_along_path(planner.machine, path).compute_area_loss(full)
         assert path.cost == pytest.approx(sums + w4 * shortfall, rel=5e-3)
 
 
 def test_more_weight_never_gives_less_area_nor_less_energy(planner, plans):
     """Points of a weak Pareto order: each is the cheapest of them all at its own weight."""
     full = full_area(planner.graph.table)
-    profiles = {w4: area_along_path(planner.machine, plan.path) for w4, plan in plans.items()}
+    profiles = {
+        w4: compute_area_along_path(planner.machine, plan.path) for w4, plan in plans.items()
+    }
     energy = [plan.path.energy.sum() for plan in plans.values()]
     lost = [profile.compute_area_loss(full) for profile in profiles.values()]
     mean = [profile.mean for profile in profiles.values()]
@@ -63,7 +69,7 @@ def test_more_weight_never_gives_less_area_nor_less_energy(planner, plans):
 
 def test_the_motions_keep_the_area_of_their_paths(planner, plans):
     for plan in plans.values():
-        path = area_along_path(planner.machine, plan.path)
+        path = compute_area_along_path(planner.machine, plan.path)
         assert of_motion(planner, plan).mean == pytest.approx(path.mean, rel=0.02)
 
 
@@ -89,7 +95,7 @@ def test_a_plan_costs_no_more_than_the_one_made_without_the_weight(planner, move
 
 
 def test_with_hardly_any_time_there_is_a_plan_that_weighs_the_area_all_the_same(planner, looks):
-    case, options = paper_case("4-1"), weighing(1000.0)
+    case, options = get_paper_case("4-1"), weighing(1000.0)
     start = MotionState.at_rest(case.start_posture(planner.machine))
     deadline = looks.deadline_after(40)
     plan = planner.plan(case.goal, start, options=options, deadline=deadline)

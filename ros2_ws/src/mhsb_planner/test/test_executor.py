@@ -10,18 +10,23 @@ from contextlib import closing
 import pytest
 
 from mhsb_planner.errors import RequestError, WorkersLostError
-from mhsb_planner.executor import SharedStateExecutor, create_executor, over_ranges, results_of
-from mhsb_planner.posture.grid import grid_nodes
+from mhsb_planner.executor import (
+    SharedStateExecutor,
+    create_executor,
+    yield_results,
+    yield_results_of_ranges,
+)
+from mhsb_planner.posture.grid import list_grid_nodes
 
 
 @pytest.mark.parametrize("jobs", [None, 1, 3])
 def test_ranges_cover_everything_once_and_come_in_order(jobs):
-    parts = list(over_ranges(lambda begin, end: list(range(begin, end)), 10, 3, jobs))
+    parts = list(yield_results_of_ranges(lambda begin, end: list(range(begin, end)), 10, 3, jobs))
     assert parts == [[0, 1, 2], [3, 4, 5], [6, 7, 8], [9]]
 
 
 def test_nothing_to_do_gives_nothing():
-    assert list(over_ranges(lambda begin, end: 1, 0, 3)) == []
+    assert list(yield_results_of_ranges(lambda begin, end: 1, 0, 3)) == []
 
 
 def test_closing_drops_what_has_not_begun():
@@ -31,7 +36,7 @@ def test_closing_drops_what_has_not_begun():
         begun.append(begin)
         time.sleep(0.01)
 
-    with closing(over_ranges(work, 1000, 1, 1)) as parts:
+    with closing(yield_results_of_ranges(work, 1000, 1, 1)) as parts:
         next(parts)
     assert len(begun) < 1000
 
@@ -41,12 +46,12 @@ def test_an_error_in_the_work_reaches_the_caller():
         raise KeyError(begin)
 
     with pytest.raises(KeyError):
-        list(over_ranges(fail, 10, 5))
+        list(yield_results_of_ranges(fail, 10, 5))
 
 
 def test_no_thread_at_all_is_refused():
     with pytest.raises(RequestError, match="jobs must be at least 1"):
-        list(over_ranges(lambda begin, end: None, 10, 5, 0))
+        list(yield_results_of_ranges(lambda begin, end: None, 10, 5, 0))
 
 
 def test_one_process_is_this_one_and_is_prepared_like_any():
@@ -58,7 +63,7 @@ def test_one_process_is_this_one_and_is_prepared_like_any():
 
     with SharedStateExecutor(1, prepare, "given") as pool:
         tasks = [pool.submit(lambda state: (state, os.getpid())) for _ in range(3)]
-        assert list(results_of(tasks)) == 3 * [("made of what was given", os.getpid())]
+        assert list(yield_results(tasks)) == 3 * [("made of what was given", os.getpid())]
     assert prepared == ["given"]
 
 
@@ -93,7 +98,7 @@ def test_a_task_that_always_ends_its_process_is_told_in_one_sentence():
 def test_tasks_that_are_cancelled_do_not_keep_an_executor_waiting():
     with create_executor(2) as pool:
         tasks = [pool.submit(time.sleep, 0.2) for _ in range(200)]
-        with closing(results_of(tasks)) as results:
+        with closing(yield_results(tasks)) as results:
             next(results)
     assert sum(task.cancelled() for task in tasks) > 150
 
@@ -101,12 +106,12 @@ def test_tasks_that_are_cancelled_do_not_keep_an_executor_waiting():
 def test_results_come_in_order_where_that_is_asked_for_from_any_number_of_processes():
     with create_executor(2) as pool:
         tasks = [pool.submit(divmod, number, 3) for number in range(7)]
-        assert list(results_of(tasks, in_order=True)) == [divmod(n, 3) for n in range(7)]
+        assert list(yield_results(tasks, in_order=True)) == [divmod(n, 3) for n in range(7)]
 
 
 def test_an_error_in_another_process_keeps_its_sentence_and_its_data(machine):
     with create_executor(2) as pool:
-        task = pool.submit(grid_nodes, machine, 99.0)
+        task = pool.submit(list_grid_nodes, machine, 99.0)
         with pytest.raises(RequestError, match="spacing must be above 0") as caught:
             task.result()
     assert (caught.value.name, caught.value.value) == ("spacing", 99.0)

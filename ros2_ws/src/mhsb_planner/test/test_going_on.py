@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mhsb_model.braking import brake_along, cut_before
+from mhsb_model.braking import brake_along, extract_remainder
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_planner.motion.s3_trajectory import FitMethod
 from mhsb_planner.motion.s4_mode_schedule import StartModes
@@ -35,7 +35,7 @@ def anew(planner, plan, at_ns, options, goal=GOAL):
         StartModes.read_from(plan.motion.schedule, at_ns),
         brake_along(planner.machine, trajectory, at_ns),
         options,
-        remainder=cut_before(trajectory, at_ns),
+        remainder=extract_remainder(trajectory, at_ns),
     )
 
 

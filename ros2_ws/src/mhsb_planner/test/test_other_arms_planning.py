@@ -17,7 +17,7 @@ from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.integrated import goal_postures
 from mhsb_planner.integrated.lower_bound import MAX_CELLS_WITH_DEADLINE, bound_cost_to_goals
 from mhsb_planner.planner import Planner, PlanOptions
-from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
+from mhsb_planner.posture.s1_global_search import build_posture_table, find_postures_at
 from mhsb_planner.posture.s1_psi_intervals_3r import (
     MAX_INTERVALS,
     find_feasible_intervals,
@@ -46,7 +46,7 @@ def planner(arm: Machine) -> Planner:
 
 @pytest.fixture(scope="module")
 def start(arm: Machine) -> np.ndarray:
-    return postures_at(arm, *START).posture[0]
+    return find_postures_at(arm, *START).posture[0]
 
 
 @pytest.mark.parametrize("kind", PLANNERS)

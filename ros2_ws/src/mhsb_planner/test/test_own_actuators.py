@@ -11,7 +11,7 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planner import ENERGY_OPTIMAL, Planner, PlanOptions
-from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
+from mhsb_planner.posture.s1_global_search import build_posture_table, find_postures_at
 from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.s2_search import Weights
 
@@ -132,7 +132,7 @@ def test_a_slew_and_a_bucket_keep_what_is_their_own(worst, kind):
     arm = usual.with_values({"joints.0.actuator": own, "joints.3.actuator.max_piston_speed": 0.04})
     planner = Planner(arm, build_posture_table(arm.planar_arm, spacing=6.0 * arm.spacing))
     place = arm.convert_to_plane((2.6, 0.0, -1.0), preferred_slew=0.0)
-    start = np.append(place.slew, postures_at(arm.planar_arm, *place.tip).posture[0])
+    start = np.append(place.slew, find_postures_at(arm.planar_arm, *place.tip).posture[0])
     options = PlanOptions(Weights(0.0, 15.0, 2.0), planner=kind, trajectory="followed")
     plan = planner.plan((1.3, 1.8, 0.5), MotionState.at_rest(start), options=options)
     motion = plan.motion

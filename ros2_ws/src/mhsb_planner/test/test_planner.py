@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from mhsb_model.errors import MhsbError
-from mhsb_model.modes import modules_in_use
+from mhsb_model.modes import count_modules
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.cases.moves import random_moves
+from mhsb_planner.cases.moves import yield_random_moves
 from mhsb_planner.errors import NoPathError, RequestError
 from mhsb_planner.motion.limits.joint_range import joint_excess
 from mhsb_planner.planner import Planner, PlanOptions
@@ -81,7 +81,7 @@ def test_plans_do_without_modules_that_are_lost_and_with_them_again(machine, tab
                 plans.append(None)
     most = [
         max(
-            (modules_in_use(row, machine.config.hydraulics.modules.per_mode))
+            (count_modules(row, machine.config.hydraulics.modules.per_mode))
             for plan in plans
             if plan is not None
             for row in plan.motion.schedule.modes
@@ -101,7 +101,7 @@ def test_ramps_are_faster_where_nothing_else_needs_their_half_of_the_limits(
     planner, monkeypatch, weights
 ):
     options = PlanOptions(weights, planner="table")
-    moves = [(move.start, move.goal) for move in random_moves(planner, 8)]
+    moves = [(move.start, move.goal) for move in yield_random_moves(planner, 8)]
 
     def costs():
         plans = [planner.plan(goal, MotionState.at_rest(q), options=options) for q, goal in moves]

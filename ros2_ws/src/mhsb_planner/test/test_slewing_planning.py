@@ -15,7 +15,7 @@ from mhsb_planner.errors import RequestError
 from mhsb_planner.goal_region import Disc
 from mhsb_planner.motion.s3_trajectory import FitMethod
 from mhsb_planner.planner import Planner, PlanOptions
-from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
+from mhsb_planner.posture.s1_global_search import build_posture_table, find_postures_at
 from mhsb_planner.slewing.slew_distribution import distribute_stroke
 
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
@@ -43,7 +43,7 @@ def planner(arm: Machine) -> Planner:
 @pytest.fixture(scope="module")
 def start(arm: Machine) -> np.ndarray:
     place = arm.convert_to_plane(MOVES[arm.name][0], preferred_slew=0.0)
-    return np.append(place.slew, postures_at(arm.planar_arm, *place.tip).posture[0])
+    return np.append(place.slew, find_postures_at(arm.planar_arm, *place.tip).posture[0])
 
 
 @given(steps, st.floats(1e-4, 1.0))

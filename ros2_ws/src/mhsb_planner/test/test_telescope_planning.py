@@ -17,8 +17,8 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_model.types import frozen
 from mhsb_planner.integrated.goal_postures import sample_goal_postures
 from mhsb_planner.integrated.lower_bound import enclose_cell
-from mhsb_planner.posture.s1_global_search import postures_at
-from mhsb_planner.posture.s1_slsqp import largest_by_slsqp
+from mhsb_planner.posture.s1_global_search import find_postures_at
+from mhsb_planner.posture.s1_slsqp import find_largest_polytope_by_slsqp
 
 GOAL = (0.75, 0.45)
 
@@ -47,15 +47,15 @@ def test_no_slsqp_start_finds_a_larger_polytope(arm):
     for _ in range(6):
         x, z = random.uniform((0.2, -0.6), (0.8, 0.6))
         p = int(random.integers(len(arm.patterns)))
-        found = postures_at(arm, x, z)
-        judged = largest_by_slsqp(arm, x, z, arm.patterns[p], seed=1, starts=10)
+        found = find_postures_at(arm, x, z)
+        judged = find_largest_polytope_by_slsqp(arm, x, z, arm.patterns[p], seed=1, starts=10)
         assert judged is not None
         assert found.area[p] >= judged[1] * (1.0 - 1e-6)
         assert arm.tip_position(found.posture[p]) == pytest.approx((x, z), abs=1e-9)
 
 
 def test_goal_postures_have_their_tip_at_the_goal(arm):
-    middle = arm.end_link_angle(postures_at(arm, *GOAL).posture[0])
+    middle = arm.end_link_angle(find_postures_at(arm, *GOAL).posture[0])
     for psi in (None, (middle - 0.1, middle + 0.1)):
         goals = sample_goal_postures(arm, *GOAL, psi)
         assert len(goals.posture) > 5

@@ -21,16 +21,16 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_model.obstacles.zones import Zones
-from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
+from mhsb_planner.posture.s1_global_search import build_posture_table, find_postures_at
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.integrated import integrated_search
-from mhsb_model.braking import cut_before
+from mhsb_model.braking import extract_remainder
 from mhsb_model.trajectory import MotionState
 from mhsb_planner import planner as planning
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.search.s2_search import PathQuery, Weights, search, warm_up
-from mhsb_planner.search.s2_step import step_costs
+from mhsb_planner.search.s2_step import compute_step_costs
 
 """
     + COUNT_COMPILED
@@ -61,7 +61,7 @@ by_searches = {name: count for name, count in compiled().items() if count != bef
 planner = planning.Planner(machine, table)
 planning.warm_up(planner)
 before = compiled()
-step_costs(machine, q, q - 0.01)  # as planners of others and first moves into the limits do
+compute_step_costs(machine, q, q - 0.01)  # as planners of others and first moves into the limits do
 for options in (
     *(planning.PlanOptions(planner=kind) for kind in planning.PLANNER_KINDS),
     planning.PlanOptions(planner="integrated", area_weight=300.0),
@@ -72,7 +72,7 @@ for options in (
         plan = planner.plan((x, z), start, options=options, deadline=Deadline.after(3600.0))
         motion = plan.motion.trajectory
         halfway = motion.duration_ns // 2
-        remainder = cut_before(motion, halfway)
+        remainder = extract_remainder(motion, halfway)
         moving = motion.sample(halfway)
         planner.plan((x, z), moving, options=options, remainder=remainder)
         planner.plan((x, z + 0.02), moving, options=options, remainder=remainder)
@@ -92,7 +92,7 @@ planning.warm_up(planner)
 before = compiled()
 planner.change_machine(arm.changed(zones=Zones(boxes=((1.2, -0.1, -2.0, 3.5, 0.1, 0.3),))))
 place = arm.convert_to_plane((2.6, -1.5, -0.8), 0.0)
-posture = postures_at(arm.planar_arm, *place.tip).posture[0]
+posture = find_postures_at(arm.planar_arm, *place.tip).posture[0]
 start = MotionState.at_rest(np.append(place.slew, posture))
 for kind in planning.PLANNER_KINDS:
     planner.plan((2.0, 1.8, -0.5), start, options=planning.PlanOptions(planner=kind))

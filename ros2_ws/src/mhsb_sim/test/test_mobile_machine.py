@@ -6,7 +6,7 @@ import pytest
 from mhsb_control import load_machine
 from mhsb_control.errors import EstimatesFileError, PressureSensorsError
 from mhsb_control.estimates_file import read_estimates_file
-from mhsb_model.circuit.elements import metered_opening
+from mhsb_model.circuit.elements import compute_valve_opening
 from mhsb_model.errors import ArgumentError
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine
@@ -47,7 +47,7 @@ def test_each_direction_has_its_dead_band_and_a_bent_curve(machine, direction):
     # twice the opening beyond the dead band gives 2^1.3 times the speed, less what friction takes
     assert np.all(whole / half > 1.05 * 2.0**1.3 * 0.85)
     assert np.all(whole / half < 2.0**1.3 * 1.3)
-    opening = metered_opening(direction * (dead + 0.2), dead, 1.3)
+    opening = compute_valve_opening(direction * (dead + 0.2), dead, 1.3)
     assert opening == pytest.approx(direction * (0.2 / (1.0 - dead)) ** 1.3)
 
 

@@ -15,7 +15,7 @@ from mhsb_planner.build_table import build_table
 from mhsb_planner.cluster import Cluster
 from mhsb_planner.errors import RequestError, WorkersLostError
 from mhsb_planner.executor import SharedStateExecutor, create_executor
-from mhsb_planner.posture.grid import grid_nodes
+from mhsb_planner.posture.grid import list_grid_nodes
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_tools.reproduction.runs import Runs, evaluate, settings
@@ -94,7 +94,7 @@ def test_each_thread_has_a_state_of_its_own_that_is_made_once(cluster):
 
 def test_errors_keep_their_sentence_and_their_data(machine, cluster):
     with create_executor(cluster) as pool:
-        task = pool.submit(grid_nodes, machine, 99.0)
+        task = pool.submit(list_grid_nodes, machine, 99.0)
         with pytest.raises(RequestError, match="spacing must be above 0") as caught:
             task.result()
     assert (caught.value.name, caught.value.value) == ("spacing", 99.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mhsb_model.modes import BOOSTED_MODES, MODE_RANKS, Mode, modules_in_use, stronger
+from mhsb_model.modes import BOOSTED_MODES, MODE_RANKS, Mode, choose_stronger_modes, count_modules
 from mhsb_model.types import FloatArray, ModeArray
 
 
@@ -43,10 +43,10 @@ def combine_modes(
     Returns:
         Modes in force in a new array, uint8[n].
     """
-    modes = stronger(scheduled, requested)
+    modes = choose_stronger_modes(scheduled, requested)
     spare_first = sorted(range(len(modes)), key=lambda j: -reserve[j])
     for j in spare_first:
-        if modules_in_use(modes, per_mode) <= modules:
+        if count_modules(modes, per_mode) <= modules:
             return modes
         if (
             BOOSTED_MODES[modes[j]]
@@ -55,19 +55,19 @@ def combine_modes(
         ):
             modes[j] = Mode.N
     for j in spare_first:
-        if modules_in_use(modes, per_mode) <= modules:
+        if count_modules(modes, per_mode) <= modules:
             return modes
         if modes[j] == Mode.SB:
             modes[j] = Mode.DB
     for j in spare_first:
-        if modules_in_use(modes, per_mode) <= modules:
+        if count_modules(modes, per_mode) <= modules:
             return modes
         if requested[j] and not BOOSTED_MODES[scheduled[j]]:
             modes[j] = Mode.N
     modes = scheduled.copy()
     for weaker in (Mode.DB, Mode.N):
         for j in spare_first:
-            if modules_in_use(modes, per_mode) <= modules:
+            if count_modules(modes, per_mode) <= modules:
                 return modes
             if MODE_RANKS[modes[j]] > MODE_RANKS[weaker]:
                 modes[j] = weaker

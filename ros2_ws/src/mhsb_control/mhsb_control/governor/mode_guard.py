@@ -17,7 +17,7 @@ from mhsb_control.governor.reference_governor import (
 from mhsb_control.reference import ReferencePreview
 from mhsb_model.kernels.bound_kernel import bind_kernel
 from mhsb_model.machine import Machine
-from mhsb_model.modes import modules_in_use, pattern_name
+from mhsb_model.modes import count_modules, format_pattern
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import ModeArray
 
@@ -106,7 +106,7 @@ class ModeGuard:
         """
         actuators, per_mode = self._state.actuators, self._per_mode
         requested = actuators["requested_mode"].astype(np.uint8)
-        if not requested.any() and modules_in_use(scheduled, per_mode) <= modules:
+        if not requested.any() and count_modules(scheduled, per_mode) <= modules:
             return scheduled
         reserve = actuators["reserve_in_n"]
         release = self.settings.release_above
@@ -129,8 +129,8 @@ class ModeGuard:
         if np.array_equal(scheduled, in_force):
             return
         self._deviation_text = (
-            f"the modes are {pattern_name(in_force)} where the plan has {pattern_name(scheduled)}, "
-            "whose pressure does not suffice"
+            f"the modes are {format_pattern(in_force)} where the plan has "
+            f"{format_pattern(scheduled)}, whose pressure does not suffice"
         )
         self._boosts += not before
 

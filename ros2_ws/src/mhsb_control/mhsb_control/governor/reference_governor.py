@@ -34,7 +34,7 @@ from mhsb_model.linkages.linkage import evaluate_linkage
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES, Mode
 from mhsb_model.records import Record, Records, create_record, create_records
-from mhsb_model.statics import Chain, chain_of
+from mhsb_model.statics import Chain, get_chain
 from mhsb_model.types import FloatArray, ModeArray
 
 START_PREVIEW_POINT = 1
@@ -317,7 +317,7 @@ def build_governor_state(
         constants=signals.circuit.constants,
         commands=signals.circuit.actuators,
         linkage=machine.arrays.linkage,
-        chain=chain_of(machine.arrays),
+        chain=get_chain(machine.arrays),
         actuators=create_records(GovernedActuator, machine.joint_count),
         totals=overall,
     )

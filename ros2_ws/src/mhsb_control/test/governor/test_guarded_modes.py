@@ -3,7 +3,7 @@ import itertools
 import numpy as np
 
 from mhsb_control.governor.guarded_modes import combine_modes
-from mhsb_model.modes import BOOSTED_MODES, MODE_RANKS, Mode, mode_patterns, modules_in_use
+from mhsb_model.modes import BOOSTED_MODES, MODE_RANKS, Mode, count_modules, list_mode_patterns
 
 PER_MODE = (0, 1, 2)
 ENOUGH = 0.5e6
@@ -12,14 +12,14 @@ ENOUGH = 0.5e6
 def test_whatever_is_asked_for_the_modules_suffice_and_nobody_is_given_more_than_that() -> None:
     random = np.random.default_rng(0)
     for modules in (1, 2, 4):
-        for scheduled in mode_patterns(3, modules, PER_MODE):
+        for scheduled in list_mode_patterns(3, modules, PER_MODE):
             for asks in itertools.product((Mode.N, Mode.DB), repeat=3):
                 asked, reserve = np.array(asks, dtype=np.uint8), random.uniform(-2e6, 2e6, 3)
                 modes = combine_modes(scheduled, asked, reserve, ENOUGH, modules, PER_MODE)
-                assert modules_in_use(modes, PER_MODE) <= modules
+                assert count_modules(modes, PER_MODE) <= modules
                 most = np.maximum(MODE_RANKS[scheduled], MODE_RANKS[asked])
                 assert np.all(MODE_RANKS[modes] <= most)
-                if modules_in_use(np.maximum(scheduled, asked), PER_MODE) <= modules:
+                if count_modules(np.maximum(scheduled, asked), PER_MODE) <= modules:
                     np.testing.assert_array_equal(MODE_RANKS[modes], most)
                 if not asked.any():
                     np.testing.assert_array_equal(modes, scheduled)

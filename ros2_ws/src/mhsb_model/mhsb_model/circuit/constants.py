@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_model.circuit.elements import spool_transition
+from mhsb_model.circuit.elements import compute_spool_transition
 from mhsb_model.circuit.quantities import (
     ActuatorState,
     CircuitConstants,
@@ -285,7 +285,7 @@ def _compute_servo_valve_constants(
         machine.config.imperfections,
     )
     drop = machine.arrays.supply_pressure - machine.arrays.tank_pressure
-    spool = spool_transition(oil.valve_frequency, oil.valve_damping, substep)
+    spool = compute_spool_transition(oil.valve_frequency, oil.valve_damping, substep)
     return {
         "leakage_coefficient": (1.0 - valve.land_leakage) * valve.leakage_flow / math.sqrt(drop),
         "land_conductance": valve.land_leakage * valve.leakage_flow / drop / state.viscosity_ratio,

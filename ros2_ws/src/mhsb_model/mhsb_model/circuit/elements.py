@@ -219,7 +219,9 @@ def compute_pump_filling(pressure: float, vapour: float, filling: float) -> tupl
 
 
 @kernel(inline="always")
-def shaft_power(hydraulic: float, speed: float, efficiency: float, drag_power: float) -> float:
+def compute_shaft_power(
+    hydraulic: float, speed: float, efficiency: float, drag_power: float
+) -> float:
     """Compute the power at the shaft of a pump.
 
         P = max(0, Δp Q)/η + P_d n
@@ -299,7 +301,7 @@ def follow_with_backlash(follower: float, leader: float, width: float) -> float:
 
 
 @kernel(inline="always")
-def metered_opening(spool: float, overlap: float, exponent: float = 1.0) -> float:
+def compute_valve_opening(spool: float, overlap: float, exponent: float = 1.0) -> float:
     """Compute the opening of a servo valve's edges at a spool position.
 
         sign(x) (max(0, |x| − o)/(1 − o))^n
@@ -324,7 +326,7 @@ def metered_opening(spool: float, overlap: float, exponent: float = 1.0) -> floa
 
 
 @kernel(inline="always")
-def accumulator_capacity(
+def compute_accumulator_capacity(
     pressure: float, volume: float, precharge: float, exponent: float
 ) -> float:
     """Compute the hydraulic capacity of a gas accumulator.
@@ -384,7 +386,7 @@ def compute_air_factor(bulk_modulus: float, air: float, pressure: float) -> floa
 
 
 @kernel(inline="always")
-def sliding_friction(
+def compute_sliding_friction(
     coulomb: float, breakaway: float, stribeck_speed: float, speed: float
 ) -> float:
     """Compute the steady friction at a speed without its viscous part (Stribeck curve).
@@ -455,7 +457,7 @@ def advance_first_order_lag(value: float, command: float, decay: float) -> float
 
 
 @kernel(inline="always")
-def chamber_volumes(cylinder: CylinderConstants, length: float) -> tuple[float, float]:
+def compute_chamber_volumes(cylinder: CylinderConstants, length: float) -> tuple[float, float]:
     """Compute the oil volumes on the cap side and on the rod side of a cylinder.
 
         V_A = V₀ + A (L − L_min),   V_B = V₀ + a (L_max − L)
@@ -480,7 +482,9 @@ def chamber_volumes(cylinder: CylinderConstants, length: float) -> tuple[float, 
 
 
 @kernel(inline="always")
-def friction_force(coulomb: float, viscous: float, speed_scale: float, speed: float) -> float:
+def compute_friction_force(
+    coulomb: float, viscous: float, speed_scale: float, speed: float
+) -> float:
     """Compute Coulomb and viscous friction of a cylinder, smooth through zero speed.
 
         F = F_c tanh(v/v_s) + b v
@@ -497,7 +501,7 @@ def friction_force(coulomb: float, viscous: float, speed_scale: float, speed: fl
     return coulomb * math.tanh(speed / speed_scale) + viscous * speed
 
 
-def spool_transition(
+def compute_spool_transition(
     frequency: float, damping: float, dt: float
 ) -> tuple[float, float, float, float]:
     """Compute the transition matrix of a valve spool, a second-order system, over one step.

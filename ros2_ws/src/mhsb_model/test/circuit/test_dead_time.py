@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.circuit.dead_time import compute_dead_time, compute_settling_time
-from mhsb_model.circuit.elements import spool_transition
+from mhsb_model.circuit.elements import compute_spool_transition
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 
@@ -18,7 +18,7 @@ def test_machines_with_pressure_sensors_need_no_plan_ahead():
 def test_it_is_the_delay_and_the_lag_of_the_spool():
     machine = load_machine(find_config_file("excavator_1to14.yaml"))
     oil, step = machine.config.circuit, 1e-4
-    a, b, c, d = spool_transition(oil.valve_frequency, oil.valve_damping, step)
+    a, b, c, d = compute_spool_transition(oil.valve_frequency, oil.valve_damping, step)
     place, speed, time = 0.0, 1.0, 0.0
     for _ in range(50_000):  # the spool follows a ramp of one stroke a second
         time += step

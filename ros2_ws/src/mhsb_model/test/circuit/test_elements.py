@@ -100,14 +100,14 @@ def test_the_spool_moves_as_the_matrix_exponential_of_its_equation(
 ) -> None:
     omega = 2 * math.pi * frequency
     system = np.array([[0.0, 1.0], [-(omega**2), -2 * damping * omega]])
-    found = np.array(elements.spool_transition(frequency, damping, dt)).reshape(2, 2)
+    found = np.array(elements.compute_spool_transition(frequency, damping, dt)).reshape(2, 2)
     np.testing.assert_allclose(found, expm(system * dt), rtol=1e-7, atol=1e-9)
 
 
 def test_a_critically_damped_spool_has_the_limit_of_the_formula() -> None:
     omega, dt = 2 * math.pi * 100.0, 5e-4
     system = np.array([[0.0, 1.0], [-(omega**2), -2 * omega]])
-    found = np.array(elements.spool_transition(100.0, 1.0, dt)).reshape(2, 2)
+    found = np.array(elements.compute_spool_transition(100.0, 1.0, dt)).reshape(2, 2)
     np.testing.assert_allclose(found, expm(system * dt), rtol=1e-7)
 
 
@@ -122,11 +122,11 @@ def test_a_pump_is_filled_by_its_inlet_pressure_above_the_vapours() -> None:
 
 
 def test_a_pumps_efficiency_falls_with_its_load() -> None:
-    full = elements.shaft_power(90.0, 1.0, 0.9, 10.0)
+    full = elements.compute_shaft_power(90.0, 1.0, 0.9, 10.0)
     assert full == pytest.approx(90.0 / 0.9 + 10.0)
-    quarter = elements.shaft_power(22.5, 1.0, 0.9, 10.0)
+    quarter = elements.compute_shaft_power(22.5, 1.0, 0.9, 10.0)
     assert 22.5 / quarter < 90.0 / full
-    assert elements.shaft_power(-5.0, 0.0, 0.9, 10.0) == 0.0
+    assert elements.compute_shaft_power(-5.0, 0.0, 0.9, 10.0) == 0.0
 
 
 @given(st.lists(st.floats(-5e-7, 5e-7), min_size=1, max_size=20))
@@ -162,20 +162,22 @@ def test_a_spool_with_hysteresis_goes_round_a_loop_as_wide_as_its_play() -> None
 
 
 def test_a_valve_with_overlap_opens_beyond_it_and_gives_its_rated_flow_at_full_stroke() -> None:
-    assert elements.metered_opening(0.02, 0.03) == 0.0
-    assert elements.metered_opening(-0.515, 0.03) == pytest.approx(-0.5)
-    assert elements.metered_opening(1.0, 0.03) == 1.0
-    assert elements.metered_opening(0.7, 0.0) == 0.7
-    assert elements.metered_opening(-0.515, 0.03, 2.0) == pytest.approx(-0.25)
-    assert elements.metered_opening(1.0, 0.03, 1.8) == 1.0
-    assert math.isnan(elements.metered_opening(math.nan, 0.03))
+    assert elements.compute_valve_opening(0.02, 0.03) == 0.0
+    assert elements.compute_valve_opening(-0.515, 0.03) == pytest.approx(-0.5)
+    assert elements.compute_valve_opening(1.0, 0.03) == 1.0
+    assert elements.compute_valve_opening(0.7, 0.0) == 0.7
+    assert elements.compute_valve_opening(-0.515, 0.03, 2.0) == pytest.approx(-0.25)
+    assert elements.compute_valve_opening(1.0, 0.03, 1.8) == 1.0
+    assert math.isnan(elements.compute_valve_opening(math.nan, 0.03))
 
 
 def test_an_accumulator_takes_what_its_gas_gives_way_to() -> None:
     volume, precharge, exponent = 1e-4, 2e6, 1.4
-    assert elements.accumulator_capacity(1.9e6, volume, precharge, exponent) == 0.0
+    assert elements.compute_accumulator_capacity(1.9e6, volume, precharge, exponent) == 0.0
     pressures = np.linspace(2e6, 6e6, 4001)
-    capacity = [elements.accumulator_capacity(p, volume, precharge, exponent) for p in pressures]
+    capacity = [
+        elements.compute_accumulator_capacity(p, volume, precharge, exponent) for p in pressures
+    ]
     taken = np.trapezoid(capacity[1:], pressures[1:])
     expected = volume * (1.0 - (2.0 / 6.0) ** (1 / exponent))
     assert taken == pytest.approx(expected, rel=2e-3)
@@ -198,7 +200,7 @@ def test_bristles_bend_as_radau_has_their_equation() -> None:
     bend, found = 0.0, []
     for t in times:
         v = speed(t - dt / 2)
-        sliding = elements.sliding_friction(coulomb, breakaway, stribeck, v)
+        sliding = elements.compute_sliding_friction(coulomb, breakaway, stribeck, v)
         bend = elements.advance_bristle_deflection(bend, v, sliding, stiffness, dt)
         found.append(bend)
     force = stiffness * np.array(found)
@@ -226,12 +228,12 @@ def test_chambers_hold_their_dead_volume_and_the_swept_one_which_motors_have_not
     cylinder["cap_area"], cylinder["rod_area"] = 5e-4, 3e-4
     cylinder["min_length"], cylinder["max_length"] = 0.3, 0.4
     cylinder["dead_volume"], cylinder["swept_volume_factor"] = 1e-5, swept
-    cap, rod = elements.chamber_volumes(cylinder, 0.34)
+    cap, rod = elements.compute_chamber_volumes(cylinder, 0.34)
     assert (cap, rod) == pytest.approx((1e-5 + swept * 2e-5, 1e-5 + swept * 1.8e-5))
 
 
 @given(st.floats(-0.05, 0.05))
 def test_friction_opposes_the_motion(speed: float) -> None:
-    force = elements.friction_force(40.0, 2000.0, 1e-3, speed)
+    force = elements.compute_friction_force(40.0, 2000.0, 1e-3, speed)
     assert force == pytest.approx(40.0 * math.tanh(speed / 1e-3) + 2000.0 * speed)
     assert force * speed >= 0.0

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BPoly
 
-from mhsb_model.curve_limits import CurveLimits, least_inertias
+from mhsb_model.curve_limits import CurveLimits, find_least_inertias
 from mhsb_model.feasibility.curve_check import (
     Quantity,
     compute_slowing_factor,
@@ -168,7 +168,7 @@ def test_a_joint_that_begins_outside_may_come_back_but_not_go_further_out(excess
 
 def test_the_least_inertias_are_those_of_mass_matrices(machine):
     arrays, random = machine.arrays, np.random.default_rng(1)
-    least = least_inertias(arrays)
+    least = find_least_inertias(arrays)
     found = np.full(3, math.inf)
     while np.isinf(found).any() or random.random() < 0.999:
         posture = random.uniform(arrays.joint_min, arrays.joint_max)

@@ -11,7 +11,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import MotionState
 from mhsb_model.types import FloatArray, Position
-from mhsb_planner.cases.paper_cases import paper_cases
+from mhsb_planner.cases.paper_cases import load_paper_cases
 from mhsb_planner.planner import Planner
 
 DEFAULT_SEED = 0
@@ -30,7 +30,7 @@ class Move(NamedTuple):
     goal: Position
 
 
-def case_moves(machine: Machine) -> dict[str, Move]:
+def list_case_moves(machine: Machine) -> dict[str, Move]:
     """Return the moves of the paper's Cases 1 to 4, without repetition.
 
     Only cases that name the table planner are used. Cases with equal start and goal give one move.
@@ -50,7 +50,7 @@ def case_moves(machine: Machine) -> dict[str, Move]:
     if machine.slews:
         return {}
     moves: dict[tuple[Position, Position], str] = {}
-    cases = paper_cases()
+    cases = load_paper_cases()
     for name, case in cases.items():
         if case.planner == "table":
             moves.setdefault((case.start, case.goal), name)
@@ -59,7 +59,7 @@ def case_moves(machine: Machine) -> dict[str, Move]:
     }
 
 
-def random_position(machine: Machine, random: np.random.Generator) -> Position:
+def draw_random_position(machine: Machine, random: np.random.Generator) -> Position:
     """Draw a random point of the workspace of the machine file, within the arm's reach or not.
 
     In the arm's plane, the point is uniform over an area. The area lies between two radii around
@@ -83,7 +83,7 @@ def random_position(machine: Machine, random: np.random.Generator) -> Position:
     return tuple(machine.convert_to_base(np.array([x, z]), slew).tolist())
 
 
-def random_moves(planner: Planner, count: int, seed: int = DEFAULT_SEED) -> Iterator[Move]:
+def yield_random_moves(planner: Planner, count: int, seed: int = DEFAULT_SEED) -> Iterator[Move]:
     """Yield random moves between nodes of the posture table's grid that have a plan.
 
     The start posture is the table's posture for mode N (main pump alone) of all actuators at a

@@ -12,7 +12,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, Position
 from mhsb_planner.errors import RequestError
 from mhsb_planner.planners.options import PlanOptions
-from mhsb_planner.posture.s1_global_search import postures_at
+from mhsb_planner.posture.s1_global_search import find_postures_at
 from mhsb_planner.search.fixed_j3 import compute_fixed_j3_posture
 from mhsb_planner.search.s2_search import Weights
 
@@ -67,7 +67,7 @@ class PaperCase:
         if self.planner == "fixed" and self.initial_j3 is not None:
             posture = compute_fixed_j3_posture(machine.planar_arm, *place.tip, self.initial_j3)
         else:
-            posture = postures_at(machine.planar_arm, *place.tip).posture[0]
+            posture = find_postures_at(machine.planar_arm, *place.tip).posture[0]
         return posture if place.slew is None else np.append(place.slew, posture)
 
     @property
@@ -76,7 +76,7 @@ class PaperCase:
         return PlanOptions(weights=self.weights, planner=self.planner, initial_j3=self.initial_j3)
 
 
-def paper_cases() -> dict[str, PaperCase]:
+def load_paper_cases() -> dict[str, PaperCase]:
     """Return all cases by name, such as `1-1`, from the configuration file."""
     content = read_yaml(find_config_file(CASES_FILE))
     return {
@@ -92,7 +92,7 @@ def paper_cases() -> dict[str, PaperCase]:
     }
 
 
-def paper_case(name: str) -> PaperCase:
+def get_paper_case(name: str) -> PaperCase:
     """Return the case of a given name.
 
     Args:
@@ -104,7 +104,7 @@ def paper_case(name: str) -> PaperCase:
     Raises:
         RequestError: No case has this name; the message lists the names.
     """
-    cases = paper_cases()
+    cases = load_paper_cases()
     if name not in cases:
         raise RequestError("case", name, f"must be one of {', '.join(cases)}")
     return cases[name]

@@ -45,8 +45,8 @@ from mhsb_planner.search.s2_step import (
     Postures,
     StepBuffers,
     compute_hydraulic_coefficients,
+    compute_middle_forces,
     create_step_buffers,
-    middle_forces,
     price_steps_to_node,
 )
 
@@ -338,7 +338,7 @@ def price_piece(t: PathCostModel, w: PathCostBuffers, here: int) -> int:
         m, t.obstacles, posture[here], posture[there], True
     ):
         return STEP_INADMISSIBLE
-    middle_forces(m, posture[here], posture, there, w.middle)
+    compute_middle_forces(m, posture[here], posture, there, w.middle)
     moves = NodeMoves(w.points, here, w.points, there, 1, w.owner[there], w.middle)
     status = price_steps_to_node(t.circuit, t.patterns, moves, w.scratch)
     if t.area.weight > 0.0 and status != STEP_INADMISSIBLE:

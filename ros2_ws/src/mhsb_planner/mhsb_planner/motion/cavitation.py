@@ -12,7 +12,7 @@ from mhsb_model.feasibility.cavitation import Cavitation, find_cavitating, summa
 from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_planner.motion.motion_profile import motion_profile
+from mhsb_planner.motion.motion_profile import compute_motion_profile
 from mhsb_planner.search.discrete_path import DiscretePath
 
 
@@ -32,7 +32,7 @@ def find_cavitations(machine: Machine, motion: Trajectory) -> tuple[Cavitation, 
         One entry for each actuator that cavitates; empty if none does. Times count from the start
         of the trajectory [s].
     """
-    profile = motion_profile(machine, motion.position, motion.velocity)
+    profile = compute_motion_profile(machine, motion.position, motion.velocity)
     time = motion.offset_ns / SECOND_NS
     return summarize_cavitation(machine, time, profile.force, profile.speed, MAX_HELD_SPEED)
 
@@ -58,6 +58,6 @@ def find_cavitating_steps(machine: Machine, path: DiscretePath) -> np.ndarray:
     velocity = (end - start) / path.duration[:, None]
     empty = np.zeros(start.shape, dtype=bool)
     for share in (0.0, 0.5, 1.0):
-        profile = motion_profile(machine, start + share * (end - start), velocity)
+        profile = compute_motion_profile(machine, start + share * (end - start), velocity)
         empty |= find_cavitating(machine, profile.force, profile.speed, MAX_HELD_SPEED)
     return empty

@@ -9,7 +9,8 @@ q_leak the leakage of a valve [m³/s]. The price is the energy per volume of oil
 - Boost in the reading `paper`: p_L/η, at least P_S. p_L is the load pressure and η the efficiency
   of the servo pump.
 - Boost in the reading `series`, with main pump and servo pump in series: P_S + (p_supply − P_S)/η.
-  p_supply is the result of `hydraulics.boosted_supply`; in mode SB it is the rail's pressure.
+  p_supply is the result of `hydraulics.compute_boosted_supply`; in mode SB it is the rail's
+  pressure.
 
 A cylinder up to the speed MAX_HELD_SPEED counts as held: its load decides the direction of p_L.
 
@@ -45,7 +46,7 @@ import numpy as np
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import (
-    boosted_supply,
+    compute_boosted_supply,
     compute_inertia_margin,
     compute_pressure_with_margin,
     compute_slip_flow,
@@ -62,7 +63,7 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import BOOSTED_MODES, RAIL_MODES
 from mhsb_model.trajectory import MAX_POINT_SPACING_NS, SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray
-from mhsb_planner.motion.motion_profile import MotionProfile, Profiles, motion_profile
+from mhsb_planner.motion.motion_profile import MotionProfile, Profiles, compute_motion_profile
 from mhsb_planner.motion.s3_limits import repeats_previous_row
 
 CHARGED_AHEAD = 0.4
@@ -112,7 +113,7 @@ ENERGY_FIELD_COUNT = len(fields(Energy))
 ZERO_ENERGY = Energy(*[0.0] * ENERGY_FIELD_COUNT)
 
 
-def motion_energy(
+def compute_motion_energy(
     machine: Machine,
     trajectory: Trajectory,
     schedule: ModeSchedule,
@@ -135,12 +136,12 @@ def motion_energy(
     edges = _find_interval_limits(trajectory, schedule)
     if len(edges) < 2:
         return ZERO_ENERGY
-    return energy_of_profiles(
+    return compute_energy_of_profiles(
         machine, edges, _compute_profiles(machine, trajectory, schedule, edges)
     )
 
 
-def energy_of_profiles(machine: Machine, edges: IntArray, profiles: Profiles) -> Energy:
+def compute_energy_of_profiles(machine: Machine, edges: IntArray, profiles: Profiles) -> Energy:
     """Compute the energy of a motion from its profiles (piston speeds and forces).
 
     Args:
@@ -236,7 +237,7 @@ def _compute_profiles(
         middles. The modes of each interval are those in force at its beginning.
     """
     points, middles = (
-        motion_profile(machine, *trajectory.sample_offsets(at))
+        compute_motion_profile(machine, *trajectory.sample_offsets(at))
         for at in (edges, (edges[1:] + edges[:-1]) // 2)
     )
     return Profiles(points, middles, schedule.modes_at_many(trajectory.stamp_ns + edges[:-1]))
@@ -265,7 +266,7 @@ def _find_interval_limits(trajectory: Trajectory, schedule: ModeSchedule) -> Int
     return np.append(np.repeat(edges[:-1], parts) + between, edges[-1])
 
 
-def energy_of_states(
+def compute_energy_of_states(
     machine: Machine,
     span: FloatArray,
     position: FloatArray,
@@ -291,7 +292,7 @@ def energy_of_states(
         fields count main pump and servo pumps in series, and include the charging of lines before
         boosts.
     """
-    profile = motion_profile(machine, position, velocity, acceleration)
+    profile = compute_motion_profile(machine, position, velocity, acceleration)
     energy = _sum_state_energies(
         machine.arrays, span, profile.speed, profile.force, profile.inertia, modes
     )
@@ -421,7 +422,7 @@ def _compute_powers(
     for j in range(len(own)):
         if BOOSTED_MODES[modes[j]]:
             f, v = force[j], speed[j]
-            own[j] = boosted_supply(oil, valve[j], cap[j], rod[j], f, v)
+            own[j] = compute_boosted_supply(oil, valve[j], cap[j], rod[j], f, v)
             if inertia[j] != 0.0:
                 load = f + inertia[j]
                 pushed = compute_pressure_with_margin(oil, valve[j], cap[j], rod[j], load, v)
@@ -498,7 +499,7 @@ def _compute_charging_work(
             v, cap, rod, volume = speed[k, j], m.cap_area[j], m.rod_area[j], line_volume
             if RAIL_MODES[modes[k, j]] and _count_on_rail(modes, k - 1) == 0:
                 volume += rail_volume / _count_on_rail(modes, k)
-            supply = boosted_supply(oil, m.valve_coefficient[j], cap, rod, force[k, j], v)
+            supply = compute_boosted_supply(oil, m.valve_coefficient[j], cap, rod, force[k, j], v)
             rise = supply - oil.supply_pressure
             pumps = m.modules_per_mode[modes[k, j]]
             slip = compute_slip_flow(oil.servo_pump_slip, pumps, rise)

@@ -13,7 +13,12 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import add_extension
 from mhsb_model.linkages.linkage import evaluate_linkage, evaluate_linkage_at_cosine
 from mhsb_model.machine import Machine
-from mhsb_model.statics import INERTIA_WORK, chain_gravity_torques, chain_of, inertia_torques
+from mhsb_model.statics import (
+    INERTIA_WORK,
+    compute_chain_gravity_torques,
+    compute_inertia_torques,
+    get_chain,
+)
 from mhsb_model.trajectory import SECOND_NS, JointMotion, Trajectory, sample_midpoint_states
 from mhsb_model.types import FloatArray, ModeArray, as_frozen
 
@@ -73,7 +78,7 @@ class Profiles(NamedTuple):
     modes: ModeArray
 
 
-def motion_profile(
+def compute_motion_profile(
     machine: Machine,
     position: FloatArray,
     velocity: FloatArray,
@@ -100,7 +105,7 @@ def motion_profile(
     return MotionProfile(speed, force, tip, inertia, q)
 
 
-def middle_profile(machine: Machine, trajectory: Trajectory) -> MotionProfile:
+def compute_middle_profile(machine: Machine, trajectory: Trajectory) -> MotionProfile:
     """Compute the profile of a trajectory half-way in time between its points.
 
     Args:
@@ -173,7 +178,7 @@ def compute_profile_arrays(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Compute piston speeds, gravity forces, tip positions and inertia forces of k states.
 
-    This is the kernel of `motion_profile`. Test oracle: the methods of `Machine`.
+    This is the kernel of `compute_motion_profile`. Test oracle: the methods of `Machine`.
 
     Args:
         m: Arrays of the machine, with its payload.
@@ -190,7 +195,7 @@ def compute_profile_arrays(
     rows, n = position.shape
     speed, force, tip = np.empty((rows, n)), np.empty((rows, n)), np.zeros((rows, 2))
     inertia = np.zeros((rows, n))
-    chain, linkage, moves = chain_of(m), m.linkage, len(acceleration) > 0
+    chain, linkage, moves = get_chain(m), m.linkage, len(acceleration) > 0
     cosine, sine = np.empty(n), np.empty(n)
     arm, weight, push, work = np.empty(n), np.empty(n), np.zeros(n), np.empty((INERTIA_WORK, n))
     for k in range(rows):
@@ -207,10 +212,10 @@ def compute_profile_arrays(
             length = add_extension(chain.slides, chain.length, q, j)
             tip[k, 0] += length * along
             tip[k, 1] += length * across
-        chain_gravity_torques(chain, q, cosine, sine, weight)
+        compute_chain_gravity_torques(chain, q, cosine, sine, weight)
         if moves:
             motion = JointMotion(q, velocity[k], acceleration[k])
-            inertia_torques(chain, motion, cosine, sine, work, push)
+            compute_inertia_torques(chain, motion, cosine, sine, work, push)
         for j in range(n):
             speed[k, j] = arm[j] * velocity[k, j]
             force[k, j] = weight[j] / arm[j]

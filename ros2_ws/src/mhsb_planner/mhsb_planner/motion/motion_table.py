@@ -11,8 +11,8 @@ from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_planner.motion.motion_profile import motion_profile
-from mhsb_planner.motion.planned_pressures import planned_supply
+from mhsb_planner.motion.motion_profile import compute_motion_profile
+from mhsb_planner.motion.planned_pressures import compute_planned_supply
 
 MODE_MEANINGS = {
     Mode.N: "main pump alone",
@@ -83,8 +83,8 @@ def iterate_rows(
         planned pressure in each actuator's supply line [Pa].
     """
     modes = schedule.modes_at_many(trajectory.stamp_ns + trajectory.offset_ns)
-    profile = motion_profile(machine, trajectory.position, trajectory.velocity)
-    supply = planned_supply(machine, profile.force, profile.speed, modes)
+    profile = compute_motion_profile(machine, trajectory.position, trajectory.velocity)
+    supply = compute_planned_supply(machine, profile.force, profile.speed, modes)
     for k, offset_ns in enumerate(trajectory.offset_ns):
         yield [
             float(offset_ns / SECOND_NS),

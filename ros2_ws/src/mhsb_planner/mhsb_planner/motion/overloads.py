@@ -15,9 +15,9 @@ import numpy as np
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import (
+    compute_required_pressure,
+    compute_required_pressures,
     compute_sinking_speed,
-    required_pressure,
-    required_pressures,
 )
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
@@ -78,7 +78,9 @@ def find_overloads(
     highest = machine.arrays.max_boost_pressure
     if not _has_overload(machine.arrays, profile.speed, profile.force):
         return ()
-    pressure = required_pressures(machine.arrays, profile.force, np.zeros(profile.force.shape))
+    pressure = compute_required_pressures(
+        machine.arrays, profile.force, np.zeros(profile.force.shape)
+    )
     resting = (pressure > highest) & (np.abs(profile.speed) <= MAX_HELD_SPEED)
     span = np.append(np.diff(time), 0.0)
     return tuple(
@@ -132,6 +134,6 @@ def _has_overload(m: MachineArrays, speed: FloatArray, force: FloatArray) -> boo
     for k in range(len(speed)):
         for j in range(speed.shape[1]):
             rests = abs(speed[k, j]) <= MAX_HELD_SPEED
-            if rests and required_pressure(m, j, force[k, j], 0.0) > m.max_boost_pressure:
+            if rests and compute_required_pressure(m, j, force[k, j], 0.0) > m.max_boost_pressure:
                 return True
     return False

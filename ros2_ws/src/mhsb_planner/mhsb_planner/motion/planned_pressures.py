@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mhsb_model.hydraulics import (
-    boosted_supply,
+    compute_boosted_supply,
     get_shared_hydraulics,
     rail_pressure,
     select_supply_pressure,
@@ -15,7 +15,7 @@ from mhsb_model.modes import BOOSTED_MODES
 from mhsb_model.types import FloatArray, ModeArray
 
 
-def planned_supply(
+def compute_planned_supply(
     machine: Machine, force: FloatArray, speed: FloatArray, modes: ModeArray
 ) -> FloatArray:
     """Compute the planned supply pressure in each actuator's line at k instants.
@@ -37,7 +37,7 @@ def planned_supply(
     supply = np.empty_like(force)
     for k, pattern in enumerate(modes):
         own = np.array([
-            boosted_supply(oil, *own_of[j], force[k, j], speed[k, j])
+            compute_boosted_supply(oil, *own_of[j], force[k, j], speed[k, j])
             if BOOSTED_MODES[pattern[j]]
             else oil.supply_pressure
             for j in range(machine.joint_count)

@@ -11,7 +11,7 @@ import numpy as np
 
 from mhsb_model.machine import Machine
 from mhsb_model.types import IntArray
-from mhsb_planner.motion.s3_ramps import shortest_ramp
+from mhsb_planner.motion.s3_ramps import compute_shortest_ramp
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.s2_search import Weights
 
@@ -39,7 +39,7 @@ def insert_rests(
     Returns:
         Copy of the path with one more step for each rest.
     """
-    m, seconds = machine.arrays, shortest_ramp(machine).duration
+    m, seconds = machine.arrays, compute_shortest_ramp(machine).duration
     energy = m.supply_pressure * machine.joint_count * m.leakage_flow * seconds
     price = 0.0 if weights is None else weights.energy * energy + weights.time * seconds
     return replace(

@@ -34,10 +34,10 @@ from mhsb_planner.motion.piston_motion import convert_to_pistons
 from mhsb_planner.motion.ramped_motion import RampedMotion
 from mhsb_planner.motion.s3_ramps import (
     Ramp,
+    compute_shortest_ramp,
     evaluate_ramp,
     find_ramp_time,
     round_up_to_time_step,
-    shortest_ramp,
 )
 from mhsb_planner.motion.trajectory_points import sample_curve
 
@@ -120,7 +120,7 @@ def _iterate_gentler_motions(machine: Machine, start: MotionState) -> Iterator[R
     """
     state = (np.array(start.position), np.array(start.velocity), np.array(start.acceleration))
     _, speed, acceleration = convert_to_pistons(machine.arrays, *state)
-    own, longest = _choose_ramp(machine, speed, acceleration), shortest_ramp(machine)
+    own, longest = _choose_ramp(machine, speed, acceleration), compute_shortest_ramp(machine)
     for ramp in (own,) if own == longest else (own, longest):
         for parts in range(MOST_PARTS + 1):
             yield _compute_coasting_motion(machine, start, ramp, parts)
@@ -182,8 +182,8 @@ def _choose_ramp(machine: Machine, speed: FloatArray, acceleration: FloatArray) 
         np.abs(acceleration).max()
         > STEADY_ACCELERATION_SHARE * machine.arrays.max_piston_acceleration
     ):
-        return shortest_ramp(machine)
-    return shortest_ramp(machine, float(np.abs(speed).max()))
+        return compute_shortest_ramp(machine)
+    return compute_shortest_ramp(machine, float(np.abs(speed).max()))
 
 
 @kernel

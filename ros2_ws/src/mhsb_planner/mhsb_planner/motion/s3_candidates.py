@@ -22,7 +22,7 @@ from mhsb_planner.motion.limits.limit import TimeScaling
 from mhsb_planner.motion.resting import insert_rests
 from mhsb_planner.motion.s3_blend_in import Coasting
 from mhsb_planner.motion.s3_following import compute_followed_path
-from mhsb_planner.motion.s3_polynomial import fit_polynomial, node_times
+from mhsb_planner.motion.s3_polynomial import compute_node_times, fit_polynomial
 from mhsb_planner.motion.s3_slowing import USAGE_RESERVE
 from mhsb_planner.motion.s3_state_to_rest import Steering, compute_steered_motion
 from mhsb_planner.motion.s4_mode_schedule import StartModes, SwitchingRules
@@ -394,7 +394,7 @@ def _create_polynomial(
         Curve to try. If the path is shorter than SHORTEST_MOVE, the first trial already stretches
         it to this duration.
     """
-    shortest = max(1.0, SHORTEST_MOVE / float(node_times(path)[-1]))
+    shortest = max(1.0, SHORTEST_MOVE / float(compute_node_times(path)[-1]))
     if brake is None:
         rest = MotionState.at_rest(path.posture[0])
         return CurveCandidate(

@@ -31,7 +31,12 @@ from mhsb_model.types import FloatArray
 from mhsb_planner.motion.ramped_motion import RampedMotion
 from mhsb_planner.motion.s3_blend_in import Coasting
 from mhsb_planner.motion.s3_polynomial import MIN_STEP_DURATION
-from mhsb_planner.motion.s3_ramps import RAMP_TIME_STEP, Ramp, round_up_to_time_step, shortest_ramp
+from mhsb_planner.motion.s3_ramps import (
+    RAMP_TIME_STEP,
+    Ramp,
+    compute_shortest_ramp,
+    round_up_to_time_step,
+)
 from mhsb_planner.search.discrete_path import DiscretePath
 
 SAME_SPEED = 1e-7
@@ -297,7 +302,7 @@ def _iterate_slower_motions(
         Motions of the pistons. Any of them may exceed the limits.
     """
     fastest = find_highest_speed(path.length, path.duration)
-    ramp, delay = shortest_ramp(path.machine, fastest).scale(slower, slower), 0.0
+    ramp, delay = compute_shortest_ramp(path.machine, fastest).scale(slower, slower), 0.0
     if coast is not None:
         ramp = max(ramp, coast.ramp, key=lambda each: each.duration)
         rise, delay = coast.ramp.rise, coast.stop_time + coast.ramp.duration

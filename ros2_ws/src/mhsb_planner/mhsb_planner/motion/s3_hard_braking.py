@@ -15,8 +15,13 @@ import numpy as np
 from mhsb_model.braking import MIN_POINT_SPACING_NS, retime_along
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_planner.motion.motion_profile import motion_profile
-from mhsb_planner.motion.s3_ramps import RAMP_LIMIT_SHARE, Ramp, evaluate_ramp, shortest_ramp
+from mhsb_planner.motion.motion_profile import compute_motion_profile
+from mhsb_planner.motion.s3_ramps import (
+    RAMP_LIMIT_SHARE,
+    Ramp,
+    compute_shortest_ramp,
+    evaluate_ramp,
+)
 from mhsb_planner.motion.trajectory_points import choose_point_times
 
 LIMIT_SHARES = (0.5, 0.75, 1.0)
@@ -63,7 +68,7 @@ def iterate_harder_brakings(
     way = left
     for slack in (0.0, RAMP_LIMIT_SHARE):
         for share in LIMIT_SHARES:
-            ramp = shortest_ramp(machine, speed * RAMP_LIMIT_SHARE / share)
+            ramp = compute_shortest_ramp(machine, speed * RAMP_LIMIT_SHARE / share)
             found = _find_braking_within_limits(machine, trajectory, at_ns, ramp, slack)
             if found is not None and 0.5 * found.duration_ns / SECOND_NS < way:
                 way = 0.5 * found.duration_ns / SECOND_NS
@@ -162,7 +167,7 @@ def _measure_peaks(
     looks = max(3, duration_ns // LOOK_NS)
     offset_ns = np.linspace(0, duration_ns, looks, dtype=np.int64)
     position, velocity, _ = motion.sample_many(at_ns + offset_ns)
-    speed = motion_profile(machine, position, velocity).speed
+    speed = compute_motion_profile(machine, position, velocity).speed
     step = duration_ns / SECOND_NS / (looks - 1)
     acceleration = np.abs(np.diff(speed, axis=0)).max() / step
     jerk = np.abs(np.diff(speed, n=2, axis=0)).max() / step**2

@@ -44,9 +44,9 @@ from mhsb_planner.motion.limits.obstacles import find_obstacle_violation
 from mhsb_planner.motion.limits.registry import STATE_LIMITS, measure_limits
 from mhsb_planner.motion.motion_profile import (
     MotionProfile,
+    compute_middle_profile,
+    compute_motion_profile,
     compute_profile_arrays,
-    middle_profile,
-    motion_profile,
 )
 from mhsb_planner.motion.s3_clearance import find_first_contact
 
@@ -334,10 +334,10 @@ def find_first_violation(
         DeadlineError: The deadline passed.
     """
     modes = schedule.modes_at_many(trajectory.offset_ns[:-1] + schedule.stamp_ns)
-    profile = motion_profile(machine, *trajectory.points)
+    profile = compute_motion_profile(machine, *trajectory.points)
     ends, middles = (
         EndValues.from_profile(machine, profile, modes),
-        middle_profile(machine, trajectory),
+        compute_middle_profile(machine, trajectory),
     )
     return find_violation_between(machine, trajectory, ends, middles, deadline)
 
@@ -362,7 +362,7 @@ def find_violation_between(
         ends: Quantities that the limits bound, at the ends of the intervals between the points,
             with the modes of the intervals.
         middles: Profile (piston speeds and forces) at the middles of the intervals, from
-            `middle_profile`.
+            `compute_middle_profile`.
         deadline: Instant at which the work is given up.
 
     Returns:

@@ -85,7 +85,7 @@ def fit_polynomial(
     Returns:
         Polynomials that start at time 0. Limits are not checked.
     """
-    node_time = stretch * (delay + node_times(path))
+    node_time = stretch * (delay + compute_node_times(path))
     duration = float(node_time[-1])
     moving = start.is_moving
     boundary = _compute_boundary_polynomial(start, path.posture[-1], duration, moving)
@@ -96,7 +96,7 @@ def fit_polynomial(
     return PolynomialCurve(boundary + basis @ weights, duration, node_time)
 
 
-def node_times(path: DiscretePath) -> FloatArray:
+def compute_node_times(path: DiscretePath) -> FloatArray:
     """Compute the time at which a motion is to be at each node of a discrete path.
 
     Args:

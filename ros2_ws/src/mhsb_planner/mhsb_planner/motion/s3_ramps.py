@@ -90,7 +90,7 @@ def round_up_to_time_step(seconds: float) -> float:
     return max(1, math.ceil(seconds / RAMP_TIME_STEP - 1e-6)) * RAMP_TIME_STEP
 
 
-def shortest_ramp(machine: Machine, speed: float = math.inf) -> Ramp:
+def compute_shortest_ramp(machine: Machine, speed: float = math.inf) -> Ramp:
     """Compute the shortest ramp (smooth change of a piston's speed) from rest to a speed.
 
         T₁ = V/a,  T₂ = a/j

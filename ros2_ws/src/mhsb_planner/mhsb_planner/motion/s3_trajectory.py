@@ -34,7 +34,7 @@ import numpy as np
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.errors import MhsbError
 from mhsb_model.feasibility.curve_check import compute_slowing_factor
-from mhsb_model.holding import HoldingError, holding_modes
+from mhsb_model.holding import HoldingError, choose_holding_modes
 from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.kinematics import tip_position
@@ -46,13 +46,13 @@ from mhsb_model.types import FloatArray, ModeArray, as_frozen, frozen
 from mhsb_model.workspace import compute_workspace_excess
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.motion import s3_clearance, s3_limits
-from mhsb_planner.motion.energy import Energy, energy_of_profiles, motion_energy
+from mhsb_planner.motion.energy import Energy, compute_energy_of_profiles, compute_motion_energy
 from mhsb_planner.motion.limits.joint_range import (
     JOINT_TOLERANCE,
     compute_outward_excess,
 )
 from mhsb_planner.motion.limits.limit import TimeScaling, Violation
-from mhsb_planner.motion.motion_profile import MotionProfile, Profiles, middle_profile
+from mhsb_planner.motion.motion_profile import MotionProfile, Profiles, compute_middle_profile
 from mhsb_planner.motion.overloads import Overload, find_overloads
 from mhsb_planner.motion.ramped_motion import RampedMotion
 from mhsb_planner.motion.s3_blend_in import Coasting, compute_coasting
@@ -185,9 +185,9 @@ class FittedMotion:
     def energy(self) -> Energy:
         """Energy of the motion, leakage included [J]."""
         if self.middles is None:
-            return motion_energy(self.machine, self.trajectory, self.schedule)
+            return compute_motion_energy(self.machine, self.trajectory, self.schedule)
         profiles = Profiles(self.scheduled.profile, self.middles, self.scheduled.intervals)
-        return energy_of_profiles(self.machine, self.trajectory.offset_ns, profiles)
+        return compute_energy_of_profiles(self.machine, self.trajectory.offset_ns, profiles)
 
     @cached_property
     def speed_excess(self) -> float:
@@ -437,7 +437,7 @@ def _fit_each(
                 machine, machine.arrays, modes, candidate, FitRules(), NO_DEADLINE
             )
             if isinstance(motion, FittedMotion):
-                motion_energy(machine, motion.trajectory, motion.schedule)
+                compute_motion_energy(machine, motion.trajectory, motion.schedule)
                 _ = motion.energy, motion.overloads, motion.tip_deviation
 
 
@@ -479,7 +479,7 @@ def _check_holding(machine: Machine, posture: FloatArray) -> None:
     if m.modules_per_mode[Mode.DB] * machine.joint_count <= m.module_count:
         return
     try:
-        holding_modes(machine, machine.piston_forces(posture))
+        choose_holding_modes(machine, machine.piston_forces(posture))
     except HoldingError as error:
         raise FitError((str(error),)) from None
 
@@ -604,7 +604,7 @@ def _fit_candidate(
         deadline.check(FIT_TASK)
         stuck, before = most == before, most
         if USAGE_RESERVE * most <= (ACCEPTED_LIMIT_USE if stuck else 1.0):
-            middles = middle_profile(machine, trajectory)
+            middles = compute_middle_profile(machine, trajectory)
             violation = find_violation_between(machine, trajectory, ends, middles, deadline)
             if violation is None:
                 fit = candidate.method, lead_in is not None, (path, curve), scale

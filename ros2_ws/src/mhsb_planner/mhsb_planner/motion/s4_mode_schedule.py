@@ -41,7 +41,7 @@ from mhsb_model.mode_schedule import LONG_AGO_NS, ModeSchedule
 from mhsb_model.modes import BOOSTED_MODES, Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
-from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
+from mhsb_planner.motion.motion_profile import MotionProfile, compute_motion_profile
 from mhsb_planner.motion.s3_limits import repeats_previous_row
 
 NEED_FACTOR = 1.005
@@ -139,15 +139,15 @@ def mode_schedule(machine: Machine, trajectory: Trajectory, start: StartModes) -
         Schedule with the trajectory's stamp. Its last row begins at the trajectory's end and has
         the modes in which the arm then rests.
     """
-    profile = motion_profile(
+    profile = compute_motion_profile(
         machine, trajectory.position, trajectory.velocity, trajectory.acceleration
     )
     hold = choose_stop_modes(machine, profile.force[-1], start.modes)
-    modes = interval_modes(machine, trajectory.offset_ns / SECOND_NS, profile, start, hold)
-    return schedule_of_intervals(trajectory.stamp_ns, trajectory.offset_ns, modes, hold)
+    modes = compute_interval_modes(machine, trajectory.offset_ns / SECOND_NS, profile, start, hold)
+    return create_schedule_of_intervals(trajectory.stamp_ns, trajectory.offset_ns, modes, hold)
 
 
-def interval_modes(
+def compute_interval_modes(
     machine: Machine,
     time: FloatArray,
     profile: MotionProfile,
@@ -224,7 +224,7 @@ def keeps_dwell(
     return bool(_compute_shortest_run(time, modes, start.modes, start.age, hold) >= least)
 
 
-def schedule_of_intervals(
+def create_schedule_of_intervals(
     stamp_ns: int, offset_ns: IntArray, modes: ModeArray, hold: ModeArray
 ) -> ModeSchedule:
     """Create a mode schedule from the modes of successive intervals.
@@ -282,7 +282,7 @@ def _choose_interval_modes(
     shared boost (SB), begin earlier by `rules.lead` and are lengthened to `rules.min_dwell`. Last,
     boost is reduced if too few booster modules are fitted.
 
-    It is the kernel of `interval_modes`. The tests check its result against each rule.
+    It is the kernel of `compute_interval_modes`. The tests check its result against each rule.
 
     Args:
         m: Arrays of the machine.

@@ -15,13 +15,13 @@ from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import ModeArray
-from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
+from mhsb_planner.motion.motion_profile import MotionProfile, compute_motion_profile
 from mhsb_planner.motion.s4_mode_schedule import (
     StartModes,
     SwitchingRules,
-    interval_modes,
+    compute_interval_modes,
+    create_schedule_of_intervals,
     keeps_dwell,
-    schedule_of_intervals,
 )
 
 
@@ -104,12 +104,12 @@ class ScheduledMotion:
             Trajectory with its profile and its modes. Its `keeps_dwell` is False if an actuator is
             switched twice within `rules.min_dwell`.
         """
-        profile = motion_profile(
+        profile = compute_motion_profile(
             machine, trajectory.position, trajectory.velocity, trajectory.acceleration
         )
         time = trajectory.offset_ns / SECOND_NS
         hold = choose_stop_modes(machine, profile.force[-1], start.modes)
-        modes = interval_modes(machine, time, profile, start, hold, preferred, rules)
+        modes = compute_interval_modes(machine, time, profile, start, hold, preferred, rules)
         kept = keeps_dwell(time, modes, start, hold, rules)
         return cls(trajectory, profile, modes, hold, kept)
 
@@ -117,4 +117,6 @@ class ScheduledMotion:
     def schedule(self) -> ModeSchedule:
         """Mode schedule of the trajectory, with its stamp."""
         offset = self.trajectory.offset_ns
-        return schedule_of_intervals(self.trajectory.stamp_ns, offset, self.intervals, self.hold)
+        return create_schedule_of_intervals(
+            self.trajectory.stamp_ns, offset, self.intervals, self.hold
+        )

@@ -10,7 +10,7 @@ import numpy as np
 from mhsb_model.command import Command
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_planner.motion.energy import Energy, energy_of_states
+from mhsb_planner.motion.energy import Energy, compute_energy_of_states
 from mhsb_planner.online.execution import Execution
 
 SPACING_NS = 10_000_000
@@ -83,4 +83,4 @@ def compute_energy_between(
     position, velocity, acceleration = command.trajectory.sample_many(middles)
     modes = command.schedule.modes_at_many(middles)
     span = np.diff(edges) / SECOND_NS
-    return energy_of_states(machine, span, position, velocity, modes, acceleration)
+    return compute_energy_of_states(machine, span, position, velocity, modes, acceleration)

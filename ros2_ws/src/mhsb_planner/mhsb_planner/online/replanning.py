@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mhsb_model.braking import brake_along, cut_before
+from mhsb_model.braking import brake_along, extract_remainder
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
@@ -161,7 +161,7 @@ class Replanner:
             self._make_braking(in_force, times) if moving else None,
             options,
             deadline,
-            cut_before(in_force.trajectory, times.change_ns) if moving else None,
+            extract_remainder(in_force.trajectory, times.change_ns) if moving else None,
         )
         command = join_commands(in_force, times, _create_command(plan))
         from_rest = in_force.trajectory.end_ns <= times.stamp_ns

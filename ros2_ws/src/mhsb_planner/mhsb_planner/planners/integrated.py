@@ -33,7 +33,7 @@ from mhsb_planner.planners.schedule import (
 )
 from mhsb_planner.planners.table import TablePlanner
 from mhsb_planner.progress import PlanProgress
-from mhsb_planner.search.manipulability_loss import WITHOUT_AREA, AreaTerm, area_along_path
+from mhsb_planner.search.manipulability_loss import WITHOUT_AREA, AreaTerm, compute_area_along_path
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_search import PathQuery
 
@@ -276,6 +276,8 @@ def _for_comparison(
     for proposal in proposals:
         path = proposal.path
         if task.area.weight > 0.0:
-            shortfall = area_along_path(machine, path).compute_area_loss(task.area.reference)
+            shortfall = compute_area_along_path(machine, path).compute_area_loss(
+                task.area.reference
+            )
             path = replace(path, cost=path.cost + task.area.weight * shortfall)
         yield proposal._replace(path=path, for_comparison=True)

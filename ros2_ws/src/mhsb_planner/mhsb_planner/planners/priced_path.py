@@ -12,7 +12,7 @@ from mhsb_planner.planners.path_planner import PathRequest
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.s2_search import SEARCH_TASK
-from mhsb_planner.search.s2_step import step_costs
+from mhsb_planner.search.s2_step import compute_step_costs
 
 
 def price_path(
@@ -39,7 +39,7 @@ def price_path(
     weights, modes, taken = task.options.weights, task.modes.modes, []
     for start, end in pairwise(posture):
         progress.search_deadline.check(SEARCH_TASK)
-        step = step_costs(machine, start, end)
+        step = compute_step_costs(machine, start, end)
         if not step.admissible.any():
             return None
         energy = step.energy if task.options.energy_reading == "paper" else step.energy_series

@@ -22,7 +22,7 @@ SPEED_FACTORS = (0.5, 0.25, 0.125)
 """Factors on V_max, in the order of trial [-]."""
 
 
-def paths_at_falling_speeds(
+def yield_paths_at_falling_speeds(
     planner: PathPlanner, graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
     """Yield a planner's paths at V_max (allowed piston speed), then at lower speeds if needed.

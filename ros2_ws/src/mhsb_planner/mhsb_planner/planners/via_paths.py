@@ -11,7 +11,7 @@ import numpy as np
 from mhsb_model.machine import Machine
 from mhsb_planner.motion.resting import insert_rests
 from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
-from mhsb_planner.planners.slower_paths import paths_at_falling_speeds
+from mhsb_planner.planners.slower_paths import yield_paths_at_falling_speeds
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.s2_graph import StepGraph
@@ -77,7 +77,7 @@ class PlanePaths:
         Raises:
             MhsbError: There is no path at V_max, and none at a lower speed.
         """
-        return paths_at_falling_speeds(self.planner, self.graph, task, progress)
+        return yield_paths_at_falling_speeds(self.planner, self.graph, task, progress)
 
 
 def paths_through_via_points(

@@ -41,7 +41,7 @@ from mhsb_planner.planning.motion_rules import (
 )
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath
-from mhsb_planner.search.manipulability_loss import area_along_motion
+from mhsb_planner.search.manipulability_loss import compute_area_along_motion
 
 MIN_MOTION_COST_RATIO = 0.92
 """Smallest expected ratio of a motion's cost to its path's cost without switches [-]. A path is
@@ -511,7 +511,7 @@ class PlanningLoop:
         machine, area, shortfall = self._machine, self._task.area, 0.0
         deadline.check("the comparison of motions")
         if area.weight > 0.0:
-            along = area_along_motion(machine, motion.trajectory, motion.schedule, deadline)
+            along = compute_area_along_motion(machine, motion.trajectory, motion.schedule, deadline)
             shortfall = along.compute_area_loss(area.reference)
         return Plan(path, motion, motion.energy, machine, area_shortfall=shortfall)
 

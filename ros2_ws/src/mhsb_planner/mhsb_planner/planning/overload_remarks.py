@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from mhsb_model.hydraulics import (
+    compute_required_pressures,
     get_max_supply_pressure,
     get_shared_hydraulics,
-    required_pressures,
 )
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
@@ -69,4 +69,4 @@ def _find_needed_pressures(machine: Machine, postures: FloatArray) -> FloatArray
         Pressures, shape (k, n) [Pa].
     """
     force = machine.piston_forces_in(postures)
-    return required_pressures(machine.arrays, force, np.zeros_like(force))
+    return compute_required_pressures(machine.arrays, force, np.zeros_like(force))

@@ -21,7 +21,7 @@ ON_LINE = 1e-6
 """Distance from a grid line up to which a coordinate counts as on it, in units of the spacing."""
 
 
-def grid_nodes(machine: Machine, spacing: float) -> IntArray:
+def list_grid_nodes(machine: Machine, spacing: float) -> IntArray:
     """List the grid points of tip positions that lie in the machine's workspace.
 
     A node (i, k) lies at x = i · spacing, z = k · spacing, with

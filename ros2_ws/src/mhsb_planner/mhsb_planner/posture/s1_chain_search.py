@@ -37,13 +37,13 @@ from mhsb_model.modes import MODE_COUNT
 from mhsb_model.statics import gravity_torque
 from mhsb_model.types import FloatArray, ModeArray
 from mhsb_planner.posture.s1_polytope import (
-    cross_products,
-    flow_limit,
-    flow_limits,
-    flow_scale,
-    polytope_area_from_limits,
-    shared_flow,
-    tip_columns,
+    compute_area_from_limits,
+    compute_cross_products,
+    compute_flow_limit,
+    compute_flow_limits,
+    compute_flow_scale,
+    compute_tip_columns,
+    get_shared_flow,
 )
 
 MAX_CLOSED_CHAINS = 1500
@@ -113,7 +113,7 @@ class _AreaBuffers(NamedTuple):
         unit: Joint motion that counts as much as 1 rad, shape (n,): 1 rad for a turning joint, a
             length [m] for a sliding joint. See `kinematics.compute_radian_equivalents`.
         scale: Piston speed per inlet flow, extending and retracting, shape (n, 2) [1/m²]. See
-            `s1_polytope.flow_scale`.
+            `s1_polytope.compute_flow_scale`.
         flow: Flow that the main pump gives all cylinders together [m³/s].
         force: Working memory: joint torques under gravity, shape (n,) [N m or N].
         cross: Working memory: cross products C_i × C_j of the tip velocities per piston speed,
@@ -136,7 +136,7 @@ def _compute_area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _AreaB
 
     The polytope contains all velocities of the tip that the pistons' limits allow. If a load is too
     heavy for the actuator's mode, the piston cannot move against it, but still with it. The
-    function is faster than `s1_polytope.posture_area`, its test oracle.
+    function is faster than `s1_polytope.compute_posture_area`, its test oracle.
 
     Args:
         m: Arrays of the machine.
@@ -153,9 +153,9 @@ def _compute_area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _AreaB
         arm = moment_arm(m.linkage[j], q[j])
         columns[0, j] /= arm
         columns[1, j] /= arm
-        w.limit[j, pattern[j]] = flow_limit(m, j, pattern[j], w.force[j] / arm)
-    cross_products(columns, w.cross)
-    return polytope_area_from_limits(w.cross, w.scale, w.limit, pattern, w.flow)
+        w.limit[j, pattern[j]] = compute_flow_limit(m, j, pattern[j], w.force[j] / arm)
+    compute_cross_products(columns, w.cross)
+    return compute_area_from_limits(w.cross, w.scale, w.limit, pattern, w.flow)
 
 
 class _JointTriple(NamedTuple):
@@ -347,7 +347,7 @@ def _find_best_known(
 
 
 @kernel
-def largest_polytopes_of_chain(
+def find_largest_polytopes_of_chain(
     m: MachineArrays,
     x: float,
     z: float,
@@ -387,21 +387,21 @@ def largest_polytopes_of_chain(
         return False
     w = _AreaBuffers(
         compute_radian_equivalents(m),
-        flow_scale(m),
-        shared_flow(m),
+        compute_flow_scale(m),
+        get_shared_flow(m),
         np.empty(n),
         np.empty((n, n)),
         np.empty((n, MODE_COUNT, 2)),
     )
     cross, limit = np.empty((count, n, n)), np.empty((count, n, MODE_COUNT, 2))
     for s in range(count):
-        flow_limits(m, sample[s], limit[s])
-        cross_products(tip_columns(m, sample[s]), cross[s])
+        compute_flow_limits(m, sample[s], limit[s])
+        compute_cross_products(compute_tip_columns(m, sample[s]), cross[s])
     value, q = np.empty(count), np.empty(n)
     for p in range(len(patterns)):
         pattern = patterns[p]
         for s in range(count):
-            value[s] = polytope_area_from_limits(cross[s], w.scale, limit[s], pattern, w.flow)
+            value[s] = compute_area_from_limits(cross[s], w.scale, limit[s], pattern, w.flow)
         best = _find_best_known(m, pattern, w, posture[:p], -1.0, posture[p])
         if p > 0:
             best = _ascend_area(m, (x, z), pattern, w, posture[p], best, NEAR_STRIDES)

@@ -29,16 +29,16 @@ from mhsb_model.modes import MODE_COUNT
 from mhsb_model.types import BoolArray, FloatArray, IntArray, ModeArray, frozen
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import EmptyTableError, InfeasibleGoalError
-from mhsb_planner.executor import Jobs, over_ranges
-from mhsb_planner.posture.grid import grid_nodes
-from mhsb_planner.posture.s1_chain_search import largest_polytopes_of_chain
+from mhsb_planner.executor import Jobs, yield_results_of_ranges
+from mhsb_planner.posture.grid import list_grid_nodes
+from mhsb_planner.posture.s1_chain_search import find_largest_polytopes_of_chain
 from mhsb_planner.posture.s1_polytope import (
-    cross_products,
-    flow_limits,
-    flow_scale,
-    polytope_area_from_limits,
-    shared_flow,
-    tip_columns,
+    compute_area_from_limits,
+    compute_cross_products,
+    compute_flow_limits,
+    compute_flow_scale,
+    compute_tip_columns,
+    get_shared_flow,
 )
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.posture.s1_psi_intervals_3r import (
@@ -137,8 +137,8 @@ def _compute_area_inputs(
     """
     if not solve_posture_at_psi(m, tip[0], tip[1], psi, elbow, q):
         return False
-    flow_limits(m, q, limit)
-    cross_products(tip_columns(m, q), cross)
+    compute_flow_limits(m, q, limit)
+    compute_cross_products(compute_tip_columns(m, q), cross)
     return True
 
 
@@ -172,8 +172,8 @@ def _maximise_in_interval(
     n = len(q)
     cross = np.empty((n, n))
     limit = np.empty((n, MODE_COUNT, 2))
-    scale = flow_scale(m)
-    flow = shared_flow(m)
+    scale = compute_flow_scale(m)
+    flow = get_shared_flow(m)
     elbow = int(interval[0])
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     area = np.empty(2)
@@ -185,7 +185,7 @@ def _maximise_in_interval(
                 psi = _compute_psi(interval[1], interval[2], t[side])
                 area[side] = -1.0
                 if _compute_area_inputs(m, tip, psi, elbow, q, cross, limit):
-                    area[side] = polytope_area_from_limits(cross, scale, limit, pattern, flow)
+                    area[side] = compute_area_from_limits(cross, scale, limit, pattern, flow)
         if high - low < REFINED_TO:
             break
         if area[0] >= area[1]:
@@ -318,7 +318,7 @@ def _compute_drop(value: FloatArray, s: int, first: int, last: int) -> float:
 
 
 @kernel
-def largest_polytopes_3r(
+def find_largest_polytopes_3r(
     m: MachineArrays,
     x: float,
     z: float,
@@ -351,13 +351,13 @@ def largest_polytopes_3r(
     samples = _sample_psi(m, (x, z))
     if len(samples.valid) == 0:
         return False
-    scale, flow, first = flow_scale(m), shared_flow(m), samples.first
+    scale, flow, first = compute_flow_scale(m), get_shared_flow(m), samples.first
     q, value = np.empty(3), np.empty(len(samples.valid))
     for p in range(len(patterns)):
         for s in range(len(value)):
             value[s] = -1.0
             if samples.valid[s]:
-                value[s] = polytope_area_from_limits(
+                value[s] = compute_area_from_limits(
                     samples.cross[s], scale, samples.limit[s], patterns[p], flow
                 )
         best = _find_largest_sample(samples, value, posture[p])
@@ -379,7 +379,7 @@ def largest_polytopes_3r(
     return True
 
 
-def largest_polytopes(
+def find_largest_polytopes(
     machine: Machine,
     x: float,
     z: float,
@@ -406,7 +406,7 @@ def largest_polytopes(
     Returns:
         False if no posture is within joint limits; `posture` and `area` are then NaN.
     """
-    solve = largest_polytopes_3r if machine.is_3r else largest_polytopes_of_chain
+    solve = find_largest_polytopes_3r if machine.is_3r else find_largest_polytopes_of_chain
     return bool(solve(machine.arrays, x, z, patterns, posture, area))
 
 
@@ -426,7 +426,7 @@ def search_globally(
             in the same entries.
     """
     for i, (x, z) in enumerate(position.tolist()):
-        largest_polytopes(machine, x, z, machine.patterns, posture[i], area[i])
+        find_largest_polytopes(machine, x, z, machine.patterns, posture[i], area[i])
 
 
 @dataclass(frozen=True, eq=False)
@@ -442,7 +442,7 @@ class PointPostures:
     area: FloatArray
 
 
-def postures_at(
+def find_postures_at(
     machine: Machine, x: float, z: float, deadline: Deadline = NO_DEADLINE
 ) -> PointPostures:
     """Find the postures with the largest velocity polytope at a tip position.
@@ -469,7 +469,7 @@ def postures_at(
     for first in range(0, len(patterns), at_once):
         deadline.check("the search for the goal's postures")
         part = slice(first, first + at_once)
-        if not largest_polytopes(machine, x, z, patterns[part], posture[part], area[part]):
+        if not find_largest_polytopes(machine, x, z, patterns[part], posture[part], area[part]):
             raise InfeasibleGoalError(x, z)
     return PointPostures(frozen(posture), frozen(area))
 
@@ -504,13 +504,13 @@ def build_posture_table(
         EmptyTableError: No node has a posture within limits.
     """
     machine, spacing = machine.planar_arm, machine.spacing if spacing is None else spacing
-    nodes = grid_nodes(machine, spacing)
+    nodes = list_grid_nodes(machine, spacing)
     position = nodes.astype(np.float64) * spacing
     posture = np.empty((len(nodes), *machine.patterns.shape))
     area = np.empty((len(nodes), len(machine.patterns)))
     work = partial(_solve_nodes, solver, machine, position)
     done = 0
-    with closing(over_ranges(work, len(nodes), NODES_PER_TASK, jobs)) as parts:
+    with closing(yield_results_of_ranges(work, len(nodes), NODES_PER_TASK, jobs)) as parts:
         for posture_part, area_part in parts:
             part = slice(done, done + len(area_part))
             posture[part], area[part] = posture_part, area_part
@@ -564,4 +564,4 @@ def warm_up(machine: Machine) -> None:
         machine: Machine whose chain of joints decides which kernels are compiled.
     """
     n, none = machine.joint_count, machine.patterns[:0]
-    largest_polytopes(machine, 0.0, 0.0, none, np.empty((0, n)), np.empty(0))
+    find_largest_polytopes(machine, 0.0, 0.0, none, np.empty((0, n)), np.empty(0))

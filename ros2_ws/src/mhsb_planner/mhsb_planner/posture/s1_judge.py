@@ -19,7 +19,7 @@ from scipy.stats import beta
 
 from mhsb_model.machine import Machine
 from mhsb_planner.posture.s1_posture_table import PostureTable
-from mhsb_planner.posture.s1_slsqp import largest_by_slsqp
+from mhsb_planner.posture.s1_slsqp import find_largest_polytope_by_slsqp
 
 SLSQP_STARTS = 30
 """Number of random starts of SLSQP for each entry."""
@@ -94,7 +94,9 @@ def compare_with_slsqp(
     for done, node in enumerate(random.choice(np.flatnonzero(table.feasible), entries), start=1):
         p = int(random.integers(len(table.patterns)))
         x, z = (table.nodes[node] * table.spacing).tolist()
-        found = largest_by_slsqp(machine, x, z, table.patterns[p], seed=p, starts=SLSQP_STARTS)
+        found = find_largest_polytope_by_slsqp(
+            machine, x, z, table.patterns[p], seed=p, starts=SLSQP_STARTS
+        )
         ratios.append(1.0 if found is None else float(table.area[node, p]) / found[1])
         progress(done)
     short = sum(ratio < 1.0 - MAX_AREA_SHORTFALL for ratio in ratios)

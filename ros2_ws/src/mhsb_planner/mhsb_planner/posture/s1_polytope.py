@@ -42,7 +42,7 @@ They avoid two joints with exactly parallel tip velocities."""
 
 
 @kernel
-def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray) -> None:
+def compute_flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray) -> None:
     """Compute the largest inlet flow of every joint in every mode and direction.
 
         mode N:   A_dir v_valve(P_S)
@@ -64,11 +64,11 @@ def flow_limits(m: MachineArrays, q: FloatArray, limit: FloatArray) -> None:
     piston_forces(m, q, force)
     for j in range(n):
         for mode in range(MODE_COUNT):
-            limit[j, mode, 0], limit[j, mode, 1] = flow_limit(m, j, mode, force[j])
+            limit[j, mode, 0], limit[j, mode, 1] = compute_flow_limit(m, j, mode, force[j])
 
 
 @kernel(borrows=True)
-def flow_limit(m: MachineArrays, j: int, mode: int, force: float) -> tuple[float, float]:
+def compute_flow_limit(m: MachineArrays, j: int, mode: int, force: float) -> tuple[float, float]:
     """Compute the largest inlet flow of one joint in a mode under a given load.
 
     One limit is the flow through the valve at the highest supply pressure of the mode. In boost the
@@ -87,13 +87,13 @@ def flow_limit(m: MachineArrays, j: int, mode: int, force: float) -> tuple[float
     k, tank, modules = m.valve_coefficient[j], m.tank_pressure, m.modules_per_mode[mode]
     supply = hydraulics.get_max_supply_pressure(oil, modules)
     pumped = hydraulics.get_max_servo_pump_flow(oil, modules)
-    out = cap * hydraulics.extension_speed(k, cap, rod, supply, tank, force)
-    back = rod * hydraulics.retraction_speed(k, cap, rod, supply, tank, force)
+    out = cap * hydraulics.compute_extension_speed(k, cap, rod, supply, tank, force)
+    back = rod * hydraulics.compute_retraction_speed(k, cap, rod, supply, tank, force)
     return min(out, pumped), min(back, pumped)
 
 
 @kernel
-def tip_columns(m: MachineArrays, q: FloatArray) -> FloatArray:
+def compute_tip_columns(m: MachineArrays, q: FloatArray) -> FloatArray:
     """Compute the tip velocity per piston speed for each joint, C_j = J_j / r_j.
 
     J_j is the column of the tip's Jacobian for joint j, and r_j the moment arm of its cylinder.
@@ -114,7 +114,7 @@ def tip_columns(m: MachineArrays, q: FloatArray) -> FloatArray:
 
 
 @kernel
-def cross_products(columns: FloatArray, cross: FloatArray) -> None:
+def compute_cross_products(columns: FloatArray, cross: FloatArray) -> None:
     """Compute the cross products of the tip velocities of all pairs of joints.
 
     A small vector, different for each joint, is first added to each tip velocity. Parallel tip
@@ -141,7 +141,7 @@ def cross_products(columns: FloatArray, cross: FloatArray) -> None:
 
 
 @kernel
-def polytope_area_from_limits(
+def compute_area_from_limits(
     cross: FloatArray, scale: FloatArray, limit: FloatArray, pattern: ModeArray, flow: float
 ) -> float:
     """Compute the area of the velocity polytope for any number of joints.
@@ -247,7 +247,7 @@ def _precedes_pair(i: int, j: int, k: int, ij: float, jk: float, ki: float) -> b
 
 
 @kernel
-def flow_scale(m: MachineArrays) -> FloatArray:
+def compute_flow_scale(m: MachineArrays) -> FloatArray:
     """Return the piston speed per inlet flow of every joint.
 
     Args:
@@ -266,7 +266,7 @@ def flow_scale(m: MachineArrays) -> FloatArray:
 
 
 @kernel(borrows=True)
-def shared_flow(m: MachineArrays) -> float:
+def get_shared_flow(m: MachineArrays) -> float:
     """Return the flow that the main pump gives all cylinders together [m³/s].
 
     It is the main pump's largest flow minus the leakage of n valves.
@@ -275,11 +275,11 @@ def shared_flow(m: MachineArrays) -> float:
 
 
 @kernel
-def posture_area(m: MachineArrays, q: FloatArray, pattern: ModeArray) -> float:
+def compute_posture_area(m: MachineArrays, q: FloatArray, pattern: ModeArray) -> float:
     """Compute the area of the velocity polytope in a posture for one mode combination.
 
     The polytope contains all velocities of the tip that the pistons' limits allow. It is the kernel
-    of `polytope_area`.
+    of `compute_polytope_area`.
 
     Args:
         m: Arrays of the machine.
@@ -292,12 +292,14 @@ def posture_area(m: MachineArrays, q: FloatArray, pattern: ModeArray) -> float:
     n = len(q)
     limit = np.empty((n, MODE_COUNT, 2))
     cross = np.empty((n, n))
-    flow_limits(m, q, limit)
-    cross_products(tip_columns(m, q), cross)
-    return polytope_area_from_limits(cross, flow_scale(m), limit, pattern, shared_flow(m))
+    compute_flow_limits(m, q, limit)
+    compute_cross_products(compute_tip_columns(m, q), cross)
+    return compute_area_from_limits(
+        cross, compute_flow_scale(m), limit, pattern, get_shared_flow(m)
+    )
 
 
-def polytope_area(machine: Machine, q: FloatArray, pattern: ModeArray) -> float:
+def compute_polytope_area(machine: Machine, q: FloatArray, pattern: ModeArray) -> float:
     """Compute the area of the velocity polytope in a posture for one mode combination.
 
     The polytope contains all velocities of the tip that the pistons' limits allow.
@@ -310,7 +312,9 @@ def polytope_area(machine: Machine, q: FloatArray, pattern: ModeArray) -> float:
     Returns:
         Area [m²/s²].
     """
-    return float(posture_area(machine.arrays, np.array(q, dtype=np.float64), frozen(pattern)))
+    return float(
+        compute_posture_area(machine.arrays, np.array(q, dtype=np.float64), frozen(pattern))
+    )
 
 
 @kernel
@@ -328,19 +332,21 @@ def _compute_posture_areas(
     n = posture.shape[1]
     limit = np.empty((n, MODE_COUNT, 2))
     cross = np.empty((n, n))
-    scale = flow_scale(m)
-    flow = shared_flow(m)
+    scale = compute_flow_scale(m)
+    flow = get_shared_flow(m)
     for i in range(len(posture)):
         if math.isnan(posture[i, 0]):
             area[i] = math.nan
             continue
-        flow_limits(m, posture[i], limit)
-        cross_products(tip_columns(m, posture[i]), cross)
+        compute_flow_limits(m, posture[i], limit)
+        compute_cross_products(compute_tip_columns(m, posture[i]), cross)
         for p in range(len(patterns)):
-            area[i, p] = polytope_area_from_limits(cross, scale, limit, patterns[p], flow)
+            area[i, p] = compute_area_from_limits(cross, scale, limit, patterns[p], flow)
 
 
-def polytope_areas(machine: Machine, posture: FloatArray, patterns: ModeArray) -> FloatArray:
+def compute_all_polytope_areas(
+    machine: Machine, posture: FloatArray, patterns: ModeArray
+) -> FloatArray:
     """Compute the areas of the velocity polytopes of many postures in all mode combinations.
 
     Args:
@@ -356,7 +362,7 @@ def polytope_areas(machine: Machine, posture: FloatArray, patterns: ModeArray) -
     return area
 
 
-def piston_speed_corners(machine: Machine, q: FloatArray, pattern: ModeArray) -> FloatArray:
+def list_piston_speed_corners(machine: Machine, q: FloatArray, pattern: ModeArray) -> FloatArray:
     """List the corners of the set of admissible piston speeds in a posture.
 
     The set is bounded by the flow limit of each joint and by the main pump's flow. A corner belongs
@@ -373,12 +379,12 @@ def piston_speed_corners(machine: Machine, q: FloatArray, pattern: ModeArray) ->
     q = np.array(q, dtype=np.float64)
     n = len(q)
     limit = np.empty((n, MODE_COUNT, 2))
-    flow_limits(machine.arrays, q, limit)
-    scale = flow_scale(machine.arrays)
+    compute_flow_limits(machine.arrays, q, limit)
+    scale = compute_flow_scale(machine.arrays)
     corners = []
     for direction in itertools.product((0, 1), repeat=n):
         for order in itertools.permutations(range(n)):
-            rest = shared_flow(machine.arrays)
+            rest = get_shared_flow(machine.arrays)
             speed = np.zeros(n)
             for j in order:
                 taken = min(limit[j, pattern[j], direction[j]], rest)
@@ -388,7 +394,7 @@ def piston_speed_corners(machine: Machine, q: FloatArray, pattern: ModeArray) ->
     return np.array(corners)
 
 
-def polytope_vertices(machine: Machine, q: FloatArray, pattern: ModeArray) -> FloatArray:
+def compute_polytope_vertices(machine: Machine, q: FloatArray, pattern: ModeArray) -> FloatArray:
     """Return the vertices of the velocity polytope in a posture, counter-clockwise.
 
     The polytope contains all velocities of the tip that the pistons' limits allow. It is the convex
@@ -402,8 +408,8 @@ def polytope_vertices(machine: Machine, q: FloatArray, pattern: ModeArray) -> Fl
     Returns:
         Tip velocities (ẋ, ż), shape (vertices, 2) [m/s].
     """
-    columns = tip_columns(machine.arrays, np.array(q, dtype=np.float64))
-    return _convex_hull(piston_speed_corners(machine, q, pattern) @ columns.T)
+    columns = compute_tip_columns(machine.arrays, np.array(q, dtype=np.float64))
+    return _convex_hull(list_piston_speed_corners(machine, q, pattern) @ columns.T)
 
 
 def _convex_hull(points: FloatArray) -> FloatArray:

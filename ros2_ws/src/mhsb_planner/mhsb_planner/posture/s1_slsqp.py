@@ -18,7 +18,7 @@ from scipy.optimize import minimize
 from mhsb_model.inverse_kinematics.tip_postures import find_nearest_posture
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, ModeArray
-from mhsb_planner.posture.s1_polytope import polytope_area
+from mhsb_planner.posture.s1_polytope import compute_polytope_area
 from mhsb_planner.posture.s1_psi_intervals_3r import (
     MAX_INTERVALS,
     find_feasible_intervals,
@@ -53,12 +53,14 @@ def search_by_slsqp(
     area[:] = np.nan
     for node, (x, z) in enumerate(position):
         for p, pattern in enumerate(machine.patterns):
-            found = largest_by_slsqp(machine, float(x), float(z), pattern, DEFAULT_SEED + p)
+            found = find_largest_polytope_by_slsqp(
+                machine, float(x), float(z), pattern, DEFAULT_SEED + p
+            )
             if found is not None:
                 posture[node, p], area[node, p] = found
 
 
-def largest_by_slsqp(
+def find_largest_polytope_by_slsqp(
     machine: Machine,
     x: float,
     z: float,
@@ -95,7 +97,7 @@ def largest_by_slsqp(
     best: tuple[FloatArray, float] | None = None
     for start in random.uniform(low, high, (starts, machine.joint_count)):
         result = minimize(
-            lambda q: -polytope_area(machine, q, pattern),
+            lambda q: -compute_polytope_area(machine, q, pattern),
             start,
             method="SLSQP",
             bounds=list(zip(low, high, strict=True)),
@@ -113,7 +115,7 @@ def largest_by_slsqp(
             q = np.empty(machine.joint_count)
             if not find_nearest_posture(machine.arrays, x, z, result.x, q):
                 continue
-        area = polytope_area(machine, q, pattern)
+        area = compute_polytope_area(machine, q, pattern)
         if best is None or area > best[1]:
             best = q, area
     return best

@@ -18,7 +18,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from mhsb_model.command import Command
 from mhsb_model.figure_style import PATH_COLOR, rgb
 from mhsb_model.machine import Machine
-from mhsb_model.modes import Mode, strongest
+from mhsb_model.modes import Mode, find_strongest_modes
 from mhsb_model.obstacles.zones import (
     CIRCLE_KIND,
     CYLINDER_KIND,
@@ -232,7 +232,7 @@ def _make_command_markers(
     """
     times, postures = _sample_command(command)
     tips = _compute_tip_points(machine, postures, frame)
-    boosted = strongest(command.schedule.modes_at_many(times))
+    boosted = find_strongest_modes(command.schedule.modes_at_many(times))
     line = _create_marker(header, f"path_{frame}", Marker.LINE_STRIP, LINE_WIDTH)
     line.points = tips
     line.colors = [_create_color(rgb(PATH_COLOR[Mode(mode)])) for mode in boosted.tolist()]

@@ -28,7 +28,7 @@ from mhsb_model.types import FloatArray, IntArray, frozen
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import InfeasibleGoalError, RequestError
 from mhsb_planner.posture.grid import Grid
-from mhsb_planner.posture.s1_polytope import polytope_areas
+from mhsb_planner.posture.s1_polytope import compute_all_polytope_areas
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.s2_graph import StepGraph
 
@@ -232,7 +232,7 @@ def build_fixed_j3_graph(
         deadline.check("the table with joints fixed")
         part = slice(first, first + NODES_AT_ONCE)
         _fill_postures(machine.arrays, position[part], moved, kept, elbow, posture[part])
-        area[part] = polytope_areas(machine, posture[part], patterns)
+        area[part] = compute_all_polytope_areas(machine, posture[part], patterns)
     table = PostureTable(
         machine_name=machine.name,
         machine_hash=machine.table_hash,
@@ -313,4 +313,4 @@ def warm_up(graph: StepGraph) -> None:
     find_elbow_side(machine, machine.arrays.joint_max)
     with suppress(InfeasibleGoalError):
         compute_fixed_j3_posture(machine, 0.0, 0.0, kept)
-    polytope_areas(machine, np.empty((0, n)), graph.table.patterns)
+    compute_all_polytope_areas(machine, np.empty((0, n)), graph.table.patterns)

@@ -28,13 +28,13 @@ from mhsb_model.trajectory import MAX_POINT_SPACING_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.posture.s1_polytope import (
-    cross_products,
-    flow_limits,
-    flow_scale,
-    polytope_area_from_limits,
-    posture_area,
-    shared_flow,
-    tip_columns,
+    compute_area_from_limits,
+    compute_cross_products,
+    compute_flow_limits,
+    compute_flow_scale,
+    compute_posture_area,
+    compute_tip_columns,
+    get_shared_flow,
 )
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.discrete_path import DiscretePath
@@ -62,7 +62,7 @@ WITHOUT_AREA = AreaTerm(0.0, 1.0)
 """Area term that adds no cost."""
 
 
-def area_term(weight: float, table: PostureTable) -> AreaTerm:
+def create_area_cost(weight: float, table: PostureTable) -> AreaTerm:
     """Create the parameters of the cost of lost polytope area (manipulability loss).
 
     Args:
@@ -73,10 +73,10 @@ def area_term(weight: float, table: PostureTable) -> AreaTerm:
     Returns:
         The weight with the table's reference area, or WITHOUT_AREA if the weight is 0 or negative.
     """
-    return AreaTerm(weight, reference_area(table)) if weight > 0.0 else WITHOUT_AREA
+    return AreaTerm(weight, compute_reference_area(table)) if weight > 0.0 else WITHOUT_AREA
 
 
-def reference_area(table: PostureTable) -> float:
+def compute_reference_area(table: PostureTable) -> float:
     """Compute the area of the velocity polytope that counts as full, from a posture table.
 
     Args:
@@ -125,14 +125,14 @@ def compute_step_area_loss(
     n = len(start)
     middle = 0.5 * (start + end)
     limit, cross = np.empty((n, MODE_COUNT, 2)), np.empty((n, n))
-    flow_limits(m, middle, limit)
-    cross_products(tip_columns(m, middle), cross)
-    scale, flow = flow_scale(m), shared_flow(m)
+    compute_flow_limits(m, middle, limit)
+    compute_cross_products(compute_tip_columns(m, middle), cross)
+    scale, flow = compute_flow_scale(m), get_shared_flow(m)
     here, there = tip_position(m, start), tip_position(m, end)
     weight = term.weight * math.hypot(there[0] - here[0], there[1] - here[1])
     for p in range(len(patterns)):
         if status[p] == required_status:
-            area = polytope_area_from_limits(cross, scale, limit, patterns[p], flow)
+            area = compute_area_from_limits(cross, scale, limit, patterns[p], flow)
             cost[p] = weight * max(0.0, 1.0 - area / term.reference)
 
 
@@ -170,7 +170,7 @@ class AreaProfile:
         return float(self.span @ np.maximum(0.0, 1.0 - self.area / reference))
 
 
-def area_along_path(machine: Machine, path: DiscretePath) -> AreaProfile:
+def compute_area_along_path(machine: Machine, path: DiscretePath) -> AreaProfile:
     """Compute the area of the velocity polytope along a discrete path.
 
     Joint positions are interpolated linearly within each step. A step is divided into equal parts
@@ -193,7 +193,7 @@ def area_along_path(machine: Machine, path: DiscretePath) -> AreaProfile:
     return _compute_area_profile(machine, posture, np.repeat(path.modes, parts, axis=0))
 
 
-def area_along_motion(
+def compute_area_along_motion(
     machine: Machine,
     trajectory: Trajectory,
     schedule: ModeSchedule,
@@ -268,7 +268,7 @@ def _compute_areas(
         area: Areas, shape (k,) [m²/s²]. Written in place.
     """
     for k in range(len(area)):
-        area[k] = posture_area(m, posture[k], modes[k])
+        area[k] = compute_posture_area(m, posture[k], modes[k])
 
 
 def warm_up(machine: Machine) -> None:

@@ -24,7 +24,7 @@ from mhsb_model.statics import gravity_torque
 from mhsb_model.types import FloatArray, IntArray, ModeArray
 from mhsb_model.workspace import move_stays_in_workspace
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
-from mhsb_planner.executor import Result, over_ranges
+from mhsb_planner.executor import Result, yield_results_of_ranges
 from mhsb_planner.search.s2_layout import Layout
 from mhsb_planner.search.s2_step import (
     STEP_INADMISSIBLE,
@@ -265,7 +265,7 @@ def _compute_move_forces(
 
     A move leads straight in joint space from a posture to a posture of a neighbouring node. All
     moves that leave the postures begin to end - 1 are computed. The rows of a move become NaN if
-    the tip leaves the workspace on the way. Test oracle: `middle_forces`.
+    the tip leaves the workspace on the way. Test oracle: `compute_middle_forces`.
 
     Args:
         empty: Arrays of the machine without payload.
@@ -470,7 +470,7 @@ def _run_in_parallel(
         DeadlineError: The deadline passed.
     """
     results = []
-    with closing(over_ranges(work, total, POSTURES_PER_TASK, jobs)) as parts:
+    with closing(yield_results_of_ranges(work, total, POSTURES_PER_TASK, jobs)) as parts:
         for part in parts:
             deadline.check("the pricing of steps")
             results.append(part)

@@ -18,7 +18,7 @@ from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.posture.grid import Grid
-from mhsb_planner.posture.s1_global_search import postures_at
+from mhsb_planner.posture.s1_global_search import find_postures_at
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.s2_edge_costs import (
     CylinderForces,
@@ -59,7 +59,7 @@ def find_largest_polytope_postures(
         InfeasibleGoalError: No posture within joint limits reaches the point.
         DeadlineError: The deadline passed.
     """
-    return postures_at(machine, x, z, deadline).posture
+    return find_postures_at(machine, x, z, deadline).posture
 
 
 class StepGraph:

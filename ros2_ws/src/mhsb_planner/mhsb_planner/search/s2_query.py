@@ -15,8 +15,8 @@ from mhsb_planner.search.s2_start_goal_edges import (
     JoiningSteps,
     SearchGoal,
     SearchStart,
-    steps_from_start,
-    steps_to_goal,
+    compute_steps_from_start,
+    compute_steps_to_goal,
 )
 from mhsb_planner.search.s2_step import DURATION_COLUMN, ENERGY_PAPER_COLUMN, ENERGY_SERIES_COLUMN
 
@@ -129,7 +129,7 @@ class Query:
         Raises:
             DeadlineError: The deadline passed.
         """
-        to_goal, goal_first = steps_to_goal(graph, goal, rings, deadline)
+        to_goal, goal_first = compute_steps_to_goal(graph, goal, rings, deadline)
         return cls(
             graph=graph,
             start=start,
@@ -137,7 +137,7 @@ class Query:
             goal=goal,
             weight=weight,
             energy_column=column,
-            from_start=steps_from_start(graph, start, goal, rings),
+            from_start=compute_steps_from_start(graph, start, goal, rings),
             start_switches=graph.count_switches_from(start_modes),
             to_goal=to_goal,
             goal_first=goal_first,

@@ -24,7 +24,7 @@ from mhsb_planner.errors import (
     RequestError,
 )
 from mhsb_planner.goal_region import Angle, is_goal_met
-from mhsb_planner.posture.s1_global_search import postures_at
+from mhsb_planner.posture.s1_global_search import find_postures_at
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.open_list import GOAL_FOUND, SEARCH_PAUSED
@@ -276,6 +276,6 @@ def warm_up(graph: StepGraph) -> None:
     for psi in (None, machine.end_link_angle(table.posture[there, 0])):
         with suppress(NoPathError, InfeasibleGoalError):  # longer chains meet ψ by samples
             search(graph, PathQuery(start, table.patterns[0], (x, z), weights, goal_psi=psi))
-    postures_at(machine, x, z)
+    find_postures_at(machine, x, z)
     machine.postures(x, z, np.zeros(1))
     energy_lower_bound(machine, start, start[None, :])

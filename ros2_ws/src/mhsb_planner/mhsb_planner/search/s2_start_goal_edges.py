@@ -28,10 +28,10 @@ from mhsb_planner.search.s2_step import (
     STEP_INADMISSIBLE,
     NodeMoves,
     Postures,
+    compute_middle_forces,
     create_step_buffers,
     describe_postures,
     mark_collisions,
-    middle_forces,
     price_steps_to_node,
 )
 
@@ -223,7 +223,7 @@ def find_postures_by_rule(
     return graph.table.posture[node]
 
 
-def steps_from_start(
+def compute_steps_from_start(
     graph: StepGraph, start: SearchStart, goal: SearchGoal, rings: int = 0
 ) -> JoiningSteps:
     """Compute the admissible steps from the start to the nodes around it.
@@ -254,7 +254,7 @@ def steps_from_start(
     return JoiningSteps(*(np.concatenate(pair) for pair in zip(to_grid, direct, strict=True)))
 
 
-def steps_to_goal(
+def compute_steps_to_goal(
     graph: StepGraph, goal: SearchGoal, rings: int = 0, deadline: Deadline = NO_DEADLINE
 ) -> tuple[JoiningSteps, IntArray]:
     """Compute the admissible steps to the goal from the nodes around it.
@@ -429,7 +429,7 @@ def _price_steps_to_nodes(
         if here == 0:
             continue
         middle = np.empty((here, patterns.shape[1]))
-        middle_forces(m, start.posture[0], postures.posture, first, middle)
+        compute_middle_forces(m, start.posture[0], postures.posture, first, middle)
         mark_collisions(m, obstacles, start.posture[0], postures.posture, first, middle)
         owner = layout.posture_of_state[node]
         moves = NodeMoves(start, 0, postures, first, here, owner, middle)
@@ -490,7 +490,7 @@ def _price_steps_to_goal(
             first = goal_first[g]
             here = goal_first[g + 1] - first
             middle = np.empty((here, patterns.shape[1]))
-            middle_forces(m, start.posture[i], goal.posture, first, middle)
+            compute_middle_forces(m, start.posture[i], goal.posture, first, middle)
             mark_collisions(m, obstacles, start.posture[i], goal.posture, first, middle)
             moves = NodeMoves(start, i, goal, first, here, goal_owner[g], middle)
             status = price_steps_to_node(cost_model.circuit, patterns, moves, scratch)

@@ -207,7 +207,7 @@ def compute_hydraulic_coefficients(m: MachineArrays, patterns: ModeArray) -> Hyd
             sign = 1.0 - 2.0 * d
             area[j, d] = hydraulics.inlet_area(cap, rod, sign)
             outlet[j, d] = hydraulics.load_pressure(cap, rod, m.tank_pressure, 0.0, sign)
-            valve[j, d] = hydraulics.valve_margin(m.valve_coefficient[j], cap, rod, sign)
+            valve[j, d] = hydraulics.compute_valve_drop(m.valve_coefficient[j], cap, rod, sign)
             valve_at_top[j, d] = valve[j, d] * m.max_piston_speed[j] ** 2
             for mode in range(MODE_COUNT):
                 pumped = hydraulics.get_max_servo_pump_flow(oil, m.modules_per_mode[mode])
@@ -372,8 +372,8 @@ class NodeMoves(NamedTuple):
         posture_count: Number of postures of the node.
         owner: Row of `end` in which a step ends, by pattern, shape (patterns,).
         middle_force: Piston forces at the middle of each move, with `posture_count` rows or more,
-            shape (…, n) [N]. A move is inadmissible if its first entry is NaN. `middle_forces` and
-            `mark_collisions` compute this array.
+            shape (…, n) [N]. A move is inadmissible if its first entry is NaN.
+            `compute_middle_forces` and `mark_collisions` compute this array.
     """
 
     start: Postures
@@ -698,7 +698,7 @@ def _compute_energies(
 
 
 @kernel
-def middle_forces(
+def compute_middle_forces(
     m: MachineArrays, start: FloatArray, end: FloatArray, first: int, force: FloatArray
 ) -> None:
     """Compute the piston forces under gravity at the middle of moves that leave one posture.
@@ -768,7 +768,7 @@ class StepCosts:
     energy_series: FloatArray
 
 
-def step_costs(
+def compute_step_costs(
     machine: Machine, start: FloatArray, end: FloatArray, rest_speed: float = 0.0
 ) -> StepCosts:
     """Compute the costs of the step between two postures in every mode pattern.
@@ -792,7 +792,7 @@ def step_costs(
     from_start = describe_postures(arrays, np.array([start], dtype=np.float64))
     to_end = describe_postures(arrays, np.array([end], dtype=np.float64))
     middle = np.empty((1, machine.joint_count))
-    middle_forces(arrays, from_start.posture[0], to_end.posture, 0, middle)
+    compute_middle_forces(arrays, from_start.posture[0], to_end.posture, 0, middle)
     obstacles = machine.obstacles.path_rows
     mark_collisions(arrays, obstacles, from_start.posture[0], to_end.posture, 0, middle)
     owner = np.zeros(len(patterns), dtype=np.int64)
@@ -816,4 +816,4 @@ def warm_up(machine: Machine) -> None:
     Args:
         machine: Machine whose joints and mode patterns give the argument types.
     """
-    step_costs(machine, machine.arrays.joint_min, machine.arrays.joint_max)
+    compute_step_costs(machine, machine.arrays.joint_min, machine.arrays.joint_max)

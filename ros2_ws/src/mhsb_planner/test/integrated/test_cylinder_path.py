@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mhsb_model.holding import MAX_HELD_SPEED, holding_modes
-from mhsb_model.hydraulics import required_pressure
+from mhsb_model.holding import MAX_HELD_SPEED, choose_holding_modes
+from mhsb_model.hydraulics import compute_required_pressure
 from mhsb_model.modes import Mode
 from mhsb_planner.integrated.cylinder_path import (
     BOOST_RESERVE,
@@ -19,11 +19,11 @@ from mhsb_planner.integrated.cylinder_path import (
     to_discrete_path,
     without_leakage_cost,
 )
-from mhsb_planner.posture.s1_polytope import polytope_area
+from mhsb_planner.posture.s1_polytope import compute_polytope_area
 from mhsb_planner.search.discrete_path import SearchStatistics
 from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.manipulability_loss import AreaTerm
-from mhsb_planner.search.s2_step import ENERGY_SERIES_COLUMN, step_costs
+from mhsb_planner.search.s2_step import ENERGY_SERIES_COLUMN, compute_step_costs
 
 NOTHING = SearchStatistics(0, 0, 0.0)
 
@@ -53,7 +53,7 @@ def possible_routes(machine, terms, posture_within, count, stroke):
 
 def switches_at_end(machine, path):
     """To the modes that hold the arm."""
-    hold = holding_modes(machine, machine.piston_forces(path.posture[-1]))
+    hold = choose_holding_modes(machine, machine.piston_forces(path.posture[-1]))
     return int(np.count_nonzero(path.modes[-1] != hold))
 
 
@@ -66,9 +66,10 @@ def test_the_modes_along_a_route_are_the_best_of_all_sequences(arm, terms_of, po
     for start, via in possible_routes(arm, t, posture_within, 12, stroke=3e-3):
         path = path_along(arm, t, via, start)
         steps = [
-            step_costs(arm, *ends, MAX_HELD_SPEED) for ends in itertools.pairwise(path.posture)
+            compute_step_costs(arm, *ends, MAX_HELD_SPEED)
+            for ends in itertools.pairwise(path.posture)
         ]
-        hold = holding_modes(arm, arm.piston_forces(path.posture[-1]))
+        hold = choose_holding_modes(arm, arm.piston_forces(path.posture[-1]))
         usable = [np.flatnonzero(step.admissible) for step in steps]
         best = np.inf
         for sequence in itertools.product(*usable):
@@ -86,7 +87,7 @@ def test_the_path_of_a_route_consists_of_steps_with_their_costs(arm, terms_of, p
         path = path_along(arm, t, via, start)
         for k, ends in enumerate(itertools.pairwise(path.posture)):
             p = int(np.flatnonzero((arm.patterns == path.modes[k]).all(axis=1))[0])
-            step = step_costs(arm, *ends, MAX_HELD_SPEED)
+            step = compute_step_costs(arm, *ends, MAX_HELD_SPEED)
             assert step.admissible[p]
             assert path.energy[k] == pytest.approx(step.energy[p], rel=1e-9)
             assert path.energy_series[k] == pytest.approx(step.energy_series[p], rel=1e-9)
@@ -107,7 +108,7 @@ def test_loads_that_are_held_cost_boost_as_in_the_motion(arm, terms_of, posture_
         for k, ends in enumerate(itertools.pairwise(path.posture)):
             forces = [arm.piston_forces(q) for q in (ends[0], np.mean(ends, axis=0), ends[1])]
             for j in (1, 2):
-                needed = max(required_pressure(m, j, force[j], 0.0) for force in forces)
+                needed = max(compute_required_pressure(m, j, force[j], 0.0) for force in forces)
                 wanted = m.supply_pressure < needed <= m.max_boost_pressure
                 assert wanted <= (path.modes[k, j] != Mode.N)
                 boosted += wanted
@@ -162,8 +163,8 @@ def test_with_a_weight_the_area_lost_in_the_middle_of_each_piece_counts_in_its_m
         path = path_along(arm, t, via, start)
         best = np.inf
         pairs = list(itertools.pairwise(path.posture))
-        steps = [step_costs(careful, *ends, MAX_HELD_SPEED) for ends in pairs]
-        hold = holding_modes(arm, arm.piston_forces(path.posture[-1]))
+        steps = [compute_step_costs(careful, *ends, MAX_HELD_SPEED) for ends in pairs]
+        hold = choose_holding_modes(arm, arm.piston_forces(path.posture[-1]))
         lost = [lost_areas(arm, term, *ends) for ends in pairs]
         for sequence in itertools.product(*(np.flatnonzero(step.admissible) for step in steps)):
             modes = np.vstack([[0, 0, 0], arm.patterns[list(sequence)], hold]).astype(int)
@@ -178,7 +179,7 @@ def lost_areas(arm, term, start, end):
     """w₄ M of a short step in every pattern."""
     way = np.linalg.norm(arm.tip_position(end) - arm.tip_position(start))
     middle = 0.5 * (start + end)
-    areas = np.array([polytope_area(arm, middle, pattern) for pattern in arm.patterns])
+    areas = np.array([compute_polytope_area(arm, middle, pattern) for pattern in arm.patterns])
     return term.weight * way * np.maximum(0.0, 1.0 - areas / term.reference)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.errors import OutOfWorkspaceError
-from mhsb_model.holding import MAX_HELD_SPEED, holding_modes
+from mhsb_model.holding import MAX_HELD_SPEED, choose_holding_modes
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.errors import DeadlineError, InfeasibleGoalError, NoPathError
 from mhsb_planner.integrated.integrated_search import IntegratedSearch, SearchLimits, search
@@ -16,7 +16,7 @@ from mhsb_planner.integrated.lower_bound import bound_energy_to_goal
 from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.s2_search import PathQuery, Weights
 from mhsb_planner.search.s2_search import search as table_search
-from mhsb_planner.search.s2_step import step_costs
+from mhsb_planner.search.s2_step import compute_step_costs
 
 ENERGY, TIME = Weights(0.5, 0.0, 2.0), Weights(0.0, 15.0, 2.0)
 NORMAL = np.zeros(3, dtype=np.uint8)
@@ -49,7 +49,7 @@ def check_possible(machine, path, start, goal):
     assert np.all(path.posture >= limits.joint_min - 1e-9)
     assert np.all(path.posture <= limits.joint_max + 1e-9)
     for k, ends in enumerate(itertools.pairwise(path.posture)):
-        step = step_costs(machine, *ends, MAX_HELD_SPEED)
+        step = compute_step_costs(machine, *ends, MAX_HELD_SPEED)
         p = int(np.flatnonzero((machine.patterns == path.modes[k]).all(axis=1))[0])
         assert step.admissible[p]
         assert path.energy[k] == pytest.approx(step.energy[p], rel=1e-9)
@@ -61,7 +61,7 @@ def test_a_path_consists_of_possible_steps_and_costs_what_it_says(arm, posture_w
         path = search(arm, PathQuery(start, NORMAL, goal, weights), effort=QUICK)
         check_possible(arm, path, start, goal)
         cost = weights.energy * path.energy.sum() + weights.time * path.duration.sum()
-        hold = holding_modes(arm, arm.piston_forces(path.posture[-1]))
+        hold = choose_holding_modes(arm, arm.piston_forces(path.posture[-1]))
         switches = path.switches + np.count_nonzero(path.modes[-1] != hold)
         assert path.cost == pytest.approx(cost + weights.switches * switches, rel=1e-9)
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from mhsb_model.holding import MAX_HELD_SPEED, holding_modes
+from mhsb_model.holding import MAX_HELD_SPEED, choose_holding_modes
 from mhsb_model.types import frozen
 from mhsb_model.workspace import compute_workspace_excess
 from mhsb_planner.deadline import Deadline
@@ -21,7 +21,7 @@ from mhsb_planner.integrated.lattice import (
     lattice_even_in_lengths,
 )
 from mhsb_planner.integrated.lower_bound import bound_cost_to_goals
-from mhsb_planner.search.s2_step import Postures, describe_postures, step_costs
+from mhsb_planner.search.s2_step import Postures, compute_step_costs, describe_postures
 
 SPACING, REACH = 22e-3, 0.4  # m
 SWITCH = 2.0
@@ -71,14 +71,14 @@ def by_dijkstra(machine, lattice, goal):
     source = int(lattice.start) * count + int(np.flatnonzero(~patterns.any(axis=1))[0])
     switches = np.count_nonzero(patterns[:, None] != patterns[None], axis=2)
     to_hold = np.count_nonzero(
-        patterns != holding_modes(machine, machine.piston_forces(goal)), axis=1
+        patterns != choose_holding_modes(machine, machine.piston_forces(goal)), axis=1
     )
     edges = []
 
     def add(k, target, beyond, states, last_switches):
         if beyond > max(1e-9, excess[k]):
             return
-        step = step_costs(machine, posture[k], target, MAX_HELD_SPEED)
+        step = compute_step_costs(machine, posture[k], target, MAX_HELD_SPEED)
         cost = 0.5 * step.energy + step.duration + SWITCH * last_switches
         ways = np.column_stack([leaving + k * count + own, states, cost])
         edges.append(ways[step.admissible])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.trajectory import Trajectory
-from mhsb_planner.motion.motion_profile import middle_profile, motion_profile
+from mhsb_planner.motion.motion_profile import compute_middle_profile, compute_motion_profile
 
 
 def test_a_profile_agrees_with_the_machine_row_by_row(machine):
@@ -12,7 +12,7 @@ def test_a_profile_agrees_with_the_machine_row_by_row(machine):
     limits = machine.arrays
     q = random.uniform(limits.joint_min, limits.joint_max, (50, 3))
     qd = random.normal(size=(50, 3))
-    profile = motion_profile(machine, q, qd)
+    profile = compute_motion_profile(machine, q, qd)
     for k in range(50):
         assert profile.speed[k] == pytest.approx(machine.moment_arms(q[k]) * qd[k], rel=1e-12)
         assert profile.force[k] == pytest.approx(machine.piston_forces(q[k]), rel=1e-12)
@@ -36,7 +36,7 @@ def test_inertia_is_what_the_mass_matrix_and_its_slopes_make_of_the_motion(machi
     limits = machine.arrays
     q = random.uniform(limits.joint_min, limits.joint_max, (20, 3))
     qd, qdd = random.normal(size=(2, 20, 3))
-    profile = motion_profile(machine, q, qd, qdd)
+    profile = compute_motion_profile(machine, q, qd, qdd)
     for k in range(20):
         slope = mass_matrix_slopes(machine, q[k])
         coriolis = np.einsum("ijk,j,k->i", slope, qd[k], qd[k])
@@ -44,7 +44,7 @@ def test_inertia_is_what_the_mass_matrix_and_its_slopes_make_of_the_motion(machi
         torque = machine.mass_matrix(q[k]) @ qdd[k] + coriolis
         expected = torque / machine.moment_arms(q[k])
         assert profile.inertia[k] == pytest.approx(expected, rel=1e-6, abs=1e-3)
-    assert not motion_profile(machine, q, qd).inertia.any()
+    assert not compute_motion_profile(machine, q, qd).inertia.any()
 
 
 def test_the_profile_between_the_points_is_that_of_the_states_there(machine):
@@ -54,7 +54,7 @@ def test_the_profile_between_the_points_is_that_of_the_states_there(machine):
     offset_ns = np.concatenate([[0], np.cumsum(2 * random.integers(1_000_000, 10_000_000, 8))])
     trajectory = Trajectory(0, offset_ns, q, qd, qdd)
     middle_ns = (offset_ns[1:] + offset_ns[:-1]) // 2
-    expected = motion_profile(machine, *trajectory.sample_many(middle_ns))
-    profile = middle_profile(machine, trajectory)
+    expected = compute_motion_profile(machine, *trajectory.sample_many(middle_ns))
+    profile = compute_middle_profile(machine, trajectory)
     for name in ("speed", "force", "tip", "inertia", "position"):
         assert getattr(profile, name) == pytest.approx(getattr(expected, name), rel=1e-6), name

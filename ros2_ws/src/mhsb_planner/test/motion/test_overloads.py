@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mhsb_model.hydraulics import compute_sinking_speed, required_pressure
+from mhsb_model.hydraulics import compute_required_pressure, compute_sinking_speed
 from mhsb_model.trajectory import standstill
 from mhsb_planner.motion.motion_profile import MotionProfile
 from mhsb_planner.motion.overloads import find_overloads
@@ -27,7 +27,7 @@ def heavy(machine):
     """Force on actuator 1 that takes a little more than the highest boost to hold [N]."""
     m = machine.arrays
     force = 1.02 * m.max_boost_pressure * m.cap_area[0]
-    assert required_pressure(m, 0, force, 0.0) > m.max_boost_pressure
+    assert compute_required_pressure(m, 0, force, 0.0) > m.max_boost_pressure
     return force
 
 
@@ -37,7 +37,7 @@ def test_only_rests_beyond_the_highest_boost_are_named(machine, heavy):
     assert find_overloads(machine, TIME, profile(heavy, -0.01)) == ()
     (found,) = find_overloads(machine, TIME, profile([light, heavy, heavy, light], 0.0))
     assert (found.actuator, found.duration, found.at_end) == ("actuator_1", 2.0, False)
-    assert found.pressure == pytest.approx(required_pressure(machine.arrays, 0, heavy, 0.0))
+    assert found.pressure == pytest.approx(compute_required_pressure(machine.arrays, 0, heavy, 0.0))
     assert "closed valve" in str(found)
 
 
@@ -58,7 +58,7 @@ def test_a_load_that_is_pulled_counts_like_one_that_is_pushed(machine):
     m = machine.arrays
     pulled = -1.02 * m.max_boost_pressure * m.rod_area[0]
     (found,) = find_overloads(machine, TIME, profile([0.0, 0.0, pulled, pulled], 0.0))
-    assert found.pressure == pytest.approx(required_pressure(m, 0, pulled, 0.0))
+    assert found.pressure == pytest.approx(compute_required_pressure(m, 0, pulled, 0.0))
     assert found.at_end
     assert "at the goal" in str(found)
 

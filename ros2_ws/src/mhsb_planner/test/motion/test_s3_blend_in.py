@@ -11,14 +11,14 @@ from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_planner.motion.piston_motion import convert_to_joints
 from mhsb_planner.motion.s3_blend_in import compute_coasting
 from mhsb_planner.motion.s3_following import compute_followed_path
-from mhsb_planner.motion.s3_ramps import evaluate_ramp, shortest_ramp
+from mhsb_planner.motion.s3_ramps import compute_shortest_ramp, evaluate_ramp
 
 V_MAX = 0.012
 
 
 def state_within_a_ramp(machine, random):
     """A state (v, v̇ and the joints') while pistons pass from one speed to another, same sense."""
-    ramp, sign = shortest_ramp(machine), random.choice([-1.0, 1.0], 3)
+    ramp, sign = compute_shortest_ramp(machine), random.choice([-1.0, 1.0], 3)
     before, after = (sign * random.choice([0.0, 1.0, random.random()], 3) * V_MAX for _ in "ab")
     _, share, rate = evaluate_ramp(ramp.rise, ramp.blend, random.uniform(0, ramp.duration))
     speed, acceleration = before + share * (after - before), rate * (after - before)
@@ -67,7 +67,7 @@ def test_a_steady_motion_coasts_for_half_a_ramp(machine):
     q, speed = np.array([0.3, -1.4, -1.0]), np.array([V_MAX, -0.5 * V_MAX, 0.0])
     coast = compute_coasting(machine, joint_state(machine, q, speed, 0.0))
     way = machine.cylinder_lengths(coast.posture) - machine.cylinder_lengths(q)
-    assert way == pytest.approx(0.5 * shortest_ramp(machine).duration * speed, abs=1e-9)
+    assert way == pytest.approx(0.5 * compute_shortest_ramp(machine).duration * speed, abs=1e-9)
 
 
 @pytest.mark.parametrize(

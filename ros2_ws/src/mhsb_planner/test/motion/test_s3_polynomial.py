@@ -9,8 +9,8 @@ from mhsb_model.trajectory import MotionState
 from mhsb_planner.motion.s3_polynomial import (
     CHECK_INSTANTS,
     POLYNOMIAL_DEGREE,
+    compute_node_times,
     fit_polynomial,
-    node_times,
 )
 
 
@@ -21,7 +21,11 @@ def moving_start(path, random):
 
 def least_squares_with_conditions(path, start, delay, duration, moving):
     """Coefficients in powers of t/T from the KKT system of the constrained least squares."""
-    times = np.concatenate([[0.0], delay + node_times(path)]) if delay else node_times(path)
+    times = (
+        np.concatenate([[0.0], delay + compute_node_times(path)])
+        if delay
+        else compute_node_times(path)
+    )
     nodes = np.vstack([start.position, path.posture]) if delay else path.posture
     times = times * duration / times[-1]
     t = CHECK_INSTANTS * duration

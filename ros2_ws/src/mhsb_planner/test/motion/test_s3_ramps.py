@@ -11,10 +11,10 @@ from scipy.integrate import quad
 from mhsb_planner.motion.s3_ramps import (
     RAMP_LIMIT_SHARE,
     Ramp,
+    compute_shortest_ramp,
     evaluate_ramp,
     find_ramp_time,
     round_up_to_time_step,
-    shortest_ramp,
 )
 
 TIMES = st.tuples(st.floats(0.001, 0.5), st.floats(0.001, 0.5)).map(sorted)
@@ -53,7 +53,7 @@ def test_the_time_at_which_speed_and_acceleration_have_a_ratio_is_found(times, s
 
 
 def test_the_shortest_ramp_to_v_max_has_its_share_of_acceleration_and_jerk(machine):
-    ramp, m = shortest_ramp(machine), machine.arrays
+    ramp, m = compute_shortest_ramp(machine), machine.arrays
     assert ramp == pytest.approx((0.12, 0.05))
     fastest = m.max_piston_speed.max()
     acceleration = fastest / ramp.rise
@@ -65,14 +65,14 @@ def test_the_shortest_ramp_to_v_max_has_its_share_of_acceleration_and_jerk(machi
 
 def test_ramps_are_those_of_the_fastest_piston(machine):
     slower = machine.with_values({"joints.1.actuator.max_piston_speed": 0.002})
-    assert shortest_ramp(slower) == shortest_ramp(machine)
+    assert compute_shortest_ramp(slower) == compute_shortest_ramp(machine)
     own = {f"joints.{j}.actuator.max_piston_speed": 0.004 + 0.001 * j for j in range(3)}
     slowed = machine.changed(max_piston_speed=0.006)
-    assert shortest_ramp(machine.with_values(own)) == shortest_ramp(slowed)
+    assert compute_shortest_ramp(machine.with_values(own)) == compute_shortest_ramp(slowed)
 
 
 def test_a_slow_machine_never_reaches_its_largest_acceleration(machine):
-    ramp, jerk = shortest_ramp(machine.changed(max_piston_speed=0.002)), 2.0
+    ramp, jerk = compute_shortest_ramp(machine.changed(max_piston_speed=0.002)), 2.0
     assert ramp.rise == ramp.blend == pytest.approx(np.sqrt(0.002 / jerk), abs=1e-3)
 
 

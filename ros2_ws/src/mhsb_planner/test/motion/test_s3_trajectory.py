@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mhsb_model.braking import brake_along, brake_from
-from mhsb_model.holding import holding_modes
+from mhsb_model.holding import choose_holding_modes
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, standstill
 from mhsb_model.types import frozen
@@ -20,7 +20,7 @@ from mhsb_planner.motion import (
     s3_trajectory,
     s4_mode_schedule,
 )
-from mhsb_planner.motion.energy import motion_energy
+from mhsb_planner.motion.energy import compute_motion_energy
 from mhsb_planner.motion.limits import joint_range
 from mhsb_planner.motion.s3_trajectory import (
     FitError,
@@ -119,7 +119,7 @@ def test_plans_of_the_search_become_motions_that_keep_every_limit(machine, graph
         fitted += 1
         posture = path.posture[-1]
         assert_keeps_limits(motion, worst, machine)
-        energy = motion_energy(machine, motion.trajectory, motion.schedule)
+        energy = compute_motion_energy(machine, motion.trajectory, motion.schedule)
         assert 0.6 < energy.paper / path.energy.sum() < 1.4
     assert fitted >= 15
     assert failed == 0
@@ -284,7 +284,7 @@ def test_stopping_brakes_along_the_path_and_holds(machine, walk, worst):
 def test_an_end_that_too_few_modules_can_hold_is_refused_but_a_stop_there_is_not(machine, walk):
     random, without = np.random.default_rng(13), changed(machine, module_count=0)
     path = walk(random, 6)
-    while not holding_modes(machine, machine.piston_forces(path.posture[-1])).any():
+    while not choose_holding_modes(machine, machine.piston_forces(path.posture[-1])).any():
         path = walk(random, 6)
     assert from_rest(machine, path).schedule.modes[-1].any()
     with pytest.raises(FitError, match=r"needs \d booster modules, 0 are fitted"):

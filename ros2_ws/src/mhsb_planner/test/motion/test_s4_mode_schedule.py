@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mhsb_model.holding import holding_modes
+from mhsb_model.holding import choose_holding_modes
 from mhsb_model.hydraulics import needs_boost
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
@@ -16,7 +16,7 @@ from mhsb_planner.motion.motion_profile import MotionProfile
 from mhsb_planner.motion.s4_mode_schedule import (
     StartModes,
     SwitchingRules,
-    interval_modes,
+    compute_interval_modes,
     keeps_dwell,
     mode_schedule,
 )
@@ -39,8 +39,8 @@ def profile(seconds, speed, force=(LIGHT, LIGHT, LIGHT), inertia=(0.0, 0.0, 0.0)
 
 def scheduled(machine, time, motion, start, preferred=None, rules=None):
     """The modes between the instants of a motion that ends in its holding modes."""
-    hold = holding_modes(machine, motion.force[-1])
-    return interval_modes(machine, time, motion, start, hold, preferred, rules)
+    hold = choose_holding_modes(machine, motion.force[-1])
+    return compute_interval_modes(machine, time, motion, start, hold, preferred, rules)
 
 
 def lifts(begin, end):
@@ -223,7 +223,7 @@ def test_a_schedule_begins_with_the_trajectory_and_ends_with_its_holding_modes(m
     assert schedule.end_ns == motion.end_ns
     assert (
         schedule.modes[-1].tolist()
-        == holding_modes(machine, machine.piston_forces(motion.position[-1])).tolist()
+        == choose_holding_modes(machine, machine.piston_forces(motion.position[-1])).tolist()
     )
     assert np.all(schedule.modes[:, 0] > 0)
 
@@ -232,7 +232,7 @@ def test_an_arm_that_does_not_move_gets_its_holding_modes(machine):
     stretched = np.zeros(3)
     schedule = mode_schedule(machine, standstill(stretched, 5), NORMAL)
     assert schedule.offset_ns.tolist() == [0]
-    expected = holding_modes(machine, machine.piston_forces(stretched))
+    expected = choose_holding_modes(machine, machine.piston_forces(stretched))
     assert schedule.modes[0].tolist() == expected.tolist()
 
 
@@ -262,7 +262,7 @@ def random_motion(seed):
 def test_every_schedule_covers_every_need_within_the_budget_and_without_flicker(machine, seed):
     time, motion, start = random_motion(seed)
     modes = scheduled(machine, time, motion, start)
-    hold = holding_modes(machine, motion.force[-1])
+    hold = choose_holding_modes(machine, motion.force[-1])
     m = machine.arrays
     assert m.modules_per_mode[modes].sum(axis=1).max() <= m.module_count
     for j in range(3):
@@ -290,7 +290,7 @@ def switches(modes, time, start, hold, j):
 def test_a_motion_that_is_too_short_for_its_switches_is_told_from_others(machine):
     time, motion = profile(0.2, [0.006, 0.0, 0.0], [HEAVY, LIGHT, LIGHT])
     hold = np.array([N, N, N], dtype=np.uint8)
-    modes = interval_modes(machine, time, motion, NORMAL, hold)
+    modes = compute_interval_modes(machine, time, motion, NORMAL, hold)
     assert modes[:, 0].all()
     assert not keeps_dwell(time, modes, NORMAL, hold)
     assert keeps_dwell(time, modes, StartModes.create_settled([DB, N, N]), hold)

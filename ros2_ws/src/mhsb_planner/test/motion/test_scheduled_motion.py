@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mhsb_model.holding import holding_modes
+from mhsb_model.holding import choose_holding_modes
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory, standstill
 from mhsb_planner.motion.s4_mode_schedule import StartModes
@@ -53,5 +53,5 @@ def test_an_arm_at_rest_keeps_boost_for_its_least_time(machine):
     made = ScheduledMotion.create(machine, standstill(FOLDED), young)
     assert made.keeps_dwell
     assert made.schedule.modes_at(int(0.19 * SECOND_NS)).tolist() == [DB, N, N]
-    held = holding_modes(machine, machine.piston_forces(FOLDED))
+    held = choose_holding_modes(machine, machine.piston_forces(FOLDED))
     assert made.schedule.modes[-1].tolist() == held.tolist()

@@ -9,7 +9,7 @@ from mhsb_model.feasibility.curve_check import describe_curve_problem
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_model.obstacles.zones import Zones
-from mhsb_planner.cases.moves import random_position
+from mhsb_planner.cases.moves import draw_random_position
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.planner import PlanOptions
@@ -37,7 +37,7 @@ def check_commands(file, kind, seed, count):
         replanner.change_machine(machine)
         world = LockStepWorld(machine, replanner, settings_of(machine, random, kind))
         for _ in range(8):
-            world.send_goal(*random_position(machine, random))
+            world.send_goal(*draw_random_position(machine, random))
             world.pass_time(random.uniform(0.05, 3.0))
             own, before = world.life.arm_state.own_command, len(world.sent)
             what = random.random()

@@ -7,7 +7,7 @@ import pytest
 from mhsb_model.errors import MhsbError
 from mhsb_model.goal import Goal
 from mhsb_model.verdict import ExecutionReport, Outcome, Verdict
-from mhsb_planner.motion.energy import motion_energy
+from mhsb_planner.motion.energy import compute_motion_energy
 from mhsb_planner.online.pending_goal import keep_settings
 from mhsb_planner.online.progress import Progress, compute_energy_between
 
@@ -106,7 +106,7 @@ def test_progress_grows_to_the_whole_and_its_energy_to_the_plans(world):
 def test_energy_between_two_times_is_that_of_the_motion(world):
     world.verdict(world.send_goal(*UP))
     command = world.sent[-1]
-    whole = motion_energy(world.machine, command.trajectory, command.schedule)
+    whole = compute_motion_energy(world.machine, command.trajectory, command.schedule)
     middle = command.stamp_ns + command.trajectory.duration_ns // 3
     parts = [
         compute_energy_between(world.machine, command, *span)

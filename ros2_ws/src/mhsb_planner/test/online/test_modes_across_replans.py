@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.command import Command
-from mhsb_model.holding import holding_modes
+from mhsb_model.holding import choose_holding_modes
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.online.replanning import Replanner
@@ -25,7 +25,7 @@ def chain(replanner, machine, table, planner, rng):
     """Commands one after the other, each in motion of the one before."""
     start = np.array(machine.config.simulation.start_posture)
     now = SECOND_NS
-    commands = [Command.hold(0, start, holding_modes(machine, machine.piston_forces(start)))]
+    commands = [Command.hold(0, start, choose_holding_modes(machine, machine.piston_forces(start)))]
     for _ in range(REPLANS):
         goal = table.nodes[rng.choice(np.flatnonzero(table.feasible))] * table.spacing
         options = PlanOptions(planner=planner, weights=rng.choice(WEIGHTS))

@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 
 from mhsb_planner.errors import RequestError
-from mhsb_planner.posture.grid import Grid, grid_nodes
+from mhsb_planner.posture.grid import Grid, list_grid_nodes
 
 SPACING = 0.05
 
 
 @pytest.fixture(scope="module")
 def grid(machine):
-    return Grid(grid_nodes(machine, SPACING), SPACING)
+    return Grid(list_grid_nodes(machine, SPACING), SPACING)
 
 
 def test_the_papers_grid_has_its_642_nodes(machine):
     expected = {(i, k) for i in range(22) for k in range(-21, 22) if 25 <= i * i + k * k <= 423}
-    nodes = grid_nodes(machine, SPACING)
+    nodes = list_grid_nodes(machine, SPACING)
     assert len(nodes) == 642
     assert set(map(tuple, nodes.tolist())) == expected
 
@@ -72,4 +72,4 @@ def test_points_share_a_cell_where_one_closed_cell_holds_both(grid, a, b, togeth
 @pytest.mark.parametrize("spacing", [0.0, -0.05, 2.0, float("nan"), float("inf")])
 def test_a_useless_spacing_is_refused(machine, spacing):
     with pytest.raises(RequestError, match="spacing must be above 0"):
-        grid_nodes(machine, spacing)
+        list_grid_nodes(machine, spacing)

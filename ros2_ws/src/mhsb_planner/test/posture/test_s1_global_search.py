@@ -5,8 +5,8 @@ import pytest
 
 from mhsb_model.inverse_kinematics.closed_form_3r import is_within_limits
 from mhsb_planner.errors import InfeasibleGoalError
-from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
-from mhsb_planner.posture.s1_polytope import polytope_area
+from mhsb_planner.posture.s1_global_search import build_posture_table, find_postures_at
+from mhsb_planner.posture.s1_polytope import compute_polytope_area
 
 DENSE = np.linspace(-np.pi, np.pi, 2401)
 
@@ -29,7 +29,7 @@ def test_every_entry_has_the_area_that_is_recorded(machine, table):
         for pattern, q, area in zip(
             table.patterns, table.posture[node], table.area[node], strict=True
         ):
-            assert polytope_area(machine, q, pattern) == area
+            assert compute_polytope_area(machine, q, pattern) == area
 
 
 def test_no_posture_of_a_dense_scan_has_a_larger_area(machine, table):
@@ -38,7 +38,7 @@ def test_no_posture_of_a_dense_scan_has_a_larger_area(machine, table):
         x, z = table.nodes[node] * table.spacing
         postures = machine.postures(x, z, DENSE)
         for p in rng.choice(len(table.patterns), 3, replace=False):
-            areas = [polytope_area(machine, q, table.patterns[p]) for q in postures]
+            areas = [compute_polytope_area(machine, q, table.patterns[p]) for q in postures]
             assert table.area[node, p] >= max(areas, default=0.0) * (1 - 1e-6)
 
 
@@ -56,14 +56,14 @@ def test_the_number_of_threads_does_not_change_a_bit(machine, coarse):
 
 def test_a_point_on_a_node_gets_the_postures_of_the_table(machine, table):
     node = int(np.flatnonzero(table.feasible)[100])
-    here = postures_at(machine, *(table.nodes[node] * table.spacing))
+    here = find_postures_at(machine, *(table.nodes[node] * table.spacing))
     assert here.posture.tobytes() == table.posture[node].tobytes()
 
 
 def test_a_point_without_posture_is_refused(machine, table):
     x, z = table.nodes[~table.feasible][0] * table.spacing
     with pytest.raises(InfeasibleGoalError, match="no posture within the joint limits"):
-        postures_at(machine, x, z)
+        find_postures_at(machine, x, z)
 
 
 def test_progress_rises_to_the_number_of_nodes(machine, coarse):

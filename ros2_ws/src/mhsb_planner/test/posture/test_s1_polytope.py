@@ -9,10 +9,10 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection
 from mhsb_model.machine import Machine
 from mhsb_planner.posture.s1_polytope import (
     MODE_COUNT,
-    cross_products,
-    polytope_area,
-    polytope_area_from_limits,
-    polytope_vertices,
+    compute_area_from_limits,
+    compute_cross_products,
+    compute_polytope_area,
+    compute_polytope_vertices,
 )
 
 OWN_VALVES = {
@@ -84,15 +84,19 @@ def random_cases(machine, count, seed):
 def test_area_equals_half_space_intersection_and_hull(machine, flow, payload):
     arm = with_main_pump(machine, flow, payload)
     for q, pattern in random_cases(arm, 60, seed=1):
-        assert polytope_area(arm, q, pattern) == pytest.approx(hull_area(arm, q, pattern), rel=1e-9)
+        assert compute_polytope_area(arm, q, pattern) == pytest.approx(
+            hull_area(arm, q, pattern), rel=1e-9
+        )
 
 
 def test_with_valves_of_their_own_the_area_is_that_of_the_half_spaces(machine):
     arm = machine.with_values(OWN_VALVES)
     for q, pattern in random_cases(arm, 40, seed=5):
-        area = polytope_area(arm, q, pattern)
+        area = compute_polytope_area(arm, q, pattern)
         assert area == pytest.approx(hull_area(arm, q, pattern), rel=1e-9)
-        assert area <= polytope_area(machine, q, pattern) * (1 + 1e-12)  # no valve is larger
+        assert area <= compute_polytope_area(machine, q, pattern) * (
+            1 + 1e-12
+        )  # no valve is larger
 
 
 def test_heavy_loads_that_leave_one_direction_only_were_among_them(machine):
@@ -112,14 +116,14 @@ def test_without_the_pump_limit_the_area_is_the_sum_over_pairs_of_joints(machine
             abs(np.linalg.det(columns[:, [i, j]])) * width[i] * width[j]
             for i, j in itertools.combinations(range(arm.joint_count), 2)
         )
-        assert polytope_area(arm, q, pattern) == pytest.approx(total, rel=1e-10)
+        assert compute_polytope_area(arm, q, pattern) == pytest.approx(total, rel=1e-10)
 
 
 def test_the_area_is_that_of_the_polygon_of_its_vertices(machine):
     for q, pattern in random_cases(machine, 50, seed=3):
-        x, z = polytope_vertices(machine, q, pattern).T
+        x, z = compute_polytope_vertices(machine, q, pattern).T
         shoelace = 0.5 * np.sum(x * np.roll(z, -1) - np.roll(x, -1) * z)
-        assert polytope_area(machine, q, pattern) == pytest.approx(shoelace, rel=1e-9)
+        assert compute_polytope_area(machine, q, pattern) == pytest.approx(shoelace, rel=1e-9)
 
 
 def greedy_hull_area(columns, scale, limit, flow):
@@ -140,11 +144,11 @@ def greedy_hull_area(columns, scale, limit, flow):
 def kernel_area(columns, scale, limit, flow):
     n = columns.shape[1]
     cross = np.empty((n, n))
-    cross_products(np.ascontiguousarray(columns), cross)
+    compute_cross_products(np.ascontiguousarray(columns), cross)
     by_mode = np.repeat(limit[:, None, :], MODE_COUNT, axis=1)
     pattern = np.zeros(n, dtype=np.uint8)
     pattern.setflags(write=False)
-    return polytope_area_from_limits(cross, scale, by_mode, pattern, flow)
+    return compute_area_from_limits(cross, scale, by_mode, pattern, flow)
 
 
 @pytest.mark.parametrize("n", [2, 3, 4, 5])

@@ -9,7 +9,7 @@ import pytest
 from mhsb_model.command import Command
 from mhsb_model.inverse_kinematics.closed_form_3r import is_within_limits
 from mhsb_model.trajectory import SECOND_NS, MotionState
-from mhsb_planner.cases.paper_cases import paper_case
+from mhsb_planner.cases.paper_cases import get_paper_case
 from mhsb_planner.errors import DeadlineError, InfeasibleGoalError, RequestError
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import Planner, PlanOptions
@@ -151,7 +151,7 @@ def test_the_planner_keeps_joint_3_as_it_is_at_the_start(machine, table):
 
 @pytest.mark.parametrize("name", ["4-2", "4-3"])
 def test_the_cases_of_the_paper_start_at_their_initial_angle(machine, name):
-    case = paper_case(name)
+    case = get_paper_case(name)
     assert (case.planner, case.options.planner) == ("fixed", "fixed")
     start = case.start_posture(machine)
     assert np.array_equal(start, compute_fixed_j3_posture(machine, *case.start, case.initial_j3))

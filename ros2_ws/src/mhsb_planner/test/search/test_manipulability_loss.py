@@ -9,18 +9,18 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.cases.paper_cases import paper_case
+from mhsb_planner.cases.paper_cases import get_paper_case
 from mhsb_planner.errors import RequestError
 from mhsb_planner.planner import Planner, PlanOptions
-from mhsb_planner.posture.s1_polytope import piston_speed_corners
+from mhsb_planner.posture.s1_polytope import list_piston_speed_corners
 from mhsb_planner.search.manipulability_loss import (
     AreaProfile,
     AreaTerm,
-    area_along_motion,
-    area_along_path,
-    area_term,
+    compute_area_along_motion,
+    compute_area_along_path,
+    compute_reference_area,
     compute_step_area_loss,
-    reference_area,
+    create_area_cost,
 )
 
 FULL = 0.25
@@ -28,7 +28,7 @@ FULL = 0.25
 
 def hull_area(machine, q, modes):
     columns = machine.jacobian(q) / machine.moment_arms(q)
-    return ConvexHull(piston_speed_corners(machine, q, modes) @ columns.T).volume
+    return ConvexHull(list_piston_speed_corners(machine, q, modes) @ columns.T).volume
 
 
 def lost(machine, postures, modes):
@@ -46,7 +46,7 @@ def test_a_path_loses_what_hulls_along_it_lose(machine, walk):
         for start, end, modes in zip(path.posture, path.posture[1:], path.modes, strict=False):
             way = start + np.linspace(0.0, 1.0, 60)[:, None] * (end - start)
             along += lost(machine, way, np.tile(modes, (60, 1)))
-        assert area_along_path(machine, path).compute_area_loss(FULL) == pytest.approx(
+        assert compute_area_along_path(machine, path).compute_area_loss(FULL) == pytest.approx(
             along, rel=5e-3
         )
 
@@ -63,7 +63,7 @@ def test_a_path_loses_as_much_however_it_is_cut(machine, walk, seed, parts):
         modes=np.repeat(path.modes, parts, axis=0),
         duration=np.repeat(path.duration / parts, parts),
     )
-    one, other = (area_along_path(machine, each) for each in (path, finer))
+    one, other = (compute_area_along_path(machine, each) for each in (path, finer))
     # The area may jump on the way, and cuts move the place of the jump by half a part at most.
     jump = 0.5 * one.span.max() * np.abs(np.diff(one.area)).max(initial=0.0)
     lost_with_it = 1e-5 + jump / FULL
@@ -92,13 +92,13 @@ def test_short_steps_are_priced_at_what_they_lose(machine):
 
 
 def test_a_motion_loses_what_hulls_along_it_lose_in_the_modes_in_force(machine, table):
-    case = paper_case("4-1")
+    case = get_paper_case("4-1")
     start = MotionState.at_rest(case.start_posture(machine))
     motion = Planner(machine, table).plan(case.goal, start, options=case.options).motion
     trajectory, schedule = motion.trajectory, motion.schedule
     at = trajectory.stamp_ns + np.linspace(0, trajectory.duration_ns, 200).astype(int)
     along = lost(machine, trajectory.sample_many(at)[0], schedule.modes_at_many(at))
-    profile = area_along_motion(machine, trajectory, schedule)
+    profile = compute_area_along_motion(machine, trajectory, schedule)
     assert profile.compute_area_loss(FULL) == pytest.approx(along, rel=1e-2)
 
 
@@ -113,14 +113,14 @@ def test_nothing_is_lost_where_the_area_is_full_and_all_where_there_is_none():
 
 def test_half_of_the_nodes_offer_more_than_the_area_that_counts_as_full(table):
     best = np.nanmax(table.area[table.feasible], axis=1)
-    assert abs(np.mean(best > reference_area(table)) - 0.5) < 0.01
-    assert area_term(3.0, table) == (3.0, reference_area(table))
-    assert area_term(0.0, table).weight == 0.0
+    assert abs(np.mean(best > compute_reference_area(table)) - 0.5) < 0.01
+    assert create_area_cost(3.0, table) == (3.0, compute_reference_area(table))
+    assert create_area_cost(0.0, table).weight == 0.0
 
 
 @pytest.mark.parametrize("kind", ["table", "fixed"])
 def test_planners_that_cannot_weigh_the_area_say_so(machine, table, kind):
-    case = paper_case("4-1")
+    case = get_paper_case("4-1")
     start = MotionState.at_rest(case.start_posture(machine))
     options = PlanOptions(planner=kind, area_weight=10.0)
     sentence = (

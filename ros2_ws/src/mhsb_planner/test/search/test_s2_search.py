@@ -17,18 +17,18 @@ from mhsb_planner.errors import (
     NoPathError,
     RequestError,
 )
-from mhsb_planner.posture.s1_global_search import postures_at
+from mhsb_planner.posture.s1_global_search import find_postures_at
 from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.open_list import NO_STATE
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_search import PathQuery, Weights, search
 from mhsb_planner.search.s2_start_goal_edges import (
+    compute_steps_from_start,
+    compute_steps_to_goal,
     create_goal,
     create_start,
-    steps_from_start,
-    steps_to_goal,
 )
-from mhsb_planner.search.s2_step import step_costs
+from mhsb_planner.search.s2_step import compute_step_costs
 
 NORMAL = np.zeros(3, dtype=np.uint8)
 ENERGY_OPTIMAL = (0.5, 0.0, 2.0)
@@ -63,13 +63,13 @@ def dijkstra_cost(graph, posture, modes, goal_xz, weights, column=1):
     switched = graph.switches[origin % patterns, edges.pattern[edge]]
     add(origin, edges.state[edge], edge_cost[edge] + weights[2] * switched)
 
-    first = steps_from_start(graph, place, end)
+    first = compute_steps_from_start(graph, place, end)
     switched = np.count_nonzero(graph.table.patterns[first.pattern] != modes, axis=1)
     target = np.where(first.state == NO_STATE, goal, first.state)
     values = cost_of(first.cost, column, weights) + weights[2] * switched
     add(np.full(len(target), start), target, values)
 
-    last, _ = steps_to_goal(graph, end)
+    last, _ = compute_steps_to_goal(graph, end)
     values = cost_of(last.cost, column, weights)
     owner = layout.posture_of_state.ravel()
     for posture_index, pattern, value in zip(last.origin, last.pattern, values, strict=True):
@@ -128,7 +128,7 @@ def test_a_path_costs_what_its_steps_cost(graph, machine, off_grid):
     for posture, modes, goal in random_queries(graph, 20, seed=13, off_grid=off_grid):
         path = search(graph, PathQuery(posture, modes, goal, Weights(0.5, 3.0, 2.0)))
         for k in range(path.steps):
-            costs = step_costs(machine, path.posture[k], path.posture[k + 1])
+            costs = compute_step_costs(machine, path.posture[k], path.posture[k + 1])
             p = int(np.flatnonzero(np.all(machine.patterns == path.modes[k], axis=1))[0])
             if costs.admissible[p]:
                 found = (path.duration[k], path.energy[k], path.energy_series[k])
@@ -168,7 +168,7 @@ def test_strokes_add_up_to_the_distance_of_start_and_goal(graph, machine):
 def test_the_goal_posture_is_that_of_the_largest_polytope_for_the_last_mode(graph, machine):
     for posture, modes, goal in random_queries(graph, 10, seed=16, off_grid=True):
         path = search(graph, PathQuery(posture, modes, goal, Weights(*ENERGY_OPTIMAL)))
-        best = postures_at(machine, *goal).posture
+        best = find_postures_at(machine, *goal).posture
         p = int(np.flatnonzero(np.all(machine.patterns == path.modes[-1], axis=1))[0])
         assert np.array_equal(path.posture[-1], best[p])
 
@@ -177,8 +177,8 @@ def test_steps_to_a_goal_on_a_node_are_those_computed_for_it(graph):
     for node in np.flatnonzero(graph.table.feasible)[::50]:
         goal = create_goal(graph, *(graph.table.nodes[node] * graph.table.spacing))
         assert goal.node == node
-        found, first = steps_to_goal(graph, goal)
-        expected, expected_first = steps_to_goal(graph, replace(goal, node=None))
+        found, first = compute_steps_to_goal(graph, goal)
+        expected, expected_first = compute_steps_to_goal(graph, replace(goal, node=None))
         assert np.array_equal(first, expected_first)
         for name in ("origin", "state", "end", "pattern"):
             assert np.array_equal(getattr(found, name), getattr(expected, name))
@@ -191,7 +191,7 @@ def a_node(graph, x, z):
 
 def test_a_goal_with_an_end_link_angle_is_reached_with_it(graph):
     start = a_node(graph, 0.55, -0.05)
-    wanted = float(postures_at(graph.machine, 0.62, 0.33).posture[0].sum()) - 0.02
+    wanted = float(find_postures_at(graph.machine, 0.62, 0.33).posture[0].sum()) - 0.02
     path = search(
         graph, PathQuery(start, NORMAL, (0.62, 0.33), Weights(*ENERGY_OPTIMAL), goal_psi=wanted)
     )
@@ -200,7 +200,7 @@ def test_a_goal_with_an_end_link_angle_is_reached_with_it(graph):
 
 
 def test_start_and_goal_in_one_cell_are_joined_by_a_single_step(graph, machine):
-    start = postures_at(machine, 0.61, 0.31).posture[0]
+    start = find_postures_at(machine, 0.61, 0.31).posture[0]
     path = search(graph, PathQuery(start, NORMAL, (0.63, 0.33), Weights(1.0, 10.0, 50.0)))
     assert path.steps == 1
     assert path.tip == pytest.approx(np.array([[0.61, 0.31], [0.63, 0.33]]))
@@ -307,12 +307,12 @@ def test_a_search_after_its_deadline_says_so(graph):
 
 def test_a_goal_off_the_grid_is_given_up_when_the_deadline_has_passed(machine, looks):
     assert np.array_equal(
-        postures_at(machine, 0.61, 0.31, looks.deadline_after(math.inf)).posture,
-        postures_at(machine, 0.61, 0.31).posture,
+        find_postures_at(machine, 0.61, 0.31, looks.deadline_after(math.inf)).posture,
+        find_postures_at(machine, 0.61, 0.31).posture,
     )
     for after in range(5):
         with pytest.raises(DeadlineError, match="the search for the goal's postures"):
-            postures_at(machine, 0.61, 0.31, looks.deadline_after(after))
+            find_postures_at(machine, 0.61, 0.31, looks.deadline_after(after))
         assert looks.count == after + 1
 
 

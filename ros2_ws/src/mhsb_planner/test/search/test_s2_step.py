@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.search.lower_bound import energy_lower_bound
-from mhsb_planner.search.s2_step import step_costs
+from mhsb_planner.search.s2_step import compute_step_costs
 
 MACHINE = load_machine()
 
@@ -69,7 +69,7 @@ def test_steps_between_any_postures_cost_what_the_book_says(machine, slow_steps,
         start = rng.uniform(low, high)
         end = np.clip(start + rng.uniform(-0.3, 0.3, arm.joint_count), low, high)
         expected = slow_steps(arm, start, [end] * len(arm.patterns))
-        assert_same_steps(step_costs(arm, start, end), expected)
+        assert_same_steps(compute_step_costs(arm, start, end), expected)
         possible += bool(expected)
     assert possible > 5
 
@@ -83,34 +83,34 @@ def test_joints_that_are_held_cost_what_the_book_says(machine, slow_steps):
             end = start.copy()
             end[moving] = rng.uniform(low[moving], high[moving])
             expected = slow_steps(machine, start, [end] * len(machine.patterns))
-            assert_same_steps(step_costs(machine, start, end), expected)
+            assert_same_steps(compute_step_costs(machine, start, end), expected)
             for p in expected:
                 boosted = machine.patterns[p] > 0
                 assert not boosted[np.arange(machine.joint_count) != moving].any()
 
 
 def test_boost_without_need_is_refused_where_a_pattern_fits(machine):
-    down = step_costs(machine, np.array([0.0, -0.5, -0.5]), np.array([-0.05, -0.55, -0.55]))
+    down = compute_step_costs(machine, np.array([0.0, -0.5, -0.5]), np.array([-0.05, -0.55, -0.55]))
     assert list(np.flatnonzero(down.admissible)) == [0]
 
 
 def test_beyond_the_highest_boost_pressure_no_pattern_lifts(machine):
     heavy = machine.changed(payload=60.0)
-    up = step_costs(heavy, np.array([0.0, 0.0, 0.0]), np.array([0.05, 0.0, 0.0]))
+    up = compute_step_costs(heavy, np.array([0.0, 0.0, 0.0]), np.array([0.05, 0.0, 0.0]))
     assert not up.admissible.any()
     assert np.all(np.isnan(up.energy))
 
 
 def test_standing_still_takes_nothing(machine):
     q = np.array([0.2, -0.6, -0.4])
-    still = step_costs(machine, q, q)
+    still = compute_step_costs(machine, q, q)
     assert list(np.flatnonzero(still.admissible)) == [0]
     assert (still.duration[0], still.energy[0], still.energy_series[0]) == (0.0, 0.0, 0.0)
 
 
 @given(postures(), postures())
 def test_no_step_takes_less_than_the_lower_bound(start, end):
-    costs = step_costs(MACHINE, start, end)
+    costs = compute_step_costs(MACHINE, start, end)
     bound = energy_lower_bound(MACHINE, start, end[None, :])
     for p in np.flatnonzero(costs.admissible):
         assert costs.energy[p] >= bound * (1 - 1e-12)
@@ -119,8 +119,8 @@ def test_no_step_takes_less_than_the_lower_bound(start, end):
 
 def test_slip_costs_nothing_in_the_paper_s_reading_and_more_with_more_modules(machine):
     start, end = np.array([0.05, -0.1, -0.1]), np.array([0.07, -0.09, -0.09])
-    tight = step_costs(machine, start, end)
-    slipping = step_costs(changed(machine, servo_pump__slip_flow=2e-6), start, end)
+    tight = compute_step_costs(machine, start, end)
+    slipping = compute_step_costs(changed(machine, servo_pump__slip_flow=2e-6), start, end)
     np.testing.assert_array_equal(slipping.energy, tight.energy)
     np.testing.assert_array_equal(slipping.duration, tight.duration)
     boosted = tight.admissible & (machine.patterns > 0).any(axis=1)
@@ -130,7 +130,7 @@ def test_slip_costs_nothing_in_the_paper_s_reading_and_more_with_more_modules(ma
 
 @given(postures(), postures())
 def test_boost_is_never_cheaper_than_normal_mode_at_the_same_pace(start, end):
-    costs = step_costs(MACHINE, start, end)
+    costs = compute_step_costs(MACHINE, start, end)
     delta = MACHINE.cylinder_lengths(end) - MACHINE.cylinder_lengths(start)
     a = MACHINE.arrays
     oil = np.sum(np.where(delta > 0, a.cap_area, a.rod_area) * np.abs(delta))
@@ -142,7 +142,7 @@ def test_boost_is_never_cheaper_than_normal_mode_at_the_same_pace(start, end):
 
 @given(postures(), postures())
 def test_no_cylinder_is_faster_than_its_mode_allows(start, end):
-    costs = step_costs(MACHINE, start, end)
+    costs = compute_step_costs(MACHINE, start, end)
     delta = MACHINE.cylinder_lengths(end) - MACHINE.cylinder_lengths(start)
     a = MACHINE.arrays
     area = np.where(delta > 0, a.cap_area, a.rod_area)

@@ -6,7 +6,7 @@ import pytest
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.planner import Planner
-from mhsb_planner.posture.s1_global_search import build_posture_table, postures_at
+from mhsb_planner.posture.s1_global_search import build_posture_table, find_postures_at
 
 BEGIN = (2.6, -1.5, -0.8)
 
@@ -21,7 +21,7 @@ def excavator() -> Machine:
 def begin(excavator) -> np.ndarray:
     """Posture with the tip at BEGIN [rad]."""
     place = excavator.convert_to_plane(BEGIN, 0.0)
-    return np.append(place.slew, postures_at(excavator.planar_arm, *place.tip).posture[0])
+    return np.append(place.slew, find_postures_at(excavator.planar_arm, *place.tip).posture[0])
 
 
 @pytest.fixture(scope="session")

@@ -13,7 +13,7 @@ from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState
 from mhsb_model.types import frozen
 from mhsb_planner.motion.resting import insert_rests
-from mhsb_planner.motion.s3_ramps import shortest_ramp
+from mhsb_planner.motion.s3_ramps import compute_shortest_ramp
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.planners.path_planner import PathRequest
@@ -150,7 +150,7 @@ def test_rests_stand_at_the_corner_and_where_the_slew_turns_alone(over_a_post):
     for step in np.flatnonzero(alone[1:] != alone[:-1]) + 1:
         assert step in before
     rested = insert_rests(machine, whole, before, task.options.weights)
-    seconds = shortest_ramp(machine).duration
+    seconds = compute_shortest_ramp(machine).duration
     assert rested.duration.sum() == pytest.approx(whole.duration.sum() + seconds * len(before))
     still = np.flatnonzero((np.diff(rested.posture, axis=0) == 0.0).all(axis=1))
     assert set(before + np.arange(len(before))) <= set(still.tolist())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mhsb_model.circuit.elements import shaft_power
+from mhsb_model.circuit.elements import compute_shaft_power
 from mhsb_model.circuit.quantities import CircuitConstants, ModuleState
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.records import Records
@@ -108,7 +108,7 @@ def audit_main_pump(
     """
     work = flow * pressure
     e.main_pump += work * c.substep
-    e.main_pump_shaft += c.substep * shaft_power(
+    e.main_pump_shaft += c.substep * compute_shaft_power(
         work, 1.0, c.main_pump_efficiency, c.main_pump_drag
     )
     volume.main_pump += flow * c.substep
@@ -130,7 +130,9 @@ def audit_drag(modules: Records[ModuleState], c: CircuitConstants, e: CircuitEne
     """
     for k in range(len(modules)):
         speed = modules[k].flow / c.servo_pump_flow
-        drag = c.substep * shaft_power(0.0, speed, c.servo_pump_efficiency, c.servo_pump_drag)
+        drag = c.substep * compute_shaft_power(
+            0.0, speed, c.servo_pump_efficiency, c.servo_pump_drag
+        )
         e.servo_pumps += drag
         e.servo_pump_losses += drag
 
@@ -168,7 +170,7 @@ def audit_node(
     volume.cavities += inflow - stored
 
 
-def energy_gap(energies: dict[str, float]) -> float:
+def compute_energy_gap(energies: dict[str, float]) -> float:
     """Return the error of the energy balance: energy from the pumps minus energy accounted for.
 
     `main_pump` and `servo_pumps` are the energy from the pumps. The other counters, except
@@ -186,7 +188,7 @@ def energy_gap(energies: dict[str, float]) -> float:
     )
 
 
-def volume_gap(volumes: dict[str, float]) -> float:
+def compute_volume_gap(volumes: dict[str, float]) -> float:
     """Return the error of the oil balance: oil from the main pump minus oil accounted for.
 
     `main_pump` is the oil from the pump. All other counters say where this oil has gone.
@@ -200,7 +202,7 @@ def volume_gap(volumes: dict[str, float]) -> float:
     return 2.0 * volumes["main_pump"] - sum(volumes.values())
 
 
-def energy_by_source(energies: dict[str, float]) -> dict[str, dict[str, float]]:
+def sum_energy_by_source(energies: dict[str, float]) -> dict[str, dict[str, float]]:
     """Return the hydraulic energy and the shaft energy of each kind of pump.
 
     Do not add hydraulic and shaft energies: the shaft energy includes the hydraulic one.

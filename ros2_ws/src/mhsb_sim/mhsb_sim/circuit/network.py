@@ -32,23 +32,23 @@ import numpy as np
 
 from mhsb_model.circuit.components import describe_components
 from mhsb_model.circuit.elements import (
-    accumulator_capacity,
     advance_bristle_deflection,
     advance_first_order_lag,
     advance_pressure_and_cavity,
     advance_servo_pump_flow,
-    chamber_volumes,
+    compute_accumulator_capacity,
     compute_air_factor,
+    compute_chamber_volumes,
     compute_check_valve_flow,
+    compute_friction_force,
     compute_land_conductance,
     compute_main_pump_flow,
     compute_orifice_flow,
     compute_pump_filling,
     compute_relief_valve_flow,
+    compute_sliding_friction,
+    compute_valve_opening,
     follow_with_backlash,
-    friction_force,
-    metered_opening,
-    sliding_friction,
 )
 from mhsb_model.circuit.quantities import (
     ActuatorState,
@@ -56,7 +56,7 @@ from mhsb_model.circuit.quantities import (
     CylinderConstants,
     ModuleState,
 )
-from mhsb_model.hydraulics import required_pressure
+from mhsb_model.hydraulics import compute_required_pressure
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES, RAIL_MODES
@@ -86,7 +86,7 @@ from mhsb_sim.circuit.valves.valve_kind import CircuitSite
 
 
 @kernel(inline="always")
-def stamp(
+def add_to_linear_system(
     inflow: FloatArray, conductance: FloatArray, i: int, j: int, flow: float, slope: float
 ) -> None:
     """Add the flow of one element between two nodes to the linear system of a substep.
@@ -262,7 +262,7 @@ def set_rest_pressures(circuit: Circuit, machine: Machine, q: FloatArray, modes:
         cap, rod = m.cap_area[j], m.rod_area[j]
         line = m.supply_pressure
         if BOOSTED_MODES[modes[j]]:
-            line = max(line, required_pressure(m, j, force[j], 0.0))
+            line = max(line, compute_required_pressure(m, j, force[j], 0.0))
         if RAIL_MODES[modes[j]]:
             pressure[-3] = max(pressure[-3], line)
         total = line + m.tank_pressure
@@ -353,7 +353,7 @@ def update_friction(
         F = σ₀ z + σ₁ ż + b v
 
     z is the bristle deflection [m], and σ₁ the damping [N s/m]. b is the viscous friction [N s/m].
-    If σ₀ is 0, F is Coulomb and viscous friction without memory (`friction_force`).
+    If σ₀ is 0, F is Coulomb and viscous friction without memory (`compute_friction_force`).
 
     Args:
         actuator: State of one servo valve and cylinder. Writes `friction` [N] and, with bristles,
@@ -364,11 +364,11 @@ def update_friction(
         dt: Time that has passed [s].
     """
     if c.bristle_stiffness == 0.0:
-        actuator.friction = share * friction_force(
+        actuator.friction = share * compute_friction_force(
             c.coulomb_friction, c.viscous_friction, c.friction_speed, speed
         )
         return
-    sliding = sliding_friction(c.coulomb_friction, c.breakaway, c.stribeck_speed, speed)
+    sliding = compute_sliding_friction(c.coulomb_friction, c.breakaway, c.stribeck_speed, speed)
     before = actuator.bristle_deflection
     actuator.bristle_deflection = advance_bristle_deflection(
         before, speed, sliding, c.bristle_stiffness, dt
@@ -542,7 +542,7 @@ def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
 
     # The servo valve: line to one chamber, the other chamber to tank.
     overlap = c.valve_overlap if actuator.spool >= 0.0 else c.valve_overlap_retracting
-    opening = metered_opening(actuator.spool, overlap, c.valve_exponent)
+    opening = compute_valve_opening(actuator.spool, overlap, c.valve_exponent)
     fed, emptied = (a, b) if opening >= 0.0 else (b, a)
     locked = actuator.isolating_command
     if c.lock_valve_opening > 0.0:
@@ -595,7 +595,7 @@ def displace_oil(circuit: Circuit, j: int, length: float, speed: float) -> None:
     cylinder, c = circuit.cylinders[j], circuit.constants[0]
     inflow[3 * j] -= cylinder.cap_area * speed
     inflow[3 * j + 1] += cylinder.rod_area * speed
-    cap_room, rod_room = chamber_volumes(cylinder, length)
+    cap_room, rod_room = compute_chamber_volumes(cylinder, length)
     capacity[3 * j] = cap_room / c.bulk_modulus
     capacity[3 * j + 1] = rod_room / c.bulk_modulus
     capacity[3 * j + 2] = c.line_capacity
@@ -618,7 +618,7 @@ def add_gas(circuit: Circuit) -> None:
             absolute = max(pressure[i], c.vapour_pressure, 1.0)
             capacity[i] *= compute_air_factor(c.bulk_modulus, c.free_air, absolute)
     if c.accumulator_volume > 0.0:
-        capacity[manifold] += accumulator_capacity(
+        capacity[manifold] += compute_accumulator_capacity(
             pressure[manifold],
             c.accumulator_volume,
             c.accumulator_precharge,
@@ -648,7 +648,9 @@ def solve_pressure_changes(circuit: Circuit, count: int) -> None:
     dt, tank = circuit.constants[0].substep, len(circuit.pressure) - 1
     for k in range(count):
         element = net[k]
-        stamp(inflow, conductance, element.start, element.end, element.flow, element.slope)
+        add_to_linear_system(
+            inflow, conductance, element.start, element.end, element.flow, element.slope
+        )
     for i in range(tank):
         stiffness[i] = capacity[i]
         if cavity[i] > CAVITY_REFILL_FACTOR * inflow[i] * dt and cavity[i] > 0.0:

@@ -18,7 +18,7 @@ from mhsb_model.command import MAX_HAND_OVER_JUMP
 from mhsb_model.feasibility.curve_check import describe_curve_problem
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import modules_in_use, pattern_name
+from mhsb_model.modes import count_modules, format_pattern
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 
 PAIR_TIMEOUT = 0.5
@@ -485,10 +485,10 @@ def find_schedule_problem(machine: Machine, schedule: ModeSchedule) -> str | Non
         return f"its mode schedule has {actuators} actuators, the machine has {machine.joint_count}"
     modules = machine.config.hydraulics.modules
     for pattern in np.unique(schedule.modes, axis=0):
-        needed = modules_in_use(pattern, modules.per_mode)
+        needed = count_modules(pattern, modules.per_mode)
         if needed > modules.count:
             return (
-                f"its mode pattern {pattern_name(pattern)} needs {needed} booster modules, "
+                f"its mode pattern {format_pattern(pattern)} needs {needed} booster modules, "
                 f"{modules.count} are fitted"
             )
     return None

@@ -31,11 +31,11 @@ from mhsb_control.servo_loop import ServoLoop
 from mhsb_model.arm_reports import Estimate
 from mhsb_model.braking import brake_along
 from mhsb_model.circuit.components import describe_components
-from mhsb_model.holding import choose_stop_modes, holding_modes
+from mhsb_model.holding import choose_holding_modes, choose_stop_modes
 from mhsb_model.kernels.bound_kernel import bind_kernel
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import modules_in_use, pattern_name
+from mhsb_model.modes import count_modules, format_pattern
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_sim.circuit.network import build_circuit, set_rest_pressures
@@ -168,7 +168,7 @@ class Simulator:
         """
         loaded = self.plant.changed(payload=self._payload)
         q = self._start if posture is None else self._within_limits(posture)
-        modes = holding_modes(loaded, loaded.piston_forces(q))
+        modes = choose_holding_modes(loaded, loaded.piston_forces(q))
         self._time_ns = time_ns
         self._steps = 0
         substep = self._model.opt.timestep / self._substeps
@@ -701,10 +701,10 @@ class Simulator:
         """
         modules = self.machine.config.hydraulics.modules
         for pattern in patterns:
-            needed = modules_in_use(pattern, modules.per_mode)
+            needed = count_modules(pattern, modules.per_mode)
             if needed > modules.count:
                 raise ModeError(
-                    f"the mode pattern {pattern_name(pattern)} needs {needed} booster modules, "
+                    f"the mode pattern {format_pattern(pattern)} needs {needed} booster modules, "
                     f"{modules.count} are fitted"
                 )
 

@@ -12,7 +12,7 @@ from mhsb_control.coordinated import (
 )
 from mhsb_control.natural_frequency import find_joint_frequency_ranges
 from mhsb_model.files.config_files import find_config_file
-from mhsb_model.hydraulics import required_pressure
+from mhsb_model.hydraulics import compute_required_pressure
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.records import create_record
@@ -61,7 +61,7 @@ def test_lines_are_charged_with_what_the_main_pump_can_spare(machine: Machine) -
         manifold.append(state.manifold_pressure)
         line.append(state.supply_pressure[0])
     assert min(manifold[200:]) > 0.9 * m.supply_pressure
-    held = required_pressure(m, 0, machine.piston_forces(onset)[0], 0.0)
+    held = compute_required_pressure(m, 0, machine.piston_forces(onset)[0], 0.0)
     assert held > 1.4 * m.supply_pressure
     assert line[round(1000 * switched[1])] > held - m.boost_margin
 
@@ -76,7 +76,7 @@ def test_a_slow_pump_charges_its_line_though_its_leakage_is_not_known(machine: M
     simulator.advance(RAMP + CRUISE / 2)
     force = slow.piston_forces(onset)[0]
     speed = (slow.moment_arms(onset) * velocity)[0]
-    needed = required_pressure(slow.arrays, 0, force, speed)
+    needed = compute_required_pressure(slow.arrays, 0, force, speed)
     assert needed > 1.2 * slow.arrays.supply_pressure
     assert simulator.actuator_states.supply_pressure[0] > needed - slow.arrays.boost_margin
 

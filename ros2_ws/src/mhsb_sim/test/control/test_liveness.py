@@ -15,7 +15,7 @@ from mhsb_control.coordinated import CoordinatedController
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import modules_in_use
+from mhsb_model.modes import count_modules
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_sim.simulation.simulator import Simulator
 
@@ -40,7 +40,7 @@ def draw_plan(
         goal = np.clip(start.position + away, m.joint_min + 0.02, m.joint_max - 0.02)
         plan = motion(start, goal, 0, speed=machine.config.motion.max_piston_speed, of=machine)
         modules = machine.config.hydraulics.modules
-        if all(modules_in_use(row, modules.per_mode) <= modules.count for row in plan[1].modes):
+        if all(count_modules(row, modules.per_mode) <= modules.count for row in plan[1].modes):
             return plan
 
 

@@ -14,7 +14,7 @@ from mhsb_model.hydraulics import compute_pressure_without_margin
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.records import create_record, create_records
-from mhsb_model.statics import chain_of
+from mhsb_model.statics import get_chain
 from mhsb_sim.simulation.simulator import Simulator
 
 STEP = 1e-3
@@ -109,7 +109,7 @@ def test_the_tips_errors_are_those_of_the_postures(machine: Machine) -> None:
         speed = random.normal(0.0, 0.1, 3)
         way = machine.tip_position(q + 1e-6 * speed) - machine.tip_position(q)
         ahead = max(0.0, float(exact @ way) / float(np.hypot(*way)))
-        error, behind = compute_tip_errors(chain_of(machine.arrays), q, speed, actuators)
+        error, behind = compute_tip_errors(get_chain(machine.arrays), q, speed, actuators)
         assert error == pytest.approx(float(np.hypot(*exact)), rel=1e-3, abs=1e-7)
         assert behind**2 == pytest.approx(error**2 - ahead**2, rel=5e-3, abs=1e-9)
 

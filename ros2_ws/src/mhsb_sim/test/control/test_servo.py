@@ -12,7 +12,7 @@ from mhsb_control.cascade import (
     set_supply_targets,
 )
 from mhsb_control.errors import UnknownControllerError
-from mhsb_model.hydraulics import MARGIN_SHARE_WITHOUT_INERTIA, required_pressure
+from mhsb_model.hydraulics import MARGIN_SHARE_WITHOUT_INERTIA, compute_required_pressure
 from mhsb_model.machine import Machine
 from mhsb_model.records import create_records
 from mhsb_sim.circuit.network import build_circuit
@@ -40,7 +40,7 @@ def oil(machine: Machine) -> tuple[Any, ...]:
 def test_the_supply_need_is_the_planners_law_plus_the_servos_margin(
     machine: Machine, oil: tuple[Any, ...], force: float, speed: float
 ) -> None:
-    held, moved = (required_pressure(machine.arrays, 0, force, v) for v in (0.0, speed))
+    held, moved = (compute_required_pressure(machine.arrays, 0, force, v) for v in (0.0, speed))
     found = compute_supply_need(force, force, speed, *oil)
     assert found == pytest.approx(max(held, moved) + MARGIN, rel=1e-12)
 
@@ -49,19 +49,21 @@ def test_braking_a_load_on_its_way_down_needs_no_more_than_holding_it(
     machine: Machine, oil: tuple[Any, ...]
 ) -> None:
     found = compute_supply_need(2500.0, 3500.0, -0.01, *oil)
-    assert found == pytest.approx(required_pressure(machine.arrays, 0, 2500.0, 0.0) + MARGIN)
+    assert found == pytest.approx(
+        compute_required_pressure(machine.arrays, 0, 2500.0, 0.0) + MARGIN
+    )
 
 
 def test_inertia_uses_up_its_part_of_the_margin_before_more_is_boosted(
     machine: Machine, oil: tuple[Any, ...]
 ) -> None:
     m, speed = machine.arrays, 0.008
-    static = required_pressure(m, 0, 3000.0, speed) + MARGIN
+    static = compute_required_pressure(m, 0, 3000.0, speed) + MARGIN
     spared = (1.0 - MARGIN_SHARE_WITHOUT_INERTIA) * m.boost_margin
     gentle = 0.9 * spared * m.cap_area[0]
     assert compute_supply_need(3000.0, 3000.0 + gentle, speed, *oil) == pytest.approx(static)
     hard = 3000.0 + 2.0 * spared * m.cap_area[0]
-    dynamic = required_pressure(m, 0, hard, speed) + MARGIN - spared
+    dynamic = compute_required_pressure(m, 0, hard, speed) + MARGIN - spared
     assert compute_supply_need(3000.0, hard, speed, *oil) == pytest.approx(dynamic)
 
 
@@ -90,11 +92,11 @@ def test_a_load_that_is_about_to_turn_round_is_charged_for_with_its_whole_force(
     axis["force_to_pump"], axis["speed_to_pump"] = 3500.0, -0.01
     axis["speed"], axis["speed_ahead"] = -0.01, -0.005
     set_supply_targets(axis[0], *oil)
-    held = required_pressure(machine.arrays, 0, 2000.0, 0.0) + MARGIN
+    held = compute_required_pressure(machine.arrays, 0, 2000.0, 0.0) + MARGIN
     assert axis["supply_target"][0] == pytest.approx(held)
     axis["speed_ahead"] = 0.005
     set_supply_targets(axis[0], *oil)
-    turned = required_pressure(machine.arrays, 0, 3500.0, 0.0) + MARGIN
+    turned = compute_required_pressure(machine.arrays, 0, 3500.0, 0.0) + MARGIN
     assert axis["supply_target"][0] == pytest.approx(turned)
 
 

@@ -10,7 +10,7 @@ import pytest
 from mhsb_control import REGISTERED_CONTROLLERS
 from mhsb_model.machine import Machine
 from mhsb_model.schema import SupplySag
-from mhsb_sim.circuit.audit import energy_gap
+from mhsb_sim.circuit.audit import compute_energy_gap
 from mhsb_sim.errors import PlantError
 from mhsb_sim.simulation.faults import Fault, compute_sag_pressure
 from mhsb_sim.simulation.simulator import Simulator
@@ -118,7 +118,7 @@ def test_what_is_not_as_the_file_says_shows_and_does_not_throw_the_arm(
     simulator, errors = run(machine, motion, values)
     assert np.any(simulator.joint_state.position != nominal.joint_state.position)
     assert errors.max() < 0.05
-    assert abs(energy_gap(simulator.energies)) < 1e-9 * simulator.energies["main_pump"]
+    assert abs(compute_energy_gap(simulator.energies)) < 1e-9 * simulator.energies["main_pump"]
 
 
 def test_commands_are_late_by_the_computing_delay(machine: Machine, motion: Any) -> None:

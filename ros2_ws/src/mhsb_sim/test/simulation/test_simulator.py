@@ -11,13 +11,13 @@ import pytest
 from mhsb_control import REGISTERED_CONTROLLERS, load_machine, select_controllers
 from mhsb_control.errors import UnknownControllerError
 from mhsb_model.errors import MhsbError
-from mhsb_model.holding import holding_modes
+from mhsb_model.holding import choose_holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import Mode, mode_patterns
+from mhsb_model.modes import Mode, list_mode_patterns
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray
-from mhsb_sim.circuit.audit import energy_gap, volume_gap
+from mhsb_sim.circuit.audit import compute_energy_gap, compute_volume_gap
 from mhsb_sim.errors import ModeError, SimulationDivergedError
 from mhsb_sim.simulation.faults import Fault
 from mhsb_sim.simulation.simulator import Simulator
@@ -201,7 +201,7 @@ def test_every_transition_between_patterns_is_finite_and_keeps_its_oil(
 ) -> None:
     """All 506 ordered pairs of the 23 patterns, 0.1 s each, under loads that need boost."""
     modules = machine.config.hydraulics.modules
-    patterns = mode_patterns(machine.joint_count, modules.count, modules.per_mode)
+    patterns = list_mode_patterns(machine.joint_count, modules.count, modules.per_mode)
     tour = np.array([p for a, b in combinations(patterns, 2) for p in (a, b)])
     tour = np.vstack([tour, patterns[0]])
     pairs = {(bytes(a), bytes(b)) for a, b in pairwise(tour)}
@@ -217,8 +217,8 @@ def test_every_transition_between_patterns_is_finite_and_keeps_its_oil(
     assert highest < machine.config.circuit.line_relief_pressure
     assert simulator.energies["relief_valves"] == 0.0
     volumes = simulator.volumes
-    assert abs(volume_gap(volumes)) < 1e-9 * volumes["main_pump"]
-    assert abs(energy_gap(simulator.energies)) < 1e-9 * simulator.energies["main_pump"]
+    assert abs(compute_volume_gap(volumes)) < 1e-9 * volumes["main_pump"]
+    assert abs(compute_energy_gap(simulator.energies)) < 1e-9 * simulator.energies["main_pump"]
 
 
 @pytest.mark.parametrize("fault", ["servo_pumps", "main_pump"])
@@ -242,7 +242,7 @@ def test_energy_is_accounted_for(machine: Machine, motion: Motion) -> None:
     simulator.advance(duration)
     energies = simulator.energies
     assert energies["servo_pumps"] > 10.0
-    assert abs(energy_gap(simulator.energies)) < 1e-6 * energies["main_pump"]
+    assert abs(compute_energy_gap(simulator.energies)) < 1e-6 * energies["main_pump"]
 
 
 def test_the_pistons_do_the_work_that_lifts_the_arm(machine: Machine, motion: Motion) -> None:
@@ -355,7 +355,7 @@ def test_a_stop_comes_to_rest_along_the_path_and_holds(machine: Machine, motion:
     assert tip_errors(simulator, 1.0).max() < 0.5e-3
     halted = simulator.reference.position
     np.testing.assert_array_equal(simulator.reference.velocity, 0.0)
-    held = holding_modes(machine, machine.piston_forces(halted))
+    held = choose_holding_modes(machine, machine.piston_forces(halted))
     np.testing.assert_array_equal(simulator.modes, held)
     nearest = np.abs(trajectory.position - halted).max(axis=1).min()
     assert nearest < np.abs(np.diff(trajectory.position, axis=0)).max()

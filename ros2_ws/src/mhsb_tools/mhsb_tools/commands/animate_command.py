@@ -25,8 +25,8 @@ from mhsb_tools.commands.film import FilmGoal, write_film
 from mhsb_tools.commands.plan_arguments import (
     OptionalPosition,
     build_request,
-    case_title,
     check_coordinates,
+    format_case_title,
 )
 from mhsb_tools.moves.move import MoveRecord, move_of_plan
 
@@ -216,7 +216,7 @@ def _plan_move(machine: Machine, asked: PaperCase) -> tuple[MoveRecord, list[Fil
     suite = Planner(machine, load_or_build_table(machine))
     at_rest = MotionState.at_rest(asked.start_posture(suite.machine))
     plan = suite.plan(asked.goal, at_rest, options=asked.options)
-    title = f"{case_title(asked)}to {format_position(asked.goal, 'g')}, as planned"
+    title = f"{format_case_title(asked)}to {format_position(asked.goal, 'g')}, as planned"
     move = move_of_plan(machine, plan, asked.goal, title)
     return move, [FilmGoal(0.0, asked.goal)]
 

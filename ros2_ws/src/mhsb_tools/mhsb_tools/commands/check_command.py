@@ -61,12 +61,12 @@ def check(
         make_parent_folder(plot, "the picture")
         draw_workspace_picture(machine, find_hold_regions(machine), plot)
     if json_:
-        print(json.dumps(facts(machine)))
+        print(json.dumps(collect_facts(machine)))
     else:
         print("\n".join(format_report(machine)))
 
 
-def facts(machine: Machine) -> dict[str, Any]:
+def collect_facts(machine: Machine) -> dict[str, Any]:
     """Collect the numbers that describe a machine.
 
     Args:
@@ -117,7 +117,7 @@ def format_report(machine: Machine) -> list[str]:
         points. If the machine has obstacles, the count of points that remain reachable follows.
         Angles are in degrees, pressures in MPa and flows in L/min.
     """
-    found = facts(machine)
+    found = collect_facts(machine)
     lines = [
         f"{machine.name}: {machine.joint_count} joints; machine_hash "
         f"{found['machine_hash'][:12]}, posture table {found['hash'][:12]}"
@@ -567,7 +567,7 @@ def _find_lowest_hold_pressures(machine: Machine, x: float, z: float) -> FloatAr
     if len(postures) == 0:
         return None
     force = machine.piston_forces_in(postures)
-    needed = hydraulics.required_pressures(machine.arrays, force, np.zeros(force.shape))
+    needed = hydraulics.compute_required_pressures(machine.arrays, force, np.zeros(force.shape))
     return np.array(needed[np.argmin(needed.max(axis=1))])
 
 

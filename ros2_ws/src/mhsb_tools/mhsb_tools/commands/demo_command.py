@@ -172,7 +172,7 @@ def _demo(
         check_keeps_estimates(default_controller(arm))
         read_estimates_file(estimates_file, arm)
     began = time.monotonic()
-    unfinished = begin(output)
+    unfinished = prepare_output_folder(output)
     settings = (f"machine:={find_machine_file(machine).resolve()}",) if machine else ()
     files = {"plant": plant, "estimates_file": estimates_file}
     of_arm = tuple(f"{name}:={file.resolve()}" for name, file in files.items() if file)
@@ -191,7 +191,7 @@ def _demo(
     tour = compare_on_tour(arm, [goal.position for goal in wanted])
     summary["tour"] = tour
     write_json(unfinished / "summary.json", summary)
-    finish(output)
+    replace_earlier_results(output)
     print("\n".join(["", *format_story(summary, tour, output)]))
     print(f"done in {time.monotonic() - began:.0f} s")
     return summary
@@ -284,7 +284,7 @@ def _goal(file: Path, number: int, values: Any) -> DemoGoal:
     )
 
 
-def begin(output: Path) -> Path:
+def prepare_output_folder(output: Path) -> Path:
     """Create the output folder, and in it an empty folder for the unfinished results.
 
     An existing folder of unfinished results is emptied. The function also sets the sentence that is
@@ -310,7 +310,7 @@ def begin(output: Path) -> Path:
     return unfinished
 
 
-def finish(output: Path) -> None:
+def replace_earlier_results(output: Path) -> None:
     """Move the new results into the output folder and delete earlier ones.
 
     The results are recording, report and summary (RESULT_NAMES). Other files in the folder stay.

@@ -23,11 +23,11 @@ from mhsb_model.figure_style import (
     rgb,
 )
 from mhsb_model.files.output_folders import replace_file
-from mhsb_model.modes import Mode, strongest
+from mhsb_model.modes import Mode, find_strongest_modes
 from mhsb_model.types import FloatArray, Position
 from mhsb_sim.mechanics.linkage_shapes import BARREL_PAINT, compute_planar_bars
 from mhsb_tools.moves.move import MoveRecord
-from mhsb_tools.moves.move_page import draw_mode_bars, mode_spans
+from mhsb_tools.moves.move_page import draw_mode_bars, yield_mode_spans
 from mhsb_tools.moves.workspace_drawing import draw_obstacles, draw_workspace_axes
 
 FIGURE_SIZE = (8.0, 4.64)  # width, height [in]
@@ -318,7 +318,9 @@ class _Film:
         self._barrels.set_segments([_flat(bar) for bar in barrels])
         modes = move.modes[row, move.machine.slews :].tolist()  # a slewing joint has no barrel
         self._barrels.set_color([MODE_COLOR[Mode(mode)] for mode in modes])
-        stretches = list(mode_spans(strongest(move.modes[: row + 1]))) if row > 0 else []
+        stretches = (
+            list(yield_mode_spans(find_strongest_modes(move.modes[: row + 1]))) if row > 0 else []
+        )
         self._path.set_segments([move.tip[begin : end + 1] for begin, end, _ in stretches])
         self._path.set_color([PATH_COLOR[mode] for *_, mode in stretches])
         sent = [

@@ -13,7 +13,7 @@ from mhsb_model.command_line import NumberRange, OptionalFile, UsageError
 from mhsb_model.errors import MachineFileError
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, Position
-from mhsb_planner.cases.paper_cases import PaperCase, paper_case
+from mhsb_planner.cases.paper_cases import PaperCase, get_paper_case
 from mhsb_planner.errors import RequestError
 from mhsb_planner.goal_region import MAX_REGION_SIZE, WIDEST_ANGLE, Angle, Region, create_region
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
@@ -363,7 +363,7 @@ def build_request(
             invalid.
         RequestError: The paper has no case of the name.
     """
-    named = paper_case(case) if case is not None else None
+    named = get_paper_case(case) if case is not None else None
     start = start or (named.start if named else None)
     goal = goal or (named.goal if named else None)
     for name, given in (("start", start), ("goal", goal)):
@@ -403,7 +403,7 @@ def list_replaced_values(asked: PaperCase) -> list[str]:
     """
     if not asked.name:
         return []
-    case, replaced = paper_case(asked.name), []
+    case, replaced = get_paper_case(asked.name), []
     for name in ("start", "goal", "weights", "planner", "initial_j3"):
         own, given = getattr(case, name), getattr(asked, name)
         if own != given:
@@ -412,7 +412,7 @@ def list_replaced_values(asked: PaperCase) -> list[str]:
     return replaced
 
 
-def case_line(asked: PaperCase) -> list[str]:
+def format_case_line(asked: PaperCase) -> list[str]:
     """Return a line that says how a request differs from the paper's case on which it is based.
 
     Args:
@@ -425,7 +425,7 @@ def case_line(asked: PaperCase) -> list[str]:
     return [f"Case {asked.name}, but with {', '.join(replaced)}"] if replaced else []
 
 
-def case_title(asked: PaperCase) -> str:
+def format_case_title(asked: PaperCase) -> str:
     """Return the part of a picture's title that names the case, such as `Case 1-1, changed: `.
 
     "changed" says that start, goal, weights or angle of joint 3 differ from the case. A different

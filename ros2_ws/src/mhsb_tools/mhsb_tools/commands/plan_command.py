@@ -19,7 +19,7 @@ from mhsb_model.files.output_folders import make_parent_folder
 from mhsb_model.goal import format_distance, format_position
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import pattern_name
+from mhsb_model.modes import format_pattern
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import FloatArray, Position
 from mhsb_planner.cases.paper_cases import PaperCase
@@ -30,9 +30,9 @@ from mhsb_planner.plan_log import PlanLog
 from mhsb_planner.planner import Plan, Planner, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.search.manipulability_loss import (
-    area_along_motion,
-    area_along_path,
-    reference_area,
+    compute_area_along_motion,
+    compute_area_along_path,
+    compute_reference_area,
 )
 from mhsb_tools.commands.plan_arguments import (
     ArmArguments,
@@ -41,9 +41,9 @@ from mhsb_tools.commands.plan_arguments import (
     PlannerArguments,
     build_options,
     build_request,
-    case_line,
-    case_title,
     check_coordinates,
+    format_case_line,
+    format_case_title,
     list_replaced_values,
 )
 from mhsb_tools.commands.zone_arguments import ZoneArguments
@@ -53,7 +53,7 @@ from mhsb_tools.moves.operating_point import (
     OperatingPoint,
     OperatingPointResult,
     Range,
-    best_operating_point,
+    find_best_operating_point,
 )
 
 REPEATED_PLAN_TIME = 1.0
@@ -145,8 +145,14 @@ def plan(
         content |= {"case": move.case, "replaced": list_replaced_values(asked)}
         print(json.dumps(content | ({"log": log_as_json(made.log)} if explain else {})))
         return
-    lines = [*case_line(asked), str(made), *point_lines(found), "", *motion_lines(made)]
-    print("\n".join(lines + (explanation_lines(suite, made, seconds, area) if explain else [])))
+    lines = [
+        *format_case_line(asked),
+        str(made),
+        *format_operating_point(found),
+        "",
+        *format_motion(made),
+    ]
+    print("\n".join(lines + (format_explanation(suite, made, seconds, area) if explain else [])))
 
 
 def _make_timed_plan(
@@ -185,7 +191,7 @@ def _make_timed_plan(
     at_rest, found, began = MotionState.at_rest(posture), None, time.perf_counter()
     if any(ranges):
         with tqdm(desc="operating points", unit="plan", disable=silent, delay=BAR_DELAY) as bar:
-            found = best_operating_point(
+            found = find_best_operating_point(
                 planner, goal, at_rest, options, *ranges, on_sample=lambda _: bar.update()
             )
         made = found.plan
@@ -200,7 +206,7 @@ def _make_timed_plan(
 def _title(asked: PaperCase) -> str:
     """Return the title of the picture: the motion and its planner."""
     way = f"{format_position(asked.start, 'g')} to {format_position(asked.goal, 'g')}"
-    return f"{case_title(asked)}{way}, {asked.options.planner} planner"
+    return f"{format_case_title(asked)}{way}, {asked.options.planner} planner"
 
 
 def as_json(machine: Machine, plan: Plan, seconds: dict[str, float]) -> dict[str, Any]:
@@ -318,7 +324,7 @@ def _trajectory_as_json(trajectory: Trajectory, schedule: ModeSchedule) -> dict[
     }
 
 
-def motion_lines(plan: Plan) -> list[str]:
+def format_motion(plan: Plan) -> list[str]:
     """Format the motion of a plan as a table over time.
 
     Args:
@@ -344,7 +350,7 @@ def motion_lines(plan: Plan) -> list[str]:
     ]
 
 
-def path_lines(machine: Machine, plan: Plan) -> list[str]:
+def format_path(machine: Machine, plan: Plan) -> list[str]:
     """Format the discrete path of a plan (result of the graph search) as a table of its steps.
 
     Args:
@@ -365,7 +371,7 @@ def path_lines(machine: Machine, plan: Plan) -> list[str]:
     for k in range(path.steps):
         tip = " ".join(f"{value:7.3f}" for value in path.tip[k + 1])
         lines.append(
-            f"{k + 1:4d}  {tip}   {pattern_name(path.modes[k]):14s}"
+            f"{k + 1:4d}  {tip}   {format_pattern(path.modes[k]):14s}"
             f"{path.duration[k]:10.2f} {path.energy[k]:12.1f}   {', '.join(names[empty[k]]) or '–'}"
         )
     return [
@@ -376,7 +382,7 @@ def path_lines(machine: Machine, plan: Plan) -> list[str]:
     ]
 
 
-def fit_lines(plan: Plan, seconds: dict[str, float]) -> list[str]:
+def format_fit(plan: Plan, seconds: dict[str, float]) -> list[str]:
     """Describe how the motion of a plan was made from its path, and how long planning took.
 
     Args:
@@ -398,7 +404,7 @@ def fit_lines(plan: Plan, seconds: dict[str, float]) -> list[str]:
     ]
 
 
-def explanation_lines(
+def format_explanation(
     planner: Planner, plan: Plan, seconds: dict[str, float], area: dict[str, float | None]
 ) -> list[str]:
     """Describe how a plan was found.
@@ -415,10 +421,10 @@ def explanation_lines(
     """
     return [
         "",
-        *path_lines(planner.machine, plan),
+        *format_path(planner.machine, plan),
         "",
-        *fit_lines(plan, seconds),
-        area_line(area),
+        *format_fit(plan, seconds),
+        format_area(area),
         "",
         str(plan.log),
     ]
@@ -440,9 +446,9 @@ def compute_polytope_areas(planner: Planner, plan: Plan) -> dict[str, float | No
         a polytope counts as full), and `area_shortfall_m` [m] (length of a path without any area
         that would lose as much).
     """
-    motion, reference = plan.motion, reference_area(planner.graph.table)
-    path = area_along_path(planner.machine, plan.path)
-    along = area_along_motion(planner.machine, motion.trajectory, motion.schedule)
+    motion, reference = plan.motion, compute_reference_area(planner.graph.table)
+    path = compute_area_along_path(planner.machine, plan.path)
+    along = compute_area_along_motion(planner.machine, motion.trajectory, motion.schedule)
     return {
         "area_discrete_m2_s2": path.mean,
         "area_m2_s2": along.mean,
@@ -451,7 +457,7 @@ def compute_polytope_areas(planner: Planner, plan: Plan) -> dict[str, float | No
     }
 
 
-def area_line(area: dict[str, float | None]) -> str:
+def format_area(area: dict[str, float | None]) -> str:
     """Format how large the velocity polytope is along a motion, as one line of text.
 
     Args:
@@ -508,7 +514,7 @@ def _sample_json(sample: OperatingPointResult) -> dict[str, Any]:
     }
 
 
-def point_lines(found: OperatingPoint | None) -> list[str]:
+def format_operating_point(found: OperatingPoint | None) -> list[str]:
     """Describe the best operating point in one line.
 
     Args:

@@ -19,7 +19,11 @@ from mhsb_planner.errors import RequestError
 from mhsb_planner.result_files import write_json, write_rows
 from mhsb_tools.reproduction import operating_points
 from mhsb_tools.reproduction.area_figure import draw_area_tradeoff
-from mhsb_tools.reproduction.expectations import ExpectationResult, numbers, records
+from mhsb_tools.reproduction.expectations import (
+    ExpectationResult,
+    collect_path_values,
+    judge_expectations,
+)
 from mhsb_tools.reproduction.fits import FittedRuns, fit_runs
 from mhsb_tools.reproduction.joint_figures import draw_joints
 from mhsb_tools.reproduction.operating_points import BestPoint
@@ -33,12 +37,12 @@ from mhsb_tools.reproduction.runs import (
     SUPPLY_PRESSURES,
     Runs,
     area_settings,
+    count_work_units,
     evaluate,
     integrated_settings,
     pressure_run,
     published_settings,
     settings,
-    work_units,
 )
 from mhsb_tools.reproduction.weight_figure import draw_weights
 
@@ -113,7 +117,7 @@ def reproduce(
     asked = settings() | integrated_settings() | area_settings()
     for scale in HEURISTIC_SCALES:
         asked |= published_settings(scale=scale)
-    total = work_units(arm, asked) + len(FITTED_RUNS) + len(PAPER_FIGURES) + 1
+    total = count_work_units(arm, asked) + len(FITTED_RUNS) + len(PAPER_FIGURES) + 1
     with tqdm(total=total, unit="step", desc="reproduce") as bar:
         runs = evaluate(arm, asked, workers, bar.update)
         fits = fit_runs(runs, [name for name in FITTED_RUNS if name in runs.runs])
@@ -174,9 +178,12 @@ class ExpectationJudgement:
             The judgements.
         """
         by_scale = {
-            scale: count_met(records(runs.by_published_search(scale))) for scale in HEURISTIC_SCALES
+            scale: count_met(judge_expectations(runs.by_published_search(scale)))
+            for scale in HEURISTIC_SCALES
         }
-        return cls(records(runs.by_published_search()), records(runs), by_scale)
+        return cls(
+            judge_expectations(runs.by_published_search()), judge_expectations(runs), by_scale
+        )
 
 
 def count_met(found: list[ExpectationResult]) -> int:
@@ -197,7 +204,7 @@ def _run_values(runs: Runs, fits: FittedRuns, name: str) -> dict[str, float]:
         also `energy_fitted_j`, `energy_series_fitted_j` and `duration_fitted_s`. Empty if the run
         found no path.
     """
-    own = numbers(runs, name)
+    own = collect_path_values(runs, name)
     if name in fits.by_run:
         fit = fits.by_run[name]
         own |= {
@@ -262,7 +269,7 @@ def _summary(
             All fields of `record`. The key `own` has the values of the runs that were judged, by
             name of the run. The key `exact` has the same fields for the exact search.
         """
-        own = {name: numbers(published, name) for name in record.own}
+        own = {name: collect_path_values(published, name) for name in record.own}
         by_exact = {name: _run_values(runs, fits, name) for name in exact.own}
         return asdict(record) | {"own": own, "exact": asdict(exact) | {"own": by_exact}}
 

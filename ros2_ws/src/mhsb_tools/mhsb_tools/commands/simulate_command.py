@@ -29,13 +29,13 @@ from mhsb_model.goal import format_position
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.kernel_parts import compile_planner
-from mhsb_planner.motion.energy import Energy, energy_of_states
+from mhsb_planner.motion.energy import Energy, compute_energy_of_states
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import DEFAULT_PLANNER, PlannerKind, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
-from mhsb_sim.circuit.audit import energy_by_source, energy_gap, volume_gap
+from mhsb_sim.circuit.audit import compute_energy_gap, compute_volume_gap, sum_energy_by_source
 from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.simulation.plant_files import load_plant
 from mhsb_sim.simulation.simulator import Simulator
@@ -43,7 +43,7 @@ from mhsb_tools.commands.plan_arguments import POSITION_RANGE, OptionalPayload, 
 from mhsb_tools.commands.zone_arguments import ZoneArguments
 from mhsb_tools.errors import VariationError
 from mhsb_tools.moves.move_page import draw_move_page
-from mhsb_tools.study.energy_comparison import EnergyPart, energy_elements
+from mhsb_tools.study.energy_comparison import EnergyPart, list_energy_parts
 from mhsb_tools.study.energy_comparison import as_text as energy_text
 from mhsb_tools.study.headless import (
     SAMPLE_NS,
@@ -51,7 +51,7 @@ from mhsb_tools.study.headless import (
     HeadlessRun,
     Samples,
     TimedGoal,
-    simulated_move,
+    convert_to_move,
 )
 from mhsb_tools.study.variations import load_variations, scale_values
 
@@ -164,7 +164,7 @@ def simulate(
         )
     known = change_machine(load_machine(arm.machine), payload=arm.payload)
     kept_out = zones.add_to(known)
-    goals = list(itertools.chain.from_iterable(timed_goals(known, values) for values in goal))
+    goals = list(itertools.chain.from_iterable(split_timed_goals(known, values) for values in goal))
     if output is not None:
         make_output_folder(output, "the run")
     plant = build_plant(known, arm.plant, arm.vary)
@@ -173,7 +173,7 @@ def simulate(
     results = list(tqdm(run.run(goals), total=len(goals), unit="goal", leave=False, disable=None))
     seconds = time.perf_counter() - began
     simulator, samples = run.simulator, run.samples()
-    elements = energy_elements(planned_energy(known, samples), simulator.energies)
+    elements = list_energy_parts(compute_planned_energy(known, samples), simulator.energies)
     interventions = simulator.guard.interventions.count
     summary = summarize(
         known.axes, results, samples, simulator.energies, seconds, elements, interventions
@@ -181,18 +181,20 @@ def simulate(
     summary["volumes_m3"] = simulator.volumes
     if output is not None:
         write(output, samples, summary)
-        draw_move_page(simulated_move(kept_out, samples, goals, elements), output / PICTURE_FILE)
+        draw_move_page(convert_to_move(kept_out, samples, goals, elements), output / PICTURE_FILE)
     if json_:
         print(json.dumps(summary))
     else:
         print("\n".join(as_text(summary)))
         if audit:
-            print("\n".join(audit_lines(simulator.energies, simulator.volumes)))
+            print("\n".join(format_audit(simulator.energies, simulator.volumes)))
             print("\n".join(energy_text(elements)))
     missed = [result for result in results if is_missed(result)]
     causes = describe_possible_causes(arm, method.estimates_file, simulator.controller_name)
     for result in missed:
-        print(f"simulate: {missed_sentence(result, interventions, causes)}", file=sys.stderr)
+        print(
+            f"simulate: {compose_missed_sentence(result, interventions, causes)}", file=sys.stderr
+        )
     simulator.save_estimates()
     return 1 if missed else 0
 
@@ -281,7 +283,7 @@ def describe_possible_causes(
     return "".join(f"; {cause}" for cause in causes)
 
 
-def missed_sentence(result: GoalRun, interventions: int, causes: str) -> str:
+def compose_missed_sentence(result: GoalRun, interventions: int, causes: str) -> str:
     """Return a sentence on a missed goal: how far the tip was from it, and how late.
 
     Args:
@@ -335,7 +337,7 @@ def build_plant(machine: Machine, file: Path | None, vary: Sequence[str]) -> Mac
         raise command_line.UsageError(f"--vary: {error}") from error
 
 
-def timed_goals(machine: Machine, values: Sequence[float]) -> list[TimedGoal]:
+def split_timed_goals(machine: Machine, values: Sequence[float]) -> list[TimedGoal]:
     """Split the numbers of one `--goal` into goals.
 
     Args:
@@ -367,7 +369,7 @@ def timed_goals(machine: Machine, values: Sequence[float]) -> list[TimedGoal]:
     return goals
 
 
-def planned_energy(machine: Machine, samples: Samples) -> Energy:
+def compute_planned_energy(machine: Machine, samples: Samples) -> Energy:
     """Compute the energy that the planner's model gives for the reference of a run.
 
     The model gets the reference that the servo followed and the modes that were in force. Each
@@ -381,7 +383,7 @@ def planned_energy(machine: Machine, samples: Samples) -> Energy:
         Energy of the whole run [J], in both readings (ways to price boosted oil).
     """
     span = np.full(len(samples.time), SAMPLE_NS / SECOND_NS)
-    return energy_of_states(
+    return compute_energy_of_states(
         machine,
         span,
         samples.reference,
@@ -438,7 +440,7 @@ def summarize(
         "mode_switches": int(np.count_nonzero(np.diff(samples.modes.astype(int), axis=0))),
         "guard_interventions": interventions,
         "energy_measured_j": {"mp": energies["main_pump"], "sp": energies["servo_pumps"]},
-        "energy_by_source_j": energy_by_source(energies),
+        "energy_by_source_j": sum_energy_by_source(energies),
         "energies_j": energies,
         "energy_elements_j": [asdict(element) for element in elements],
     }
@@ -517,7 +519,7 @@ def as_text(summary: dict[str, Any]) -> list[str]:
     ]
 
 
-def audit_lines(energies: dict[str, float], volumes: dict[str, float]) -> list[str]:
+def format_audit(energies: dict[str, float], volumes: dict[str, float]) -> list[str]:
     """Format where the energy of all pumps and the oil of the main pump went.
 
     Args:
@@ -534,13 +536,13 @@ def audit_lines(energies: dict[str, float], volumes: dict[str, float]) -> list[s
             "energy audit [J]",
             energies,
             energies["main_pump"] + energies["servo_pumps"],
-            energy_gap(energies),
+            compute_energy_gap(energies),
         ),
         *_format_audit_table(
             "volume audit [cm³]",
             cubic_centimetres,
             cubic_centimetres["main_pump"],
-            volume_gap(cubic_centimetres),
+            compute_volume_gap(cubic_centimetres),
         ),
     ]
 

@@ -18,7 +18,7 @@ from mhsb_model.figure_style import BLACK, GREEN, GREY, PURPLE, open_figure
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
-from mhsb_planner.cases.moves import case_moves, random_moves
+from mhsb_planner.cases.moves import list_case_moves, yield_random_moves
 from mhsb_planner.cluster import WorkArguments
 from mhsb_planner.errors import RequestError
 from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions, warm_up
@@ -32,11 +32,15 @@ from mhsb_tools.comparison.planner_comparison import (
     ComparedMove,
     Comparison,
     Ratios,
-    at_highest_pressure,
     compare_all,
-    ratios,
+    compute_ratios,
+    raise_supply_pressure,
 )
-from mhsb_tools.comparison.supply_comparison import as_markdown, by_case, totals
+from mhsb_tools.comparison.supply_comparison import (
+    as_markdown,
+    format_energy_by_move,
+    sum_supply_energies,
+)
 from mhsb_tools.comparison.supply_comparison import as_text as supplies_as_text
 
 DEFAULT_TRUTHS = 10
@@ -86,12 +90,12 @@ def compare(
     workers = work.connect()
     make_output_folder(output, "the comparison")
     arm = load_machine(machine)
-    asked = requests(arm, moves, sought)
+    asked = list_compared_moves(arm, moves, sought)
     comparisons = compare_all(arm, chosen, asked, workers)
     found = list(tqdm(comparisons, total=len(asked), unit="move", disable=None))
     cases, others = found[: len(found) - moves], found[len(found) - moves :]
     supplies = {
-        title: totals(arm, [each.motions for each in compared])
+        title: sum_supply_energies(arm, [each.motions for each in compared])
         for title, compared in (("cases", cases), ("random moves", others))
     }
     summary = {
@@ -109,13 +113,17 @@ def compare(
         return
     print("\n".join(as_text(cases, summary)))
     if cases:  # arms that slew have none
-        print("\n".join(by_case([c.name for c in cases], [c.motions for c in cases], arm)))
+        print(
+            "\n".join(
+                format_energy_by_move([c.name for c in cases], [c.motions for c in cases], arm)
+            )
+        )
     for title, found_there in supplies.items():
         print("\n".join(supplies_as_text(title, found_there)))
     print(f"written to {output}")
 
 
-def requests(machine: Machine, moves: int, truths: int) -> list[ComparedMove]:
+def list_compared_moves(machine: Machine, moves: int, truths: int) -> list[ComparedMove]:
     """List the moves to compare: the moves of the paper's cases, then random moves.
 
     Compiles the kernels of planner and simulator, and builds the posture tables if they are not
@@ -132,13 +140,13 @@ def requests(machine: Machine, moves: int, truths: int) -> list[ComparedMove]:
         The moves. Cases have their own names, random moves are named `1`, `2` and so on.
     """
     planner = Planner(machine, load_or_build_table(machine))
-    load_or_build_table(at_highest_pressure(machine))
+    load_or_build_table(raise_supply_pressure(machine))
     warm_up(planner)  # so that the processes find compiled kernels
     compile_simulator()
-    cases = [ComparedMove(name, move, True) for name, move in case_moves(machine).items()]
+    cases = [ComparedMove(name, move, True) for name, move in list_case_moves(machine).items()]
     others = [
         ComparedMove(str(number), move, number <= truths)
-        for number, move in enumerate(random_moves(planner, moves), start=1)
+        for number, move in enumerate(yield_random_moves(planner, moves), start=1)
     ]
     return cases + others
 
@@ -161,12 +169,12 @@ def summarize(comparisons: Sequence[Comparison]) -> dict[str, Any]:
     for kind in (*PLANNER_KINDS, GROUND_TRUTH):
         if kind == BASELINE_PLANNER:
             continue
-        found = ratios(comparisons, kind)
+        found = compute_ratios(comparisons, kind)
         if len(found.energy) > 0:
             summary[kind] = _ratio_numbers(found) | {
                 "failures": {c.name: c.failures[kind] for c in comparisons if kind in c.failures}
             }
-    truths = ratios(comparisons, "integrated", GROUND_TRUTH)
+    truths = compute_ratios(comparisons, "integrated", GROUND_TRUTH)
     if len(truths.energy) > 0:
         summary["integrated over ground truth"] = _ratio_numbers(truths)
     return summary
@@ -282,7 +290,7 @@ def draw_proportions(cases: Sequence[Comparison], others: Sequence[Comparison], 
             (others, GREEN, "random moves"),
             (cases, PURPLE, "Cases 1 to 4"),
         ):
-            found = ratios(moves, "integrated")
+            found = compute_ratios(moves, "integrated")
             if len(found.series) == 0:
                 continue
             axes.scatter(found.series, found.simulated, s=12, color=color, label=label)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mhsb_model.errors import MhsbError
-from mhsb_model.holding import holding_modes
+from mhsb_model.holding import choose_holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import MotionState
 from mhsb_model.types import Position
@@ -20,9 +20,9 @@ from mhsb_tools.comparison.supply_comparison import (
     PLANNED_SYSTEM,
     Supplied,
     compute_supply_energies,
-    totals,
+    sum_supply_energies,
 )
-from mhsb_tools.comparison.supply_systems import without_leakage
+from mhsb_tools.comparison.supply_systems import remove_leakage
 
 
 def compare_on_tour(machine: Machine, goals: Iterable[Position]) -> dict[str, Any]:
@@ -57,7 +57,7 @@ def compare_on_tour(machine: Machine, goals: Iterable[Position]) -> dict[str, An
         except MhsbError as error:
             failures[kind] = str(error)
             continue
-        found[kind] = totals(machine, [{kind: motion} for motion in tour])
+        found[kind] = sum_supply_energies(machine, [{kind: motion} for motion in tour])
     energies = {
         kind: {
             name: entry["leaking"]["hydraulic_j"]
@@ -96,10 +96,12 @@ def _plan_tour(planner: Planner, goals: list[Position], options: PlanOptions) ->
     machine, tour = planner.machine, []
     posture = np.array(machine.config.simulation.start_posture)
     for goal in goals:
-        modes = StartModes.create_settled(holding_modes(machine, machine.piston_forces(posture)))
+        modes = StartModes.create_settled(
+            choose_holding_modes(machine, machine.piston_forces(posture))
+        )
         plan = planner.plan(goal, MotionState.at_rest(posture), modes, options=options)
         if plan.duration > 0.0:
             motion = plan.motion.trajectory, plan.motion.schedule
-            tour.append(compute_supply_energies(machine, without_leakage(machine), *motion))
+            tour.append(compute_supply_energies(machine, remove_leakage(machine), *motion))
         posture = plan.motion.trajectory.position[-1]
     return tour

@@ -1,10 +1,10 @@
 """Ground truth for the integrated planner: the same problem searched offline, in several ways.
 
 The planner's own search runs with normal settings, and with far more work: lattices down to 2 mm,
-end-link angles ψ every half degree. Other code (`least_cost`) finds cheapest paths over a lattice
-that is about as fine. It runs twice: cylinders at rest whose load P_S does not carry are boosted,
-or not. These paths may show what the planner's search leaves out. They are improved by small
-changes and priced by the planner. The cheapest of all paths is the ground truth.
+end-link angles ψ every half degree. Other code (`search_least_cost`) finds cheapest paths over a
+lattice that is about as fine. It runs twice: cylinders at rest whose load P_S does not carry are
+boosted, or not. These paths may show what the planner's search leaves out. They are improved by
+small changes and priced by the planner. The cheapest of all paths is the ground truth.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mhsb_planner.integrated.lower_bound import bound_energy_to_goal
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.s2_search import PathQuery, Weights
 from mhsb_planner.search.s2_step import EnergyReading
-from mhsb_tools.comparison.least_cost import least_cost
+from mhsb_tools.comparison.least_cost import search_least_cost
 
 EXHAUSTIVE_LIMITS = SearchLimits(
     psi_spacing=math.radians(0.5),
@@ -35,18 +35,18 @@ EXHAUSTIVE_LIMITS = SearchLimits(
 """Settings of the planner's search with far more work than online."""
 
 REFINEMENT_SPACINGS = (10e-3, 2.5e-3)
-"""Lattice spacings with which paths of `least_cost` are improved, for an arm of the paper's size
-[m].
-"""
+"""Lattice spacings with which paths of `search_least_cost` are improved [m].
+
+They are those for an arm of the paper's size."""
 
 NEAR_THE_BOUND = 2e-3
 """A path that exceeds the lower bound by less than this share of its cost is taken as optimal."""
 
 MAY_BE_IMPROVED = 1.25
-"""Paths of `least_cost` are improved if they cost at most this factor times the incumbent."""
+"""Paths of `search_least_cost` are improved up to this factor times the incumbent's cost."""
 
 
-def ground_truth(
+def search_ground_truth(
     machine: Machine,
     start: FloatArray,
     start_modes: ModeArray,
@@ -57,12 +57,12 @@ def ground_truth(
     """Search long for the cheapest path from a posture to a tip position; takes seconds.
 
     First, the planner's search runs twice: with normal settings, and with far finer ones. The
-    cheaper path is the incumbent (best path so far). Then independent code, `least_cost`, searches
-    twice. In one search, a cylinder at rest is priced as boosted if the main pump's pressure P_S
-    does not carry its load. In the other it is not. Each of its paths is improved by small changes
-    if it costs at most 1.25 times as much as the incumbent.
+    cheaper path is the incumbent (best path so far). Then independent code, `search_least_cost`,
+    searches twice. In one search, a cylinder at rest is priced as boosted if the main pump's
+    pressure P_S does not carry its load. In the other it is not. Each of its paths is improved by
+    small changes if it costs at most 1.25 times as much as the incumbent.
 
-    `least_cost` does not run in each of these cases: the reading is `series`, an actuator is
+    `search_least_cost` does not run in each of these cases: the reading is `series`, an actuator is
     boosted at the start, there are obstacles, or the incumbent is within 0.2 % of a lower bound.
 
     Args:
@@ -94,7 +94,7 @@ def ground_truth(
         return best
     for holding in (True, False):
         known = MAY_BE_IMPROVED * best.cost
-        _, via = least_cost(machine, start, goal, weights, known, holding)
+        _, via = search_least_cost(machine, start, goal, weights, known, holding)
         if via is not None:
             spacings = tuple(machine.relative_size * spacing for spacing in REFINEMENT_SPACINGS)
             path = improve_path(

@@ -59,7 +59,7 @@ SMALLEST_COST = float(np.finfo(float).tiny)
 """Cost in place of 0, which SciPy takes as a missing edge."""
 
 
-def least_cost(
+def search_least_cost(
     machine: Machine,
     start: FloatArray,
     goal: tuple[float, float],

@@ -16,13 +16,13 @@ import numpy as np
 
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
-from mhsb_model.holding import holding_modes
+from mhsb_model.holding import choose_holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import MotionState, Trajectory
 from mhsb_model.types import FloatArray
 from mhsb_planner.cases.moves import Move
-from mhsb_planner.executor import Jobs, SharedStateExecutor, results_of
+from mhsb_planner.executor import Jobs, SharedStateExecutor, yield_results
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planner import DEFAULT_PLANNER, PLANNER_KINDS, Plan, Planner, PlanOptions
 from mhsb_planner.planners.path_planner import PathRequest
@@ -30,9 +30,9 @@ from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.search.manipulability_loss import WITHOUT_AREA
 from mhsb_planner.search.s2_search import Weights
 from mhsb_planner.slewing.turned_path import combine_with_slew, compute_even_turning
-from mhsb_sim.circuit.audit import energy_by_source
+from mhsb_sim.circuit.audit import sum_energy_by_source
 from mhsb_sim.simulation.simulator import Simulator
-from mhsb_tools.comparison.ground_truth import ground_truth
+from mhsb_tools.comparison.ground_truth import search_ground_truth
 from mhsb_tools.comparison.supply_comparison import (
     SIMULATED_SYSTEM,
     UNBOOSTED_MOTION,
@@ -40,7 +40,7 @@ from mhsb_tools.comparison.supply_comparison import (
     Supplied,
     compute_supply_energies,
 )
-from mhsb_tools.comparison.supply_systems import SupplyEnergy, without_leakage
+from mhsb_tools.comparison.supply_systems import SupplyEnergy, remove_leakage
 from mhsb_tools.study.replay import Replay, replay
 
 BASELINE_PLANNER = "table"
@@ -130,9 +130,9 @@ class PlannerComparer:
             weights: Weights of the cost for all planners.
         """
         self._planner = Planner(machine, load_or_build_table(machine))
-        strong = at_highest_pressure(machine)
+        strong = raise_supply_pressure(machine)
         self._direct = Planner(strong, load_or_build_table(strong))
-        self._leakproof = without_leakage(machine)
+        self._leakproof = remove_leakage(machine)
         self._weights = weights
 
     def compare(self, request: ComparedMove) -> Comparison:
@@ -162,7 +162,7 @@ class PlannerComparer:
         for kind, plan in plans.items():
             try:
                 machine = self._planner.machine
-                modes = holding_modes(machine, machine.piston_forces(request.move.start))
+                modes = choose_holding_modes(machine, machine.piston_forces(request.move.start))
                 made = plan(request.move, StartModes.create_settled(modes))
                 records[kind], motions[kind] = self._simulate_plan(request.move.start, made)
             except MhsbError as error:
@@ -231,7 +231,7 @@ class PlannerComparer:
         machine, options = self._planner.machine, PlanOptions(self._weights, trajectory="followed")
         tip, slew = machine.convert_to_plane(move.goal, move.start[0])
         first = int(machine.slews)  # index of the first joint in the plane
-        path = ground_truth(
+        path = search_ground_truth(
             machine.planar_arm, move.start[first:], modes.modes[first:], tip, self._weights
         )
         if slew is not None:
@@ -293,11 +293,11 @@ class PlannerComparer:
 
 def _simulated(run: Replay) -> SupplyEnergy:
     """Return the energy of all pumps in a simulation: to the oil, and at their shafts."""
-    sources = energy_by_source(run.energies).values()
+    sources = sum_energy_by_source(run.energies).values()
     return SupplyEnergy(*(sum(each[kind] for each in sources) for kind in ("hydraulic", "shaft")))
 
 
-def at_highest_pressure(machine: Machine) -> Machine:
+def raise_supply_pressure(machine: Machine) -> Machine:
     """Return the machine with P_S at the highest boost pressure, where it never needs boost.
 
     Raises:
@@ -327,7 +327,7 @@ def compare_all(
     """
     with SharedStateExecutor(jobs, PlannerComparer, machine, weights) as pool:
         tasks = [pool.submit(PlannerComparer.compare, request) for request in requests]
-        yield from results_of(tasks, in_order=True)
+        yield from yield_results(tasks, in_order=True)
 
 
 @dataclass(frozen=True)
@@ -355,7 +355,7 @@ class Ratios:
         return self.simulated / self.series
 
 
-def ratios(
+def compute_ratios(
     comparisons: Iterable[Comparison], kind: str, baseline: str = BASELINE_PLANNER
 ) -> Ratios:
     """Divide energies and durations of one planner's motions by those of another planner.

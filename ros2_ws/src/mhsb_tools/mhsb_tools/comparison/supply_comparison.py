@@ -21,9 +21,9 @@ from mhsb_tools.comparison.supply_systems import (
     SupplyEnergy,
     add_main_pump_shaft,
     baselines,
+    compute_loads,
     compute_mhsb_energy,
-    loads_of,
-    needed_supply,
+    compute_needed_supply,
 )
 
 PLANNED_SYSTEM = "MHSB"
@@ -77,9 +77,9 @@ def compute_supply_energies(
     Returns:
         Energies by supply, and the motion's needed pressure, oil volume and duration.
     """
-    loads = loads_of(machine, trajectory)
+    loads = compute_loads(machine, trajectory)
     found = Supplied(
-        needed_supply(machine, loads), loads.integral(loads.inflow(machine)), loads.duration
+        compute_needed_supply(machine, loads), loads.integral(loads.inflow(machine)), loads.duration
     )
     for arm, taken in ((machine, found.leaking), (leakproof, found.tight)):
         if schedule is not None:
@@ -93,7 +93,7 @@ Motions = Mapping[str, Supplied]
 """Motions of one move with their energies, by the name of the planner that made them."""
 
 
-def totals(machine: Machine, moves: Iterable[Motions]) -> dict[str, Any]:
+def sum_supply_energies(machine: Machine, moves: Iterable[Motions]) -> dict[str, Any]:
     """Sum the energies of all moves for each supply.
 
     Each move has several motions, and each supply has four energies for each motion: to the oil and
@@ -202,7 +202,7 @@ def as_text(title: str, found: Mapping[str, Any]) -> list[str]:
 
     Args:
         title: Name of the set of moves.
-        found: Result of `totals` for these moves.
+        found: Result of `sum_supply_energies` for these moves.
 
     Returns:
         Lines without line breaks; empty if `found` is empty. The first has title and number of
@@ -229,7 +229,7 @@ def as_markdown(sets: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Format the energies of several sets of moves as Markdown tables.
 
     Args:
-        sets: Results of `totals`, by title of the set of moves.
+        sets: Results of `sum_supply_energies`, by title of the set of moves.
 
     Returns:
         Lines without line breaks. Each set that is not empty has a table with a row for each
@@ -258,9 +258,10 @@ def _cells(name: str, systems: Mapping[str, Mapping[str, float]]) -> list[str]:
 
     Args:
         name: Name of the supply.
-        systems: Entry of this supply in the `systems` of `totals`. By `leaking` and `tight`, it has
-            a dictionary with `hydraulic_j`, `shaft_j` [J], `cheaper_than_mhsb_hydraulic` and
-            `cheaper_than_mhsb_shaft` (numbers of moves). May be empty.
+        systems: Entry of this supply in the `systems` of `sum_supply_energies`. By `leaking` and
+            `tight`, it has a dictionary with `hydraulic_j`, `shaft_j` [J],
+            `cheaper_than_mhsb_hydraulic` and `cheaper_than_mhsb_shaft` (numbers of moves). May be
+            empty.
 
     Returns:
         Four texts [kJ]: to the oil and at the shafts with leakage, then both without leakage. A
@@ -278,7 +279,9 @@ def _cells(name: str, systems: Mapping[str, Mapping[str, float]]) -> list[str]:
     return cells
 
 
-def by_case(names: Sequence[str], moves: Sequence[Motions], machine: Machine) -> list[str]:
+def format_energy_by_move(
+    names: Sequence[str], moves: Sequence[Motions], machine: Machine
+) -> list[str]:
     """Format the energy to the oil of each move in a table of supplies and moves.
 
     Args:
@@ -291,7 +294,7 @@ def by_case(names: Sequence[str], moves: Sequence[Motions], machine: Machine) ->
         each supply. A cell has the energy [J] with leakage / without leakage. Moves for which MHSB
         (main pump and booster modules) has no motion have no column.
     """
-    found = [totals(machine, [motions]) for motions in moves]
+    found = [sum_supply_energies(machine, [motions]) for motions in moves]
     shown = [(name, each) for name, each in zip(names, found, strict=True) if each]
     lines = ["energy to the oil [J], with / without leakage"]
     lines.append(f"{'':38s}" + "".join(f"{name:>16s}" for name, _ in shown))

@@ -19,21 +19,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_model.circuit.elements import friction_force
+from mhsb_model.circuit.elements import compute_friction_force
 from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import (
+    compute_required_pressures,
+    compute_valve_drop,
     compute_valve_leakage,
     get_shared_hydraulics,
     load_pressure,
-    required_pressures,
-    valve_margin,
 )
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
-from mhsb_planner.motion.energy import motion_energy
-from mhsb_planner.motion.motion_profile import motion_profile
+from mhsb_planner.motion.energy import compute_motion_energy
+from mhsb_planner.motion.motion_profile import compute_motion_profile
 
 LOAD_SENSING_MARGINS = (1e6, 2e6)
 """Pressure margins Δp of load sensing [Pa], the low and the high end of what is usual."""
@@ -42,8 +42,8 @@ LEAKAGE_KEY = "hydraulics.valve.leakage_flow"
 """Path of the valves' leakage flow in the machine file."""
 
 _load_pressure = np.vectorize(load_pressure, otypes=[float])
-_valve_margin = np.vectorize(valve_margin, otypes=[float])
-_friction = np.vectorize(friction_force, otypes=[float])
+_valve_margin = np.vectorize(compute_valve_drop, otypes=[float])
+_friction = np.vectorize(compute_friction_force, otypes=[float])
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class MotionLoads:
         return float(np.trapezoid(power, self.time))
 
 
-def loads_of(machine: Machine, trajectory: Trajectory) -> MotionLoads:
+def compute_loads(machine: Machine, trajectory: Trajectory) -> MotionLoads:
     """Compute piston speeds and piston forces during a trajectory.
 
     They are computed at the trajectory's points and half-way between neighbouring points. A piston
@@ -127,7 +127,7 @@ def loads_of(machine: Machine, trajectory: Trajectory) -> MotionLoads:
     """
     points = trajectory.offset_ns
     at = np.union1d(points, (points[1:] + points[:-1]) // 2)
-    profile = motion_profile(machine, *trajectory.sample_offsets(at))
+    profile = compute_motion_profile(machine, *trajectory.sample_offsets(at))
     speed = np.where(np.abs(profile.speed) > MAX_HELD_SPEED, profile.speed, 0.0)
     oil = machine.config.circuit
     friction = _friction(oil.coulomb_friction, oil.viscous_friction, oil.friction_speed, speed)
@@ -135,12 +135,12 @@ def loads_of(machine: Machine, trajectory: Trajectory) -> MotionLoads:
     return MotionLoads(at / SECOND_NS, speed, profile.force, force)
 
 
-def without_leakage(machine: Machine) -> Machine:
+def remove_leakage(machine: Machine) -> Machine:
     """Return the machine with valves that do not leak."""
     return machine.with_values({LEAKAGE_KEY: 0.0})
 
 
-def needed_supply(machine: Machine, loads: MotionLoads) -> float:
+def compute_needed_supply(machine: Machine, loads: MotionLoads) -> float:
     """Return the lowest constant supply pressure with which a motion needs no boost.
 
         p = max over time and joints of (p_L + m(v) + margin)
@@ -156,10 +156,12 @@ def needed_supply(machine: Machine, loads: MotionLoads) -> float:
     Returns:
         The pressure p [Pa].
     """
-    return float(required_pressures(machine.arrays, loads.static, loads.speed).max())
+    return float(compute_required_pressures(machine.arrays, loads.static, loads.speed).max())
 
 
-def constant_pressure(machine: Machine, loads: MotionLoads, supply: float) -> SupplyEnergy:
+def compute_constant_pressure_energy(
+    machine: Machine, loads: MotionLoads, supply: float
+) -> SupplyEnergy:
     """Compute the energy of a motion with one pump that keeps its pressure constant.
 
         P = p (Σ A_dir |v| + n q(p))
@@ -231,7 +233,7 @@ class PumpMap(NamedTuple):
     drag_power: float
 
 
-def pump_controlled(
+def compute_pump_control_energy(
     machine: Machine, loads: MotionLoads, pumps: PumpMap, recovering: bool
 ) -> SupplyEnergy:
     """Compute the energy of a motion if each cylinder has its own pump and no valve.
@@ -270,7 +272,7 @@ def pump_controlled(
     return SupplyEnergy(loads.integral(hydraulic), loads.integral(shaft) + drag)
 
 
-def pump_maps(machine: Machine) -> Mapping[str, PumpMap]:
+def make_pump_maps(machine: Machine) -> Mapping[str, PumpMap]:
     """Return the efficiency maps of the pumps that pump control is computed with.
 
     Args:
@@ -305,7 +307,7 @@ def compute_mhsb_energy(
         Energy that all pumps give to the oil, and energy at their shafts. The losses of the servo
         pumps count only at the shafts.
     """
-    energy = motion_energy(machine, trajectory, schedule)
+    energy = compute_motion_energy(machine, trajectory, schedule)
     main = add_main_pump_shaft(machine, energy.main_pump, trajectory.duration_ns / SECOND_NS)
     given = energy.servo_pumps - energy.servo_pump_losses
     return SupplyEnergy(main.hydraulic_j + given, main.shaft_j + energy.servo_pumps)
@@ -334,9 +336,9 @@ def _from_one_pump(machine: Machine, loads: MotionLoads, power: FloatArray) -> S
     return add_main_pump_shaft(machine, loads.integral(power), loads.duration)
 
 
-def constant_needed_pressure(machine: Machine, loads: MotionLoads) -> SupplyEnergy:
+def compute_needed_pressure_energy(machine: Machine, loads: MotionLoads) -> SupplyEnergy:
     """Compute the energy at the lowest constant pressure that does this very motion."""
-    return constant_pressure(machine, loads, needed_supply(machine, loads))
+    return compute_constant_pressure_energy(machine, loads, compute_needed_supply(machine, loads))
 
 
 System = Callable[[Machine, MotionLoads], SupplyEnergy]
@@ -346,8 +348,8 @@ def baselines(machine: Machine) -> Mapping[str, System]:
     """Return the supplies with which MHSB is compared, as functions that compute their energy.
 
     They are constant pressure at the lowest possible level for each motion, load sensing with each
-    of `LOAD_SENSING_MARGINS`, and pump control with each of `pump_maps`, with and without recovery
-    of energy.
+    of `LOAD_SENSING_MARGINS`, and pump control with each of `make_pump_maps`, with and without
+    recovery of energy.
 
     Args:
         machine: The arm, whose pump efficiencies are used.
@@ -356,13 +358,13 @@ def baselines(machine: Machine) -> Mapping[str, System]:
         Functions by name of the supply. Each takes a machine (with or without leakage) and the
         speeds and forces of a motion, and returns the motion's energy.
     """
-    systems: dict[str, System] = {"constant pressure": constant_needed_pressure}
+    systems: dict[str, System] = {"constant pressure": compute_needed_pressure_energy}
     for margin in LOAD_SENSING_MARGINS:
         name = f"load sensing, {margin / 1e6:g} MPa"
         systems[name] = partial(load_sensing, margin=margin)
-    for kind, pumps in pump_maps(machine).items():
+    for kind, pumps in make_pump_maps(machine).items():
         for ending, recovering in (("", False), (", recovering", True)):
             systems[f"pump control, {kind}{ending}"] = partial(
-                pump_controlled, pumps=pumps, recovering=recovering
+                compute_pump_control_energy, pumps=pumps, recovering=recovering
             )
     return systems

@@ -13,8 +13,8 @@ from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, ModeArray, Position
 from mhsb_planner.motion.energy import Energy
-from mhsb_planner.motion.motion_profile import motion_profile
-from mhsb_planner.motion.planned_pressures import planned_supply
+from mhsb_planner.motion.motion_profile import compute_motion_profile
+from mhsb_planner.motion.planned_pressures import compute_planned_supply
 from mhsb_planner.plan import Plan
 
 SAMPLE_COUNT = 601
@@ -95,7 +95,7 @@ def move_of_plan(machine: Machine, plan: Plan, goal: Position, title: str) -> Mo
     time_ns = trajectory.stamp_ns + offset_ns
     position, velocity, _ = trajectory.sample_many(time_ns)
     modes = schedule.modes_at_many(time_ns)
-    profile = motion_profile(machine, position, velocity)
+    profile = compute_motion_profile(machine, position, velocity)
     return MoveRecord(
         machine=machine,
         title=title,
@@ -106,9 +106,9 @@ def move_of_plan(machine: Machine, plan: Plan, goal: Position, title: str) -> Mo
         modes=modes,
         speed=profile.speed,
         force=profile.force,
-        supply=planned_supply(machine, profile.force, profile.speed, modes),
+        supply=compute_planned_supply(machine, profile.force, profile.speed, modes),
         chambers={"the load's, $p_L$": load_pressures(machine, profile.force, profile.speed)},
-        energy=energy_of_plan(plan.energy),
+        energy=split_energy(plan.energy),
         energy_source="the planner's model:\n" + plan.energy_text.replace(", ", ",\n") + " (drawn)",
     )
 
@@ -138,7 +138,7 @@ def load_pressures(machine: Machine, force: FloatArray, speed: FloatArray) -> Fl
     ])  # fmt: skip
 
 
-def energy_of_plan(energy: Energy) -> dict[str, float]:
+def split_energy(energy: Energy) -> dict[str, float]:
     """Split the energy of a motion into parts for the energy flow diagram.
 
     Args:

@@ -25,9 +25,9 @@ from mhsb_model.figure_style import (
 )
 from mhsb_model.hydraulics import get_shared_hydraulics
 from mhsb_model.machine import Machine
-from mhsb_model.modes import Mode, strongest
+from mhsb_model.modes import Mode, find_strongest_modes
 from mhsb_model.types import FloatArray, ModeArray
-from mhsb_planner.motion.limits.usage import speed_limit
+from mhsb_planner.motion.limits.usage import compute_speed_limit
 from mhsb_tools.moves.energy_flow import draw_energy_flow
 from mhsb_tools.moves.move import MoveRecord, move_of_plan
 from mhsb_tools.moves.workspace_drawing import (
@@ -113,7 +113,7 @@ def _draw_path(move: MoveRecord, axes: Axes) -> None:
         draw_arm(move.machine, move.position[row], axes, linestyle=style, label=label)
     widen_axes_to_arm(move.machine, move.position[[0, -1]], axes)
     tip = move.tip
-    for begin, end, mode in mode_spans(strongest(move.modes)):
+    for begin, end, mode in yield_mode_spans(find_strongest_modes(move.modes)):
         axes.plot(*tip[begin : end + 1].T, color=PATH_COLOR[mode], linewidth=2.6)
     for mode in Mode:
         who = "all actuators" if mode is Mode.N else "an actuator"
@@ -196,7 +196,7 @@ def draw_mode_bars(move: MoveRecord, axes: Axes) -> None:
         move: The move.
         axes: Axes to draw on, with time [s] as x. Ticks and limits of y are replaced.
     """
-    labels = {mode: mode.name for mode in available_modes(move.machine)}
+    labels = {mode: mode.name for mode in list_available_modes(move.machine)}
     draw_labelled_mode_bars(move.time, move.modes, labels, axes)
 
 
@@ -213,7 +213,7 @@ def draw_labelled_mode_bars(
     """
     count = modes.shape[1]
     for j in range(count):
-        for begin, end, mode in mode_spans(modes[:, j]):
+        for begin, end, mode in yield_mode_spans(modes[:, j]):
             span = time[begin], time[end] - time[begin]
             axes.broken_barh([span], (j - 0.4, 0.8), color=MODE_COLOR[mode])
     for mode, label in labels.items():
@@ -223,12 +223,12 @@ def draw_labelled_mode_bars(
     axes.grid(visible=False)
 
 
-def available_modes(machine: Machine) -> list[Mode]:
+def list_available_modes(machine: Machine) -> list[Mode]:
     """Return the modes for which the machine has booster modules enough, in the order of `Mode`."""
     return [mode for mode in Mode if mode in machine.patterns]
 
 
-def mode_spans(mode: ModeArray) -> Iterator[tuple[int, int, Mode]]:
+def yield_mode_spans(mode: ModeArray) -> Iterator[tuple[int, int, Mode]]:
     """Yield the stretches of rows in which a mode stays the same, in order.
 
     Args:
@@ -248,7 +248,7 @@ def mode_spans(mode: ModeArray) -> Iterator[tuple[int, int, Mode]]:
 # --- Operating regions ---------------------------------------------------------------------------
 
 
-def mode_limits(
+def compute_mode_limits(
     machine: Machine, actuator: int, mode: Mode, forces: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the range of piston speeds that a mode allows at given piston forces.
@@ -270,7 +270,7 @@ def mode_limits(
     own = tuple(float(each[actuator]) for each in (m.valve_coefficient, m.cap_area, m.rod_area))
     modules = int(m.modules_per_mode[mode])
     lowest, highest = (
-        np.array([side * speed_limit(oil, *own, float(f), side, modules) for f in forces])
+        np.array([side * compute_speed_limit(oil, *own, float(f), side, modules) for f in forces])
         for side in (-1.0, 1.0)
     )
     return lowest, highest
@@ -288,17 +288,19 @@ def _draw_regions(move: MoveRecord, panels: np.ndarray) -> None:
         panels: Axes, one for each actuator: piston speed [mm/s] as x, piston force [kN] as y.
             Limits and titles are set.
     """
-    modes = available_modes(move.machine)
+    modes = list_available_modes(move.machine)
     drawn = [mode for mode in (Mode.N, Mode.SB, Mode.DB) if mode in modes]  # DB lies within SB
     for j, axes in enumerate(panels):
         low, high = _range_with_margin(move.force[:, j], 400.0)
         forces = np.linspace(min(low, 0.0), max(high, 0.0), FORCE_SAMPLES)
         for mode in drawn:
-            slow, fast = (PER_MM * each for each in mode_limits(move.machine, j, mode, forces))
+            slow, fast = (
+                PER_MM * each for each in compute_mode_limits(move.machine, j, mode, forces)
+            )
             axes.fill_betweenx(PER_KN * forces, slow, fast, color=_pale(mode), linewidth=0)
             for limit in (slow, fast):
                 axes.plot(limit, PER_KN * forces, color=PATH_COLOR[mode], linewidth=0.8)
-        for begin, end, mode in mode_spans(move.modes[:, j]):
+        for begin, end, mode in yield_mode_spans(move.modes[:, j]):
             rows = slice(begin, end + 1)
             axes.plot(
                 PER_MM * move.speed[rows, j],
@@ -356,7 +358,7 @@ def _draw_pressures(move: MoveRecord, panels: np.ndarray) -> None:
         panels: Axes, one for each actuator, with a shared y axis.
     """
     for j, axes in enumerate(panels):
-        for begin, end, mode in mode_spans(move.modes[:, j]):
+        for begin, end, mode in yield_mode_spans(move.modes[:, j]):
             if mode is not Mode.N:
                 axes.axvspan(move.time[begin], move.time[end], color=_pale(mode), linewidth=0)
         supply = PER_MPA * move.supply[:, j]

@@ -6,7 +6,7 @@ strides. The cost jumps when modes change, so nothing is fitted or interpolated:
 the cheapest of all at which a plan was made. The cost of a point is w₁ E + w₂ T + w₃ switches
 (+ w₄ M) of its motion, with energy E, duration T and lost polytope area M.
 
-    found = best_operating_point(planner, goal, start, supply_pressure=Range(2.5e6, 10e6))
+    found = find_best_operating_point(planner, goal, start, supply_pressure=Range(2.5e6, 10e6))
     found.best.supply_pressure, found.plan
 """
 
@@ -140,7 +140,7 @@ class NoOperatingPointError(MhsbError):
         )
 
 
-def best_operating_point(
+def find_best_operating_point(
     planner: Planner,
     goal: Position,
     start: MotionState,

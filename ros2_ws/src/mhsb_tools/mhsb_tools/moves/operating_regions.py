@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mhsb_model.hydraulics import required_pressures
+from mhsb_model.hydraulics import compute_required_pressures
 from mhsb_model.machine import Machine
 from mhsb_model.modes import any_boosted
 from mhsb_model.types import IntArray
@@ -32,7 +32,7 @@ class OperatingRegions:
     beyond_highest_boost: np.ndarray
 
 
-def operating_regions(machine: Machine, table: PostureTable) -> OperatingRegions:
+def determine_operating_regions(machine: Machine, table: PostureTable) -> OperatingRegions:
     """Determine which joints need boost at each node of the workspace grid.
 
     At each node, the posture is taken that the posture table has for mode N in all actuators. A
@@ -54,7 +54,7 @@ def operating_regions(machine: Machine, table: PostureTable) -> OperatingRegions
     plane = machine.planar_arm
     m, postures = plane.arrays, np.ascontiguousarray(table.posture[reached, normal])
     force = np.array([plane.piston_forces(q) for q in postures]).reshape(-1, plane.joint_count)
-    pressure = required_pressures(m, force, np.copysign(m.max_piston_speed, force))
+    pressure = compute_required_pressures(m, force, np.copysign(m.max_piston_speed, force))
     slews = machine.joint_count - plane.joint_count
     return OperatingRegions(
         table.spacing,

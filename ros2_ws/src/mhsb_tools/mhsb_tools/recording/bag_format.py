@@ -160,7 +160,7 @@ def compute_type_hash(type_name: str) -> str:
     return types.hash_rihs01(type_name) if type_name in types.fielddefs else ""
 
 
-def qos_text(profile: QoSProfile) -> str:
+def format_qos(profile: QoSProfile) -> str:
     """Return a QoS profile as YAML in rosbag2's form.
 
     Depth, reliability and durability are taken from the profile. History is always `keep_last`, and
@@ -191,7 +191,7 @@ def qos_text(profile: QoSProfile) -> str:
     )
 
 
-def metadata_text(files: Mapping[str, BagContents]) -> str:
+def format_metadata(files: Mapping[str, BagContents]) -> str:
     """Return the metadata as text in the form that is repeated inside an MCAP file.
 
     The file `metadata.yaml` has the same content below one more key, METADATA_KEY.

@@ -12,7 +12,7 @@ from mhsb_msgs_py.topics import SUITE_TOPICS, Topic
 from mhsb_tools.recording.bag_folder import BagFolder, find_data_files
 from mhsb_tools.recording.bag_format import SERIALIZATION_FORMAT, BagError
 from mhsb_tools.recording.data_file import DataFile
-from mhsb_tools.recording.mcap_chunk import Chunk, RawMessage, message_at
+from mhsb_tools.recording.mcap_chunk import Chunk, RawMessage, get_message_at
 from mhsb_tools.recording.mcap_structure import RecordFrame
 from mhsb_tools.recording.mcap_survey import Definitions, Survey
 from mhsb_tools.recording.mcap_walk import McapWalk
@@ -85,7 +85,7 @@ def _messages(bag: BagFolder, names: dict[str, Topic]) -> Iterator[RecordedMessa
                 if isinstance(piece, Chunk):
                     messages = piece.messages()
                 elif isinstance(piece, RecordFrame) and piece.opcode == Opcode.MESSAGE:
-                    messages = iter([message_at(file.read(piece.at, piece.end - piece.at), 0)])
+                    messages = iter([get_message_at(file.read(piece.at, piece.end - piece.at), 0)])
                 yield from _select_topics(messages, survey.definitions, names)
         survey.close()
         _check(bag, survey)

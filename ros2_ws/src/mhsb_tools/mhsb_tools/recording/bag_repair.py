@@ -245,7 +245,7 @@ def _copy_readable_parts(survey: Survey, file: DataFile, stream: IO[bytes]) -> B
             copy.add_attachment_or_metadata(file.read(piece.at, piece.end - piece.at))
     copy.flush()
     contents = summarize_contents(survey, copy.counts, copy.definitions)
-    text = bag_format.metadata_text({survey.path.name: contents})
+    text = bag_format.format_metadata({survey.path.name: contents})
     own = Metadata(BAG_METADATA, {"serialized_metadata": text})
     copy.add_attachment_or_metadata(serialize_record(own))
     copy.finish(contents.start_ns, contents.end_ns)

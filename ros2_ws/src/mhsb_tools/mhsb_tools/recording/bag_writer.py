@@ -161,7 +161,7 @@ class BagWriter(contextlib.AbstractContextManager["BagWriter"]):
         try:
             self._writer.add_metadata(
                 "rosbag2",
-                {"serialized_metadata": bag_format.metadata_text(files)},
+                {"serialized_metadata": bag_format.format_metadata(files)},
             )
             self._writer.finish()
             self._file.close()

@@ -102,7 +102,7 @@ class Chunk:
     def messages(self) -> Iterator[RawMessage]:
         """Yield the messages in the order of the chunk."""
         for offset in self.each_offset():
-            yield message_at(self.unpacked, offset)
+            yield get_message_at(self.unpacked, offset)
 
     def each_offset(self) -> Iterator[int]:
         """Yield the offset of each message's record in `unpacked`.
@@ -119,7 +119,7 @@ class Chunk:
         return dict(zip(numbers.tolist(), counts.tolist(), strict=True))
 
 
-def message_at(records: bytes, offset: int) -> RawMessage:
+def get_message_at(records: bytes, offset: int) -> RawMessage:
     """Return the message whose record begins at an offset.
 
     Args:
@@ -254,7 +254,7 @@ def find_records(header: ChunkHeader, packed: bytes, unpacked: bytes) -> Chunk:
     )
 
 
-def message_index(chunk: Chunk, channel_id: int) -> np.ndarray:
+def compute_message_index(chunk: Chunk, channel_id: int) -> np.ndarray:
     """Compute the message index of one channel: the list of its messages in a chunk.
 
     Args:

@@ -20,7 +20,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
 from mhsb_tools.recording.bag_format import BagError
-from mhsb_tools.recording.mcap_chunk import Chunk, ChunkHeader, find_records, message_index
+from mhsb_tools.recording.mcap_chunk import Chunk, ChunkHeader, compute_message_index, find_records
 from mhsb_tools.recording.mcap_records import (
     CHUNK_TIMES,
     FILE_MAGIC,
@@ -201,7 +201,7 @@ class McapCopy:
         length, offsets = self._at - begin, {}
         for channel_id, count in chunk.counts().items():
             offsets[channel_id] = self._at
-            content = message_index(chunk, channel_id).data.cast("B")
+            content = compute_message_index(chunk, channel_id).data.cast("B")
             self._write(RECORD_HEADER.pack(Opcode.MESSAGE_INDEX, INDEX_HEAD_SIZE + len(content)))
             self._write(channel_id.to_bytes(2, "little") + len(content).to_bytes(4, "little"))
             self._write(content)

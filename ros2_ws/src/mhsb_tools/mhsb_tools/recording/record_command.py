@@ -92,7 +92,7 @@ class Recorder(Node):
             reliability=topic.qos.reliability,
             durability=topic.qos.durability,
         )
-        self._bag.add_topic(BagTopic(name, topic.type_name, bag_format.qos_text(topic.qos)))
+        self._bag.add_topic(BagTopic(name, topic.type_name, bag_format.format_qos(topic.qos)))
 
         def received(data: bytes, info: dict[str, Any]) -> None:
             """Write a message with the times at which it was received and sent.

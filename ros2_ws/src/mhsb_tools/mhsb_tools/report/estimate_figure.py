@@ -20,7 +20,7 @@ from mhsb_model.figure_style import (
     open_figure,
 )
 from mhsb_tools.report.recorded_run import EvaluatedRecording
-from mhsb_tools.report.run_axes import time_axis, to_seconds
+from mhsb_tools.report.run_axes import limit_time_axis, to_seconds
 
 CONFIDENCE_SIGMAS = 1.96
 """Half width of the 95 % interval of a normal distribution [standard deviations]."""
@@ -110,7 +110,7 @@ def draw_estimate_panels(run: EvaluatedRecording, estimate_series: Courses, figu
         ("the same, not known yet", WIDE_BAND_OPACITY),
     ):
         panels[-1].fill_between([], [], color=BLACK, alpha=alpha, linewidth=0, label=label)
-    time_axis(run, panels[-1])
+    limit_time_axis(run, panels[-1])
     legend_above(figure, *panels)
 
 

@@ -19,15 +19,15 @@ from mhsb_model.figure_style import (
     legend_above,
     open_figure,
 )
-from mhsb_model.modes import Mode, modules_in_use
+from mhsb_model.modes import Mode, count_modules
 from mhsb_model.types import FloatArray
 from mhsb_tools.moves.move_page import draw_labelled_mode_bars
 from mhsb_tools.report.recorded_run import EvaluatedRecording
 from mhsb_tools.report.run_axes import (
     get_mode_rows,
+    limit_time_axis,
     mark_take_overs,
     shade_modes,
-    time_axis,
     to_seconds,
 )
 
@@ -59,7 +59,7 @@ def draw_modes(run: EvaluatedRecording, path: Path) -> None:
         _draw_modules(run, modules)
         for each in (bars, modules):
             mark_take_overs(run, each)
-        time_axis(run, modules)
+        limit_time_axis(run, modules)
         legend_above(figure, bars, modules)
 
 
@@ -73,7 +73,7 @@ def _draw_modules(run: EvaluatedRecording, axes: Axes) -> None:
     """
     fitted = run.machine.config.hydraulics.modules
     time, modes = get_mode_rows(run)
-    used = [modules_in_use(row, fitted.per_mode) for row in modes]
+    used = [count_modules(row, fitted.per_mode) for row in modes]
     axes.step(time, used, where="post", color=BLACK, label="booster modules in use")
     axes.axhline(fitted.count, color=GREY, linestyle="--", label="modules fitted")
     axes.set_ylim(-0.2, fitted.count + 0.4)
@@ -117,7 +117,7 @@ def draw_pressures(run: EvaluatedRecording, path: Path) -> None:
             draw_pressure_limits(run, each, j)
             mark_take_overs(run, each)
             each.set_ylabel(f"actuator {j + 1} [MPa]")
-        time_axis(run, axes[-1])
+        limit_time_axis(run, axes[-1])
         legend_above(figure, *axes)
 
 
@@ -190,7 +190,7 @@ def draw_energy(run: EvaluatedRecording, path: Path) -> None:
         lower.set_ylim(bottom=0.0)
         for each in (upper, lower):
             mark_take_overs(run, each)
-        time_axis(run, lower)
+        limit_time_axis(run, lower)
         legend_above(figure, upper)
 
 

@@ -18,7 +18,7 @@ from mhsb_model.figure_style import (
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_planner.online.settings import REACHED_TOLERANCE
 from mhsb_tools.report.recorded_run import EvaluatedRecording
-from mhsb_tools.report.run_axes import mark_take_overs, time_axis, to_seconds
+from mhsb_tools.report.run_axes import limit_time_axis, mark_take_overs, to_seconds
 
 PER_MM = 1e3
 LEAST_DISTANCE = 1e-2
@@ -75,7 +75,7 @@ def draw_joints(run: EvaluatedRecording, path: Path) -> None:
             for each in (angles, errors):
                 mark_take_overs(run, each)
         for lowest in axes[-1]:
-            time_axis(run, lowest)
+            limit_time_axis(run, lowest)
         legend_above(figure, *axes[0])
 
 
@@ -118,7 +118,7 @@ def draw_tip_error(run: EvaluatedRecording, path: Path) -> None:
         )
         for each in (upper, lower):
             mark_take_overs(run, each)
-        time_axis(run, lower)
+        limit_time_axis(run, lower)
         legend_above(figure, upper, lower)
 
 

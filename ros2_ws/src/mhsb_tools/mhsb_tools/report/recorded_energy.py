@@ -12,7 +12,7 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
 from mhsb_model.types import FloatArray, IntArray
 from mhsb_msgs_py.sim_status import SimulatorReport
-from mhsb_planner.motion.energy import motion_energy
+from mhsb_planner.motion.energy import compute_motion_energy
 from mhsb_tools.recording.recording import Recording
 from mhsb_tools.report.recorded_motion import cut_trajectory
 
@@ -95,5 +95,5 @@ def _step(
     if after.sim_time_ns <= before.sim_time_ns or main_pump < 0.0 or servo_pumps < 0.0:
         return [0.0] * 4
     path = cut_trajectory(followed, before.sim_time_ns, after.sim_time_ns)
-    planned = motion_energy(machine, path, modes)
+    planned = compute_motion_energy(machine, path, modes)
     return [main_pump, servo_pumps, planned.paper, planned.series]

@@ -15,7 +15,7 @@ from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
-from mhsb_tools.moves.operating_regions import operating_regions
+from mhsb_tools.moves.operating_regions import determine_operating_regions
 from mhsb_tools.recording.bag_reader import read_recording
 from mhsb_tools.report import figures
 from mhsb_tools.report.recorded_run import evaluate_recording
@@ -91,7 +91,7 @@ def write_report(
         MhsbError: `output` is not a folder.
     """
     run = evaluate_recording(read_recording(bag, namespace, machine.slews), machine)
-    regions = operating_regions(machine, load_or_build_table(machine, table))
+    regions = determine_operating_regions(machine, load_or_build_table(machine, table))
     content = compute_summary(run)
     make_output_folder(output, "the report")
     figures.draw_all(run, regions, output)

@@ -18,7 +18,7 @@ def to_seconds(run: EvaluatedRecording, time_ns: IntArray | int) -> Any:
     return (time_ns - run.recording.joint_states.time_ns[0]) / 1e9
 
 
-def time_axis(run: EvaluatedRecording, axes: Axes) -> None:
+def limit_time_axis(run: EvaluatedRecording, axes: Axes) -> None:
     """Set limits and label of the time axis, which spans the recording's joint states."""
     axes.set(
         xlim=(0.0, to_seconds(run, int(run.recording.joint_states.time_ns[-1]))), xlabel="time [s]"
@@ -54,12 +54,14 @@ def shade_modes(run: EvaluatedRecording, axes: Axes, actuator: int) -> None:
     """
     for mode in filter(BOOSTED_MODES.__getitem__, Mode):
         label: str | None = f"mode {mode.name}"
-        for begin, end in mode_spans(run, actuator, mode):
+        for begin, end in list_mode_spans(run, actuator, mode):
             axes.axvspan(begin, end, color=MODE_COLOR[mode], alpha=0.25, linewidth=0, label=label)
             label = None
 
 
-def mode_spans(run: EvaluatedRecording, actuator: int, mode: Mode) -> list[tuple[float, float]]:
+def list_mode_spans(
+    run: EvaluatedRecording, actuator: int, mode: Mode
+) -> list[tuple[float, float]]:
     """Return the time spans in which an actuator is in a mode.
 
     Args:

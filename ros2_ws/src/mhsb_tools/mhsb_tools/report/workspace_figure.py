@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mhsb_model.figure_style import BLACK, PATH_COLOR, Axes, open_figure
-from mhsb_model.modes import BOOSTED_MODES, Mode, strongest
+from mhsb_model.modes import BOOSTED_MODES, Mode, find_strongest_modes
 from mhsb_tools.moves.operating_regions import OperatingRegions
 from mhsb_tools.moves.workspace_drawing import draw_arm, draw_regions, draw_workspace_axes
 from mhsb_tools.report.recorded_run import EvaluatedRecording
@@ -68,7 +68,7 @@ def _draw_path(run: EvaluatedRecording, axes: Axes) -> None:
     """
     tip = run.machine.project_to_plane(run.tip.measured)
     travelled = np.cumsum(np.hypot(*np.diff(tip, axis=0, prepend=tip[:1]).T))
-    mode = strongest(run.modes.modes_at_many(run.tip.time_ns)).astype(np.int64)
+    mode = find_strongest_modes(run.modes.modes_at_many(run.tip.time_ns)).astype(np.int64)
     kept = np.flatnonzero(np.diff(np.floor(travelled / PATH_STEP), append=np.inf) > 0)
     axes.plot(*tip[kept].T, color="white", linewidth=4.5)
     starts = np.flatnonzero(np.diff(mode, prepend=-1))

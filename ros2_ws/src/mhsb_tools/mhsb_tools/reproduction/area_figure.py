@@ -11,9 +11,9 @@ import numpy as np
 from mhsb_model.figure_style import BLUE, GREY, ORANGE, VERMILION, Axes, legend_above, open_figure
 from mhsb_planner.result_files import write_rows
 from mhsb_planner.search.manipulability_loss import (
-    area_along_motion,
-    area_along_path,
-    reference_area,
+    compute_area_along_motion,
+    compute_area_along_path,
+    compute_reference_area,
 )
 from mhsb_tools.reproduction.fits import FittedRuns
 from mhsb_tools.reproduction.measures import energy
@@ -54,7 +54,7 @@ class Tradeoff(NamedTuple):
     area: float
 
 
-def tradeoffs(runs: Runs, fits: FittedRuns) -> Iterator[Tradeoff]:
+def compute_tradeoffs(runs: Runs, fits: FittedRuns) -> Iterator[Tradeoff]:
     """Compute energy and polytope area of the runs of Case 4.
 
     The area is that of the velocity polytope (tip velocities that the pistons' speed limits allow).
@@ -67,16 +67,16 @@ def tradeoffs(runs: Runs, fits: FittedRuns) -> Iterator[Tradeoff]:
         First the integrated planner's runs by increasing weight w₄ of the area, then the runs of
         `COMPARED_RUNS`. A run without a path is left out.
     """
-    full = reference_area(runs.table)
+    full = compute_reference_area(runs.table)
     for name in (*AREA_RUN_WEIGHTS, *COMPARED_RUNS):
         path = runs.runs[name].path if name in runs.runs else None
         if path is None:
             continue
-        along, fit = area_along_path(runs.machine, path), fits.by_run.get(name)
+        along, fit = compute_area_along_path(runs.machine, path), fits.by_run.get(name)
         of_motion = (np.nan, np.nan)
         if fit is not None:
             motion = fit.motion
-            area = area_along_motion(runs.machine, motion.trajectory, motion.schedule).mean
+            area = compute_area_along_motion(runs.machine, motion.trajectory, motion.schedule).mean
             of_motion = (fit.energy.paper, area or np.nan)
         yield Tradeoff(
             name,
@@ -101,7 +101,7 @@ def draw_area_tradeoff(runs: Runs, fits: FittedRuns, place: Path) -> None:
         fits: Trajectories that were made for some of the runs.
         place: Path of the files without suffix; its folder must exist.
     """
-    found = list(tradeoffs(runs, fits))
+    found = list(compute_tradeoffs(runs, fits))
     with open_figure(place.with_suffix(".png"), 4.6) as figure:
         both = figure.subplots(1, 2, sharey=True)
         for title, axes, of_motion in zip(

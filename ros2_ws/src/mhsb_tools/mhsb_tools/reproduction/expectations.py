@@ -134,7 +134,7 @@ class _NoPathOfRunError(Exception):
     """A run that is to be judged has no path."""
 
 
-def path_of(runs: Runs, name: str) -> DiscretePath:
+def require_path(runs: Runs, name: str) -> DiscretePath:
     """Return the path of a run, or raise an error if it has none.
 
     Args:
@@ -172,7 +172,7 @@ def all_of(*conditions: Condition) -> Callable[[Runs], list[BoundCheck]]:
 
 def reaches(name: str, run: str, measure: Measure, bound: float, scale: float) -> Condition:
     """Return the condition that a measure of a run is at least `bound` (`BoundCheck`)."""
-    return lambda runs: at_least(name, measure(path_of(runs, run)), bound, scale)
+    return lambda runs: at_least(name, measure(require_path(runs, run)), bound, scale)
 
 
 def is_less(name: str, measure: Measure, run: str, other: str) -> Condition:
@@ -185,7 +185,7 @@ def is_less(name: str, measure: Measure, run: str, other: str) -> Condition:
         other: Run in the denominator.
     """
     return lambda runs: at_most(
-        name, measure(path_of(runs, run)) / measure(path_of(runs, other)), BELOW_ONE, 0.5
+        name, measure(require_path(runs, run)) / measure(require_path(runs, other)), BELOW_ONE, 0.5
     )
 
 
@@ -208,7 +208,7 @@ def _ratio(runs: Runs, path: DiscretePath) -> float:
 
 def is_direct(run: str, name: str = "length over shortest") -> Condition:
     """Return the condition that the length over shortest is at most `DETOUR_FACTOR`."""
-    return lambda runs: at_most(name, _ratio(runs, path_of(runs, run)), DETOUR_FACTOR, 0.5)
+    return lambda runs: at_most(name, _ratio(runs, require_path(runs, run)), DETOUR_FACTOR, 0.5)
 
 
 def is_detour(run: str) -> tuple[Condition, Condition]:
@@ -220,7 +220,7 @@ def is_detour(run: str) -> tuple[Condition, Condition]:
     return (
         lambda runs: at_least(
             "length over shortest",
-            _ratio(runs, path_of(runs, run)),
+            _ratio(runs, require_path(runs, run)),
             DETOUR_FACTOR,
             DETOUR_FACTOR - 1.0,
         ),
@@ -233,7 +233,9 @@ def has_larger_polytope(run: str, other: str) -> Condition:
 
     def mean_area(runs: Runs, name: str) -> float:
         """Return the mean area of the velocity polytope over the steps of a run [m²/s²]."""
-        return float(np.mean(measures.polytope_profile(runs[name].machine, path_of(runs, name))))
+        return float(
+            np.mean(measures.compute_polytope_profile(runs[name].machine, require_path(runs, name)))
+        )
 
     return lambda runs: at_least(
         f"polytope over that of {other}",
@@ -276,14 +278,14 @@ def slightly_outwards(runs: Runs) -> BoundCheck:
     The bound is r − x₀, where x₀ is the tip's x at the start and r its distance from the base there
     [m].
     """
-    own = path_of(runs, "2-2")
+    own = require_path(runs, "2-2")
     arc = float(np.hypot(*own.tip[0]) - own.tip[0, 0])
     return at_most("tip goes outwards by [m]", measures.bulge(own), arc, 2 * ASIDE_DISTANCE)
 
 
 def dearest_of_case_4(runs: Runs) -> BoundCheck:
     """Judge whether Case 4-3 takes more energy than Cases 4-1 and 4-2."""
-    own, *others = (measures.energy(path_of(runs, name)) for name in ("4-3", "4-1", "4-2"))
+    own, *others = (measures.energy(require_path(runs, name)) for name in ("4-3", "4-1", "4-2"))
     return at_most("energy of the others over its own", max(others) / own, BELOW_ONE, 0.5)
 
 
@@ -294,7 +296,7 @@ def _travel_of_joint_3(path: DiscretePath) -> float:
 
 def more_travel_than_case_4_2(runs: Runs) -> BoundCheck:
     """Judge whether joint 3 moves more in Case 4-3 than in Case 4-2."""
-    own, good = (_travel_of_joint_3(path_of(runs, name)) for name in ("4-3", "4-2"))
+    own, good = (_travel_of_joint_3(require_path(runs, name)) for name in ("4-3", "4-2"))
     return at_most("J3's travel in 4-2 over its own", good / max(own, 1e-9), BELOW_ONE, 0.5)
 
 
@@ -315,7 +317,7 @@ def _over_weights(runs: Runs, measure: Measure) -> np.ndarray:
     """
     return np.array(
         [
-            [measure(path_of(runs, weight_run(w1, w2))) for w2 in TIME_WEIGHTS]
+            [measure(require_path(runs, weight_run(w1, w2))) for w2 in TIME_WEIGHTS]
             for w1 in ENERGY_WEIGHTS
         ]
     )
@@ -398,7 +400,7 @@ def is_largest(name: str, measure: Measure) -> Condition:
     """
     return lambda runs: at_least(
         f"{name} over the largest",
-        measure(path_of(runs, WITHOUT_WEIGHTS)) / float(_over_weights(runs, measure).max()),
+        measure(require_path(runs, WITHOUT_WEIGHTS)) / float(_over_weights(runs, measure).max()),
         1.0,
         0.5,
     )
@@ -440,7 +442,7 @@ def _energy_expectation(name: str) -> Expectation:
         all_of(
             lambda runs: at_most(
                 "energy off by a share of",
-                abs(measures.energy(path_of(runs, run)) / joules - 1.0),
+                abs(measures.energy(require_path(runs, run)) / joules - 1.0),
                 ENERGY_BAND,
                 1.0 - ENERGY_BAND,
             )
@@ -555,7 +557,7 @@ PAPER_EXPECTATIONS: tuple[Expectation, ...] = (
         all_of(
             lambda runs: at_most(
                 "distance from a straight line [m]",
-                measures.sideways(path_of(runs, WITHOUT_WEIGHTS)),
+                measures.sideways(require_path(runs, WITHOUT_WEIGHTS)),
                 ASIDE_DISTANCE,
                 0.2,
             ),
@@ -614,7 +616,7 @@ class ExpectationResult:
     shortfall: float
 
 
-def numbers(runs: Runs, name: str) -> dict[str, float]:
+def collect_path_values(runs: Runs, name: str) -> dict[str, float]:
     """Collect the values of one run's discrete path, for tables.
 
     Args:
@@ -661,7 +663,7 @@ def judge_expectation(expectation: Expectation, runs: Runs) -> ExpectationResult
         if the expectation is met, at most 1. The expectation counts as not met, with shortfall 1,
         if one of its runs has no path.
     """
-    own = {name: numbers(runs, name) for name in expectation.runs}
+    own = {name: collect_path_values(runs, name) for name in expectation.runs}
     try:
         conditions = expectation.judge(runs)
     except _NoPathOfRunError as error:
@@ -679,6 +681,6 @@ def judge_expectation(expectation: Expectation, runs: Runs) -> ExpectationResult
     )
 
 
-def records(runs: Runs) -> list[ExpectationResult]:
+def judge_expectations(runs: Runs) -> list[ExpectationResult]:
     """Return the judgements of all expectations, in the order of `PAPER_EXPECTATIONS`."""
     return [judge_expectation(expectation, runs) for expectation in PAPER_EXPECTATIONS]

@@ -12,8 +12,8 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MAX_POINT_SPACING_NS, SECOND_NS, MotionState
 from mhsb_model.types import FloatArray, ModeArray
-from mhsb_planner.motion.energy import Energy, motion_energy
-from mhsb_planner.motion.motion_profile import MotionProfile, motion_profile
+from mhsb_planner.motion.energy import Energy, compute_motion_energy
+from mhsb_planner.motion.motion_profile import MotionProfile, compute_motion_profile
 from mhsb_planner.motion.s3_trajectory import FitRules, FittedMotion, fit_trajectory
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planner import fit_rules
@@ -110,9 +110,9 @@ def _fit(machine: Machine, path: DiscretePath, rules: FitRules) -> FittedRun:
     position, velocity, _ = trajectory.sample_many(times_ns)
     return FittedRun(
         motion=motion,
-        energy=motion_energy(machine, trajectory, schedule),
+        energy=compute_motion_energy(machine, trajectory, schedule),
         time=(times_ns - trajectory.stamp_ns) / SECOND_NS,
         position=position,
         modes=schedule.modes_at_many(times_ns),
-        profile=motion_profile(machine, position, velocity),
+        profile=compute_motion_profile(machine, position, velocity),
     )

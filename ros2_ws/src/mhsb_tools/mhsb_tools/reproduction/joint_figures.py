@@ -187,8 +187,8 @@ def _valve_limits(
     m = machine.arrays
     k, cap, rod = m.valve_coefficient[joint], m.cap_area[joint], m.rod_area[joint]
     tank = m.tank_pressure
-    out = [hydraulics.extension_speed(k, cap, rod, supply, tank, f) for f in forces]
-    back = [-hydraulics.retraction_speed(k, cap, rod, supply, tank, f) for f in forces]
+    out = [hydraulics.compute_extension_speed(k, cap, rod, supply, tank, f) for f in forces]
+    back = [-hydraulics.compute_retraction_speed(k, cap, rod, supply, tank, f) for f in forces]
     return np.array(out), np.array(back)
 
 

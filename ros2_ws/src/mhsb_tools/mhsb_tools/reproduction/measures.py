@@ -9,7 +9,7 @@ import numpy as np
 from mhsb_model.machine import Machine
 from mhsb_model.modes import any_boosted
 from mhsb_model.types import FloatArray
-from mhsb_planner.posture.s1_polytope import polytope_area
+from mhsb_planner.posture.s1_polytope import compute_polytope_area
 from mhsb_planner.search.discrete_path import DiscretePath
 
 
@@ -117,7 +117,7 @@ def joint_travel(path: DiscretePath, joint: int) -> float:
     return float(np.abs(np.diff(path.posture[:, joint])).sum())
 
 
-def polytope_profile(machine: Machine, path: DiscretePath) -> FloatArray:
+def compute_polytope_profile(machine: Machine, path: DiscretePath) -> FloatArray:
     """Compute the area of the velocity polytope at the end of each step of a path.
 
     The velocity polytope is the set of tip velocities that the pistons' speed limits allow. It is
@@ -132,7 +132,7 @@ def polytope_profile(machine: Machine, path: DiscretePath) -> FloatArray:
     """
     return np.array(
         [
-            polytope_area(machine, q, modes)
+            compute_polytope_area(machine, q, modes)
             for q, modes in zip(path.posture[1:], path.modes, strict=True)
         ]
     )

@@ -9,14 +9,14 @@ from typing import Any
 
 from mhsb_model.figure_style import BLACK, BLUE, ORANGE, Axes, legend_above, open_figure
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.cases.paper_cases import paper_case
+from mhsb_planner.cases.paper_cases import get_paper_case
 from mhsb_planner.planner import Planner
 from mhsb_planner.result_files import write_rows
 from mhsb_tools.moves.operating_point import (
     OperatingPoint,
     OperatingPointResult,
     Range,
-    best_operating_point,
+    find_best_operating_point,
 )
 from mhsb_tools.reproduction.expectations import PUBLISHED_ENERGY
 from mhsb_tools.reproduction.fits import FittedRuns
@@ -73,12 +73,12 @@ def find_points(runs: Runs) -> dict[str, BestPoint]:
         ("1-1", "ps", Range(SUPPLY_PRESSURES[0], SUPPLY_PRESSURES[-1]), None),
         ("1-2", "vmax", None, Range(PISTON_SPEEDS[0], PISTON_SPEEDS[-1])),
     ):
-        case = paper_case(case_name)
+        case = get_paper_case(case_name)
         start = MotionState.at_rest(case.start_posture(runs.machine))
         for kind in COMPARED_PLANNERS:
             planner = Planner(runs.machine, runs.table)
             options = replace(case.options, planner=kind)
-            point = best_operating_point(planner, case.goal, start, options, pressures, speeds)
+            point = find_best_operating_point(planner, case.goal, start, options, pressures, speeds)
             found[f"c5.{varied} best {kind}"] = BestPoint(case_name, varied, kind, point)
     return found
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from mhsb_model.figure_style import BLACK, BLUE, GREY, PATH_COLOR, Axes, legend_above, open_figure
-from mhsb_model.modes import BOOSTED_MODES, pattern_name, strongest
+from mhsb_model.modes import BOOSTED_MODES, find_strongest_modes, format_pattern
 from mhsb_planner.result_files import write_rows
 from mhsb_planner.search.discrete_path import DiscretePath
-from mhsb_tools.moves.operating_regions import OperatingRegions, operating_regions
+from mhsb_tools.moves.operating_regions import OperatingRegions, determine_operating_regions
 from mhsb_tools.moves.workspace_drawing import draw_arm, draw_regions, draw_workspace_axes
 from mhsb_tools.reproduction.fits import FittedRun, FittedRuns
 from mhsb_tools.reproduction.runs import Runs
@@ -38,7 +38,7 @@ def draw_paths(runs: Runs, fits: FittedRuns, names: Sequence[str], place: Path) 
         names: Names of the runs to draw.
         place: Path of the files without suffix; its folder must exist.
     """
-    regions = operating_regions(runs.machine, runs.table)
+    regions = determine_operating_regions(runs.machine, runs.table)
     width = max(LEAST_WIDTH, PANEL_WIDTH * len(names))
     with open_figure(place.with_suffix(".png"), FIGURE_HEIGHT, width) as figure:
         panels = figure.subplots(1, len(names), squeeze=False)[0]
@@ -98,7 +98,7 @@ def _draw_tip(fit: FittedRun, axes: Axes) -> None:
         fit: The sampled trajectory and its modes.
         axes: Axes to draw on: x and z of the tip [m].
     """
-    modes = strongest(fit.modes)
+    modes = find_strongest_modes(fit.modes)
     for mode, color in PATH_COLOR.items():
         tip = np.where((modes == mode)[:, None], fit.profile.tip, np.nan)
         what = f"an actuator in {mode.name}" if BOOSTED_MODES[mode] else f"all in {mode.name}"
@@ -122,11 +122,11 @@ def _path_rows(runs: Runs, fits: FittedRuns, name: str) -> Iterator[tuple[Any, .
     if path is not None:
         modes = [path.start_modes, *path.modes]
         for time, tip, pattern in zip(path.time, path.tip, modes, strict=True):
-            yield name, "discrete", time, *tip, pattern_name(pattern)
+            yield name, "discrete", time, *tip, format_pattern(pattern)
     if name in fits.by_run:
         fit = fits.by_run[name]
         for time, tip, pattern in zip(fit.time, fit.profile.tip, fit.modes, strict=True):
-            yield name, "fitted", time, *tip, pattern_name(pattern)
+            yield name, "fitted", time, *tip, format_pattern(pattern)
 
 
 def _region_rows(regions: OperatingRegions) -> Iterator[tuple[Any, ...]]:

@@ -20,13 +20,13 @@ from mhsb_model.figure_style import (
     legend_above,
     open_figure,
 )
-from mhsb_model.modes import Mode, pattern_name
+from mhsb_model.modes import Mode, format_pattern
 from mhsb_model.types import FloatArray
-from mhsb_planner.posture.s1_polytope import piston_speed_corners, polytope_vertices
+from mhsb_planner.posture.s1_polytope import compute_polytope_vertices, list_piston_speed_corners
 from mhsb_planner.result_files import write_rows
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_tools.moves.workspace_drawing import draw_arm, draw_workspace_axes
-from mhsb_tools.reproduction.measures import polytope_profile
+from mhsb_tools.reproduction.measures import compute_polytope_profile
 from mhsb_tools.reproduction.path_figures import PANEL_WIDTH, draw_discrete_path
 from mhsb_tools.reproduction.runs import Run, Runs
 
@@ -60,8 +60,8 @@ def draw_velocity_polytope(runs: Runs, place: Path) -> None:
     node = int(np.argmin(np.hypot(*(table.nodes * table.spacing - (x, z)).T)))
     pattern = int(np.flatnonzero(np.all(table.patterns == SHOWN_PATTERN, axis=1))[0])
     q = table.posture[node, pattern]
-    joint = piston_speed_corners(machine, q, table.patterns[pattern]) / machine.moment_arms(q)
-    tip = polytope_vertices(machine, q, table.patterns[pattern])
+    joint = list_piston_speed_corners(machine, q, table.patterns[pattern]) / machine.moment_arms(q)
+    tip = compute_polytope_vertices(machine, q, table.patterns[pattern])
     with open_figure(place.with_suffix(".png"), 4.6) as figure:
         _draw_body(joint, figure)
         axes = figure.add_subplot(1, 2, 2)
@@ -70,7 +70,7 @@ def draw_velocity_polytope(runs: Runs, place: Path) -> None:
             aspect="equal",
             xlabel="tip velocity along x [m/s]",
             ylabel="tip velocity along z [m/s]",
-            title=f"{pattern_name(SHOWN_PATTERN)} at ({x:g}, {z:g}) m",
+            title=f"{format_pattern(SHOWN_PATTERN)} at ({x:g}, {z:g}) m",
         )
     joint_columns = [f"{name}_rad_s" for name in machine.joint_names]
     write_rows(place.with_name(f"{place.name}_joint_velocities.csv"), joint_columns, joint)
@@ -109,7 +109,9 @@ def draw_polytopes_along(runs: Runs, place: Path) -> None:
         place: Path of the files without suffix; its folder must exist.
     """
     paths = {name: path for name in COMPARED_RUNS if (path := runs[name].path) is not None}
-    areas = {name: polytope_profile(runs[name].machine, path) for name, path in paths.items()}
+    areas = {
+        name: compute_polytope_profile(runs[name].machine, path) for name, path in paths.items()
+    }
     with open_figure(place.with_suffix(".png"), 7.4, PANEL_WIDTH * len(COMPARED_RUNS)) as figure:
         panels = figure.subplots(2, len(COMPARED_RUNS), gridspec_kw={"height_ratios": [3, 1]})
         scale = SHOWN_RADIUS / max((_largest_speed(runs[name]) for name in paths), default=1.0)
@@ -139,7 +141,10 @@ def _polytopes(run: Run, path: DiscretePath) -> Iterator[tuple[FloatArray, Float
         velocities there, shape (corners, 2) [m/s].
     """
     for k in range(0, path.steps, STEP_STRIDE):
-        yield path.tip[k + 1], polytope_vertices(run.machine, path.posture[k + 1], path.modes[k])
+        yield (
+            path.tip[k + 1],
+            compute_polytope_vertices(run.machine, path.posture[k + 1], path.modes[k]),
+        )
 
 
 def _largest_speed(run: Run) -> float:
@@ -200,4 +205,4 @@ def _area_rows(name: str, path: DiscretePath, area: FloatArray) -> Iterator[tupl
         One row for each step.
     """
     for k in range(path.steps):
-        yield name, k + 1, *path.tip[k + 1].round(9), pattern_name(path.modes[k]), area[k]
+        yield name, k + 1, *path.tip[k + 1].round(9), format_pattern(path.modes[k]), area[k]

@@ -17,16 +17,16 @@ import numpy as np
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
-from mhsb_planner.cases.paper_cases import PaperCase, paper_cases
-from mhsb_planner.executor import Jobs, over_ranges
+from mhsb_planner.cases.paper_cases import PaperCase, load_paper_cases
+from mhsb_planner.executor import Jobs, yield_results_of_ranges
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.posture import s1_global_search
-from mhsb_planner.posture.grid import grid_nodes
+from mhsb_planner.posture.grid import list_grid_nodes
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.fixed_j3 import build_fixed_j3_graph, find_elbow_side
-from mhsb_planner.search.manipulability_loss import area_term
+from mhsb_planner.search.manipulability_loss import create_area_cost
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_published import DEFAULT_HEURISTIC_SCALE
 from mhsb_planner.search.s2_search import PathQuery, SearchMethod, Weights, search
@@ -201,7 +201,7 @@ def settings(cases: Mapping[str, PaperCase] | None = None) -> dict[str, Setting]
         The run of Figure 10 in which all weights are 0 uses the published search algorithm. All
         other runs use the exact search.
     """
-    cases = paper_cases() if cases is None else cases
+    cases = load_paper_cases() if cases is None else cases
     found = {name: Setting(case) for name, case in cases.items()}
     lifting, fastest = cases["1-1"], cases["1-2"]
     for w1 in ENERGY_WEIGHTS:
@@ -237,18 +237,18 @@ def integrated_settings() -> dict[str, Setting]:
     """Return the integrated planner's settings for all cases of the table planner, by run name."""
     return {
         integrated_run(name): Setting(replace(case, planner="integrated"))
-        for name, case in paper_cases().items()
+        for name, case in load_paper_cases().items()
         if case.planner == "table"
     }
 
 
 def area_settings() -> dict[str, Setting]:
     """Return the settings of Case 4 for the integrated planner with each weight w₄, by run name."""
-    case = replace(paper_cases()["4-1"], planner="integrated")
+    case = replace(load_paper_cases()["4-1"], planner="integrated")
     return {area_run(w4): Setting(case, area_weight=w4) for w4 in AREA_WEIGHTS}
 
 
-def work_units(machine: Machine, asked: Mapping[str, Setting]) -> int:
+def count_work_units(machine: Machine, asked: Mapping[str, Setting]) -> int:
     """Return the number of work units that `evaluate` reports as its progress.
 
     Args:
@@ -261,7 +261,7 @@ def work_units(machine: Machine, asked: Mapping[str, Setting]) -> int:
         own table.
     """
     tables = {setting.table_pressure for setting in asked.values()} | {None}
-    return len(tables) * len(grid_nodes(machine, machine.spacing)) + len(asked)
+    return len(tables) * len(list_grid_nodes(machine, machine.spacing)) + len(asked)
 
 
 def evaluate(
@@ -283,7 +283,7 @@ def evaluate(
             exact search.
         jobs: Number of threads, or a cluster; None takes one thread for each processor.
         progress: Function that is called with the number of work units done since its last call;
-            `work_units` gives the total. None reports nothing.
+            `count_work_units` gives the total. None reports nothing.
         known: Earlier runs of this machine. Their posture tables are used again; None builds all
             tables.
 
@@ -306,7 +306,9 @@ def evaluate(
     if jobs is None or isinstance(jobs, int):
         evaluator.own_graph(jobs)
     found: dict[str, Run] = {}
-    with closing(over_ranges(evaluator.evaluate_groups, len(evaluator.groups), 1, jobs)) as parts:
+    with closing(
+        yield_results_of_ranges(evaluator.evaluate_groups, len(evaluator.groups), 1, jobs)
+    ) as parts:
         for part in parts:
             found |= part
             report_units(len(part))
@@ -455,7 +457,7 @@ def _run(graph: StepGraph, setting: Setting) -> Run:
     try:
         if case.planner == "integrated":
             start = find_postures_by_rule(graph, *begin)[0]
-            area = area_term(setting.area_weight, graph.table)
+            area = create_area_cost(setting.area_weight, graph.table)
             query = PathQuery(start, normal, goal, case.weights)
             path = integrated_search.search(machine, query, area=area)
             return Run(setting, machine, path)

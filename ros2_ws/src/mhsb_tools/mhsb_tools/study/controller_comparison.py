@@ -71,7 +71,7 @@ def compare(results: Sequence[ScenarioResult]) -> dict[str, Any]:
         "energy_ratio": max((tracked[:, 0] / tracked[:, 1]).tolist(), default=None),
         "energy_ratio_scenarios": len(tracked),
         "planned_ratio": {"least": float(planned.min()), "largest": float(planned.max())},
-        "energy_elements_j": [asdict(element) for element in energy_totals(results)],
+        "energy_elements_j": [asdict(element) for element in sum_energies(results)],
         "relief_opened": _by_controller(relief),
         "goals_refused": [reason for result in results for reason in result.refused],
     }
@@ -133,12 +133,12 @@ def as_text(results: Sequence[ScenarioResult], comparison: dict[str, Any]) -> li
             + "  ".join(_columns(record) for record in result.records)
         )
     lines.append("* gains were tuned on this scenario; R: a relief valve opened")
-    lines += ["", "coordinated, all scenarios together:", *energy_text(energy_totals(results)), ""]
+    lines += ["", "coordinated, all scenarios together:", *energy_text(sum_energies(results)), ""]
     shown = {k: v for k, v in comparison.items() if k not in ("goals_refused", "energy_elements_j")}
     return [*lines, json.dumps(shown), *comparison["goals_refused"]]
 
 
-def energy_totals(results: Sequence[ScenarioResult]) -> list[EnergyPart]:
+def sum_energies(results: Sequence[ScenarioResult]) -> list[EnergyPart]:
     """Return the coordinated controller's planned and simulated energy over all scenarios."""
     return sum_parts(result.elements["coordinated"] for result in results)
 

@@ -171,7 +171,7 @@ DRAW_LIMITS = (
 """The limits that the suite sets itself, in the order in which they are printed."""
 
 
-def figures_of(records: Sequence[DrawRecord]) -> list[LimitedFigure]:
+def compute_figures(records: Sequence[DrawRecord]) -> list[LimitedFigure]:
     """Compute all numbers over the draws of one controller that have limits.
 
     Args:
@@ -199,7 +199,7 @@ def as_text(records: Sequence[DrawRecord]) -> list[str]:
     lines = []
     for name, own in group_by_controller(records).items():
         lines.append(f"{name:44s}{'runs':>6s}{'value':>10s}  limit")
-        for figure in figures_of(own):
+        for figure in compute_figures(own):
             limit = "" if figure.most == np.inf else f"<= {figure.most:g}"
             if figure.least > 0.0:
                 limit = f"{figure.least:g} ... {figure.most:g}"

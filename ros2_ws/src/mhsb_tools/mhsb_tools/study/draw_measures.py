@@ -13,7 +13,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
 from mhsb_sim.simulation.simulator import Simulator
-from mhsb_tools.study.needed_pressure import needed_pressure
+from mhsb_tools.study.needed_pressure import compute_needed_pressure
 from mhsb_tools.study.replay import Replay
 
 LIFTING_JOINT_COUNT = 2
@@ -101,7 +101,7 @@ def find_row_moved_both_ways(velocity: FloatArray, step: float) -> int | None:
     return int(rows[0]) if len(rows) else None
 
 
-def spool_deviation(simulator: Simulator) -> float:
+def measure_spool_deviation(simulator: Simulator) -> float:
     """Measure how much the valve spools still move at rest, without sensor noise.
 
     The sensors keep their resolution and offset. Motion of the spools that remains is a
@@ -126,7 +126,7 @@ def spool_deviation(simulator: Simulator) -> float:
     return float(100.0 * spools.std(axis=0).max())
 
 
-def rest_error(error: FloatArray, step: float) -> float:
+def compute_rest_error(error: FloatArray, step: float) -> float:
     """Return the 95 % quantile of the tip error in the last second of a run.
 
     Args:
@@ -169,7 +169,7 @@ def flow_suffices(machine: Machine, plant: Machine, commands: Sequence[Command])
         states = [command.trajectory.sample(int(time)) for time in times]
         path = np.array([(each.position, each.velocity, each.acceleration) for each in states])
         rows = np.searchsorted(command.schedule.offset_ns, times - command.stamp_ns, "right") - 1
-        pressure = needed_pressure(plant, path, command.schedule.modes[np.maximum(rows, 0)])
+        pressure = compute_needed_pressure(plant, path, command.schedule.modes[np.maximum(rows, 0)])
         arms = np.array([machine.moment_arms(q) for q in path[:, 0]])
         speed = arms * path[:, 1]
         strokes = np.where(speed > 0.0, m.cap_area, m.rod_area) * np.abs(speed)
@@ -179,7 +179,7 @@ def flow_suffices(machine: Machine, plant: Machine, commands: Sequence[Command])
     return True
 
 
-def planned_time(commands: Sequence[Command]) -> float:
+def compute_planned_time(commands: Sequence[Command]) -> float:
     """Return the time from the beginning of the first plan to the end of the last plan.
 
     Args:

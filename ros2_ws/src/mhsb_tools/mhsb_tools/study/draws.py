@@ -19,24 +19,24 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.goal import format_position
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_planner.cases.moves import random_position
-from mhsb_planner.executor import Jobs, SharedStateExecutor, results_of
+from mhsb_planner.cases.moves import draw_random_position
+from mhsb_planner.executor import Jobs, SharedStateExecutor, yield_results
 from mhsb_planner.online.commit_horizon import compute_offline_horizon
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import DEFAULT_PLANNER, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
-from mhsb_sim.circuit.audit import energy_by_source
+from mhsb_sim.circuit.audit import sum_energy_by_source
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.study.draw_measures import (
+    compute_planned_time,
+    compute_rest_error,
     flow_suffices,
-    planned_time,
+    measure_spool_deviation,
     read_payload_estimate,
-    rest_error,
-    spool_deviation,
 )
 from mhsb_tools.study.headless import TimedGoal
 from mhsb_tools.study.replay import Replay, replay
-from mhsb_tools.study.servo_study import hold_start, plan_goals, supply_overshoot
+from mhsb_tools.study.servo_study import compute_supply_overshoot, make_hold_command, plan_goals
 from mhsb_tools.study.variations import Variations, draw_machine
 
 GOAL_COUNT = 6
@@ -69,7 +69,7 @@ class DrawRecord:
             [mm].
         tip_error_max_mm: Largest such distance [mm].
         supply_overshoot_mpa: Largest excess of a supply line over what the motion of the plant
-            needs, see `servo_study.supply_overshoot` [MPa].
+            needs, see `servo_study.compute_supply_overshoot` [MPa].
         relief_opened: Whether any relief valve let oil through.
         time_lost: Time by which the reference arrived later than the last plan says [s].
         interventions: Number of times that the guard boosted or slowed beyond the plan.
@@ -191,7 +191,7 @@ class DrawStudy:
         self._goals = goals
         self._controllers = controllers or select_controllers(machine)
         self._replanner = Replanner(machine, load_or_build_table(machine))
-        self._rest = hold_start(machine)
+        self._rest = make_hold_command(machine)
 
     def run_draw(self, draw: int) -> list[DrawRecord]:
         """Choose a plant and goals at random, and simulate every controller on them.
@@ -282,7 +282,7 @@ class DrawStudy:
         """
         horizon = compute_offline_horizon(self._machine)
         while True:
-            position = random_position(self._machine, random)
+            position = draw_random_position(self._machine, random)
             try:
                 self._replanner.replan(self._rest, 0, position, horizon, REACH_OPTIONS)
             except MhsbError:
@@ -314,41 +314,45 @@ class DrawStudy:
             simulator = Simulator(self._machine, controller, seed=draw, plant=plant)
             run = replay(simulator, sequence.commands, sequence.duration)
             error = 1e3 * run.tip_error(plant)
-            sources = energy_by_source(run.energies).values()
+            sources = sum_energy_by_source(run.energies).values()
             sentences, lost = (
                 read_payload_estimate(plant, run),
                 compute_time_lost(sequence.commands, run),
             )
-            planned = max(planned_time(sequence.commands), run.step)
+            planned = max(compute_planned_time(sequence.commands), run.step)
             return DrawRecord(
                 controller,
                 draw,
                 drawn,
                 tip_error_rms_mm=float(np.sqrt(np.mean(error**2))),
                 tip_error_max_mm=float(error.max()),
-                supply_overshoot_mpa=float(supply_overshoot(plant, run).max() / 1e6),
+                supply_overshoot_mpa=float(compute_supply_overshoot(plant, run).max() / 1e6),
                 relief_opened=run.energies["relief_valves"] > 0.0,
                 time_lost=lost,
                 later_percent=None if run.hold_reason else 100.0 * lost / planned,
                 interventions=run.interventions,
                 held=run.hold_reason,
-                rho_s=float(1e-3 * error.max() / max(highest_tip_speed(plant, run), LOWEST_SPEED)),
+                rho_s=float(
+                    1e-3 * error.max() / max(compute_highest_tip_speed(plant, run), LOWEST_SPEED)
+                ),
                 energy_hydraulic_j=sum(source["hydraulic"] for source in sources),
                 energy_shaft_j=sum(source["shaft"] for source in sources),
-                rest_error_mm=None if run.hold_reason else rest_error(error, run.step),
+                rest_error_mm=None if run.hold_reason else compute_rest_error(error, run.step),
                 flow_suffices=flow_suffices(self._machine, plant, sequence.commands),
                 payload_kg=sentences.value if sentences else None,
                 payload_half_interval_kg=sentences.half_interval if sentences else None,
                 payload_error_percent=sentences.error_percent if sentences else None,
                 payload_holds=sentences.holds if sentences else None,
-                spool_deviation_percent=None if run.hold_reason else spool_deviation(simulator),
+                spool_deviation_percent=None
+                if run.hold_reason
+                else measure_spool_deviation(simulator),
                 failure=sequence.refused,
             )
         except Exception as error:  # any failure is a result of this draw
             return DrawRecord(controller, draw, drawn, failure=_reason(error))
 
 
-def highest_tip_speed(machine: Machine, run: Replay) -> float:
+def compute_highest_tip_speed(machine: Machine, run: Replay) -> float:
     """Return the largest tip speed of the reference that was followed [m/s]."""
     tips = machine.tip_in_base(run.reference[:, 0])
     return float(np.linalg.norm(np.diff(tips, axis=0), axis=1).max(initial=0.0)) / run.step
@@ -393,7 +397,7 @@ def run_draws(
         ClusterError: The cluster does not answer.
     """
     with SharedStateExecutor(jobs, make_study) as pool:
-        yield from results_of(pool.submit(DrawStudy.run_draw, draw) for draw in range(count))
+        yield from yield_results(pool.submit(DrawStudy.run_draw, draw) for draw in range(count))
 
 
 def group_by_controller(records: Sequence[DrawRecord]) -> dict[str, list[DrawRecord]]:

@@ -43,7 +43,7 @@ class EnergyPart:
     simulated: float
 
 
-def energy_elements(planned: Energy, simulated: dict[str, float]) -> list[EnergyPart]:
+def list_energy_parts(planned: Energy, simulated: dict[str, float]) -> list[EnergyPart]:
     """List the parts of a motion's energy, each as planned and as simulated.
 
     Args:

@@ -16,7 +16,7 @@ from mhsb_model.command import Command
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
-from mhsb_planner.executor import Jobs, create_executor, results_of
+from mhsb_planner.executor import Jobs, create_executor, yield_results
 from mhsb_planner.online.commit_horizon import compute_offline_horizon
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import DEFAULT_PLANNER, PlanOptions
@@ -25,7 +25,7 @@ from mhsb_sim.simulation.faults import parse_faults
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
 from mhsb_tools.errors import ScenarioError
-from mhsb_tools.study.servo_study import hold_start
+from mhsb_tools.study.servo_study import make_hold_command
 
 GOAL_POSITION = 0.95, 0.30
 """Goal (x, z) [m] with the arm stretched out, so that joint 1 lifts in boost."""
@@ -111,7 +111,7 @@ class FaultResult:
     closed: float
 
 
-def lift(machine: Machine) -> Command:
+def plan_lift(machine: Machine) -> Command:
     """Plan the motion during which all faults are simulated.
 
     It goes from rest in the start posture to GOAL_POSITION, by the default planner. The posture
@@ -130,7 +130,9 @@ def lift(machine: Machine) -> Command:
     replanner = Replanner(machine, load_or_build_table(machine))
     options = PlanOptions(planner=DEFAULT_PLANNER)
     horizon = compute_offline_horizon(machine)
-    replan = replanner.replan(hold_start(machine), SECOND_NS // 2, GOAL_POSITION, horizon, options)
+    replan = replanner.replan(
+        make_hold_command(machine), SECOND_NS // 2, GOAL_POSITION, horizon, options
+    )
     if replan is None:
         raise ScenarioError(f"the arm is at {GOAL_POSITION} m from the start; faults need a motion")
     return replan.command
@@ -222,10 +224,10 @@ def run_faults(
     """
     for fault in faults:
         parse_faults(fault, machine)
-    motion = lift(machine)
+    motion = plan_lift(machine)
     with create_executor(jobs) as pool:
         tasks = [pool.submit(run_fault, machine, motion, each, controller) for each in faults]
-        yield from results_of(tasks, in_order=True)
+        yield from yield_results(tasks, in_order=True)
 
 
 def as_text(records: Sequence[FaultRecord]) -> list[str]:

@@ -19,7 +19,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, ModeArray, Position
 from mhsb_planner.deadline import Deadline
-from mhsb_planner.motion.motion_profile import motion_profile
+from mhsb_planner.motion.motion_profile import compute_motion_profile
 from mhsb_planner.online.commit_horizon import compute_offline_horizon
 from mhsb_planner.online.replanning import Replan, Replanner
 from mhsb_planner.planner import PlanOptions
@@ -303,7 +303,7 @@ class HeadlessRun:
         )
 
 
-def simulated_move(
+def convert_to_move(
     machine: Machine, samples: Samples, goals: list[TimedGoal], elements: list[EnergyPart]
 ) -> MoveRecord:
     """Convert a simulated run to one move.
@@ -335,7 +335,7 @@ def simulated_move(
         position=samples.position,
         reference=samples.reference,
         modes=samples.modes,
-        speed=motion_profile(machine, samples.position, samples.velocity).speed,
+        speed=compute_motion_profile(machine, samples.position, samples.velocity).speed,
         force=samples.cap_pressure * m.cap_area - samples.rod_pressure * m.rod_area,
         supply=samples.supply_pressure,
         chambers={"cap side": samples.cap_pressure, "rod side": samples.rod_pressure},

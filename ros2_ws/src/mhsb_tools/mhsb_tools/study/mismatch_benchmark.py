@@ -17,7 +17,7 @@ from pydantic import Field
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine
 from mhsb_model.schema import Duration, Section, Weight
-from mhsb_planner.executor import Jobs, SharedStateExecutor, results_of
+from mhsb_planner.executor import Jobs, SharedStateExecutor, yield_results
 from mhsb_planner.planner import DEFAULT_PLANNER, PlanOptions
 from mhsb_planner.search.s2_search import Weights
 from mhsb_tools.study.draws import DrawRecord, DrawStudy, PlannedSequence, group_by_controller
@@ -189,7 +189,7 @@ def run_benchmark(
     runs = [(True, number) for number in range(sequences)]
     runs += [(False, draw) for draw in range(draws)]
     with SharedStateExecutor(jobs, BenchmarkStudy, machine, protocol) as pool:
-        yield from results_of(pool.submit(_run, *run) for run in runs)
+        yield from yield_results(pool.submit(_run, *run) for run in runs)
 
 
 REPORTED_MEASURES = {

@@ -5,17 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.circuit.elements import friction_force
-from mhsb_model.hydraulics import required_pressure
+from mhsb_model.circuit.elements import compute_friction_force
+from mhsb_model.hydraulics import compute_required_pressure
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import moment_arm
 from mhsb_model.machine import Machine
 from mhsb_model.modes import RAIL_MODES
-from mhsb_model.statics import MOTION_WORK, chain_of, compute_motion_torques
+from mhsb_model.statics import MOTION_WORK, compute_motion_torques, get_chain
 from mhsb_model.types import FloatArray, ModeArray
 
 
-def needed_pressure(machine: Machine, reference: FloatArray, modes: ModeArray) -> FloatArray:
+def compute_needed_pressure(
+    machine: Machine, reference: FloatArray, modes: ModeArray
+) -> FloatArray:
     """Compute the supply pressure that each actuator needs to follow a reference.
 
         p = max(P_S, p_hold, p_move)
@@ -80,7 +82,7 @@ def _needed_pressure(
     """
     rows, n = modes.shape
     need = np.empty((rows, n))
-    chain = chain_of(m)
+    chain = get_chain(m)
     work, weight, torque = np.empty((MOTION_WORK, n)), np.empty(n), np.empty(n)
     for k in range(rows):
         q, qd, qdd = reference[k, 0], reference[k, 1], reference[k, 2]
@@ -89,10 +91,10 @@ def _needed_pressure(
         for j in range(n):
             arm = moment_arm(m.linkage[j], q[j])
             speed = arm * qd[j]
-            rubbing = friction_force(friction[0], friction[1], friction[2], speed)
+            rubbing = compute_friction_force(friction[0], friction[1], friction[2], speed)
             force = torque[j] / arm + share[j] * rubbing
-            held = required_pressure(m, j, force, 0.0)
-            moved = required_pressure(m, j, force, speed)
+            held = compute_required_pressure(m, j, force, 0.0)
+            moved = compute_required_pressure(m, j, force, speed)
             need[k, j] = max(m.supply_pressure, held, moved)
             if RAIL_MODES[modes[k, j]]:
                 rail = max(rail, need[k, j])

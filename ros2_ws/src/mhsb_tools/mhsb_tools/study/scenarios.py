@@ -142,7 +142,7 @@ def load_scenarios(file: Path | None = None, machine: Machine | None = None) -> 
     """
     file = file or find_machine_config_file(SCENARIOS_FILE, machine.name if machine else None)
     config = read_study_file(file, StudyConfig)
-    scenarios = scenarios_of(config)
+    scenarios = combine_scenarios(config)
     unknown = set(config.training) - {scenario.name for scenario in scenarios}
     if unknown:
         raise ScenarioError(
@@ -175,7 +175,7 @@ def _check_goals(file: Path, scenario: Scenario, machine: Machine) -> None:
             )
 
 
-def scenarios_of(config: StudyConfig) -> list[Scenario]:
+def combine_scenarios(config: StudyConfig) -> list[Scenario]:
     """Combine every sequence of goals with every pump lag and every payload.
 
     A scenario's name has the form SEQUENCE-LAGms-PAYLOADkg, such as `every_5s-20ms-10kg`. Gains are

@@ -16,20 +16,20 @@ from mhsb_control import select_controllers
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
 from mhsb_model.goal import format_position
-from mhsb_model.holding import holding_modes
+from mhsb_model.holding import choose_holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, Position
-from mhsb_planner.executor import Jobs, create_executor, results_of
-from mhsb_planner.motion.energy import Energy, motion_energy
+from mhsb_planner.executor import Jobs, create_executor, yield_results
+from mhsb_planner.motion.energy import Energy, compute_motion_energy
 from mhsb_planner.online.commit_horizon import compute_offline_horizon
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
-from mhsb_sim.circuit.audit import energy_by_source
+from mhsb_sim.circuit.audit import sum_energy_by_source
 from mhsb_sim.simulation.simulator import Simulator
-from mhsb_tools.study.energy_comparison import EnergyPart, energy_elements
-from mhsb_tools.study.needed_pressure import needed_pressure
+from mhsb_tools.study.energy_comparison import EnergyPart, list_energy_parts
+from mhsb_tools.study.needed_pressure import compute_needed_pressure
 from mhsb_tools.study.replay import Replay, replay
 from mhsb_tools.study.scenarios import Scenario
 
@@ -61,7 +61,7 @@ class StudyRecord:
             [mm].
         tip_error_max_mm: Largest such distance [mm].
         supply_peak_mpa: Highest pressure in any supply line [MPa].
-        supply_overshoot_mpa: Largest excess of a supply line, see `supply_overshoot` [MPa].
+        supply_overshoot_mpa: Largest excess of a supply line, see `compute_supply_overshoot` [MPa].
         chamber_peak_mpa: Highest pressure in any cylinder chamber [MPa].
         relief_opened: Whether any relief valve let oil through.
         energy_mp_j: Energy that the main pump gave to its oil [J].
@@ -165,14 +165,14 @@ def plan_scenario(machine: Machine, scenario: Scenario) -> PlannedScenario:
     return PlannedScenario(scenario, loaded, tuple(commands), tuple(refused))
 
 
-def hold_start(machine: Machine) -> Command:
+def make_hold_command(machine: Machine) -> Command:
     """Return the command that holds the start posture from time 0 on.
 
     Raises:
         HoldingError: Holding the posture needs more booster modules than the machine has.
     """
     start = np.array(machine.config.simulation.start_posture)
-    return Command.hold(0, start, holding_modes(machine, machine.piston_forces(start)))
+    return Command.hold(0, start, choose_holding_modes(machine, machine.piston_forces(start)))
 
 
 def plan_goals(
@@ -197,7 +197,7 @@ def plan_goals(
     """
     commands: list[Command] = []
     refused: list[tuple[Position, MhsbError]] = []
-    command, horizon = hold_start(machine), compute_offline_horizon(machine)
+    command, horizon = make_hold_command(machine), compute_offline_horizon(machine)
     for time, goal in goals:
         try:
             replan = replanner.replan(command, round(time * SECOND_NS), goal, horizon, options)
@@ -232,7 +232,7 @@ def run_controller(
     return replay(simulator, script.commands, script.scenario.duration)
 
 
-def supply_overshoot(machine: Machine, run: Replay) -> FloatArray:
+def compute_supply_overshoot(machine: Machine, run: Replay) -> FloatArray:
     """Compute by how much the pressure in each supply line exceeds what the motion itself needs.
 
         excess(t) = p_line(t) − p(t) − PRESSURE_ALLOWANCE
@@ -254,7 +254,7 @@ def supply_overshoot(machine: Machine, run: Replay) -> FloatArray:
         Excess [Pa], shape (k, n); negative if the line is below p(t) + PRESSURE_ALLOWANCE.
     """
     width = round(NEED_WINDOW / run.step) + 1
-    need = needed_pressure(machine, run.reference, run.modes)
+    need = compute_needed_pressure(machine, run.reference, run.modes)
     ahead = maximum_filter1d(need, width, axis=0, mode="nearest", origin=-(width // 2))
     oil = machine.config.circuit
     capacity = (oil.line_volume + oil.rail_volume) / oil.bulk_modulus
@@ -263,9 +263,9 @@ def supply_overshoot(machine: Machine, run: Replay) -> FloatArray:
     return run.supply_pressure - fading - PRESSURE_ALLOWANCE
 
 
-def planned_energy(script: PlannedScenario, run: Replay) -> Energy:
+def compute_planned_energy(script: PlannedScenario, run: Replay) -> Energy:
     """Return the planner's energy of the motion that was followed."""
-    return motion_energy(script.machine, *run.followed_motion(PLANNED_EVERY))
+    return compute_motion_energy(script.machine, *run.followed_motion(PLANNED_EVERY))
 
 
 def evaluate_run(script: PlannedScenario, controller: str, run: Replay) -> StudyRecord:
@@ -281,21 +281,21 @@ def evaluate_run(script: PlannedScenario, controller: str, run: Replay) -> Study
     """
     machine = script.machine
     error = 1e3 * run.tip_error(machine)
-    source = energy_by_source(run.energies)
+    source = sum_energy_by_source(run.energies)
     return StudyRecord(
         scenario=script.scenario.name,
         controller=controller,
         tip_error_rms_mm=float(np.sqrt(np.mean(error**2))),
         tip_error_max_mm=float(error.max()),
         supply_peak_mpa=float(run.supply_pressure.max() / 1e6),
-        supply_overshoot_mpa=float(supply_overshoot(machine, run).max() / 1e6),
+        supply_overshoot_mpa=float(compute_supply_overshoot(machine, run).max() / 1e6),
         chamber_peak_mpa=float(run.chamber_pressure.max() / 1e6),
         relief_opened=run.energies["relief_valves"] > 0.0,
         energy_mp_j=source["main_pump"]["hydraulic"],
         energy_sp_j=source["servo_pumps"]["shaft"],
         energy_mp_shaft_j=source["main_pump"]["shaft"],
         energy_sp_hydraulic_j=source["servo_pumps"]["hydraulic"],
-        energy_planned_series_j=planned_energy(script, run).series,
+        energy_planned_series_j=compute_planned_energy(script, run).series,
         mode_switches=int(np.count_nonzero(np.diff(run.modes.astype(int), axis=0))),
         held_out=script.scenario.held_out,
         interventions=run.interventions,
@@ -322,7 +322,7 @@ def study_scenario(machine: Machine, scenario: Scenario) -> ScenarioResult:
         run = run_controller(script, controller)
         records.append(evaluate_run(script, controller, run))
         traces[controller] = _trace(script.machine, run)
-        elements[controller] = energy_elements(planned_energy(script, run), run.energies)
+        elements[controller] = list_energy_parts(compute_planned_energy(script, run), run.energies)
     return ScenarioResult(scenario, tuple(records), script.refused, traces, elements)
 
 
@@ -344,7 +344,7 @@ def run_study(
         RequestError: The number of processes is below 1.
     """
     with create_executor(jobs) as pool:
-        yield from results_of(pool.submit(study_scenario, machine, each) for each in scenarios)
+        yield from yield_results(pool.submit(study_scenario, machine, each) for each in scenarios)
 
 
 def as_dicts(results: Sequence[ScenarioResult]) -> list[dict[str, object]]:
@@ -363,7 +363,7 @@ def _trace(machine: Machine, run: Replay) -> FloatArray:
         Shape (k, 3 + n): time [s], tip error [m], supply pressure of each actuator [Pa], highest
         needed pressure of all actuators [Pa].
     """
-    need = needed_pressure(machine, run.reference, run.modes).max(axis=1)
+    need = compute_needed_pressure(machine, run.reference, run.modes).max(axis=1)
     columns = [run.time, run.tip_error(machine), *run.supply_pressure.T, need]
     every = max(1, round(0.01 / run.step))
     return np.column_stack(columns)[::every]

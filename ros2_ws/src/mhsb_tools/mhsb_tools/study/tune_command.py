@@ -22,8 +22,8 @@ from mhsb_tools.study.tuning import (
     Training,
     Trial,
     check_gain_sections,
-    draws_of,
-    present_gains,
+    get_present_gains,
+    make_draws,
     tune,
     write_gains,
 )
@@ -107,7 +107,7 @@ def tune_servo(
         best[controller] = found
         if not json_:
             gains = ", ".join(f"{name} {value:g}" for name, value in found.gains.items())
-            kept = found.gains == present_gains(arm, controller)
+            kept = found.gains == get_present_gains(arm, controller)
             note = f", the file's own: none of {budget} trials was better" if kept else ""
             print(f"{controller}: cost {found.cost:.3f} with {gains}{note}", flush=True)
         if not dry_run:
@@ -175,7 +175,7 @@ def _build_training(arm: Machine, asked: TrainingArguments) -> Training:
     scripts = [
         plan_scenario(arm, each) for each in tqdm(wanted, "plans", leave=False, disable=None)
     ]
-    drawn = draws_of(arm, load_variations(arm, asked.variations), asked.draws, asked.seed)
+    drawn = make_draws(arm, load_variations(arm, asked.variations), asked.draws, asked.seed)
     return Training(scripts, list(tqdm(drawn, "draws", asked.draws, leave=False, disable=None)))
 
 

@@ -26,16 +26,16 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.files.output_folders import replace_file
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
-from mhsb_planner.executor import Jobs, SharedStateExecutor, results_of
+from mhsb_planner.executor import Jobs, SharedStateExecutor, yield_results
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.errors import TuningError
 from mhsb_tools.study.draws import DrawStudy, PlannedSequence
 from mhsb_tools.study.replay import replay
 from mhsb_tools.study.servo_study import (
     PlannedScenario,
+    compute_supply_overshoot,
     evaluate_run,
     run_controller,
-    supply_overshoot,
 )
 from mhsb_tools.study.variations import Variations
 
@@ -132,7 +132,7 @@ class Training:
         return in_the_mean + (float(np.quantile(draws, COST_QUANTILE)) if len(draws) else 0.0)
 
 
-def draws_of(
+def make_draws(
     machine: Machine, variations: Variations, count: int, seed: int
 ) -> Iterator[TuningDraw]:
     """Make the draws (random plants with plans for random goals) with numbers 0 … count − 1.
@@ -203,7 +203,7 @@ def compute_draw_cost(draw: TuningDraw, controller: str, gains: Gains) -> float:
     except MhsbError:
         return FAILURE_COST
     error = 1e3 * run.tip_error(draw.plant)
-    overshoot = float(supply_overshoot(draw.plant, run).max() / 1e6)
+    overshoot = float(compute_supply_overshoot(draw.plant, run).max() / 1e6)
     relief = run.energies["relief_valves"] > 0.0
     fell = bool(error.max() > draw.machine.relative_size * FALLEN_ERROR_MM) or bool(run.hold_reason)
     return _cost_of_run(float(np.sqrt(np.mean(error**2))), overshoot, relief, fell)
@@ -265,7 +265,7 @@ def with_gains(machine: Machine, controller: str, gains: Gains) -> Machine:
     return machine.with_values({f"servo.{controller}.{name}": gains[name] for name in gains})
 
 
-def present_gains(machine: Machine, controller: str) -> Gains:
+def get_present_gains(machine: Machine, controller: str) -> Gains:
     """Return the machine file's values of the gains that are searched, by name.
 
     Raises:
@@ -315,7 +315,7 @@ def tune(
     if not training.scripts and not training.draws:
         raise TuningError("there are neither training scenarios nor draws")
     random = np.random.default_rng(seed)
-    best = Trial(present_gains(machine, controller), math.inf)
+    best = Trial(get_present_gains(machine, controller), math.inf)
     width = 0.5
     done = 0
     with SharedStateExecutor(jobs, tuple, (*training.scripts, *training.draws)) as pool:
@@ -363,7 +363,7 @@ def _compute_costs(
     tasks = [
         pool.submit(_cost, controller, gains, number) for gains in batch for number in range(count)
     ]
-    found = np.reshape(list(results_of(tasks, in_order=True)), (len(batch), count))
+    found = np.reshape(list(yield_results(tasks, in_order=True)), (len(batch), count))
     return [training.cost(costs) for costs in found]
 
 

@@ -11,7 +11,7 @@ from mhsb_model.figure_style import GREEN, MODE_COLOR, VERMILION, rgb
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, IntArray, ModeArray
-from mhsb_planner.posture.s1_polytope import polytope_vertices
+from mhsb_planner.posture.s1_polytope import compute_polytope_vertices
 from mhsb_tools.viewer.arm_scene import PLANE_FRAME
 from mhsb_tools.viewer.boost_regions import UNMOVABLE_REGION
 from mhsb_tools.viewer.shapes import bytes_of
@@ -63,7 +63,7 @@ class PolytopeScene:
             if turned < SMALLEST_TURN and (modes == self._drawn[1]).all():
                 return
         self._drawn = np.array(posture), np.array(modes)
-        corners = POLYTOPE_SCALE * polytope_vertices(
+        corners = POLYTOPE_SCALE * compute_polytope_vertices(
             self._machine.planar_arm, posture[self._first :], modes[self._first :]
         )
         x, z = self._machine.tip_position(posture)

@@ -7,7 +7,7 @@ import numpy as np
 from mhsb_model.machine import Machine
 from mhsb_model.modes import MODE_COUNT
 from mhsb_model.types import FloatArray, IntArray
-from mhsb_planner.posture.s1_polytope import flow_limits
+from mhsb_planner.posture.s1_polytope import compute_flow_limits
 from mhsb_planner.posture.s1_posture_table import PostureTable
 
 UNMOVABLE_REGION = MODE_COUNT
@@ -29,7 +29,7 @@ def find_needed_mode(machine: Machine, posture: FloatArray) -> int:
         Mode code; UNMOVABLE_REGION if for some joint no mode is enough.
     """
     limit = np.empty((machine.joint_count, MODE_COUNT, 2))
-    flow_limits(machine.arrays, posture, limit)
+    compute_flow_limits(machine.arrays, posture, limit)
     moves = limit.min(axis=2) > 0.0  # shape (joints, modes)
     weakest = np.where(np.any(moves, axis=1), np.argmax(moves, axis=1), UNMOVABLE_REGION)
     return int(weakest.max())

@@ -10,10 +10,10 @@ from mhsb_model.machine import load_machine
 from mhsb_tools.commands.demo_command import (
     GOALS_FILE,
     DemoGoal,
-    begin,
     describe_failed_goals,
-    finish,
+    prepare_output_folder,
     read_goals,
+    replace_earlier_results,
 )
 
 GOOD = {"goals_sent": 11, "goals_refused": 0, "lost": []}
@@ -63,18 +63,18 @@ def test_what_an_earlier_demo_made_stays_until_all_of_it_is_there_anew(tmp_path)
         (tmp_path / name / "old").touch()
     (tmp_path / "summary.json").write_text("old")
     (tmp_path / "notes.txt").touch()
-    unfinished = begin(tmp_path)
+    unfinished = prepare_output_folder(tmp_path)
     (unfinished / "half").touch()  # and here it was interrupted
     assert (tmp_path / "report" / "old").exists()
     assert (tmp_path / "summary.json").read_text() == "old"
 
-    assert begin(tmp_path) == unfinished
+    assert prepare_output_folder(tmp_path) == unfinished
     assert list(unfinished.iterdir()) == []
     for name in ("bag", "report"):
         (unfinished / name).mkdir()
         (unfinished / name / "new").touch()
     (unfinished / "summary.json").write_text("new")
-    finish(tmp_path)
+    replace_earlier_results(tmp_path)
     assert sorted(path.name for path in tmp_path.rglob("*")) == sorted(
         ["bag", "new", "report", "new", "summary.json", "notes.txt"]
     )

@@ -7,14 +7,14 @@ import pytest
 
 from mhsb_model.command_line import UsageError
 from mhsb_model.errors import ArgumentError
-from mhsb_planner.cases.paper_cases import paper_cases
+from mhsb_planner.cases.paper_cases import load_paper_cases
 from mhsb_planner.planner import PLANNER_KINDS, PlanOptions
 from mhsb_planner.search.s2_search import Weights
 from mhsb_tools.commands.plan_arguments import (
     build_request,
-    case_line,
-    case_title,
     check_options_have_effect,
+    format_case_line,
+    format_case_title,
     list_replaced_values,
 )
 
@@ -81,21 +81,24 @@ def test_with_nothing_left_to_choose_every_planner_is_taken(planner):
 
 def test_what_is_given_in_place_of_what_a_case_says_is_told():
     asked = build_request(None, (0.6, 0.1), "1-1", (0.0, 15.0, 2.0), "integrated")
-    case = paper_cases()["1-1"]
+    case = load_paper_cases()["1-1"]
     assert list_replaced_values(asked) == [
         f"--goal 0.6 0.1 in place of its {case.goal[0]:g} {case.goal[1]:g}",
         "--weights 0 15 2 in place of its 0.5 0 2",
         "--planner integrated in place of its table",
     ]
-    assert case_line(asked)[0].startswith("Case 1-1, but with --goal 0.6 0.1 in place of")
-    assert case_title(asked) == "Case 1-1, changed: "
-    assert case_title(build_request(None, None, "1-1", planner="integrated")) == "Case 1-1: "
+    assert format_case_line(asked)[0].startswith("Case 1-1, but with --goal 0.6 0.1 in place of")
+    assert format_case_title(asked) == "Case 1-1, changed: "
+    assert format_case_title(build_request(None, None, "1-1", planner="integrated")) == "Case 1-1: "
 
 
 def test_a_case_as_it_is_and_a_move_without_a_case_have_nothing_to_tell():
-    case = paper_cases()["1-1"]
-    assert case_line(build_request(case.start, case.goal, "1-1", (0.5, 0.0, 2.0), "table")) == []
-    assert case_line(build_request(*THERE, planner="integrated")) == []
+    case = load_paper_cases()["1-1"]
+    assert (
+        format_case_line(build_request(case.start, case.goal, "1-1", (0.5, 0.0, 2.0), "table"))
+        == []
+    )
+    assert format_case_line(build_request(*THERE, planner="integrated")) == []
 
 
 def test_weights_that_are_all_zero_are_refused_unless_the_area_counts():

@@ -7,8 +7,8 @@ import pytest
 from mhsb_tools.commands.simulate_command import (
     SimulatedArmArguments,
     as_text,
+    compose_missed_sentence,
     describe_possible_causes,
-    missed_sentence,
 )
 from mhsb_tools.study.headless import GoalRun, TimedGoal
 
@@ -46,7 +46,7 @@ def test_the_causes_of_a_missed_goal_are_those_that_the_run_can_have(arm, file, 
 @pytest.mark.parametrize(("count", "times"), [(0, "0 times"), (1, "once"), (2, "2 times")])
 def test_a_missed_goal_is_told_with_distance_time_and_interventions(count, times):
     result = GoalRun(TimedGoal((0.55, 0.6), 3.0), None, 0.0123, 0.0, 1.5)
-    assert missed_sentence(result, count, "; why") == (
+    assert compose_missed_sentence(result, count, "; why") == (
         "the goal (0.55, 0.6) m is missed: the tip is 12 mm from it 1.5 s after its motion should "
         f"have ended; the guard intervened {times}; why"
     )

@@ -12,14 +12,14 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.cases.moves import Move
 from mhsb_planner.planner import ENERGY_OPTIMAL
 from mhsb_planner.planners.registry import PLANNER_KINDS
-from mhsb_planner.posture.s1_global_search import postures_at
+from mhsb_planner.posture.s1_global_search import find_postures_at
 from mhsb_tools.comparison.compare_command import as_text, draw_proportions, summarize
 from mhsb_tools.comparison.planner_comparison import (
     ComparedMove,
     Comparison,
     PlannerComparer,
     PlannerResult,
-    ratios,
+    compute_ratios,
 )
 
 RECORD = PlannerResult(229.0, 240.0, 250.0, 260.0, 228.0, 4.0, 1, 0.1, 2.0, 0.04, 0.1, 9.0)
@@ -32,7 +32,7 @@ def comparer(machine: Machine) -> PlannerComparer:
 
 @pytest.fixture(scope="module")
 def comparison(comparer: PlannerComparer, machine: Machine) -> Comparison:
-    start = postures_at(machine, 0.60, 0.10).posture[0]
+    start = find_postures_at(machine, 0.60, 0.10).posture[0]
     return comparer.compare(ComparedMove("near", Move(start, (0.65, 0.20)), True))
 
 
@@ -61,7 +61,7 @@ def test_no_path_is_cheaper_than_its_lower_bound_or_the_ground_truth(
 def test_a_goal_without_plan_is_a_failure_with_its_reason(
     comparer: PlannerComparer, machine: Machine
 ) -> None:
-    start = postures_at(machine, 0.60, 0.10).posture[0]
+    start = find_postures_at(machine, 0.60, 0.10).posture[0]
     found = comparer.compare(ComparedMove("far", Move(start, (3.0, 0.0)), False))
     assert not found.records
     assert all("workspace" in reason for reason in found.failures.values())
@@ -85,7 +85,7 @@ def test_arms_that_slew_are_compared_too() -> None:
 
 def test_ratios_are_taken_of_moves_that_both_planners_have() -> None:
     double = replace(RECORD, energy_j=480.0, energy_series_j=500.0, energy_simulated_j=650.0)
-    found = ratios(
+    found = compute_ratios(
         [
             Comparison("1", {"table": RECORD, "integrated": double}, {}),
             Comparison("2", {"table": RECORD}, {"integrated": "no"}),

@@ -13,11 +13,11 @@ from mhsb_tools.comparison.supply_comparison import (
     Supplied,
     as_markdown,
     as_text,
-    by_case,
     compute_supply_energies,
-    totals,
+    format_energy_by_move,
+    sum_supply_energies,
 )
-from mhsb_tools.comparison.supply_systems import SupplyEnergy, baselines, without_leakage
+from mhsb_tools.comparison.supply_systems import SupplyEnergy, baselines, remove_leakage
 
 RIVAL = "constant pressure"
 
@@ -35,7 +35,7 @@ def test_each_supply_takes_its_best_motion_and_all_take_the_same_moves(machine: 
         {"table": given(machine, 7e6, 4.0, 6.0)},
         {"straight": given(machine, 9e6, None, 1.0)},  # nothing that MHSB can do
     ]
-    found = totals(machine, moves)
+    found = sum_supply_energies(machine, moves)
     assert (found["moves"], found["one_pressure_pa"]) == (2, 7e6)
     systems = found["systems"]
     assert systems[PLANNED_SYSTEM]["leaking"]["hydraulic_j"] == 14.0
@@ -54,20 +54,16 @@ def test_a_motion_is_told_with_every_supply(machine: Machine, motion) -> None:
     start = MotionState.at_rest(np.array([0.3, -1.4, -1.5]))
     trajectory, schedule = motion(start, [0.35, -1.35, -1.45])
     moves = [
-        {
-            "planned": compute_supply_energies(
-                machine, without_leakage(machine), trajectory, schedule
-            )
-        }
+        {"planned": compute_supply_energies(machine, remove_leakage(machine), trajectory, schedule)}
     ]
-    found = totals(machine, moves)
+    found = sum_supply_energies(machine, moves)
     mhsb = found["systems"][PLANNED_SYSTEM]
     assert mhsb["tight"]["hydraulic_j"] < mhsb["leaking"]["hydraulic_j"]
     assert mhsb["leaking"]["hydraulic_j"] < mhsb["leaking"]["shaft_j"]
     for lines in (
         as_text("moves", found),
         as_markdown({"moves": found, "none": {}}),
-        by_case(["1-1"], moves, machine),
+        format_energy_by_move(["1-1"], moves, machine),
     ):
         assert all(
             any(name in line for line in lines) for name in (PLANNED_SYSTEM, *baselines(machine))
@@ -75,5 +71,5 @@ def test_a_motion_is_told_with_every_supply(machine: Machine, motion) -> None:
 
 
 def test_nothing_that_mhsb_can_do_gives_nothing(machine: Machine) -> None:
-    assert totals(machine, [{}]) == {}
+    assert sum_supply_energies(machine, [{}]) == {}
     assert as_text("none", {}) == []

@@ -14,14 +14,14 @@ from mhsb_tools.comparison.supply_systems import (
     MotionLoads,
     PumpMap,
     baselines,
+    compute_constant_pressure_energy,
+    compute_loads,
     compute_mhsb_energy,
-    constant_needed_pressure,
-    constant_pressure,
+    compute_needed_pressure_energy,
+    compute_needed_supply,
+    compute_pump_control_energy,
     load_sensing,
-    loads_of,
-    needed_supply,
-    pump_controlled,
-    without_leakage,
+    remove_leakage,
 )
 from mhsb_tools.study.replay import replay
 
@@ -48,13 +48,15 @@ def test_a_steady_lift_takes_what_a_hand_calculation_says(machine: Machine) -> N
     # Twice the pressure over the orifice that leaks: √2 times the oil.
     supply = TANK + 2.0 * (m.supply_pressure - TANK)
     leaked = 3.0 * 3 * m.leakage_flow * np.sqrt(2.0)
-    found = constant_pressure(machine, loads, supply)
+    found = compute_constant_pressure_energy(machine, loads, supply)
     assert found.hydraulic_j == pytest.approx(supply * (stroke + leaked))
     assert found.shaft_j == pytest.approx(
         found.hydraulic_j / oil.main_pump_efficiency + 3.0 * oil.main_pump_drag_power
     )
-    sealed = without_leakage(machine)
-    assert constant_pressure(sealed, loads, supply).hydraulic_j == pytest.approx(supply * stroke)
+    sealed = remove_leakage(machine)
+    assert compute_constant_pressure_energy(sealed, loads, supply).hydraulic_j == pytest.approx(
+        supply * stroke
+    )
     # Joint 1 has the highest load; joint 3 is held, and signals nothing.
     load = (2000.0 + m.rod_area[0] * TANK) / m.cap_area[0]
     sensed = load_sensing(sealed, loads, 1e6)
@@ -63,8 +65,8 @@ def test_a_steady_lift_takes_what_a_hand_calculation_says(machine: Machine) -> N
 
 def test_a_supply_at_the_need_of_a_motion_lets_every_piston_move(machine: Machine, lift) -> None:
     """By the planner's law at every instant; and no less does."""
-    loads = loads_of(machine, lift[0])
-    supply = needed_supply(machine, loads)
+    loads = compute_loads(machine, lift[0])
+    supply = compute_needed_supply(machine, loads)
     m, oil = machine.arrays, machine.config.hydraulics
     k = oil.valve.rated_flow / np.sqrt(oil.valve.rated_pressure_drop_per_land)
     highest = 0.0
@@ -75,8 +77,10 @@ def test_a_supply_at_the_need_of_a_motion_lets_every_piston_move(machine: Machin
         drop = speed**2 * (area**3 + other**3) / (k**2 * area)
         highest = max(highest, load + drop + oil.boost_margin)
     assert supply == pytest.approx(highest)
-    own = constant_needed_pressure(machine, loads).hydraulic_j
-    assert own == pytest.approx(constant_pressure(machine, loads, supply).hydraulic_j)
+    own = compute_needed_pressure_energy(machine, loads).hydraulic_j
+    assert own == pytest.approx(
+        compute_constant_pressure_energy(machine, loads, supply).hydraulic_j
+    )
 
 
 def test_a_constant_pressure_takes_what_the_simulator_takes_with_such_a_pump(
@@ -95,7 +99,7 @@ def test_a_constant_pressure_takes_what_the_simulator_takes_with_such_a_pump(
     command = Command(trajectory, schedule)
     run = replay(simulator, [command], trajectory.duration_ns / SECOND_NS)
     assert run.tip_error(strong).max() < 2e-3
-    found = constant_pressure(machine, loads_of(machine, trajectory), supply)
+    found = compute_constant_pressure_energy(machine, compute_loads(machine, trajectory), supply)
     assert found.hydraulic_j == pytest.approx(run.energies["main_pump"], rel=0.01)
     assert found.shaft_j == pytest.approx(run.energies["main_pump_shaft"], rel=0.01)
 
@@ -103,7 +107,7 @@ def test_a_constant_pressure_takes_what_the_simulator_takes_with_such_a_pump(
 def test_load_sensing_agrees_with_quadrature_over_the_motion(machine: Machine, lift) -> None:
     trajectory = lift[0]
     m, oil = machine.arrays, machine.config.circuit
-    sealed, margin = without_leakage(machine), 1.5e6
+    sealed, margin = remove_leakage(machine), 1.5e6
 
     def power(time: float) -> float:
         offset = np.array([round(time * SECOND_NS)])
@@ -121,7 +125,7 @@ def test_load_sensing_agrees_with_quadrature_over_the_motion(machine: Machine, l
 
     duration = trajectory.duration_ns / SECOND_NS
     expected, _ = quad(power, 0.0, duration, limit=400, epsrel=1e-4)
-    found = load_sensing(sealed, loads_of(machine, trajectory), margin)
+    found = load_sensing(sealed, compute_loads(machine, trajectory), margin)
     assert found.hydraulic_j == pytest.approx(expected, rel=2e-3)
 
 
@@ -169,7 +173,7 @@ def _potential(machine: Machine, q) -> float:
 def test_pumps_without_losses_take_what_the_arm_gains(machine: Machine, lift) -> None:
     """Potential energy, friction, and what the rods push back to the reservoir."""
     trajectory: Trajectory = lift[0]
-    loads, m = loads_of(machine, trajectory), machine.arrays
+    loads, m = compute_loads(machine, trajectory), machine.arrays
     start, end = trajectory.position[0], trajectory.position[-1]
     rods = (m.cap_area - m.rod_area) * TANK
     stroke = machine.cylinder_lengths(end) - machine.cylinder_lengths(start)
@@ -179,7 +183,7 @@ def test_pumps_without_losses_take_what_the_arm_gains(machine: Machine, lift) ->
     friction += oil.viscous_friction * speed**2
     gained = _potential(machine, end) - _potential(machine, start)
     expected = gained + loads.integral(friction.sum(axis=1)) - rods @ stroke
-    found = pump_controlled(machine, loads, PumpMap(1.0, 0.0), True)
+    found = compute_pump_control_energy(machine, loads, PumpMap(1.0, 0.0), True)
     assert found.hydraulic_j == pytest.approx(expected, rel=1e-3)
     assert found.shaft_j == pytest.approx(found.hydraulic_j)
 
@@ -196,18 +200,18 @@ def test_pump_power_is_that_of_both_chambers_in_all_four_quadrants(
     else:
         power = (TANK - (cap * TANK - force) / rod) * rod * speed
     loads = steady((speed, 0.0, 0.0), (force, 0.0, 0.0))
-    found = pump_controlled(machine, loads, PumpMap(0.8, 5.0), True)
+    found = compute_pump_control_energy(machine, loads, PumpMap(0.8, 5.0), True)
     assert found.hydraulic_j == pytest.approx(3.0 * power)
     assert found.shaft_j == pytest.approx(
         3.0 * ((power / 0.8 if power > 0.0 else power * 0.8) + 5.0)
     )
-    braked = pump_controlled(machine, loads, PumpMap(0.8, 5.0), False)
+    braked = compute_pump_control_energy(machine, loads, PumpMap(0.8, 5.0), False)
     assert braked.hydraulic_j == pytest.approx(3.0 * max(0.0, power))
 
 
 def test_without_leakage_every_system_with_valves_takes_less(machine: Machine, lift) -> None:
     trajectory, schedule = lift
-    loads, sealed = loads_of(machine, trajectory), without_leakage(machine)
+    loads, sealed = compute_loads(machine, trajectory), remove_leakage(machine)
     assert (
         compute_mhsb_energy(sealed, trajectory, schedule).shaft_j
         < compute_mhsb_energy(*(machine, *lift)).shaft_j

@@ -5,21 +5,21 @@ import pytest
 
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.cases.paper_cases import paper_case
+from mhsb_planner.cases.paper_cases import get_paper_case
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_tools.moves.move import move_of_plan
 
 
 @pytest.fixture(scope="module")
 def plan(machine, table):
-    case = paper_case("3-2")
+    case = get_paper_case("3-2")
     start = MotionState.at_rest(case.start_posture(machine))
     return Planner(machine, table).plan(case.goal, start, options=PlanOptions(planner="table"))
 
 
 @pytest.fixture(scope="module")
 def move(machine, plan):
-    return move_of_plan(machine, plan, paper_case("3-2").goal, "Case 3-2")
+    return move_of_plan(machine, plan, get_paper_case("3-2").goal, "Case 3-2")
 
 
 def test_the_picture_and_the_text_name_the_same_energies(plan, move):
@@ -33,7 +33,7 @@ def test_the_picture_and_the_text_name_the_same_energies(plan, move):
 
 
 def test_it_begins_and_ends_where_the_case_does(move):
-    case = paper_case("3-2")
+    case = get_paper_case("3-2")
     np.testing.assert_allclose(move.tip[0], case.start, atol=1e-6)
     np.testing.assert_allclose(move.tip[-1], case.goal, atol=1e-6)
     assert move.duration == move.time[-1] > 1.0

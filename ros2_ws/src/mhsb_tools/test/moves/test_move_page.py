@@ -19,7 +19,7 @@ from mhsb_planner import Planner
 from mhsb_tools import plot_plan
 from mhsb_tools.moves import energy_flow, move_page
 from mhsb_tools.moves.move import MoveRecord
-from mhsb_tools.moves.move_page import mode_limits, mode_spans
+from mhsb_tools.moves.move_page import compute_mode_limits, yield_mode_spans
 from mhsb_tools.moves.workspace_drawing import SET_COLORS, draw_obstacles
 
 
@@ -84,13 +84,13 @@ def test_a_machine_without_boosters_has_no_other_modes_on_its_page(move):
 
 def test_spans_cover_all_instants_once():
     mode = np.array([0, 0, 1, 1, 1, 0, 2], dtype=np.uint8)
-    assert list(mode_spans(mode)) == [(0, 2, Mode.N), (2, 5, Mode.DB), (5, 6, Mode.N)]
+    assert list(yield_mode_spans(mode)) == [(0, 2, Mode.N), (2, 5, Mode.DB), (5, 6, Mode.N)]
 
 
 def test_servo_pumps_bound_the_speed_of_boosted_modes(machine):
     m = machine.arrays
     for mode, pumps in ((Mode.DB, 1), (Mode.SB, 2)):
-        slow, fast = mode_limits(machine, 0, mode, np.array([1000.0]))
+        slow, fast = compute_mode_limits(machine, 0, mode, np.array([1000.0]))
         assert fast[0] == pytest.approx(pumps * m.servo_pump_flow / m.cap_area[0])
         assert slow[0] == pytest.approx(-pumps * m.servo_pump_flow / m.rod_area[0])
 
@@ -100,7 +100,7 @@ def test_the_valve_bounds_normal_mode_and_pressure_its_force(machine):
     areas = m.cap_area[0] ** 3 + m.rod_area[0] ** 3
     force = 1200.0
     drive = m.cap_area[0] * (m.supply_pressure - m.boost_margin) - m.rod_area[0] * m.tank_pressure
-    _, fast = mode_limits(machine, 0, Mode.N, np.array([force, 4000.0]))
+    _, fast = compute_mode_limits(machine, 0, Mode.N, np.array([force, 4000.0]))
     assert fast[0] == pytest.approx(m.valve_coefficient[0] * np.sqrt((drive - force) / areas))
     assert fast[1] == 0.0  # more than P_S carries
 
@@ -110,9 +110,13 @@ def test_an_own_valve_bounds_its_actuator_alone(machine):
     share = 2e-5 / machine.config.hydraulics.valve.rated_flow
     at, n = np.array([-500.0, 0.0, 800.0]), Mode.N
     np.testing.assert_allclose(
-        mode_limits(own, 0, n, at), share * np.array(mode_limits(machine, 0, n, at)), rtol=1e-12
+        compute_mode_limits(own, 0, n, at),
+        share * np.array(compute_mode_limits(machine, 0, n, at)),
+        rtol=1e-12,
     )
-    np.testing.assert_array_equal(mode_limits(own, 1, n, at), mode_limits(machine, 1, n, at))
+    np.testing.assert_array_equal(
+        compute_mode_limits(own, 1, n, at), compute_mode_limits(machine, 1, n, at)
+    )
 
 
 def test_bands_are_as_high_as_their_share_and_small_ones_are_left_out():

@@ -7,14 +7,14 @@ import pytest
 
 from mhsb_model.errors import MachineFileError
 from mhsb_model.trajectory import SECOND_NS, MotionState
-from mhsb_planner.cases.paper_cases import paper_case
+from mhsb_planner.cases.paper_cases import get_paper_case
 from mhsb_planner.errors import RequestError
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.search.s2_search import Weights
 from mhsb_tools.moves.operating_point import (
     NoOperatingPointError,
     Range,
-    best_operating_point,
+    find_best_operating_point,
 )
 
 TABLE = PlanOptions(planner="table")
@@ -27,7 +27,7 @@ def planner(machine, table) -> Planner:
 
 
 def move(machine):
-    case = paper_case("1-1")
+    case = get_paper_case("1-1")
     return case.goal, MotionState.at_rest(case.start_posture(machine))
 
 
@@ -57,7 +57,7 @@ def check_told(found):
 @pytest.mark.parametrize("kind", ["table", pytest.param("integrated", marks=pytest.mark.slow)])
 def test_the_best_pressure_is_as_good_as_that_of_a_dense_sweep(machine, table, planner, kind):
     goal_and_start, options = move(machine), PlanOptions(planner=kind)
-    found = best_operating_point(planner, *goal_and_start, options, PRESSURES)
+    found = find_best_operating_point(planner, *goal_and_start, options, PRESSURES)
     check_told(found)
     other = Planner(machine, table)
     best, *dense = (
@@ -76,11 +76,11 @@ def test_pressure_and_speed_together_are_no_worse_than_either_alone(machine, pla
     )
     alone = []
     for ranges in ((PRESSURES, None), (None, SPEEDS)):
-        found = best_operating_point(planner, *goal_and_start, options, *ranges)
+        found = find_best_operating_point(planner, *goal_and_start, options, *ranges)
         check_told(found)
         alone.append(found.best.cost)
         planner.change_machine(machine)
-    both = best_operating_point(planner, *goal_and_start, options, PRESSURES, SPEEDS)
+    both = find_best_operating_point(planner, *goal_and_start, options, PRESSURES, SPEEDS)
     check_told(both)
     assert both.best.cost <= min(alone)
     assert len({each.v_max for each in both.curve}) >= 9
@@ -88,7 +88,7 @@ def test_pressure_and_speed_together_are_no_worse_than_either_alone(machine, pla
 
 def test_samples_are_told_once_the_machine_s_own_point_and_the_ends_among_them(machine, planner):
     told = []
-    found = best_operating_point(
+    found = find_best_operating_point(
         planner, *move(machine), TABLE, Range(3e6, 5.3e6), on_sample=told.append
     )
     assert sorted(told, key=lambda each: each.supply_pressure) == list(found.curve)
@@ -100,7 +100,7 @@ def test_samples_are_told_once_the_machine_s_own_point_and_the_ends_among_them(m
 def test_points_without_plan_say_why_and_the_others_are_chosen_from(machine, table):
     heavy = machine.changed(payload=38.5)
     goal, start = move(machine)
-    found = best_operating_point(Planner(heavy, table), goal, start, TABLE, Range(1e6, 10e6))
+    found = find_best_operating_point(Planner(heavy, table), goal, start, TABLE, Range(1e6, 10e6))
     without = [each for each in found.curve if each.failure]
     assert without
     assert found.best not in without
@@ -112,7 +112,7 @@ def test_a_move_that_has_no_plan_anywhere_is_refused_with_the_ranges(machine, ta
     heavy = machine.changed(payload=80.0)
     goal, start = move(machine)
     with pytest.raises(NoOperatingPointError, match=r"supply pressure in 2e\+06 … 3e\+06 Pa"):
-        best_operating_point(Planner(heavy, table), goal, start, TABLE, Range(2e6, 3e6))
+        find_best_operating_point(Planner(heavy, table), goal, start, TABLE, Range(2e6, 3e6))
 
 
 @pytest.mark.parametrize(
@@ -126,8 +126,8 @@ def test_a_range_has_two_finite_ends_above_0_in_order(ends):
 def test_ranges_that_no_machine_may_have_and_none_at_all_are_refused(machine, planner):
     goal, start = move(machine)
     with pytest.raises(MachineFileError, match=r"main_pump\.pressure"):
-        best_operating_point(planner, goal, start, None, Range(2e6, 100e6))
+        find_best_operating_point(planner, goal, start, None, Range(2e6, 100e6))
     with pytest.raises(MachineFileError, match="max_piston_speed"):
-        best_operating_point(planner, goal, start, None, None, Range(6e-3, 3.0))
+        find_best_operating_point(planner, goal, start, None, None, Range(6e-3, 3.0))
     with pytest.raises(RequestError, match="must be given"):
-        best_operating_point(planner, goal, start)
+        find_best_operating_point(planner, goal, start)

@@ -8,11 +8,11 @@ import pytest
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_planner.posture.s1_global_search import build_posture_table
-from mhsb_tools.moves.operating_regions import operating_regions
+from mhsb_tools.moves.operating_regions import determine_operating_regions
 
 
 def test_a_joint_needs_boost_where_its_load_and_losses_exceed_the_supply(machine, table):
-    regions = operating_regions(machine, table)
+    regions = determine_operating_regions(machine, table)
     m, oil = machine.arrays, machine.config.hydraulics
     postures = table.posture[table.feasible, 0]
     assert len(regions.nodes) == len(postures) == np.count_nonzero(table.feasible)
@@ -31,14 +31,17 @@ def test_a_joint_needs_boost_where_its_load_and_losses_exceed_the_supply(machine
 
 def test_a_stronger_main_pump_leaves_no_need(machine, table):
     strong = machine.changed(supply_pressure=3e7)
-    assert not np.any(operating_regions(strong, table).boosted)
+    assert not np.any(determine_operating_regions(strong, table).boosted)
 
 
 @pytest.mark.parametrize("name", ["excavator.yaml", "forestry_crane.yaml"])
 def test_an_arm_that_slews_needs_boost_where_its_plane_does(name):
     arm = load_machine(find_config_file(name))
     table = build_posture_table(arm, spacing=2 * arm.config.workspace.spacing)
-    regions, of_plane = operating_regions(arm, table), operating_regions(arm.planar_arm, table)
+    regions, of_plane = (
+        determine_operating_regions(arm, table),
+        determine_operating_regions(arm.planar_arm, table),
+    )
     assert regions.boosted.shape[1] == arm.joint_count
     assert not regions.boosted[:, 0].any()
     assert np.array_equal(regions.boosted[:, 1:], of_plane.boosted)

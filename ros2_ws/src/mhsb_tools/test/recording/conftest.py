@@ -84,7 +84,7 @@ def write_own(folder: Path, count: int = 1200, namespace: str = "", start: int =
     """A recording by the suite's own writer."""
     with BagWriter(folder) as bag:
         for topic in (topics.JOINT_STATES, topics.MODES, topics.ESTIMATES):
-            qos = bag_format.qos_text(topic.qos)
+            qos = bag_format.format_qos(topic.qos)
             bag.add_topic(BagTopic(f"{namespace}/{topic.name}", topic.type_name, qos))
         for number in range(count):
             time_ns = start + number * PERIOD

@@ -40,16 +40,16 @@ def test_a_definition_holds_the_types_that_it_contains():
     ],
 )
 def test_qos_is_written_in_the_words_of_rosbag2(profile, reliability, durability, depth):
-    [written] = yaml.safe_load(bag_format.qos_text(profile))
+    [written] = yaml.safe_load(bag_format.format_qos(profile))
     assert written["reliability"] == reliability
     assert written["durability"] == durability
     assert written["depth"] == depth
-    assert "&" not in bag_format.qos_text(profile)
+    assert "&" not in bag_format.format_qos(profile)
 
 
 @pytest.mark.parametrize("word", ["nsec", "depth", "lifespan", "liveliness: ", "sec: 9"])
 def test_qos_of_a_damaged_recording_that_lacks_a_key_is_left_out_of_its_metadata(tmp_path, word):
-    text = bag_format.qos_text(qos.DEFAULT)
+    text = bag_format.format_qos(qos.DEFAULT)
     for written, count in ((text, 1), (text.replace(word, f"x{word}", 1), 0)):
         topic = BagTopic("/goal_pose", "geometry_msgs/msg/PoseStamped", written)
         contents = BagContents(1, 2, ((topic, 1),))

@@ -65,7 +65,7 @@ def write(folder: Path, namespace: str = "") -> None:
         for topic in topics.SUITE_TOPICS:
             name = topic.name if topic.name.startswith("/") else f"{namespace}/{topic.name}"
             absolute[topic] = name
-            bag.add_topic(BagTopic(name, topic.type_name, bag_format.qos_text(topic.qos)))
+            bag.add_topic(BagTopic(name, topic.type_name, bag_format.format_qos(topic.qos)))
 
         def put(topic, ros_ns, message):
             bag.write(absolute[topic], serialize_message(message), wall(ros_ns), wall(ros_ns))

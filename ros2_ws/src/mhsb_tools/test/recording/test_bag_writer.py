@@ -21,8 +21,8 @@ from mhsb_tools.recording.bag_format import BagError, BagTopic
 from mhsb_tools.recording.bag_repair import repair_recording
 from mhsb_tools.recording.bag_writer import BagWriter
 
-STATES = BagTopic("/joint_states", "sensor_msgs/msg/JointState", bag_format.qos_text(qos.DEFAULT))
-MODES = BagTopic("/modes", "std_msgs/msg/UInt8MultiArray", bag_format.qos_text(qos.LATCHED))
+STATES = BagTopic("/joint_states", "sensor_msgs/msg/JointState", bag_format.format_qos(qos.DEFAULT))
+MODES = BagTopic("/modes", "std_msgs/msg/UInt8MultiArray", bag_format.format_qos(qos.LATCHED))
 START = 1_700_000_000_000_000_000
 
 

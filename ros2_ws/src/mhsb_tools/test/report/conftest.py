@@ -132,7 +132,7 @@ class StoryBag:
     def __init__(self, bag: BagWriter) -> None:
         self._bag = bag
         for topic in topics.SUITE_TOPICS:
-            qos = bag_format.qos_text(topic.qos)
+            qos = bag_format.format_qos(topic.qos)
             bag.add_topic(BagTopic(self._name(topic), topic.type_name, qos))
 
     def put(self, topic: topics.Topic, time: float, message: object) -> None:

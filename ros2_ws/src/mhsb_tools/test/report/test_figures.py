@@ -14,14 +14,14 @@ from mhsb_model.figure_style import DOTS_PER_INCH, FIGURE_WIDTH, choose_extreme_
 from mhsb_model.modes import Mode
 from mhsb_model.verdict import Verdict
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
-from mhsb_tools.moves.operating_regions import operating_regions
+from mhsb_tools.moves.operating_regions import determine_operating_regions
 from mhsb_tools.recording.bag_reader import read_recording
 from mhsb_tools.recording.recording import TimedValue
 from mhsb_tools.report import figures
 from mhsb_tools.report.estimate_figure import draw_estimate_panels, group_estimates
 from mhsb_tools.report.hydraulic_figures import draw_pressure_limits
 from mhsb_tools.report.recorded_run import evaluate_recording
-from mhsb_tools.report.run_axes import mode_spans
+from mhsb_tools.report.run_axes import list_mode_spans
 from mhsb_tools.report.workspace_figure import _draw_goals
 
 NAMES = ["energy.png", "joints.png", "modes.png", "pressures.png", "tip_error.png", "workspace.png"]
@@ -30,7 +30,7 @@ NAMES = ["energy.png", "joints.png", "modes.png", "pressures.png", "tip_error.pn
 @pytest.fixture(scope="module")
 def drawn(run, tmp_path_factory):
     folder = tmp_path_factory.mktemp("figures")
-    regions = operating_regions(run.machine, load_or_build_table(run.machine))
+    regions = determine_operating_regions(run.machine, load_or_build_table(run.machine))
     assert sorted(path.name for path in figures.draw_all(run, regions, folder)) == NAMES
     return folder
 
@@ -90,7 +90,7 @@ def test_nothing_half_written_is_left(drawn):
 
 def test_a_recording_without_plans_and_reports_is_drawn_all_the_same(idle_bag, machine, tmp_path):
     idle = evaluate_recording(read_recording(idle_bag), machine)
-    regions = operating_regions(machine, load_or_build_table(machine))
+    regions = determine_operating_regions(machine, load_or_build_table(machine))
     assert len(figures.draw_all(idle, regions, tmp_path)) == len(NAMES)
 
 
@@ -113,7 +113,7 @@ def learnt_in(run):
 
 
 def test_what_the_servo_has_learnt_is_drawn_where_it_has_told_it(run, tmp_path):
-    regions = operating_regions(run.machine, load_or_build_table(run.machine))
+    regions = determine_operating_regions(run.machine, load_or_build_table(run.machine))
     names = [path.name for path in figures.draw_all(learnt_in(run), regions, tmp_path)]
     assert sorted(names) == sorted([*NAMES, "estimates.png"])
     picture = matplotlib.image.imread(tmp_path / "estimates.png")[..., :3]
@@ -152,6 +152,6 @@ def test_few_points_are_all_drawn(count):
 
 
 def test_spans_of_modes_cover_the_recording(run):
-    assert mode_spans(run, 0, Mode.N) == [(0.0, pytest.approx(10.0))]
-    assert mode_spans(run, 0, Mode.DB) == [(pytest.approx(10.0), pytest.approx(12.0))]
-    assert mode_spans(run, 0, Mode.SB) == []
+    assert list_mode_spans(run, 0, Mode.N) == [(0.0, pytest.approx(10.0))]
+    assert list_mode_spans(run, 0, Mode.DB) == [(pytest.approx(10.0), pytest.approx(12.0))]
+    assert list_mode_spans(run, 0, Mode.SB) == []

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mhsb_planner.motion.energy import motion_energy
+from mhsb_planner.motion.energy import compute_motion_energy
 from mhsb_tools.recording.recording import TimedValue
 from mhsb_tools.report.recorded_energy import compute_energy_record
 from mhsb_tools.report.recorded_motion import cut_trajectory
@@ -15,8 +15,8 @@ from mhsb_tools.report.recorded_motion import cut_trajectory
 
 def test_a_motion_costs_what_its_published_plan_costs(run):
     path, schedule = run.recording.trajectories[0], run.recording.schedules[0]
-    planned = motion_energy(run.machine, path, schedule)
-    executed = motion_energy(
+    planned = compute_motion_energy(run.machine, path, schedule)
+    executed = compute_motion_energy(
         run.machine, cut_trajectory(run.reference, path.stamp_ns, path.end_ns), run.modes
     )
     assert executed.paper == pytest.approx(planned.paper, rel=1e-6)

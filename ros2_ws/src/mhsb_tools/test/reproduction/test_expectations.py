@@ -12,7 +12,7 @@ from mhsb_tools.reproduction.expectations import (
     at_least,
     at_most,
     judge_expectation,
-    records,
+    judge_expectations,
 )
 from mhsb_tools.reproduction.runs import Run, Runs
 
@@ -41,7 +41,7 @@ def scaled(path, **factors):
 
 
 def test_every_expectation_is_judged_once(runs):
-    found = records(runs)
+    found = judge_expectations(runs)
     assert tuple(each.id for each in found) == IDS
     json.dumps([asdict(each) for each in found], allow_nan=False)
     for each in found:
@@ -75,7 +75,7 @@ def test_an_energy_order_that_turns_round_is_missed(runs):
 
 
 def test_a_run_without_path_leaves_its_expectations_unmet_and_says_why(runs):
-    found = {each.id: each for each in records(swapped(runs, **{"1-2": None}))}
+    found = {each.id: each for each in judge_expectations(swapped(runs, **{"1-2": None}))}
     assert not found["1-1"].met
     assert found["1-1"].sentence == "missed: run 1-2 has no path (no path)"
     assert found["1-1"].shortfall == 1.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.modes import Mode
-from mhsb_planner.posture.s1_polytope import polytope_area
+from mhsb_planner.posture.s1_polytope import compute_polytope_area
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_tools.reproduction import measures
 
@@ -46,6 +46,6 @@ def test_the_way_it_goes(path):
 
 
 def test_polytopes_are_those_of_each_step_s_own_modes(machine, path):
-    found = measures.polytope_profile(machine, path)
+    found = measures.compute_polytope_profile(machine, path)
     for area, q, modes in zip(found, path.posture[1:], path.modes, strict=True):
-        assert area == polytope_area(machine, q, modes)
+        assert area == compute_polytope_area(machine, q, modes)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mhsb_tools.commands import reproduce_command
-from mhsb_tools.reproduction.expectations import records
+from mhsb_tools.reproduction.expectations import judge_expectations
 from mhsb_tools.reproduction.runs import (
     HEURISTIC_SCALES,
     Runs,
@@ -65,10 +65,10 @@ def test_the_summary_has_a_record_for_every_expectation(folder, runs, published)
     summary = json.loads((folder / "summary.json").read_text())
     found = summary["expectations"]
     assert [(each["id"], each["met"]) for each in found] == [
-        (each.id, each.met) for each in records(published.by_published_search())
+        (each.id, each.met) for each in judge_expectations(published.by_published_search())
     ]
     assert [(each["id"], each["exact"]["met"]) for each in found] == [
-        (each.id, each.met) for each in records(runs)
+        (each.id, each.met) for each in judge_expectations(runs)
     ]
     assert summary["met"] == sum(each["met"] for each in found)
     assert summary["met_exact"] == sum(each["exact"]["met"] for each in found)

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.cases.paper_cases import paper_cases
+from mhsb_planner.cases.paper_cases import load_paper_cases
 from mhsb_planner.planner import Planner
 from mhsb_tools.reproduction.runs import (
     ENERGY_WEIGHTS,
     PISTON_SPEEDS,
     SWITCH_WEIGHTS,
     TIME_WEIGHTS,
+    count_work_units,
     evaluate,
     integrated_run,
     integrated_settings,
@@ -21,7 +22,6 @@ from mhsb_tools.reproduction.runs import (
     speed_run,
     switch_run,
     weight_run,
-    work_units,
 )
 
 REDUCED = ("1-1", "4-2", "c5.vmax 0.03", "c5.ps 2.5e+06", "c5.ps 2.5e+06 kept table")
@@ -36,7 +36,7 @@ def reduced(machine):
 
 def test_there_is_a_run_for_every_case_and_every_point_of_the_sweeps(runs):
     sweeps = len(ENERGY_WEIGHTS) * len(TIME_WEIGHTS) + len(PISTON_SPEEDS) + len(SWITCH_WEIGHTS)
-    assert set(paper_cases()) <= set(runs.runs)
+    assert set(load_paper_cases()) <= set(runs.runs)
     assert len(runs.runs) == 9 + sweeps + 4
     for run in runs.runs.values():
         assert (run.path is None) == bool(run.failure)
@@ -68,7 +68,7 @@ def test_the_energy_of_a_run_does_not_depend_on_the_threads(runs, reduced):
 def test_cases_come_out_as_the_planner_plans_them(machine, runs):
     planner = Planner(machine, runs.table)
     for name in ("1-1", "1-2", "4-2", "4-3"):
-        case = paper_cases()[name]
+        case = load_paper_cases()[name]
         start = MotionState.at_rest(case.start_posture(machine))
         path = planner.plan(case.goal, start, options=case.options).path
         assert path.cost == pytest.approx(runs[name].path.cost, rel=1e-12)
@@ -86,7 +86,7 @@ def _start_node(runs):
 
 
 def test_progress_adds_up(machine, told_runs):
-    assert sum(told_runs[1]) == work_units(machine, settings())
+    assert sum(told_runs[1]) == count_work_units(machine, settings())
 
 
 def test_tables_that_are_known_are_not_built_again(machine, runs):
@@ -98,8 +98,8 @@ def test_tables_that_are_known_are_not_built_again(machine, runs):
 
 
 def test_a_run_without_path_is_a_result(machine, runs):
-    case = replace(paper_cases()["1-1"], goal=(2.0, 0.0))
-    every = settings({**paper_cases(), "1-1": case})
+    case = replace(load_paper_cases()["1-1"], goal=(2.0, 0.0))
+    every = settings({**load_paper_cases(), "1-1": case})
     run = evaluate(machine, {"1-1": every["1-1"]}, known=runs)["1-1"]
     assert run.path is None
     assert "outside the workspace" in run.failure

@@ -1,6 +1,6 @@
 from dataclasses import replace
 
-from mhsb_tools.study.draw_limits import as_text, figures_of
+from mhsb_tools.study.draw_limits import as_text, compute_figures
 from mhsb_tools.study.draws import DrawRecord
 
 BASE = DrawRecord(
@@ -18,7 +18,7 @@ def test_every_figure_stands_beside_its_limit() -> None:
                 payload_holds=False, relief_opened=True),
         DrawRecord("coordinated", 20, {}, failure="it diverged"),
     ]  # fmt: skip
-    found = {figure.name: figure for figure in figures_of(records)}
+    found = {figure.name: figure for figure in compute_figures(records)}
     assert found["tip error, largest [mm], worst"].value == 30.0
     assert not found["tip error, largest [mm], worst"].is_within_limits
     assert found["tip error, RMS [mm], p95"].is_within_limits
@@ -36,5 +36,5 @@ def test_every_figure_stands_beside_its_limit() -> None:
 
 def test_what_no_run_tells_is_left_out() -> None:
     silent = replace(BASE, payload_kg=None, payload_error_percent=None, payload_holds=None)
-    names = [figure.name for figure in figures_of([silent])]
+    names = [figure.name for figure in compute_figures([silent])]
     assert not any("payload" in name or "interval" in name for name in names)

@@ -8,12 +8,12 @@ from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.study.draw_measures import (
     LEARNING_TIME,
+    compute_planned_time,
+    compute_rest_error,
     find_row_moved_both_ways,
     flow_suffices,
-    planned_time,
+    measure_spool_deviation,
     read_payload_estimate,
-    rest_error,
-    spool_deviation,
 )
 from mhsb_tools.study.replay import Replay
 
@@ -71,19 +71,19 @@ def test_the_payload_is_looked_at_once_joints_have_moved_long_enough_and_both_wa
 
 
 def test_at_rest_a_spool_stands_still_unless_a_swing_keeps_itself_up(machine: Machine) -> None:
-    calm = spool_deviation(Simulator(machine))
+    calm = measure_spool_deviation(Simulator(machine))
     late = machine.with_values(
         {"imperfections.computing_delay": 0.02, "circuit.bulk_modulus": 1.6e9}
     )
     swinging = Simulator(machine, plant=late)
     swinging.advance(1.0)
     assert calm < 0.1
-    assert spool_deviation(swinging) > 5.0 * calm
+    assert measure_spool_deviation(swinging) > 5.0 * calm
 
 
 def test_the_last_second_is_what_counts_as_rest() -> None:
     error = np.concatenate([np.full(300, 9.0), np.linspace(0.0, 1.0, 101)[:100]])
-    assert rest_error(error, STEP) == pytest.approx(0.95, abs=0.02)
+    assert compute_rest_error(error, STEP) == pytest.approx(0.95, abs=0.02)
 
 
 def test_flow_suffices_where_strokes_and_leakage_are_within_the_main_pumps(
@@ -98,5 +98,5 @@ def test_flow_suffices_where_strokes_and_leakage_are_within_the_main_pumps(
         plant = machine.with_values({"hydraulics.main_pump.max_flow": float(flow)})
         assert plant.arrays.main_pump_flow == pytest.approx(flow, rel=1e-6)
         assert flow_suffices(machine, plant, [command]) is suffices
-    assert planned_time([command]) == pytest.approx(6.0)
-    assert planned_time([]) == 0.0
+    assert compute_planned_time([command]) == pytest.approx(6.0)
+    assert compute_planned_time([]) == 0.0

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from mhsb_model.trajectory import MotionState
-from mhsb_planner.motion.energy import motion_energy
+from mhsb_planner.motion.energy import compute_motion_energy
 from mhsb_sim.circuit.valves.registry import VALVE_KINDS
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.study.energy_comparison import (
     OTHER_LOSSES,
     as_text,
-    energy_elements,
+    list_energy_parts,
     sum_parts,
 )
 
@@ -28,7 +28,9 @@ def elements(request, machine, motion):
     simulator.set_plan(trajectory, schedule)
     while simulator.time_ns < trajectory.end_ns:
         simulator.step()
-    return energy_elements(motion_energy(machine, trajectory, schedule), simulator.energies)
+    return list_energy_parts(
+        compute_motion_energy(machine, trajectory, schedule), simulator.energies
+    )
 
 
 def by_name(elements):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mhsb_model.holding import holding_modes
+from mhsb_model.holding import choose_holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_planner.search.s2_search import Weights
@@ -20,11 +20,11 @@ from mhsb_tools.study.servo_study import (
     ScenarioResult,
     StudyRecord,
     as_dicts,
+    compute_supply_overshoot,
     evaluate_run,
     plan_scenario,
     run_controller,
     study_scenario,
-    supply_overshoot,
 )
 from mhsb_tools.study.study_figures import draw_study
 
@@ -77,8 +77,8 @@ def test_overshoot_is_counted_above_supply_pressure_and_reserve(machine: Machine
     supply = machine.arrays.supply_pressure
     line = np.full(1000, supply)
     line[500] += 1e6
-    assert not holding_modes(machine, machine.piston_forces(RAISED)).any()
-    excess = supply_overshoot(machine, still_run(machine, np.tile(RAISED, (1000, 1)), line))
+    assert not choose_holding_modes(machine, machine.piston_forces(RAISED)).any()
+    excess = compute_supply_overshoot(machine, still_run(machine, np.tile(RAISED, (1000, 1)), line))
     assert excess[500, 0] == pytest.approx(1e6 - PRESSURE_ALLOWANCE)
     assert excess[499, 0] == pytest.approx(-PRESSURE_ALLOWANCE)
 
@@ -86,7 +86,9 @@ def test_overshoot_is_counted_above_supply_pressure_and_reserve(machine: Machine
 def test_what_is_needed_soon_may_be_there_and_what_was_needed_fades(machine: Machine) -> None:
     postures = np.tile(RAISED, (2000, 1))
     postures[1000:1010] = LOADED
-    excess = supply_overshoot(machine, still_run(machine, postures, np.full(2000, 1e7)))[:, 0]
+    excess = compute_supply_overshoot(machine, still_run(machine, postures, np.full(2000, 1e7)))[
+        :, 0
+    ]
     allowed = 1e7 - excess
     ahead = round(NEED_WINDOW / STEP)
     assert allowed[999 - ahead] < allowed[1001 - ahead]

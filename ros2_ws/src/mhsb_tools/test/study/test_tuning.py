@@ -27,9 +27,9 @@ from mhsb_tools.study.tuning import (
     check_gain_sections,
     compute_draw_cost,
     compute_scenario_cost,
-    draws_of,
+    get_present_gains,
     is_stable,
-    present_gains,
+    make_draws,
     tune,
     with_gains,
     write_gains,
@@ -54,7 +54,7 @@ def test_every_controller_is_tuned_within_ranges_that_hold_its_present_gains(
 ) -> None:
     assert {"coordinated", "independent"} <= set(GAIN_RANGES)
     for controller, ranges in GAIN_RANGES.items():
-        for name, value in present_gains(machine, controller).items():
+        for name, value in get_present_gains(machine, controller).items():
             lowest, highest = ranges[name]
             off = name == "integral_gain" and value == 0.0
             assert off or lowest <= value <= highest
@@ -73,7 +73,7 @@ def test_the_search_only_improves_and_repeats_itself_whatever_the_processes(
     assert all(b.cost <= a.cost for a, b in pairwise(seen))
     assert best == tune(script.machine, training, controller, 10, seed=3, jobs=jobs)
     assert best.cost <= compute_scenario_cost(
-        script, controller, present_gains(script.machine, controller)
+        script, controller, get_present_gains(script.machine, controller)
     )
     assert best.cost == compute_scenario_cost(script, controller, best.gains)
 
@@ -145,14 +145,14 @@ def test_a_file_without_the_gain_gets_a_line_and_without_the_section_is_an_error
 
 @pytest.fixture(scope="module")
 def draws(machine: Machine) -> list[TuningDraw]:
-    return list(draws_of(machine, load_variations(machine), 2, 7))
+    return list(make_draws(machine, load_variations(machine), 2, 7))
 
 
 def test_a_draw_costs_what_its_record_in_the_study_says(
     machine: Machine, draws: list[TuningDraw]
 ) -> None:
     [record, _] = DrawStudy(machine, load_variations(machine), 7).run_draw(1)
-    gains = present_gains(machine, "coordinated")
+    gains = get_present_gains(machine, "coordinated")
     assert record.tip_error_rms_mm is not None
     assert record.supply_overshoot_mpa is not None
     assert not record.relief_opened

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mhsb_model.machine import load_machine
-from mhsb_planner.posture.s1_polytope import polytope_area
+from mhsb_planner.posture.s1_polytope import compute_polytope_area
 from mhsb_tools.viewer.ability_scene import POLYTOPE_SCALE, PolytopeScene, RegionScene
 from mhsb_tools.viewer.boost_regions import UNMOVABLE_REGION
 from mhsb_tools.viewer.server import open_server
@@ -27,7 +27,7 @@ def test_the_outline_at_the_tip_has_the_polytopes_area(server):
     corners = scene._outline.points[:, 0, ::2] - (x, z)
     ahead = np.roll(corners, -1, axis=0)
     area = 0.5 * (corners[:, 0] * ahead[:, 1] - corners[:, 1] * ahead[:, 0]).sum()
-    wanted = POLYTOPE_SCALE**2 * polytope_area(machine, posture, modes)
+    wanted = POLYTOPE_SCALE**2 * compute_polytope_area(machine, posture, modes)
     assert area == pytest.approx(wanted, rel=1e-3)
     scene.hide()
     scene.show(posture, modes)

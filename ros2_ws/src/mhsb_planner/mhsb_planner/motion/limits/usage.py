@@ -3,9 +3,9 @@
     usage = max( Σ_j A_dir|v_j| / (Q_MP − Σ_j q_leak), max_j |v_j| / v_max,j ) ≤ 1
 
 A_dir is the area of the chamber that the supply fills. v_j is a piston speed and v_max,j its limit
-under its load (`speed_limit`). Q_MP is the main pump's flow and q_leak the leakage of a valve at
-its supply pressure. Cylinders up to MAX_HELD_SPEED have no speed limit, since their closed valves
-carry the load. A motion that is slower by the factor `usage` keeps the limit.
+under its load (`compute_speed_limit`). Q_MP is the main pump's flow and q_leak the leakage of a
+valve at its supply pressure. Cylinders up to MAX_HELD_SPEED have no speed limit, since their closed
+valves carry the load. A motion that is slower by the factor `usage` keeps the limit.
 
 Source: paper, Section 2.1, with leakage and modes worked out.
 """
@@ -18,17 +18,17 @@ from mhsb_model.arrays import MachineArrays
 from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import (
     SharedHydraulics,
-    boosted_supply,
+    compute_boosted_supply,
+    compute_extension_speed,
     compute_piston_flow_budget,
+    compute_retraction_speed,
     compute_speed_from_drop,
-    extension_speed,
     get_max_servo_pump_flow,
     get_max_supply_pressure,
     get_shared_hydraulics,
     inlet_area,
     load_pressure,
     opposes_motion,
-    retraction_speed,
 )
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.modes import BOOSTED_MODES
@@ -36,7 +36,7 @@ from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit, TimeScalin
 
 
 @kernel
-def speed_limit(
+def compute_speed_limit(
     oil: SharedHydraulics,
     k: float,
     cap: float,
@@ -78,9 +78,13 @@ def speed_limit(
         speed = compute_speed_from_drop(k, cap, rod, drive, direction)
     else:
         if direction > 0.0:
-            speed = extension_speed(k, cap, rod, oil.supply_pressure, oil.tank_pressure, force)
+            speed = compute_extension_speed(
+                k, cap, rod, oil.supply_pressure, oil.tank_pressure, force
+            )
         else:
-            speed = retraction_speed(k, cap, rod, oil.supply_pressure, oil.tank_pressure, force)
+            speed = compute_retraction_speed(
+                k, cap, rod, oil.supply_pressure, oil.tank_pressure, force
+            )
         speed = min(speed, k * math.sqrt(oil.supply_pressure) / inlet)
     return min(speed, get_max_servo_pump_flow(oil, modules) / inlet)
 
@@ -109,9 +113,9 @@ def measure_usage(m: MachineArrays, state: LimitInputs) -> float:
         v, f, modules = state.speed[j], state.force[j], m.modules_per_mode[modes[j]]
         flow += inlet_area(cap[j], rod[j], v) * abs(v)
         if BOOSTED_MODES[modes[j]]:
-            own[j] = boosted_supply(oil, valve[j], cap[j], rod[j], f, v)
+            own[j] = compute_boosted_supply(oil, valve[j], cap[j], rod[j], f, v)
         if abs(v) > MAX_HELD_SPEED:
-            limit = speed_limit(oil, valve[j], cap[j], rod[j], f, v, modules)
+            limit = compute_speed_limit(oil, valve[j], cap[j], rod[j], f, v, modules)
             fastest = max(fastest, abs(v) / limit) if limit > 0.0 else math.inf
     shared = compute_piston_flow_budget(oil, own, modes)
     return max(fastest, flow / shared) if shared > 0.0 else math.inf

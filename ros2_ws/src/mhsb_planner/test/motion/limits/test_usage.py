@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mhsb_model.hydraulics import get_shared_hydraulics, needs_boost, required_pressure
+from mhsb_model.hydraulics import compute_required_pressure, get_shared_hydraulics, needs_boost
 from mhsb_model.modes import Mode
 from mhsb_planner.motion.limits import usage as usage_limit
 from mhsb_planner.motion.limits.usage import USAGE_LIMIT
@@ -22,7 +22,7 @@ def speed_limit(machine, j, force, direction, mode):
     m = machine.arrays
     modules = m.modules_per_mode[mode]
     own = m.valve_coefficient[j], m.cap_area[j], m.rod_area[j]
-    return usage_limit.speed_limit(get_shared_hydraulics(m), *own, force, direction, modules)
+    return usage_limit.compute_speed_limit(get_shared_hydraulics(m), *own, force, direction, modules)
 
 
 def instant(speed, force, modes):
@@ -71,11 +71,13 @@ def test_against_the_load_the_speed_limit_is_where_the_pressure_is_used_up(
     inlet = m.cap_area[j] if direction > 0 else m.rod_area[j]
     pumped = m.modules_per_mode[mode] * m.servo_pump_flow / inlet
     if limit == 0:
-        assert required_pressure(m, j, force, 1e-9 * direction) >= given_pressure
+        assert compute_required_pressure(m, j, force, 1e-9 * direction) >= given_pressure
     elif mode != Mode.N and limit == pytest.approx(pumped):
-        assert required_pressure(m, j, force, limit * direction) <= given_pressure * (1 + 1e-9)
+        assert compute_required_pressure(m, j, force, limit * direction) <= given_pressure * (
+            1 + 1e-9
+        )
     else:
-        pressure = required_pressure(m, j, force, limit * direction)
+        pressure = compute_required_pressure(m, j, force, limit * direction)
         assert pressure == pytest.approx(given_pressure, rel=1e-9)
 
 
@@ -114,7 +116,9 @@ def test_a_boosted_valve_leaks_by_its_own_pressure_and_on_the_rail_by_that_of_th
     m = machine.arrays._replace(main_pump_flow=1.3e-5)  # so that it is what limits
     machine = replace(machine, arrays=m)
     speed, force = np.array([0.003, 0.003, -0.003]), np.array([3500.0, 2500.0, 1000.0])
-    own = [max(required_pressure(m, j, force[j], v) for v in (0.0, speed[j])) for j in range(3)]
+    own = [
+        max(compute_required_pressure(m, j, force[j], v) for v in (0.0, speed[j])) for j in range(3)
+    ]
     assert own[0] > own[1] > own[2] < m.supply_pressure
     stroke = 0.003 * (m.cap_area[0] + m.cap_area[1] + m.rod_area[2])
 
