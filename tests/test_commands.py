@@ -134,7 +134,7 @@ BAD_ARGUMENTS = [
     (("mhsb_tools", "mhsb", "study", "--draws", "2", "--goals", "0"), "--goals: 0 is below 1"),
     (("mhsb_planner", "goal", "0.5", "up"), "takes X [Y] Z"),
     (("mhsb_planner", "goal", "0.5"), "give X Z or X Y Z [m], not 0.5"),
-    (("mhsb_planner", "goal", "0.5", "0.1", "--timeout", "-1"), "--timeout must be from 0"),
+    (("mhsb_planner", "goal", "0.5", "0.1", "--timeout", "-1"), "--timeout must be from 0.001"),
     (("mhsb_planner", "goal", "0.5", "0.1", "--tolerance", "-1"), "must be from 0 to 2"),
     (("mhsb_planner", "goal", "0.5", "0.1", "--psi-range", "3", "1"), "not 3 and 1"),
     (("mhsb_planner", "planner_node", "--fast"), "--fast"),
@@ -226,15 +226,15 @@ BAD_ARGUMENTS = [
     ),
     (
         ("mhsb_tools", "mhsb", "animate", "--case", "1-1", "--output", "x.gif", "--speed", "0"),
-        "above 0",
+        "--speed must be from 1e-06 to 1e+06 (is 0",
     ),
     (
         ("mhsb_tools", "mhsb", "animate", "--case", "1-1", "--output", "x.gif", "--rate", "99"),
-        "at most 50",
+        "--rate must be from 0.01 to 50 (is 99",
     ),
     (
         ("mhsb_tools", "mhsb", "animate", "--case", "1-1", "--output", "x.gif", "--width", "9"),
-        "200 … 4000",
+        "--width must be from 200 to 4000 (is 9)",
     ),
     (("mhsb_tools", "mhsb", "demo"), "--output"),
     (

@@ -105,7 +105,7 @@ Seed = Annotated[int, NumberRange(0, 2**63 - 1)]
 Count = Annotated[int, NumberRange(0, 1_000_000)]
 """Number of things."""
 
-JobCount = Annotated[int | None, NumberRange(0, 4096)]
+JobCount = Annotated[int | None, NumberRange(1, 4096)]
 """Number of worker processes; None means one for each processor."""
 
 OptionalFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]

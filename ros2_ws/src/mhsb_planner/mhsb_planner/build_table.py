@@ -14,9 +14,9 @@ import tyro
 from tqdm import tqdm
 
 from mhsb_model import command_line
-from mhsb_model.command_line import Count, JobCount, NumberRange
+from mhsb_model.command_line import Count, NumberRange
 from mhsb_model.machine import Machine, load_machine
-from mhsb_planner.cluster import Scheduler, parse_jobs
+from mhsb_planner.cluster import WorkArguments
 from mhsb_planner.posture import s1_global_search, s1_slsqp
 from mhsb_planner.posture.grid import list_grid_nodes
 from mhsb_planner.posture.posture_table_cache import cached_table_path
@@ -47,8 +47,7 @@ def build_table(
     machine: Path | None = None,
     output: Path | None = None,
     table: TableArguments,
-    jobs: JobCount = None,
-    scheduler: Scheduler = None,
+    work: WorkArguments,
     judge: Annotated[Count, tyro.conf.arg(metavar="N")] = 0,
     json: bool = False,
 ) -> None:
@@ -62,8 +61,7 @@ def build_table(
         output: File to write (npz); if left out, the file in the user's cache that the planner
             reads.
         table: Solver and grid of the table.
-        jobs: Number of threads; one for each processor if left out.
-        scheduler: Address of a Dask cluster that does the work instead (docs/cluster.md).
+        work: Who does the work.
         judge: Number of random entries to compare with the paper's solver from 30 random starts, at
             about 0.1 s each. The result is an upper bound on the share of entries whose polytope is
             smaller than the solver's. 0: no comparison.
@@ -72,7 +70,7 @@ def build_table(
     arm = load_machine(machine).planar_arm
     spacing = arm.spacing if table.spacing is None else table.spacing
     total = len(list_grid_nodes(arm, spacing))
-    workers = parse_jobs(jobs, scheduler)
+    workers = work.connect()
     s1_global_search.warm_up(arm)
     began = time.perf_counter()
     with tqdm(total=total, unit="node", desc="posture table") as bar:

@@ -27,9 +27,6 @@ from mhsb_model.command_line import JobCount, UsageError
 from mhsb_planner.errors import ClusterAddressError, ClusterError, WorkersLostError
 from mhsb_planner.executor import Jobs, Result, SharedState, perform
 
-Scheduler = Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")]
-"""Type of the argument `--scheduler`."""
-
 CONNECTED_WITHIN = 5.0
 """Time within which a scheduler must answer [s]."""
 
@@ -303,41 +300,17 @@ def _perform_on_worker(
     return perform(shared, work, *given)
 
 
-def parse_jobs(jobs: int | None, scheduler: str | None) -> Jobs:
-    """Choose the workers from the command-line arguments `--jobs` and `--scheduler`.
-
-    Args:
-        jobs: Number of processes or threads on this machine. None means one for each processor.
-        scheduler: Address of a Dask cluster. None means this machine.
-
-    Returns:
-        The cluster if `scheduler` is given, after a check of its connection and versions. Otherwise
-        `jobs`.
-
-    Raises:
-        UsageError: `jobs` is below 1, or both are given.
-        ClusterError: The cluster cannot be used.
-    """
-    if jobs is not None and jobs < 1:
-        raise UsageError(f"--jobs: {jobs} is below 1")
-    if scheduler is None:
-        return jobs
-    if jobs is not None:
-        raise UsageError("--jobs: a cluster has its workers; leave it out with --scheduler")
-    return Cluster.connect(scheduler)
-
-
 @dataclass(frozen=True)
 class WorkArguments:
-    """Options for who does the large work of a command: processes or a cluster.
+    """Options for who does the large work of a command: this machine or a cluster.
 
     Attributes:
-        jobs: Processes; as many as there are processors when left out.
+        jobs: Processes or threads; as many as there are processors when left out.
         scheduler: Address of a Dask cluster that does the work instead (docs/cluster.md).
     """
 
-    jobs: JobCount = None
-    scheduler: Scheduler = None
+    jobs: Annotated[JobCount, tyro.conf.arg(metavar="N")] = None
+    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
 
     def connect(self) -> Jobs:
         """Return the number of processes, or the cluster after a check of its connection.
@@ -347,7 +320,11 @@ class WorkArguments:
             processor.
 
         Raises:
-            UsageError: `jobs` is below 1, or both are given.
+            UsageError: Both are given.
             ClusterError: The cluster cannot be used.
         """
-        return parse_jobs(self.jobs, self.scheduler)
+        if self.scheduler is None:
+            return self.jobs
+        if self.jobs is not None:
+            raise UsageError("--jobs: a cluster has its workers; leave it out with --scheduler")
+        return Cluster.connect(self.scheduler)

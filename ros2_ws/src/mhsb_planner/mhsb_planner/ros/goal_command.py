@@ -40,7 +40,7 @@ def goal(
         tuple[float, float] | None, tyro.conf.arg(metavar="LOW HIGH"), ANGLE_RANGE
     ] = None,
     wait: bool = False,
-    timeout: Annotated[float, tyro.conf.arg(metavar="S"), NumberRange(0.0, 1e6)] = 10.0,
+    timeout: Annotated[float, tyro.conf.arg(metavar="S"), NumberRange(1e-3, 1e6)] = 10.0,
     json: bool = False,
 ) -> int:
     """Send the tip to (X, Z), or (X, Y, Z) for an arm that slews, and print the verdict.
@@ -67,8 +67,6 @@ def goal(
     if len(place) not in (2, 3):
         given = " ".join(f"{value:g}" for value in place)
         raise command_line.UsageError(f"give X Z or X Y Z [m], not {given or 'nothing'}")
-    if timeout <= 0:
-        raise command_line.UsageError(f"--timeout takes a positive time in s, not {timeout:g}")
     if psi_range is not None and not psi_range[0] <= psi_range[1]:
         low, high = psi_range
         raise command_line.UsageError(

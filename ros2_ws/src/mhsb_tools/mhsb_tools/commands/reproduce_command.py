@@ -12,9 +12,9 @@ from tqdm import tqdm
 
 from mhsb_control import load_machine
 from mhsb_model import command_line
-from mhsb_model.command_line import JobCount, JsonFlag, OptionalFile
+from mhsb_model.command_line import JsonFlag, OptionalFile
 from mhsb_model.files.output_folders import make_output_folder
-from mhsb_planner.cluster import Scheduler, parse_jobs
+from mhsb_planner.cluster import WorkArguments
 from mhsb_planner.errors import RequestError
 from mhsb_planner.result_files import write_json, write_rows
 from mhsb_tools.reproduction import operating_points
@@ -82,8 +82,8 @@ OPERATING_POINT = "operating_point"
 def reproduce(
     output: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/reproduce"),
     machine: OptionalFile = None,
-    jobs: Annotated[JobCount, tyro.conf.arg(metavar="N")] = None,
-    scheduler: Scheduler = None,
+    *,
+    work: WorkArguments,
     json_: JsonFlag = False,
 ) -> None:
     """Run all cases and sweeps of the paper and judge what they show.
@@ -100,8 +100,7 @@ def reproduce(
     Args:
         output: Folder to write to.
         machine: Machine file (YAML) of three joints; the suite's own arm when left out.
-        jobs: Number of threads; one for each processor when left out.
-        scheduler: Address of a Dask cluster that does the work instead (docs/cluster.md).
+        work: Who does the work.
         json_: Print summary.json instead of text.
     """
     arm = load_machine(machine)
@@ -109,7 +108,7 @@ def reproduce(
         raise RequestError(
             "the machine", arm.name, f"must have {PAPER_JOINT_COUNT} joints, as the paper's"
         )
-    workers = parse_jobs(jobs, scheduler)
+    workers = work.connect()
     make_output_folder(output, "what is reproduced")
     command_line.set_interrupt_note(
         f"{output} has the figures that were ready, and no new table and summary"

@@ -85,9 +85,9 @@ class DrawArguments:
     """
 
     variations: OptionalFile = None
-    draws: Annotated[int | None, tyro.conf.arg(metavar="N"), NumberRange(0, 10**6)] = None
+    draws: Annotated[int | None, tyro.conf.arg(metavar="N"), NumberRange(1, 10**6)] = None
     seed: Annotated[int | None, NumberRange(0, 2**63 - 1)] = None
-    goals: Annotated[int | None, tyro.conf.arg(metavar="N"), NumberRange(0, 10**6)] = None
+    goals: Annotated[int | None, tyro.conf.arg(metavar="N"), NumberRange(1, 10**6)] = None
     plant: OptionalFile = None
     controllers: Annotated[list[str] | None, tyro.conf.arg(metavar="NAME")] = None
 
@@ -279,7 +279,6 @@ def study_draws(machine: Machine, asked: DrawArguments, jobs: Jobs, output: Path
 
     Raises:
         UnknownControllerError: A controller does not exist.
-        UsageError: The number of draws or goals is below 1, or the seed is below 0.
         MachineFileError: The plant file cannot be used.
         VariationError: The file of variations cannot be read or is invalid.
         MhsbError: The variations do not fit the plant, or the output folder cannot be used.
@@ -287,11 +286,8 @@ def study_draws(machine: Machine, asked: DrawArguments, jobs: Jobs, output: Path
     controllers = tuple(asked.controllers or select_controllers(machine))
     for name in controllers:
         get_controller_class(name)
-    count = DEFAULT_DRAWS if asked.draws is None else asked.draws
-    seed, goals = asked.seed or 0, GOAL_COUNT if asked.goals is None else asked.goals
-    for name, value, lowest in (("draws", count, 1), ("seed", seed, 0), ("goals", goals, 1)):
-        if value < lowest:
-            raise command_line.UsageError(f"--{name}: {value} is below {lowest}")
+    count = asked.draws or DEFAULT_DRAWS
+    seed, goals = asked.seed or 0, asked.goals or GOAL_COUNT
     plant = load_plant(machine, asked.plant) if asked.plant else machine
     variations = load_variations(plant, asked.variations)
     _prepare_processes(machine, output)
@@ -326,12 +322,9 @@ def study_benchmark(
         The tables of results.md as lines of Markdown, then a line for each run that failed.
 
     Raises:
-        UsageError: The number of draws is below 1.
         MhsbError: The output folder cannot be used, or the posture table has no posture.
     """
-    count = protocol.file.draws if draws is None else draws
-    if count < 1:
-        raise command_line.UsageError(f"--draws: {count} is below 1")
+    count = draws or protocol.file.draws
     _prepare_processes(machine, output)
     total = len(protocol.file.sequences) + count
     runs = run_benchmark(machine, protocol, count, jobs)

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from mhsb_control import load_machine, select_controllers
 from mhsb_model import command_line
-from mhsb_model.command_line import Count, JsonFlag, OptionalFile, Seed
+from mhsb_model.command_line import Count, JsonFlag, NumberRange, OptionalFile, Seed
 from mhsb_model.files.machine_files import find_machine_file
 from mhsb_model.machine import Machine
 from mhsb_planner.cluster import WorkArguments
@@ -54,7 +54,7 @@ class TrainingArguments:
 def tune_servo(
     *,
     machine: OptionalFile = None,
-    budget: Count = 96,
+    budget: Annotated[int, NumberRange(1, 10**6)] = 96,
     training: TrainingArguments,
     work: WorkArguments,
     dry_run: bool = False,
@@ -79,9 +79,14 @@ def tune_servo(
         json_: Print one JSON object instead of text: cost and gains of each controller.
 
     Raises:
-        UsageError: A number is too small, or no controller for this machine has gains to tune.
+        UsageError: A file of variations has no effect, or no controller for this machine has gains
+            to tune.
     """
-    _check_arguments(budget, training)
+    if training.draws == 0 and training.variations is not None:
+        raise command_line.UsageError(
+            f"--variations {training.variations} has no effect: with --draws 0 nothing is varied; "
+            "leave out one of the two"
+        )
     workers = work.connect()
     file = find_machine_file(machine)
     arm = load_machine(file)
@@ -134,28 +139,6 @@ def _select_controllers(arm: Machine) -> list[str]:
             "the arm moves"
         )
     return found
-
-
-def _check_arguments(budget: int, training: TrainingArguments) -> None:
-    """Check the numbers among the options, and that a file of variations has an effect.
-
-    Args:
-        budget: Number of trials of each controller; at least 1.
-        training: Options for scenarios and draws.
-
-    Raises:
-        UsageError: A number is too small, or a file of variations is given although there are no
-            draws.
-    """
-    draws, seed = training.draws, training.seed
-    for name, value, lowest in (("budget", budget, 1), ("draws", draws, 0), ("seed", seed, 0)):
-        if value < lowest:
-            raise command_line.UsageError(f"--{name}: {value} is below {lowest}")
-    if draws == 0 and training.variations is not None:
-        raise command_line.UsageError(
-            f"--variations {training.variations} has no effect: with --draws 0 nothing is varied; "
-            "leave out one of the two"
-        )
 
 
 def _build_training(arm: Machine, asked: TrainingArguments) -> Training:

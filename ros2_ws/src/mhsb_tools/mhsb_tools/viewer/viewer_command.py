@@ -13,7 +13,6 @@ from mhsb_model.command_line import NumberRange, OptionalFile
 from mhsb_tools.recording.bag_reader import read_recording
 
 DEFAULT_PORT = 8080
-HIGHEST_PORT = 65535
 
 
 def viewer(
@@ -37,8 +36,6 @@ def viewer(
     Returns:
         The exit code.
     """
-    if not 0 <= port <= HIGHEST_PORT:
-        raise command_line.UsageError(f"--port: {port} is not within 0 … {HIGHEST_PORT}")
     arm = load_machine(machine)
     recording = read_recording(bag, slews=arm.slews) if bag else None
     from mhsb_tools.viewer.server import open_server

@@ -8,6 +8,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
+from mhsb_planner.cluster import WorkArguments
 from mhsb_tools.commands import reproduce_command
 from mhsb_tools.reproduction.expectations import judge_expectations
 from mhsb_tools.reproduction.runs import (
@@ -52,7 +53,7 @@ def folder(runs, weighed, published, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(reproduce_command, "evaluate", lambda *_: every)
         folder = tmp_path_factory.mktemp("reproduce") / "new"
-        reproduce_command.reproduce(folder)
+        reproduce_command.reproduce(folder, work=WorkArguments())
     return folder
 
 

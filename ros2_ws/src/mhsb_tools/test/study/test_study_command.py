@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from mhsb_control.errors import UnknownControllerError
+from mhsb_model import command_line
 from mhsb_model.command_line import UsageError
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine
@@ -53,11 +54,8 @@ def test_scenarios_of_a_machine_without_pressure_sensors_are_refused(tmp_path: P
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"draws": 0}, "--draws: 0 is below 1"),
-        ({"draws": 3, "seed": -1}, "--seed: -1 is below 0"),
         ({"draws": 3, "scenarios": Path("x.yaml")}, "draws make their own goals"),
         ({"controllers": ["coordinated"]}, "--controllers: goes with --draws"),
-        ({"jobs": 0}, "--jobs: 0 is below 1"),
         ({"plant": Path("x.yaml")}, "--plant: goes with --draws"),
         ({"seed": 3}, "--seed: goes with --draws"),
         ({"faults": [], "draws": 3, "seed": 1}, "the same lift; leave out --draws, --seed"),
@@ -66,7 +64,6 @@ def test_scenarios_of_a_machine_without_pressure_sensors_are_refused(tmp_path: P
         ({"benchmark": True, "controllers": ["coordinated"]}, "leave out --controllers"),
         ({"benchmark": True, "seed": 3}, "--benchmark: its file is the protocol"),
         ({"benchmark": True, "faults": []}, "its file is the protocol; leave out --faults"),
-        ({"benchmark": True, "draws": 0}, "--draws: 0 is below 1"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_a_sentence(
@@ -74,6 +71,24 @@ def test_what_makes_no_sense_is_refused_in_a_sentence(
 ) -> None:
     with pytest.raises(UsageError, match=sentence):
         run_study(output=tmp_path, **options)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--draws", "0"], "--draws must be from 1 to 1e+06 (is 0)"),
+        (["--draws", "3", "--seed", "-1"], "--seed must be from 0 to "),
+        (["--draws", "3", "--goals", "0"], "--goals must be from 1 to 1e+06 (is 0)"),
+        (["--jobs", "0"], "--jobs must be from 1 to 4096 (is 0)"),
+        (["--benchmark", "--draws", "0"], "--draws must be from 1 to 1e+06 (is 0)"),
+    ],
+)
+def test_a_number_out_of_its_range_is_refused_by_the_range(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], sentence: str
+) -> None:
+    assert command_line.run(study, ["--output", str(tmp_path / "study"), *options]) == 2
+    assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "study").exists()
 
 
 def test_draws_that_were_run_are_kept_when_the_study_is_interrupted(

@@ -22,7 +22,9 @@ def speed_limit(machine, j, force, direction, mode):
     m = machine.arrays
     modules = m.modules_per_mode[mode]
     own = m.valve_coefficient[j], m.cap_area[j], m.rod_area[j]
-    return usage_limit.compute_speed_limit(get_shared_hydraulics(m), *own, force, direction, modules)
+    return usage_limit.compute_speed_limit(
+        get_shared_hydraulics(m), *own, force, direction, modules
+    )
 
 
 def instant(speed, force, modes):
