@@ -53,7 +53,8 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.cases.moves import Move, yield_random_moves
-from mhsb_planner.motion.s4_mode_schedule import StartModes, mode_schedule
+from mhsb_planner.motion.s4_mode_schedule import StartModes
+from mhsb_planner.motion.scheduled_motion import ScheduledMotion
 from mhsb_planner.planner import ENERGY_OPTIMAL, Planner, PlanOptions, warm_up
 from mhsb_planner.posture import s1_judge, s1_slsqp
 from mhsb_planner.posture.s1_global_search import build_posture_table
@@ -229,7 +230,7 @@ def _plan_figures(planner: Planner, moves: list[Move], effort: BenchmarkSize) ->
                 move.goal, MotionState.at_rest(move.start), options=PlanOptions(planner="table")
             )
             began = time.perf_counter()
-            mode_schedule(planner.machine, plan.motion.trajectory, settled)
+            _ = ScheduledMotion.create(planner.machine, plan.motion.trajectory, settled).schedule
             s4 = time.perf_counter() - began
             s2, fit = plan.seconds["search"], plan.seconds["fit"]
             row[:] = s2 + fit, s2, fit - s4, s4

@@ -10,10 +10,11 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from tests.support.messages import encode_schedule, encode_trajectory
 
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, quintic_hermite
-from mhsb_msgs_py import mode_schedule, topics, trajectory
+from mhsb_msgs_py import topics
 
 SPACING_NS = SECOND_NS // 50
 HOLD = 2.0  # s
@@ -52,8 +53,8 @@ class Sender:
         schedule = ModeSchedule(stamp_ns, np.array([0]), np.zeros((1, 3), np.uint8))
         return Plan(
             stamp_ns,
-            trajectory.encode(path, machine.joint_names),
-            mode_schedule.encode(schedule, machine.actuator_names),
+            encode_trajectory(path, machine.joint_names),
+            encode_schedule(schedule, machine.actuator_names),
         )
 
     def trajectory(self, plan):

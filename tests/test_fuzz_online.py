@@ -15,12 +15,13 @@ from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.serialization import serialize_message
 from tests.support import spoiling
+from tests.support.messages import encode_schedule, encode_trajectory
 
 from mhsb_model.goal import Goal
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
 from mhsb_model.verdict import GoalVerdict, Outcome, Verdict
-from mhsb_msgs_py import goal_pose, mode_schedule, plan_status, topics, trajectory
+from mhsb_msgs_py import goal_pose, plan_status, topics
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
@@ -100,8 +101,8 @@ def test_strange_plans_neither_move_the_arm_out_of_its_limits_nor_end_the_simula
         held, schedule = holding_plan(arm.references[-1])
         stamps.add(held.stamp_ns)
         messages = {
-            topics.JOINT_TRAJECTORY: trajectory.encode(held, names),
-            topics.MODE_COMMANDS: mode_schedule.encode(schedule, actuators),
+            topics.JOINT_TRAJECTORY: encode_trajectory(held, names),
+            topics.MODE_COMMANDS: encode_schedule(schedule, actuators),
         }
         victim = source.choice(list(messages))
         messages[victim] = spoiling.damage_message(messages[victim], source, source.randint(1, 3))
@@ -133,8 +134,8 @@ def test_torn_bytes_on_every_topic_leave_both_nodes_alive(arm, verdicts, source)
     held, schedule = holding_plan(latest)
     messages = {
         topics.GOAL_POSE: goal_pose.encode(Goal(7, 0.5, 0.1)),
-        topics.JOINT_TRAJECTORY: trajectory.encode(held, arm.machine.joint_names),
-        topics.MODE_COMMANDS: mode_schedule.encode(schedule, arm.machine.actuator_names),
+        topics.JOINT_TRAJECTORY: encode_trajectory(held, arm.machine.joint_names),
+        topics.MODE_COMMANDS: encode_schedule(schedule, arm.machine.actuator_names),
     }
     publishers = {
         topic: arm.create_publisher(topic.message, topic.name, topic.qos) for topic in messages

@@ -10,13 +10,14 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from tests.support.messages import encode_schedule, encode_trajectory
 
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, quintic_hermite
 from mhsb_model.verdict import Outcome, Verdict
-from mhsb_msgs_py import mode_schedule, reference, topics, trajectory
+from mhsb_msgs_py import reference, topics
 from mhsb_msgs_py.reference import Reference
 
 GOALS = ((0.55, 0.60), (0.55, -0.60), (0.85, 0.20), (0.60, 0.45), (0.75, -0.30))
@@ -108,8 +109,8 @@ class Stops:
         path = Trajectory(latest.stamp_ns, offsets, *moving)
         schedule = ModeSchedule(latest.stamp_ns, np.array([0]), np.array([[1, 1, 1]], np.uint8))
         return (
-            trajectory.encode(path, machine.joint_names),
-            mode_schedule.encode(schedule, machine.actuator_names),
+            encode_trajectory(path, machine.joint_names),
+            encode_schedule(schedule, machine.actuator_names),
         )
 
     def two_planners(self):

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 from rclpy.duration import Duration
+from tests.support.messages import encode_schedule, encode_trajectory
 from trajectory_msgs.msg import JointTrajectory
 
 from mhsb_model.arm_reports import HandOverReport
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, quintic_hermite
 from mhsb_model.types import FloatArray
-from mhsb_msgs_py import mode_schedule, stamps, topics, trajectory
+from mhsb_msgs_py import stamps, topics
 
 SPACING_NS = SECOND_NS // 50
 POINTS = 50
@@ -78,8 +79,8 @@ class Commander:
         planned = Trajectory(stamp_ns, offsets, *arrays)
         schedule = ModeSchedule(stamp_ns, np.array([0]), np.array([modes]))
         return (
-            trajectory.encode(planned, machine.joint_names),
-            mode_schedule.encode(schedule, machine.actuator_names),
+            encode_trajectory(planned, machine.joint_names),
+            encode_schedule(schedule, machine.actuator_names),
         )
 
     def send(self, halves: Halves, once_received: Duration | None = None) -> int:

@@ -5,16 +5,14 @@ Positions are exactly 0, 1 or 2 for N, DB, SB. Each point holds until the next o
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Sequence
 
 import numpy as np
-from std_msgs.msg import Header
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory
 
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
-from mhsb_msgs_py import checks, point_arrays, stamps
+from mhsb_msgs_py import checks, point_arrays
 from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.point_arrays import PointArrays
 
@@ -22,30 +20,10 @@ MOST_POINTS = 10_000
 """Largest number of points that an arm accepts."""
 
 
-def encode(schedule: ModeSchedule, actuator_names: Sequence[str]) -> JointTrajectory:
-    """Encode a schedule of n actuators.
-
-    Args:
-        schedule: The schedule.
-        actuator_names: Names of the n actuators.
-    """
-    return JointTrajectory(
-        header=Header(stamp=stamps.to_time(schedule.stamp_ns)),
-        joint_names=list(actuator_names),
-        points=[
-            JointTrajectoryPoint(
-                positions=array("d", modes), time_from_start=stamps.to_duration(int(offset))
-            )
-            for offset, modes in zip(schedule.offset_ns, schedule.modes, strict=True)
-        ],
-    )
-
-
 def to_bytes(schedule: ModeSchedule, actuator_names: Sequence[str]) -> bytes:
     """Encode a schedule as the serialized bytes of its message.
 
-    The result equals the message of `encode` after serialization by rclpy. This function takes less
-    time.
+    The result equals what rclpy makes of the message, and takes less time.
 
     Args:
         schedule: The schedule of n actuators.

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from tests.support import spoiling
+from tests.support.messages import encode_schedule, encode_trajectory
 
 from mhsb_model.arm_reports import HandOverOutcome, HandOverReport, SimulatorReport
 from mhsb_model.goal import Goal
@@ -75,12 +76,12 @@ def codecs() -> dict[str, Codec]:
     return {
         "goal_pose": Codec(goal_pose.encode(Goal(STAMP_NS, 0.5, 0.1)), goal_pose.decode),
         "joint_trajectory": Codec(
-            trajectory.encode(path, JOINTS),
+            encode_trajectory(path, JOINTS),
             lambda message: trajectory.decode(message, JOINTS),
             reads_bytes=True,
         ),
         "mode_commands": Codec(
-            mode_schedule.encode(schedule, ACTUATORS),
+            encode_schedule(schedule, ACTUATORS),
             lambda message: mode_schedule.decode(message, ACTUATORS),
             reads_bytes=True,
         ),

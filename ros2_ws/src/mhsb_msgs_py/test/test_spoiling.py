@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from tests.support import spoiling
+from tests.support.messages import encode_trajectory
 
 from mhsb_model.goal import Goal
 from mhsb_model.trajectory import Trajectory
-from mhsb_msgs_py import goal_pose, names, trajectory
+from mhsb_msgs_py import goal_pose, names
 
 
 def path_message():
     rows = np.zeros((4, 3))
     path = Trajectory(7, 20_000_000 * np.arange(4), rows, rows, rows)
-    return trajectory.encode(path, names.joint_names(3))
+    return encode_trajectory(path, names.joint_names(3))
 
 
 GOOD = {"goal": goal_pose.encode(Goal(7, 0.5, 0.1)), "path": path_message()}

@@ -6,7 +6,7 @@ The last of them is the stepped path, which rests at every node.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 from typing import Literal, Protocol
@@ -25,7 +25,7 @@ from mhsb_planner.motion.s3_following import compute_followed_path
 from mhsb_planner.motion.s3_polynomial import compute_node_times, fit_polynomial
 from mhsb_planner.motion.s3_slowing import USAGE_RESERVE
 from mhsb_planner.motion.s3_state_to_rest import Steering, compute_steered_motion
-from mhsb_planner.motion.s4_mode_schedule import StartModes, SwitchingRules
+from mhsb_planner.motion.s4_mode_schedule import DEFAULT_SWITCHING_RULES, StartModes, SwitchingRules
 from mhsb_planner.motion.trajectory_points import SmoothCurve
 from mhsb_planner.motion.via_check import ViaPoint
 from mhsb_planner.search.discrete_path import DiscretePath
@@ -176,7 +176,7 @@ class FitRules:
     trajectory: TrajectoryKind = "polynomial"
     polynomial_only: bool = False
     stepped: bool = True
-    switching: SwitchingRules = field(default_factory=SwitchingRules)
+    switching: SwitchingRules = DEFAULT_SWITCHING_RULES
     ramp_factors: tuple[float, ...] = (1.0, 1.4, 2.0, 2.8, 4.0, 8.0)
     last_ramp_factor: float = 1.0
     max_stretch: float = 3.0

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.holding import MAX_HELD_SPEED, choose_stop_modes
+from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import (
     compute_inertia_margin,
     compute_pressure_with_margin,
@@ -39,9 +39,9 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import LONG_AGO_NS, ModeSchedule
 from mhsb_model.modes import BOOSTED_MODES, Mode
-from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
-from mhsb_planner.motion.motion_profile import MotionProfile, compute_motion_profile
+from mhsb_planner.motion.motion_profile import MotionProfile
 from mhsb_planner.motion.s3_limits import repeats_previous_row
 
 NEED_FACTOR = 1.005
@@ -71,6 +71,10 @@ class SwitchingRules(NamedTuple):
     min_dwell: float = 0.3
     lead: float = 0.1
     max_hold: float = 1.0
+
+
+DEFAULT_SWITCHING_RULES = SwitchingRules()
+"""Rules by which all planners switch modes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,34 +123,6 @@ class StartModes:
         return cls(schedule.modes_at(time_ns), age)
 
 
-def mode_schedule(machine: Machine, trajectory: Trajectory, start: StartModes) -> ModeSchedule:
-    """Compute the mode schedule of a trajectory by the default rules for switching.
-
-    An actuator is boosted if the main pump's pressure is too low for its load. If there are too few
-    booster modules, mode SB (shared rail) becomes DB (own servo pump). If that does not suffice,
-    actuators that can do without boost get mode N (main pump alone).
-
-    The schedule may still need too many modules, which `s3_limits.find_first_violation` reports. In
-    a short motion, an actuator may be switched twice in too short a time; check this with
-    `keeps_dwell`.
-
-    Args:
-        machine: Machine with its hydraulics and modules.
-        trajectory: Joint trajectory.
-        start: Modes in force at the beginning, and time since each actuator's last switch.
-
-    Returns:
-        Schedule with the trajectory's stamp. Its last row begins at the trajectory's end and has
-        the modes in which the arm then rests.
-    """
-    profile = compute_motion_profile(
-        machine, trajectory.position, trajectory.velocity, trajectory.acceleration
-    )
-    hold = choose_stop_modes(machine, profile.force[-1], start.modes)
-    modes = compute_interval_modes(machine, trajectory.offset_ns / SECOND_NS, profile, start, hold)
-    return create_schedule_of_intervals(trajectory.stamp_ns, trajectory.offset_ns, modes, hold)
-
-
 def compute_interval_modes(
     machine: Machine,
     time: FloatArray,
@@ -154,7 +130,7 @@ def compute_interval_modes(
     start: StartModes,
     hold: ModeArray,
     preferred: ModeArray | None = None,
-    rules: SwitchingRules | None = None,
+    rules: SwitchingRules = DEFAULT_SWITCHING_RULES,
 ) -> ModeArray:
     """Compute the modes of all actuators between the instants of a motion profile.
 
@@ -176,13 +152,12 @@ def compute_interval_modes(
         hold: Modes in which the arm rests after the last instant, shape (n,).
         preferred: Modes that the graph search (S2) chose around each instant, shape (k, n). Only SB
             has an effect. None means no preference.
-        rules: Rules for switching; None means the defaults.
+        rules: Rules for switching.
 
     Returns:
         Mode codes of the intervals between the instants, shape (k - 1, n); no rows if there is only
         one instant.
     """
-    rules = rules or SwitchingRules()
     if preferred is None:
         preferred = np.full(profile.speed.shape, Mode.N)
     if len(time) < 2:
@@ -206,7 +181,7 @@ def keeps_dwell(
     modes: ModeArray,
     start: StartModes,
     hold: ModeArray,
-    rules: SwitchingRules | None = None,
+    rules: SwitchingRules = DEFAULT_SWITCHING_RULES,
 ) -> bool:
     """Return whether every actuator keeps the least time between two mode switches.
 
@@ -215,12 +190,12 @@ def keeps_dwell(
         modes: Mode codes between the instants, shape (k - 1, n).
         start: Modes in force before the first instant, and time since each actuator's last switch.
         hold: Modes from the last instant on, shape (n,).
-        rules: Rules for switching, with the least time `min_dwell`; None means the defaults.
+        rules: Rules for switching, with the least time `min_dwell`.
 
     Returns:
         True if the time is kept. It counts from the last switch before the first instant, too.
     """
-    least = (rules or SwitchingRules()).min_dwell - _ROUNDING
+    least = rules.min_dwell - _ROUNDING
     return bool(_compute_shortest_run(time, modes, start.modes, start.age, hold) >= least)
 
 

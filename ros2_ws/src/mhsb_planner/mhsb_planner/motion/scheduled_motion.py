@@ -17,6 +17,7 @@ from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import ModeArray
 from mhsb_planner.motion.motion_profile import MotionProfile, compute_motion_profile
 from mhsb_planner.motion.s4_mode_schedule import (
+    DEFAULT_SWITCHING_RULES,
     StartModes,
     SwitchingRules,
     compute_interval_modes,
@@ -50,7 +51,7 @@ class ScheduledMotion:
         trajectory: Trajectory,
         start: StartModes,
         preferred: ModeArray | None = None,
-        rules: SwitchingRules | None = None,
+        rules: SwitchingRules = DEFAULT_SWITCHING_RULES,
     ) -> ScheduledMotion:
         """Compute the modes of a trajectory, with a standstill at its end if switches need time.
 
@@ -64,13 +65,12 @@ class ScheduledMotion:
             preferred: Modes that the graph search (S2) chose around each point, shape (points, n).
                 Only SB has an effect: an actuator that needs boost then gets SB. None means no
                 preference.
-            rules: Rules for switching; None means the defaults.
+            rules: Rules for switching.
 
         Returns:
             Trajectory with its profile and its modes, and with the standstill if it was needed. Its
             `keeps_dwell` may be False in spite of the standstill.
         """
-        rules = rules or SwitchingRules()
         once = cls._create_without_rest(machine, trajectory, start, preferred, rules)
         if once.keeps_dwell:
             return once

@@ -18,8 +18,8 @@ from mhsb_planner.motion.s4_mode_schedule import (
     SwitchingRules,
     compute_interval_modes,
     keeps_dwell,
-    mode_schedule,
 )
+from mhsb_planner.motion.scheduled_motion import ScheduledMotion
 
 N, DB, SB = Mode.N, Mode.DB, Mode.SB
 LIGHT, HEAVY = 500.0, 3000.0  # N, against extension: below and above what P_S lifts
@@ -37,7 +37,7 @@ def profile(seconds, speed, force=(LIGHT, LIGHT, LIGHT), inertia=(0.0, 0.0, 0.0)
     return time, MotionProfile(speeds, forces, np.zeros((len(time), 2)), inertias, 0.0 * speeds)
 
 
-def scheduled(machine, time, motion, start, preferred=None, rules=None):
+def scheduled(machine, time, motion, start, preferred=None, rules=SwitchingRules()):  # noqa: B008
     """The modes between the instants of a motion that ends in its holding modes."""
     hold = choose_holding_modes(machine, motion.force[-1])
     return compute_interval_modes(machine, time, motion, start, hold, preferred, rules)
@@ -217,7 +217,7 @@ def test_a_schedule_begins_with_the_trajectory_and_ends_with_its_holding_modes(m
         lift * (30 * u**2 - 60 * u**3 + 30 * u**4) / 2,
         lift * (60 * u - 180 * u**2 + 120 * u**3) / 4,
     )
-    schedule = mode_schedule(machine, motion, NORMAL)
+    schedule = ScheduledMotion.create(machine, motion, NORMAL).schedule
     assert schedule.stamp_ns == 77
     assert schedule.offset_ns[0] == 0
     assert schedule.end_ns == motion.end_ns
@@ -230,7 +230,7 @@ def test_a_schedule_begins_with_the_trajectory_and_ends_with_its_holding_modes(m
 
 def test_an_arm_that_does_not_move_gets_its_holding_modes(machine):
     stretched = np.zeros(3)
-    schedule = mode_schedule(machine, standstill(stretched, 5), NORMAL)
+    schedule = ScheduledMotion.create(machine, standstill(stretched, 5), NORMAL).schedule
     assert schedule.offset_ns.tolist() == [0]
     expected = choose_holding_modes(machine, machine.piston_forces(stretched))
     assert schedule.modes[0].tolist() == expected.tolist()

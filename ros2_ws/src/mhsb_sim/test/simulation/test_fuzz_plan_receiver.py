@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.support import spoiling
+from tests.support.messages import encode_schedule, encode_trajectory
 
 from mhsb_model.arm_reports import HandOverOutcome
 from mhsb_model.mode_schedule import ModeSchedule
@@ -51,7 +52,7 @@ def halves_of_a_plan(arm, source):
     position = np.tile(arm.planned.position, (21, 1))
     path = Trajectory(stamp_ns, np.arange(21) * 20_000_000, position, 0 * position, 0 * position)
     schedule = ModeSchedule(stamp_ns, [0], [[0, 0, source.randrange(2)]])
-    return trajectory.encode(path, JOINTS), mode_schedule.encode(schedule, ACTUATORS)
+    return encode_trajectory(path, JOINTS), encode_schedule(schedule, ACTUATORS)
 
 
 def receive(receiver, kind, message, wall):

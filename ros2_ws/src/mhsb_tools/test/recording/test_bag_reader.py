@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
+from tests.support.messages import encode_schedule, encode_trajectory
 
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import MotionState, Trajectory
@@ -15,7 +16,6 @@ from mhsb_msgs_py import (
     actuator_states,
     goal_pose,
     joint_state,
-    mode_schedule,
     modes_in_force,
     names,
     plan_status,
@@ -23,7 +23,6 @@ from mhsb_msgs_py import (
     sim_status,
     stamps,
     topics,
-    trajectory,
 )
 from mhsb_tools.recording import bag_format
 from mhsb_tools.recording.bag_format import BagError, BagTopic
@@ -80,8 +79,8 @@ def write(folder: Path, namespace: str = "") -> None:
             put(topics.ACTUATOR_STATES, now, actuator_states.encode(hydraulics, ACTUATORS))
         put(topics.GOAL_POSE, 30 * PERIOD, goal_pose.encode(goal_pose.Goal(7, 0.5, 0.25)))
         put(topics.PLAN_STATUS, 31 * PERIOD, plan_status.encode(VERDICT, 31 * PERIOD))
-        put(topics.JOINT_TRAJECTORY, 32 * PERIOD, trajectory.encode(MOVE, JOINTS))
-        put(topics.MODE_COMMANDS, 32 * PERIOD, mode_schedule.encode(SCHEDULE, ACTUATORS))
+        put(topics.JOINT_TRAJECTORY, 32 * PERIOD, encode_trajectory(MOVE, JOINTS))
+        put(topics.MODE_COMMANDS, 32 * PERIOD, encode_schedule(SCHEDULE, ACTUATORS))
         put(topics.PLAN_IN_FORCE, 40 * PERIOD, stamps.to_time(40 * PERIOD))
         put(topics.MODES, 40 * PERIOD, modes_in_force.encode(np.array([2, 0])))
         put(topics.MODES, 40 * PERIOD + PERIOD // 2, modes_in_force.encode(np.array([0, 0])))

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
+from tests.support.messages import encode_schedule, encode_trajectory
 
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
@@ -25,7 +26,6 @@ from mhsb_msgs_py import (
     actuator_states,
     goal_pose,
     joint_state,
-    mode_schedule,
     modes_in_force,
     names,
     plan_status,
@@ -33,7 +33,6 @@ from mhsb_msgs_py import (
     sim_status,
     stamps,
     topics,
-    trajectory,
 )
 from mhsb_tools.recording import bag_format
 from mhsb_tools.recording.bag_format import BagTopic
@@ -180,8 +179,8 @@ def write_plans(bag: StoryBag) -> None:
         (6.0, 10.0, (1e-8, 4e-7)),
     ):
         path, schedule = plan(begin, end)
-        bag.put(topics.JOINT_TRAJECTORY, begin, trajectory.encode(path, joints))
-        bag.put(topics.MODE_COMMANDS, begin, mode_schedule.encode(schedule, actuators))
+        bag.put(topics.JOINT_TRAJECTORY, begin, encode_trajectory(path, joints))
+        bag.put(topics.MODE_COMMANDS, begin, encode_schedule(schedule, actuators))
         bag.put(topics.PLAN_IN_FORCE, begin, stamps.to_time(ns(begin)))
         report = sim_status.HandOverReport("applied", "it continues", ns(begin), *jumps)
         bag.put(topics.DIAGNOSTICS, begin, sim_status.encode(report, ns(begin)))
