@@ -20,6 +20,7 @@ from mhsb_model.linkages import linkage
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, frozen
+from mhsb_planner.posture.grid import list_grid_nodes
 from mhsb_sim.circuit.valves.registry import read_valve_sections
 from mhsb_tools.moves.operating_regions import OperatingRegions
 from mhsb_tools.moves.workspace_drawing import draw_workspace_picture
@@ -536,15 +537,8 @@ def _workspace_nodes(machine: Machine) -> list[tuple[float, float]]:
         Points (x, z) [m] at integer multiples of the machine's grid spacing. They lie between the
         workspace's smallest and largest radius, and not below its smallest x.
     """
-    area, apart = machine.config.workspace, machine.spacing
-    extent = int(area.max_radius / apart) + 1
-    least, largest = (area.min_radius / apart) ** 2, (area.max_radius / apart) ** 2
-    return [
-        (i * apart, k * apart)
-        for i in range(-extent, extent + 1)
-        for k in range(-extent, extent + 1)
-        if i * apart >= area.min_x and least - 1e-9 <= i * i + k * k <= largest + 1e-9
-    ]
+    nodes = list_grid_nodes(machine, machine.spacing) * machine.spacing
+    return [(x, z) for x, z in nodes.tolist()]
 
 
 def _find_lowest_hold_pressures(machine: Machine, x: float, z: float) -> FloatArray | None:
