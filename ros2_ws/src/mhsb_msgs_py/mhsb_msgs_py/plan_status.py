@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
-
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Header
 
@@ -25,9 +23,6 @@ GOAL_STATUS = "goal"
 
 EXECUTION_STATUS = "execution"
 """Name of the status of an execution report."""
-
-
-Code = TypeVar("Code", Verdict, Outcome)
 
 
 def encode(report: Report, stamp_ns: int) -> DiagnosticArray:
@@ -138,7 +133,7 @@ def _decode_status(message: DiagnosticStatus) -> Report:
     """
     values = StatusValues(message)
     if message.name == GOAL_STATUS:
-        code = _decode_code(Verdict, values.text("code"))
+        code = values.choice("code", Verdict)
         return GoalVerdict(
             code,
             message.message,
@@ -150,13 +145,13 @@ def _decode_status(message: DiagnosticStatus) -> Report:
         )
     if message.name == EXECUTION_STATUS:
         return ExecutionReport(
-            _decode_code(Outcome, values.text("code")),
+            values.choice("code", Outcome),
             message.message,
             values.time("goal_stamp"),
             values.time("plan_stamp"),
             values.count("attempts"),
             values.number("lead_ms"),
-            _decode_code(Verdict, values.text("reason")) if values.has("reason") else None,
+            values.choice("reason", Verdict) if values.has("reason") else None,
         )
     raise MessageError(
         f"the status '{message.name}' is unknown; it must be {GOAL_STATUS} or {EXECUTION_STATUS}"
@@ -189,23 +184,3 @@ def _decode_plan_summary(values: StatusValues) -> PlanSummary:
         values.number("speed_excess"),
         values.number("cavitation_s"),
     )
-
-
-def _decode_code(codes: type[Code], text: str) -> Code:
-    """Return the code with a given text.
-
-    Args:
-        codes: Enumeration of the codes: verdicts or outcomes.
-        text: Text of the code.
-
-    Returns:
-        Member of the enumeration.
-
-    Raises:
-        MessageError: There is no such code.
-    """
-    try:
-        return codes(text)
-    except ValueError:
-        known = ", ".join(code.value for code in codes)
-        raise MessageError(f"the code '{text}' is unknown; it must be one of {known}") from None

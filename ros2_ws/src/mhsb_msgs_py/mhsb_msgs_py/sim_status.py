@@ -8,9 +8,6 @@ stop.
 
 from __future__ import annotations
 
-from enum import StrEnum
-from typing import TypeVar
-
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Header
 
@@ -22,7 +19,6 @@ from mhsb_model.arm_reports import (
 )
 from mhsb_model.verdict import Level
 from mhsb_msgs_py import stamps
-from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.names import SIM_NODE
 from mhsb_msgs_py.status_values import StatusValues, make_status
 
@@ -36,8 +32,6 @@ SIMULATOR_STATUS = f"{SIM_NODE}: simulator"
 
 APPLIED_OUTCOME = HandOverOutcome.APPLIED
 """Outcome of a plan that the simulator executes."""
-
-Choice = TypeVar("Choice", bound=StrEnum)
 
 
 def encode(
@@ -156,15 +150,13 @@ def _decode_hand_over(message: DiagnosticStatus) -> HandOverReport:
     """
     values = StatusValues(message)
     return HandOverReport(
-        _decode_choice(values, "outcome", HandOverOutcome),
+        values.choice("outcome", HandOverOutcome),
         message.message,
         values.time("plan_stamp"),
         values.number("position_jump_rad"),
         values.number("velocity_jump_rad_s"),
         # Recordings of earlier versions have none.
-        _decode_choice(values, "reason", HandOverReason)
-        if values.has("reason")
-        else HandOverReason.NONE,
+        values.choice("reason", HandOverReason) if values.has("reason") else HandOverReason.NONE,
     )
 
 
@@ -199,27 +191,3 @@ def _decode_simulator(message: DiagnosticStatus) -> SimulatorReport:
         values.count("faults") if values.has("faults") else 0,
         values.text("last_fault") if values.has("last_fault") else "",
     )
-
-
-def _decode_choice(values: StatusValues, key: str, choices: type[Choice]) -> Choice:
-    """Return the member of an enumeration that a value of a status names.
-
-    Args:
-        values: Values of a status on a plan.
-        key: Key of the value.
-        choices: The enumeration.
-
-    Returns:
-        The member.
-
-    Raises:
-        MessageError: The value is missing or is no member.
-    """
-    text = values.text(key)
-    try:
-        return choices(text)
-    except ValueError:
-        raise MessageError(
-            f"the value {key} of '{HAND_OVER_STATUS}' is '{text}'; it must be one of "
-            + ", ".join(repr(str(choice)) for choice in choices)
-        ) from None

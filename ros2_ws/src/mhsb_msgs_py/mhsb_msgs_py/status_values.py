@@ -7,13 +7,18 @@ decimals.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from enum import StrEnum
+from typing import TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from mhsb_model.verdict import Level
 from mhsb_msgs_py import stamps
 from mhsb_msgs_py.errors import MessageError
+
+Value = TypeVar("Value")
+Choice = TypeVar("Choice", bound=StrEnum)
 
 
 def make_status(
@@ -93,7 +98,7 @@ class StatusValues:
         Raises:
             MessageError: The value is missing or no number.
         """
-        return float(self._convert(key, float, "a number"))
+        return self._convert(key, float, "a number")
 
     def finite(self, key: str) -> float:
         """Return a value as a finite number.
@@ -120,7 +125,7 @@ class StatusValues:
         Raises:
             MessageError: The value is missing or no whole number.
         """
-        return int(self._convert(key, int, "a whole number"))
+        return self._convert(key, int, "a whole number")
 
     def counts(self, key: str) -> tuple[int, ...]:
         """Return a value as integers.
@@ -134,30 +139,42 @@ class StatusValues:
         Raises:
             MessageError: The value is missing, or a part of it is no whole number.
         """
-        text = self.text(key)
-        try:
-            return tuple(int(word) for word in text.split())
-        except ValueError:
-            raise MessageError(
-                f"the value {key} of '{self._name}' is '{text}'; it must be whole numbers"
-            ) from None
+        return self._convert(
+            key, lambda text: tuple(int(word) for word in text.split()), "whole numbers"
+        )
 
-    def _convert(self, key: str, kind: type[float] | type[int], meaning: str) -> float | int:
-        """Convert a value to a number.
+    def choice(self, key: str, choices: type[Choice]) -> Choice:
+        """Return a value as a member of an enumeration.
+
+        Args:
+            key: Key of the value. Its text is that of a member.
+            choices: The enumeration.
+
+        Returns:
+            The member.
+
+        Raises:
+            MessageError: The value is missing or no member; the error lists all members.
+        """
+        members = ", ".join(repr(str(choice)) for choice in choices)
+        return self._convert(key, choices, f"one of {members}")
+
+    def _convert(self, key: str, convert: Callable[[str], Value], meaning: str) -> Value:
+        """Convert a value from its text.
 
         Args:
             key: Key of the value.
-            kind: Type of the number, float or int.
-            meaning: Words for this type in the error, such as "a whole number".
+            convert: Function that converts the text; it raises ValueError if it cannot.
+            meaning: Words for what the text must be, such as "a whole number".
 
         Returns:
-            The number.
+            The converted value.
 
         Raises:
             MessageError: The value is missing or cannot be converted.
         """
         try:
-            return kind(self.text(key))
+            return convert(self.text(key))
         except ValueError:
             raise MessageError(
                 f"the value {key} of '{self._name}' is '{self.text(key)}'; it must be {meaning}"

@@ -139,9 +139,10 @@ def set_value(index: int, value: str):
         ),
         (
             set_value(0, "FINE"),
-            "the code 'FINE' is unknown; it must be one of OK, AT_GOAL, SUPERSEDED, NO_STATE, "
-            "MOVING, NOT_FINITE, FRAME, OUT_OF_WORKSPACE, INFEASIBLE, OPTIONS, ZONE, NOT_FOUND, "
-            "DEADLINE, STOPPED, MACHINE, FAULT, TABLE, INTERNAL",
+            "the value code of 'goal' is 'FINE'; it must be one of 'OK', 'AT_GOAL', 'SUPERSEDED', "
+            "'NO_STATE', 'MOVING', 'NOT_FINITE', 'FRAME', 'OUT_OF_WORKSPACE', 'INFEASIBLE', "
+            "'OPTIONS', 'ZONE', 'NOT_FOUND', 'DEADLINE', 'STOPPED', 'MACHINE', 'FAULT', 'TABLE', "
+            "'INTERNAL'",
         ),
         (set_value(0, "OK"), "the value plan_stamp of 'goal' is missing"),
         (
