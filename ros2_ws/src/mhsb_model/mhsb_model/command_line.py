@@ -14,7 +14,6 @@ standard error:
 
 from __future__ import annotations
 
-import difflib
 import errno
 import inspect
 import math
@@ -35,7 +34,13 @@ import tyro
 # Events of a failed parse are not public in tyro, so its version is pinned.
 from tyro import _errors as parse_errors
 
-from mhsb_model.errors import ArgumentError, MachineFileError, MhsbError, suggest_unit_of_number
+from mhsb_model.errors import (
+    ArgumentError,
+    MachineFileError,
+    MhsbError,
+    suggest_name,
+    suggest_unit_of_number,
+)
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
@@ -278,8 +283,8 @@ def _parse(
     def raise_usage_error(event: parse_errors.ParseErrorEvent) -> None:
         """Raise UsageError with one sentence for an error event of tyro's parser."""
         sentence = _describe_parse_error(event, arguments).rstrip(".")
-        if isinstance(event, parse_errors.UnrecognizedArgs):
-            sentence += _suggest_option(event.tokens[0], command)
+        if isinstance(event, parse_errors.UnrecognizedArgs) and event.tokens[0].startswith("--"):
+            sentence += suggest_name(event.tokens[0].partition("=")[0], _list_options(command))
         raise UsageError(f"{sentence}; see {name} --help")
 
     with parse_errors.on_parse_error(raise_usage_error):
@@ -424,18 +429,6 @@ def _describe_parse_error(event: parse_errors.ParseErrorEvent, arguments: list[s
         case parse_errors.InstantiationFailure():
             return event.message
     return "these arguments do not go together"
-
-
-def _suggest_option(word: str, command: Callable[..., Any]) -> str:
-    """Return "; did you mean --OPTION?" with the nearest option of a command, or an empty text.
-
-    Args:
-        word: First word of the command line that the command does not know. A word that does not
-            begin with `--` gives an empty text.
-        command: A function, or a dataclass with a method `run`.
-    """
-    near = difflib.get_close_matches(word.partition("=")[0], _list_options(command), 1)
-    return f"; did you mean {near[0]}?" if near and word.startswith("--") else ""
 
 
 def _list_options(target: Callable[..., Any]) -> list[str]:

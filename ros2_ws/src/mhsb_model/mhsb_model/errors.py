@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 MAX_LISTED_PROBLEMS = 30
@@ -35,6 +36,17 @@ def _restored(
     error.args = args
     error.__dict__.update(data)
     return error
+
+
+def suggest_name(name: str, known_names: Iterable[str]) -> str:
+    """Return "; did you mean NAME?" with the most similar known name; empty if none is similar.
+
+    Args:
+        name: Name that is not known.
+        known_names: All names that are known.
+    """
+    near = difflib.get_close_matches(name, sorted(known_names), 1)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 class ArgumentError(MhsbError):

@@ -7,7 +7,6 @@ taken, rclpy never frees the callback group again. This executor records each fa
 
 from __future__ import annotations
 
-import difflib
 import functools
 import warnings
 from collections.abc import Callable, Coroutine, Sequence
@@ -24,6 +23,7 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Task
 
+from mhsb_model.errors import suggest_name
 from mhsb_msgs_py import stamps
 from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.faults import Faults, name_callback
@@ -364,5 +364,4 @@ def suggest_parameter(node: Node, name: str) -> str:
         node: Node of the parameters.
         name: Name that does not exist.
     """
-    near = difflib.get_close_matches(name[:100], sorted(node._parameters), 1)
-    return f"; did you mean {near[0]}?" if near else ""
+    return suggest_name(name[:100], node._parameters)

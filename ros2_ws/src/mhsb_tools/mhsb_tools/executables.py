@@ -6,13 +6,13 @@ the same command. A subcommand's module is imported only if it is started.
 
 from __future__ import annotations
 
-import difflib
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 from mhsb_model import __version__
+from mhsb_model.errors import suggest_name
 from mhsb_model.process import make_command_entry, make_node_entry, run_named
 
 EXIT_USAGE = 2
@@ -107,9 +107,8 @@ def mhsb() -> int:
         return _print_text(f"mhsb {__version__}")
     if name == "--completion":
         return _print_text(COMPLETION_FILE.read_text(encoding="utf-8").rstrip())
-    near = difflib.get_close_matches(name, SUBCOMMAND_TABLE, 1)
-    hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(SUBCOMMAND_TABLE)}"
-    print(f"mhsb: no subcommand '{name}'; {hint}", file=sys.stderr)
+    hint = suggest_name(name, SUBCOMMAND_TABLE) or f"; it has {', '.join(SUBCOMMAND_TABLE)}"
+    print(f"mhsb: no subcommand '{name}'{hint}", file=sys.stderr)
     return EXIT_USAGE
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from mhsb_model.errors import MachineFileError, MhsbError
+from mhsb_model.errors import MachineFileError, MhsbError, suggest_name
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.schema import MachineConfig
@@ -55,7 +54,7 @@ def read_machine_file(file: Path) -> Any:
     try:
         content = read_yaml(file)
     except YamlFileError as error:
-        raise MachineFileError(str(file), [error.reason + _suggest_name(file)]) from None
+        raise MachineFileError(str(file), [error.reason + _suggest_machine(file)]) from None
     missing = [
         name for name in FILE_SECTIONS if not (isinstance(content, dict) and name in content)
     ]
@@ -65,7 +64,7 @@ def read_machine_file(file: Path) -> Any:
     return content
 
 
-def _suggest_name(file: Path) -> str:
+def _suggest_machine(file: Path) -> str:
     """Return "; did you mean NAME?" for an unknown name of a machine of the suite.
 
     Args:
@@ -81,5 +80,4 @@ def _suggest_name(file: Path) -> str:
         for each in find_config_file(MACHINE_FILE).parent.glob("*.yaml")
         if "\njoints:" in each.read_text(encoding="utf-8")
     ]
-    near = difflib.get_close_matches(file.name, sorted(names), 1)
-    return f"; did you mean {near[0]}?" if near else ""
+    return suggest_name(file.name, names)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import inspect
 import math
 import re
@@ -12,7 +11,7 @@ from typing import Any, get_args, get_type_hints
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from mhsb_model.errors import suggest_unit_of_number
+from mhsb_model.errors import suggest_name, suggest_unit_of_number
 
 LONGEST_VALUE = 40
 """Largest number of characters of a wrong value that a message repeats."""
@@ -196,10 +195,8 @@ def _describe_unknown_key(key: str, keys: Sequence[str]) -> str:
     Returns:
         Sentence that suggests the most similar valid key, or lists all of them if none is similar.
     """
-    close = difflib.get_close_matches(key, keys, 1)
-    if close:
-        return f"there is no such key; did you mean {close[0]}?"
-    return f"there is no such key; leave it out, or give one of {', '.join(keys)}"
+    other = f"; leave it out, or give one of {', '.join(keys)}"
+    return f"there is no such key{suggest_name(key, keys) or other}"
 
 
 def _format_value(value: Any) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json as json_format
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
@@ -16,7 +15,7 @@ from rclpy.task import Future
 
 from mhsb_model import command_line
 from mhsb_model.command_line import NumberRange
-from mhsb_model.errors import MhsbError
+from mhsb_model.errors import MhsbError, suggest_name
 from mhsb_msgs_py.node_process import run_command_node, spin_until
 from mhsb_tools.commands.echo_command import to_plain
 
@@ -130,13 +129,9 @@ class _RemoteParameters:
         }
         for name in names:
             if values.get(name) is None:
-                raise ParameterError(f"{self._name} has no parameter {name}{self._suggest(name)}")
+                near = suggest_name(name, self.list_names())
+                raise ParameterError(f"{self._name} has no parameter {name}{near}")
         return values
-
-    def _suggest(self, name: str) -> str:
-        """Return "; did you mean …?" with the nearest name of a parameter, or an empty text."""
-        near = difflib.get_close_matches(name, self.list_names(), 1)
-        return f"; did you mean {near[0]}?" if near else ""
 
     def describe(self, names: list[str]) -> Mapping[str, str]:
         """Return the description of each parameter, by name.
