@@ -89,7 +89,14 @@ class DeadlineRequest(NamedTuple):
             options: Options of the plan.
             deadline: When planning must end.
         """
-        return planner.plan(self.goal, self.start, self.modes, self.brake, options, deadline)
+        return planner.plan(
+            self.goal,
+            self.start,
+            modes=self.modes,
+            brake=self.brake,
+            options=options,
+            deadline=deadline,
+        )
 
     def with_goal_off_grid(self) -> DeadlineRequest:
         """Return the request with a goal that is no node of the grid."""

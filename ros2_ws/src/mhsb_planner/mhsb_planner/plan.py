@@ -26,6 +26,7 @@ from mhsb_planner.plan_log import PlanLog
 from mhsb_planner.planners.options import PlanOptions
 from mhsb_planner.result_files import write_rows
 from mhsb_planner.search.discrete_path import DiscretePath
+from mhsb_planner.search.s2_step import EnergyReading
 
 COST_ROUNDING = 1e-9
 """Relative difference up to which two costs count as equal [-]."""
@@ -47,6 +48,7 @@ class Plan:
         motion: Trajectory (S3) and mode schedule (S4), both with stamp 0.
         energy: Energy of the motion in both energy readings.
         machine: Machine for which the plan was made.
+        energy_reading: Energy reading in which the plan was made, `paper` or `series`.
         seconds: Planning times [s] by stage: `search`, `fit`, `energy`, and `comparison` for paths
             of other planners. `first_motion` is the time from the request to the first motion.
         area_shortfall: Manipulability loss of the motion (`manipulability_loss`) [m]. It is 0 if
@@ -66,6 +68,7 @@ class Plan:
     motion: FittedMotion
     energy: Energy
     machine: Machine
+    energy_reading: EnergyReading = "paper"
     seconds: MappingProxyType[str, float] = field(default_factory=lambda: MappingProxyType({}))
     area_shortfall: float = 0.0
     lower_bound: float = 0.0
@@ -129,19 +132,18 @@ class Plan:
 
     @property
     def energy_text(self) -> str:
-        """Text with the energy of the motion in both energy readings [J]."""
-        return (
-            f"{self.energy.paper:.1f} J by the paper's sum, "
-            f"{self.energy.series:.1f} J with main pump and servo pumps in series"
-        )
+        """Text with the energy of the motion [J], in both energy readings if they differ."""
+        paper, series = f"{self.energy.paper:.1f} J", f"{self.energy.series:.1f} J"
+        return paper if paper == series else f"{paper} in reading paper, {series} in reading series"
 
     @property
     def gap(self) -> float:
         """Relative distance of the motion's energy E from the lower bound: E / bound − 1 [-].
 
-        E is the energy in the reading `paper`. The value is 0 if the bound is 0.
+        E is the energy in the reading in which the plan was made. The value is 0 if the bound is 0.
         """
-        return self.energy.paper / self.lower_bound - 1.0 if self.lower_bound > 0.0 else 0.0
+        energy = self.energy.paper if self.energy_reading == "paper" else self.energy.series
+        return energy / self.lower_bound - 1.0 if self.lower_bound > 0.0 else 0.0
 
     @property
     def planning_time(self) -> float:

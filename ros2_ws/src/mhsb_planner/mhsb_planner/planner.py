@@ -145,6 +145,7 @@ class Planner:
         self,
         goal: Position,
         start: MotionState,
+        *,
         modes: StartModes | None = None,
         brake: Trajectory | None = None,
         options: PlanOptions | None = None,
@@ -186,10 +187,15 @@ class Planner:
             StartError: The start is beyond joint limits, and no motion leads back.
             FitError: No motion along any path keeps the limits.
             DeadlineError: No motion was found before the deadline.
-            RequestError: Goal or start are not finite numbers, or the planner does not exist or
-                cannot use `area_weight`.
+            RequestError: Goal or start are not finite numbers, start or deadline have a wrong type,
+                or the planner does not exist or cannot use `area_weight`.
         """
         options = options or PlanOptions()
+        if not isinstance(start, MotionState):
+            rule = "must be a MotionState; at rest: MotionState.at_rest(start)"
+            raise RequestError("start", start, rule)
+        if not isinstance(deadline, Deadline):
+            raise RequestError("deadline", deadline, "must be a Deadline: Deadline.after(seconds)")
         planner = get_planner(options.planner)
         self._check_request(goal, start, options)
         deadline = self._exclude_warm_up(options.planner, deadline)

@@ -9,6 +9,7 @@ import pytest
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState
+from mhsb_planner.errors import RequestError
 from mhsb_planner.motion.motion_table import format_mode_intervals
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_planner.search.s2_search import Weights
@@ -24,6 +25,26 @@ def plan(machine, table):
     )
     assert plan.motion.schedule.switch_count > 0
     return plan
+
+
+def test_the_gap_is_that_of_the_energy_in_the_reading_of_the_plan(machine, table, plan):
+    start = MotionState.at_rest(plan.motion.trajectory.position[0])
+    options = PlanOptions(Weights(0, 15, 2), planner="table", energy_reading="series")
+    in_series = Planner(machine, table).plan((0.55, 0.60), start, options=options)
+    assert in_series.energy.series < 0.999 * in_series.energy.paper
+    assert in_series.gap == pytest.approx(in_series.energy.series / in_series.lower_bound - 1)
+    assert f"{100 * in_series.gap:.0f} % above the lower bound" in str(in_series)
+
+
+def test_arguments_of_a_wrong_type_are_refused_in_one_sentence(machine, table):
+    planner, posture = Planner(machine, table), machine.config.simulation.start_posture
+    start = MotionState.at_rest(posture)
+    with pytest.raises(RequestError, match=r"must be a MotionState; at rest: MotionState.at_rest"):
+        planner.plan((0.55, 0.60), posture)
+    with pytest.raises(RequestError, match=r"must be a Deadline: Deadline.after"):
+        planner.plan((0.55, 0.60), start, deadline=0.05)
+    with pytest.raises(RequestError, match=r"must be Weights, such as Weights"):
+        PlanOptions(weights=(0.5, 0, 2))
 
 
 def test_the_representation_is_one_short_line(plan):

@@ -157,11 +157,11 @@ class Replanner:
         plan = self._planner.plan(
             goal,
             start,
-            StartModes.read_from(in_force.schedule, times.change_ns),
-            self._make_braking(in_force, times) if moving else None,
-            options,
-            deadline,
-            extract_remainder(in_force.trajectory, times.change_ns) if moving else None,
+            modes=StartModes.read_from(in_force.schedule, times.change_ns),
+            brake=self._make_braking(in_force, times) if moving else None,
+            options=options,
+            deadline=deadline,
+            remainder=extract_remainder(in_force.trajectory, times.change_ns) if moving else None,
         )
         command = join_commands(in_force, times, _create_command(plan))
         from_rest = in_force.trajectory.end_ns <= times.stamp_ns

@@ -98,10 +98,10 @@ class PlanOptions:
         Raises:
             RequestError: A rule is broken. Angles and via points must be finite. Angles must be at
                 most WIDEST_ANGLE in magnitude. A range must begin with its lower end.
-                `via_tolerance` must be above 0 and at most MAX_REGION_SIZE. No weight,
-                `area_weight` included, may exceed HIGHEST_WEIGHT, and at least one must not be 0.
-                `area_weight` must not be negative. `max_speed_excess` must be from 0 to
-                HIGHEST_SPEED_EXCESS.
+                `via_tolerance` must be above 0 and at most MAX_REGION_SIZE. Weights must be of the
+                type `Weights`. No weight, `area_weight` included, may exceed HIGHEST_WEIGHT, and at
+                least one must not be 0. `area_weight` must not be negative. `max_speed_excess` must
+                be from 0 to HIGHEST_SPEED_EXCESS.
         """
         check_angle(self.goal_psi)
         for point in self.via:
@@ -116,6 +116,8 @@ class PlanOptions:
             rule = f"must be from 0 to {HIGHEST_WEIGHT:g}"
             raise RequestError("area weight", self.area_weight, rule)
         weights = self.weights
+        if not isinstance(weights, Weights):
+            raise RequestError("weights", weights, "must be Weights, such as Weights(0.5, 0, 2)")
         if max(weights.energy, weights.time, weights.switches) > HIGHEST_WEIGHT:
             given = [weights.energy, weights.time, weights.switches]
             raise RequestError("weights", given, f"must each be from 0 to {HIGHEST_WEIGHT:g}")

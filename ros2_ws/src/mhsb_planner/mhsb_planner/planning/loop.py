@@ -513,7 +513,8 @@ class PlanningLoop:
         if area.weight > 0.0:
             along = compute_area_along_motion(machine, motion.trajectory, motion.schedule, deadline)
             shortfall = along.compute_area_loss(area.reference)
-        return Plan(path, motion, motion.energy, machine, area_shortfall=shortfall)
+        reading = self._task.options.energy_reading
+        return Plan(path, motion, motion.energy, machine, reading, area_shortfall=shortfall)
 
     def _set_refused(self, refused: tuple[str, ...]) -> None:
         """Replace the incumbent's list of reasons why curves were refused.

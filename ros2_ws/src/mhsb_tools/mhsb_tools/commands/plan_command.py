@@ -377,7 +377,7 @@ def format_path(machine: Machine, plan: Plan) -> list[str]:
     return [
         *lines,
         f"discrete path of the search: {path.duration.sum():.2f} s, {path.energy.sum():.1f} J "
-        f"({path.energy_series.sum():.1f} J in series reading), {format_switches(path.switches)}; "
+        f"({path.energy_series.sum():.1f} J in reading series), {format_switches(path.switches)}; "
         "the modes of the motion are chosen anew",
     ]
 

@@ -99,7 +99,7 @@ def _plan_tour(planner: Planner, goals: list[Position], options: PlanOptions) ->
         modes = StartModes.create_settled(
             choose_holding_modes(machine, machine.piston_forces(posture))
         )
-        plan = planner.plan(goal, MotionState.at_rest(posture), modes, options=options)
+        plan = planner.plan(goal, MotionState.at_rest(posture), modes=modes, options=options)
         if plan.duration > 0.0:
             motion = plan.motion.trajectory, plan.motion.schedule
             tour.append(compute_supply_energies(machine, remove_leakage(machine), *motion))

@@ -210,7 +210,7 @@ class PlannerComparer:
         """
         start = MotionState.at_rest(move.start)
         options = PlanOptions(self._weights, planner=kind, trajectory="followed")
-        return self._planner.plan(move.goal, start, modes, options=options)
+        return self._planner.plan(move.goal, start, modes=modes, options=options)
 
     def _plan_ground_truth(self, move: Move, modes: StartModes) -> Plan:
         """Search the ground truth's path and make a plan along it.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mhsb_model.holding import MAX_HELD_SPEED
-from mhsb_model.hydraulics import load_pressure
+from mhsb_model.hydraulics import compute_required_pressures, load_pressure
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, ModeArray, Position
@@ -88,7 +88,7 @@ def move_of_plan(machine: Machine, plan: Plan, goal: Position, title: str) -> Mo
     Returns:
         The record; time 0 is the beginning of the motion. `reference` is None. `chambers` has the
         load pressures p_L (supply pressures that the loads need), because a plan has no chamber
-        pressures.
+        pressures. It also has the pressures that decide on boost: p_L, valve drop and boost margin.
     """
     trajectory, schedule = plan.motion.trajectory, plan.motion.schedule
     offset_ns = np.linspace(0, trajectory.duration_ns, SAMPLE_COUNT).astype(np.int64)
@@ -107,7 +107,14 @@ def move_of_plan(machine: Machine, plan: Plan, goal: Position, title: str) -> Mo
         speed=profile.speed,
         force=profile.force,
         supply=compute_planned_supply(machine, profile.force, profile.speed, modes),
-        chambers={"the load's, $p_L$": load_pressures(machine, profile.force, profile.speed)},
+        chambers={
+            "needed: $p_L$, valve, margin": compute_required_pressures(
+                machine.arrays,
+                profile.force,
+                np.where(np.abs(profile.speed) > MAX_HELD_SPEED, profile.speed, 0.0),
+            ),
+            "the load's, $p_L$": load_pressures(machine, profile.force, profile.speed),
+        },
         energy=split_energy(plan.energy),
         energy_source="the planner's model:\n" + plan.energy_text.replace(", ", ",\n") + " (drawn)",
     )

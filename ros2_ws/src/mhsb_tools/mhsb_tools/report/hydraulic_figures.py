@@ -166,8 +166,8 @@ def draw_energy(run: EvaluatedRecording, path: Path) -> None:
     time = to_seconds(run, energy.time_ns)
     measured = energy.main_pump + energy.servo_pumps
     planned: list[Planned] = [
-        (energy.planned, "planned, the paper's price of boost", BLACK, "-"),
-        (energy.planned_series, "planned, pumps in series", PURPLE, "--"),
+        (energy.planned, "planned, reading paper", BLACK, "-"),
+        (energy.planned_series, "planned, reading series", PURPLE, "--"),
     ]
     with open_figure(path, 6.0) as figure:
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))

@@ -9,6 +9,8 @@ from mhsb_planner.cases.paper_cases import get_paper_case
 from mhsb_planner.planner import Planner, PlanOptions
 from mhsb_tools.moves.move import move_of_plan
 
+LOAD, NEEDED = "the load's, $p_L$", "needed: $p_L$, valve, margin"
+
 
 @pytest.fixture(scope="module")
 def plan(machine, table):
@@ -25,7 +27,7 @@ def move(machine, plan):
 def test_the_picture_and_the_text_name_the_same_energies(plan, move):
     paper, series = f"{plan.energy.paper:.1f} J", f"{plan.energy.series:.1f} J"
     assert paper != series
-    readings = f"{paper} by the paper's sum, {series} with main pump and servo pumps in series"
+    readings = f"{paper} in reading paper, {series} in reading series"
     assert f"energy:   {readings}" in str(plan)
     assert f"{readings} (drawn)" in move.energy_source.replace("\n", " ")
     pumps = -move.energy["main pump"] - move.energy["servo pumps"]
@@ -45,6 +47,16 @@ def test_all_energy_goes_somewhere(move):
     assert abs(sum(move.energy.values())) < 1e-6 * given
 
 
+def test_the_needed_pressure_adds_the_drop_of_the_fully_open_valve_and_the_boost_margin(move):
+    m = move.machine.arrays
+    needed, load = move.chambers[NEEDED], move.chambers[LOAD]
+    for k, j in ((50, 0), (200, 1), (400, 2)):
+        speed, cap, rod = move.speed[k, j], m.cap_area[j], m.rod_area[j]
+        drop = speed**2 * (cap**3 + rod**3) / m.valve_coefficient[j] ** 2
+        drop /= cap if speed > 0 else rod
+        assert needed[k, j] == pytest.approx(load[k, j] + drop + m.boost_margin)
+
+
 def test_forces_balance_gravity(move):
     for k in (0, 100, 300, -1):
         np.testing.assert_allclose(move.force[k], move.machine.piston_forces(move.position[k]))
@@ -56,13 +68,13 @@ def test_lines_in_normal_mode_are_at_the_main_pumps_pressure_and_boosted_ones_ca
     assert np.any(boosted)
     np.testing.assert_array_equal(move.supply[~boosted], normal)
     assert np.all(move.supply[boosted] >= normal)
-    [load] = move.chambers.values()
+    load = move.chambers[LOAD]
     assert np.all(move.supply[boosted] > load[boosted])
 
 
 def test_the_loads_pressure_is_that_of_a_balance_of_forces(move):
     m = move.machine.arrays
-    [load] = move.chambers.values()
+    load = move.chambers[LOAD]
     for k, j in ((50, 0), (200, 1), (400, 2)):
         force, cap, rod = move.force[k, j], m.cap_area[j], m.rod_area[j]
         out = (force + rod * m.tank_pressure) / cap
