@@ -1,9 +1,9 @@
 """Stages of the integrated search: straight lines, lattices of decreasing spacing, local changes.
 
-Every stage starts from the cheapest path so far, the incumbent. A coarse lattice takes a
-millisecond or two. After its waypoints have been moved, its path mostly costs as little as that of
-a fine lattice, which takes a second. Fine lattices follow while there is time, and skip everything
-that cannot be cheaper.
+Every stage starts from the cheapest path so far, the incumbent. The search of a coarse lattice
+takes a millisecond or two, that of a fine lattice a second. After local changes, the path from a
+coarse lattice mostly costs as little as one from a fine lattice. Fine lattices are searched while
+there is time and while a cheaper path is possible.
 """
 
 from __future__ import annotations
@@ -35,54 +35,68 @@ from mhsb_planner.search.s2_search import SEARCH_TASK
 from mhsb_planner.search.s2_step import describe_postures
 
 MIN_RELATIVE_GAIN = 1e-3
-"""Relative gap to the lower bound below which a path is not improved further. A sweep with a
-smaller relative gain ends the sweeps with a stride.
+"""A path is not improved further if its cost exceeds the lower bound by at most this share [-].
+Sweeps with one stride end when a sweep saves less than this share of the cost.
 """
 
 MIN_LATTICE_GAP = 1e-2
-"""Relative gap to the lower bound below which no lattice is searched."""
+"""No lattice is searched if the incumbent's cost exceeds the lower bound by at most this share [-].
+"""
 
 WORTH_A_MOTION = 5e-3
-"""Relative gain over the last path yielded, above which an intermediate path is yielded."""
+"""Least gain for which a path from a lattice is yielded at once, as a share of the cost of the path
+yielded before [-].
+"""
 
 MAX_COARSE_PIECE_STROKE = 5e-3
-"""Largest stroke within the pieces by which long strides are priced, for an arm of the paper's size
-[m].
+"""Largest stroke of a cylinder within one piece, in all sweeps but those with the last stride [m].
+It holds for an arm of the paper's size.
 """
 
 MAX_SEARCHED_COST_RATIO, MAX_REFINED_COST_RATIO = 1.25, 1.5
-"""Cost limits of a path over a lattice, as factors on the incumbent's cost.
+"""Limits on the cost of a path over a lattice, as factors on the incumbent's cost [-].
 
-The first limits the search by the lattice's prices. The second limits the path at the real prices,
-before refinement. Both exceed 1 because most lattice paths cost more than needed.
+The first applies to costs by the cost model of the lattice search. The second applies to the cost
+of the path found, by the cost model of the search problem. Both exceed 1, because refinement makes
+most paths over lattices cheaper.
 """
 
 STRAIGHT_GOAL_STRIDE = 3
-"""Every how many goal postures a straight line is tried first."""
+"""Step between the indices of the goal postures to which the first round tries straight lines [-].
+"""
 
 MAX_MOTION_PER_SPACING = 6.0
-"""Largest motion of the arm per step of an even-angle lattice, as a factor on the lattice spacing.
+"""Largest distance that any part of the arm moves if one joint makes one step, as a factor on the
+lattice spacing [-]. It applies to lattices that are even in the joint positions.
 """
 
 FIRST_HEURISTIC_WEIGHT = 2.0
-"""Heuristic weight of the search for a first path."""
+"""Heuristic weight of lattice searches without an incumbent [-]."""
 
 DEADLINE_HEURISTIC_WEIGHT = 1.3
-"""Heuristic weight with a deadline and four joints or more, if there is an incumbent."""
+"""Heuristic weight of lattice searches with an incumbent, if there is a deadline and the arm has
+four joints or more [-].
+"""
 
 FIRST_STATES = 2000
-"""Number of states to expand for a first path; beyond it any path is accepted at any cost."""
+"""Largest number of states that a lattice search without an incumbent expands. If it finds no path,
+a second search takes any path.
+"""
 
 MAX_LATTICE_POINTS, SPACING_GROWTH = 2**26, 1.25
-"""Largest number of lattice points, and factor by which the spacing grows until it is kept. Only
-longer chains than the suite's reach it.
+"""Largest number of lattice points, and factor by which the spacing of a larger lattice is
+increased until it has no more. Only arms with more joints than the suite's have such lattices.
 """
 
 QUICK_LATTICE_COUNT = 3
-"""Number of lattices to search before the caller gets an opportunity to try something else."""
+"""Number of lattices after which `yield_lattice_paths` yields None, so that the caller can try
+something else.
+"""
 
 FIRST_LINES = 8
-"""Number of straight lines to try before the caller gets an opportunity to try something else."""
+"""Number of straight lines after which `yield_straight_paths` yields None if none is admissible, so
+that the caller can try something else.
+"""
 
 
 @dataclass
@@ -98,7 +112,7 @@ class SearchWork:
     priced: int = 0
 
     def add(self, search: LatticeSearch) -> None:
-        """Add the expanded states and priced steps of a lattice search that has ended."""
+        """Add the counts of a lattice search, once after its end."""
         self.expanded += search.expanded_count
         self.priced += search.priced_count
 
@@ -112,9 +126,10 @@ def yield_paths(task: SearchProblem, work: SearchWork) -> Iterator[CylinderPath 
     refinement is skipped if the incumbent costs at most (1 + MIN_RELATIVE_GAIN) times the lower
     bound. Both are skipped when the time is up.
 
-    The first straight line is yielded at once. A path from a lattice is yielded at once if it saves
-    at least the share WORTH_A_MOTION of the cost of the path yielded before. The cheapest path of
-    all is yielded at the end, unless it has been yielded already.
+    The first straight line is yielded at once; cheaper lines replace the incumbent only. A path
+    from a lattice is yielded at once if it saves more than the share WORTH_A_MOTION of the cost of
+    the path yielded before. The cheapest path of all is yielded at the end, unless it has been
+    yielded already.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
@@ -155,17 +170,19 @@ def yield_paths(task: SearchProblem, work: SearchWork) -> Iterator[CylinderPath 
 
 
 def may_be_improved(task: SearchProblem, best: CylinderPath | None, share: float) -> bool:
-    """Return whether it is worthwhile to look for a cheaper path.
+    """Return whether the incumbent is still too expensive, and there is time to improve it.
+
+    The first call with an incumbent computes the lower bound of `task` by branch and bound.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
         best: Incumbent (cheapest path so far); None if there is none.
-        share: Relative distance of the incumbent's cost from the lower bound that is good enough
+        share: The incumbent is good enough if it costs at most (1 + share) times the lower bound
             [-].
 
     Returns:
-        True if the deadline of the search has not passed, and the incumbent costs more than (1 +
-        share) times the lower bound or there is none.
+        False if the deadline of the search has passed, or the incumbent is good enough. Otherwise
+        True, also without an incumbent.
     """
     room = best is None or best.cost > (1.0 + share) * task.lower_bound
     return room and not task.progress.search_deadline.has_passed
@@ -175,19 +192,19 @@ def may_be_improved(task: SearchProblem, best: CylinderPath | None, share: float
 
 
 def yield_straight_paths(task: SearchProblem) -> Iterator[CylinderPath | None]:
-    """Yield ever cheaper straight cylinder paths from the start to goal postures.
+    """Yield ever cheaper straight cylinder paths, to a choice of goal postures.
 
-    The first round tries every STRAIGHT_GOAL_STRIDE-th goal posture, the least lower bound on the
-    cost first. If a line was found, the second round tries the skipped goal postures beside the
-    one where the best line ends.
+    The first round tries every STRAIGHT_GOAL_STRIDE-th goal posture. The goal posture with the
+    least lower bound on the cost comes first. If a line was found, the second round tries the
+    skipped goal postures beside the one where the best line ends.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
 
     Yields:
         Lines, each cheaper than all lines before. None is yielded after the first FIRST_LINES
-        trials if they gave no line, and again at the end of the first round if it gave no line. The
-        caller can then try something else.
+        trials, and again at the end of the first round, if there is no line yet. The caller can
+        then try something else.
     """
     count = len(task.goal_lower_bounds)
     order = _sort_by_lower_bound(task, np.arange(0, count, STRAIGHT_GOAL_STRIDE))
@@ -232,8 +249,8 @@ def _yield_cheaper_lines(
         best: Incumbent (cheapest path so far); None if there is none.
 
     Yields:
-        Paths that are cheaper than `best` and than all paths before; none if no line is admissible
-        and cheaper.
+        Admissible paths, each cheaper than `best` and than all paths before. The first path has its
+        pieces if `best` is None.
     """
     for k in numbers.tolist():
         limit = math.inf if best is None else best.cost
@@ -253,9 +270,14 @@ def _yield_cheaper_lines(
 def lattice_spacings(task: SearchProblem, best: CylinderPath | None) -> list[float]:
     """Return the spacings of the lattices, in a decreasing geometric sequence.
 
-    With an incumbent (cheapest path so far) the spacings depend on `stroke`: the largest change of
-    a cylinder's length from the start to the incumbent's waypoints and to all goal postures whose
-    lower bound is below the incumbent's cost. The other names are fields of `SearchLimits`:
+    With an incumbent (cheapest path so far) the spacings depend on `stroke` [m]. It is the largest
+    change of a cylinder's length from the start to one of two kinds of points:
+
+    - the incumbent's waypoints,
+    - goal postures with a lower bound below the incumbent's cost.
+
+    The sequence then leads from `first` to `last` [m]; all other names are fields of
+    `SearchLimits`:
 
         last = min(max_last_spacing, max(min_spacing, stroke / finest_step_count))
         first = min(max_first_spacing, max(last, stroke / 3))
@@ -294,7 +316,7 @@ def yield_lattice_paths(
     lattice is searched first with a simpler cost model, then with the real one. The second search
     is skipped if the first finds nothing and there is no incumbent.
 
-    A path found on a lattice is refined, too. This is skipped if the path costs no less than the
+    A path found on a lattice is then refined. It is dropped instead if it costs no less than the
     incumbent and runs within one spacing of it.
 
     The function ends after the finest lattice, with or without a path. It ends earlier if the
@@ -308,8 +330,8 @@ def yield_lattice_paths(
 
     Yields:
         Before each lattice the refined incumbent, even if it is unchanged; then each cheaper path
-        from the lattice. None comes at breaks, in which the caller can try something else: after
-        QUICK_LATTICE_COUNT lattices, and before each lattice in the second half of the time.
+        from the lattice. None is yielded after QUICK_LATTICE_COUNT lattices, and before each
+        lattice in the second half of the time. The caller can then try something else.
     """
     for number, spacing in enumerate(lattice_spacings(task, best)):
         if number == QUICK_LATTICE_COUNT or task.progress.is_half_over:
@@ -363,12 +385,12 @@ def search_lattice(
 
     With an incumbent, A* looks for a path below MAX_SEARCHED_COST_RATIO times the incumbent's cost.
     Only goal postures with a lower bound below the incumbent's cost are goals. The search may
-    expand the remainder of `max_expansions` states. Its heuristic weight is 1, or
-    DEADLINE_HEURISTIC_WEIGHT for an arm of more than three joints if there is a deadline.
+    expand as many states as `max_expansions` leaves after `work.expanded`. Its heuristic weight is
+    1, or DEADLINE_HEURISTIC_WEIGHT for an arm of more than three joints if there is a deadline.
 
     Without an incumbent, A* with the heuristic weight FIRST_HEURISTIC_WEIGHT expands at most
-    FIRST_STATES states. If it finds nothing, a second search reaches each lattice point only once.
-    It finds some path quickly, not the cheapest; its number of states is not limited.
+    FIRST_STATES states. If it stops there without a path, a second search without that limit keeps
+    only the first path to each lattice point. It finds some path quickly, but not the cheapest.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
@@ -418,13 +440,13 @@ def search_lattice(
 
 
 def _runs_beside(found: CylinderPath, best: CylinderPath, spacing: float) -> bool:
-    """Return whether a path costs no less than the incumbent and runs close to it.
+    """Return whether a path runs close to the incumbent and is not cheaper than it.
 
     Args:
         found: The path.
         best: Incumbent (cheapest path so far).
         spacing: The path is close if each of its waypoints is nearer than this to the incumbent's
-            polyline. The distance is the largest difference over the cylinder lengths [m].
+            polyline. A distance is the difference of the cylinder length that differs most [m].
 
     Returns:
         True if both conditions hold. Refining the path would then probably lead to the incumbent.
@@ -491,7 +513,7 @@ def _end_tip(task: SearchProblem, route: CylinderPath) -> tuple[float, float]:
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
-        route: The path, which names its goal posture.
+        route: The path; its `goal_index` is read.
 
     Returns:
         Position (x, z) [m].
@@ -503,10 +525,10 @@ def _end_tip(task: SearchProblem, route: CylinderPath) -> tuple[float, float]:
 def refine(
     task: SearchProblem, best: CylinderPath, spacing: float, fine_sweeps: int = 1
 ) -> CylinderPath:
-    """Improve a cylinder path by local changes in proportion to a lattice spacing.
+    """Improve a cylinder path: remove waypoints, then move them by shares of a lattice spacing.
 
-    The function first removes waypoints without which the path costs no more. It splits a path of
-    one straight segment into three segments. Then a compass search moves each waypoint by a stride,
+    The function first removes waypoints without which the path costs no more. If one straight
+    segment is left, it is split into three. Then a compass search moves each waypoint by a stride,
     in sweeps with ever smaller strides (`stride_shares` of `SearchLimits`, times the spacing). The
     last waypoint moves by a change of the goal posture. All sweeps but those with the last stride
     price paths coarsely. Their result is kept only if it is cheaper by exact pricing, too. No
@@ -516,7 +538,8 @@ def refine(
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
         best: The path.
         spacing: Lattice spacing, the unit of the strides [m].
-        fine_sweeps: Largest number of sweeps with the last stride.
+        fine_sweeps: Largest number of sweeps with the last stride; each other stride has up to
+            `max_sweeps` of `SearchLimits`.
 
     Returns:
         The improved path; `best` itself if no cheaper path was found.
@@ -552,9 +575,9 @@ def _sweep_with_stride(
 
     A sweep tries to move each waypoint by the stride and keeps what is cheaper. Sweeps price the
     path in pieces in which no cylinder moves by more than `piece`. After each sweep the path is
-    also priced by the problem's own cost model; this is its real cost. The sweeps end early
-    if the real cost exceeds that of the best path so far. They also end if a sweep lowers the price
-    of the path by less than the share MIN_RELATIVE_GAIN.
+    also priced by the problem's own cost model; this is its real cost. The sweeps end early if the
+    real cost exceeds that of the best path so far. They also end if a sweep lowers the cost of the
+    path in its pieces by less than the share MIN_RELATIVE_GAIN.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.

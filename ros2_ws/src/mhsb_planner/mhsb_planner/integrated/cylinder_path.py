@@ -7,8 +7,8 @@ pieces picks the mode combination of each piece. It minimises
     w₁ E + w₂ T + w₃ switches + w₄ M
 
 with energy E [J], time T [s], the number of mode switches and the manipulability loss M [m]
-(`manipulability_loss`). If a cylinder holds a load that P_S cannot carry, it is boosted as in the
-motion. The switches to the modes that hold the arm at the end of the path are counted.
+(`manipulability_loss`). A cylinder that stands still is boosted if the main pump's pressure P_S
+cannot hold its load. The switches to the modes that hold the arm at the end of the path count.
 """
 
 from __future__ import annotations
@@ -59,20 +59,20 @@ stay as far outside.
 """
 
 WORKSPACE_EDGE_DISTANCE = 5e-3
-"""Distance of the tip from the workspace's edge below which the middle of a piece is checked, too
-[m].
+"""If an end of a piece is nearer to the workspace's edge than this, the middle of the piece is
+checked, too [m].
 """
 
 BOOST_RESERVE = 30e3
-"""Additional boost margin if the polytope's area has a weight [Pa].
+"""Increase of `HydraulicCoefficients.boost_margin` if the manipulability loss has a weight [Pa].
 
-Boost reduces the area, and a motion follows its path too loosely to avoid boost by a smaller
-margin.
+Boost reduces the velocity polytope's area. A motion deviates from its path, so with a smaller
+margin it would need boost where the path needs none.
 """
 
 CACHED_MACHINE_COUNT = 4
-"""Number of machines whose coefficients are kept [-]: one at V_max, and one for each lower speed
-that is tried.
+"""Number of machine objects whose coefficients are kept [-]: one at V_max, and one for each lower
+speed that is tried.
 """
 
 MIDDLE_POINT = 2
@@ -80,7 +80,7 @@ MIDDLE_POINT = 2
 
 
 class PathCostModel(NamedTuple):
-    """Constants by which cylinder paths are priced.
+    """Constants from which the cost of a cylinder path follows.
 
     Attributes:
         machine: Numeric description of the machine.
@@ -90,7 +90,8 @@ class PathCostModel(NamedTuple):
             (patterns + 1, patterns). Row: combination before; the last row stands for the modes in
             force at the start. Column: combination after.
         weight: Weights of energy [1/J], time [1/s] and mode switches, shape (3,).
-        energy_column: Column of a step's cost that holds the energy in the chosen reading.
+        energy_column: Column of a step's cost with the energy that counts, ENERGY_PAPER_COLUMN or
+            ENERGY_SERIES_COLUMN.
         area: Weight w₄ of the manipulability loss and the reference area.
         obstacles: Obstacles as `Obstacles.path_rows`; empty if there are none.
         max_piece_stroke: Largest stroke of a cylinder within one piece [m].
@@ -203,10 +204,11 @@ class PathCostBuffers(NamedTuple):
 
     Attributes:
         scratch: Cost and status of the last priced piece in each mode combination.
-        points: Three postures: indices 0 and 1 are the ends of the piece, 2 is half-way.
+        points: Three postures: rows 0 and 1 are the ends of the piece, row MIDDLE_POINT is
+            half-way.
         middle: Piston forces half-way along the piece, shape (1, n) [N].
-        owner: Index of the posture in which each mode combination ends, shape (2, patterns); row i
-            holds i.
+        owner: Index of the end of a piece in `points`, repeated for each mode combination, shape
+            (2, patterns). All entries of row i are i.
         value: Least cost up to points 0 and 1 by mode combination of arrival, shape (2, patterns +
             1). The last column stands for the modes in force at the start.
         shortfall: Cost w₄ M of the priced piece, shape (patterns,).
@@ -249,9 +251,8 @@ def place_posture(
 ) -> None:
     """Write the posture that has given cylinder lengths into points[i].
 
-    If no position of a joint within its limits gives the wanted cylinder length, the joint is
-    placed at the limit that comes nearer to it. Row i of `points.length` has the given lengths in
-    any case.
+    If a cylinder length is out of reach within the joint limits, the joint is placed at the nearer
+    limit. Row i of `points.length` has the given lengths in any case.
 
     Args:
         m: Numeric description of the machine.
@@ -259,8 +260,7 @@ def place_posture(
             written in place.
         i: Index of the posture to write.
         length: Cylinder lengths, shape (n,) [m].
-        guess: Index of a posture in `points` with close joint positions, at which Newton's method
-            starts.
+        guess: Index of a posture in `points` close to the wanted one; Newton's method starts there.
     """
     for j in range(len(length)):
         points.length[i, j] = length[j]
@@ -287,7 +287,7 @@ def _leaves_workspace(m: MachineArrays, points: Postures, here: int) -> bool:
 
     Args:
         m: Numeric description of the machine.
-        points: Three postures: both ends in rows 0 and 1, and row 2 as working memory.
+        points: Three postures: both ends in rows 0 and 1. Row 2 may be overwritten.
         here: Index of the start, 0 or 1.
 
     Returns:
@@ -315,9 +315,9 @@ def price_piece(t: PathCostModel, w: PathCostBuffers, here: int) -> int:
     """Price the straight move between two postures in all mode combinations.
 
     The move leads from w.points[here] to w.points[1 - here]. It is inadmissible if the tip leaves
-    the workspace, if the arm comes too near to an obstacle, or if no mode combination can do it.
-    Only combinations that boost exactly the joints that need boost may be used. If there is none,
-    those that boost further joints may be used.
+    the workspace, the arm comes too near to an obstacle, or no mode combination can do it. Only
+    combinations that boost exactly the joints that need boost may be used. If there is none, those
+    that boost further joints may be used.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -393,17 +393,18 @@ def _piece_cost(t: PathCostModel, w: PathCostBuffers, p: int) -> float:
 
 @kernel(borrows=True)
 def _extend_by_piece(t: PathCostModel, w: PathCostBuffers, here: int, parent: IntArray) -> float:
-    """Extend the dynamic programming over mode combinations by one piece of a path.
+    """Extend the least costs of a path by one piece, for each mode combination of arrival.
 
     The piece leads from w.points[here] to w.points[1 - here]. For each admissible combination p of
     the piece:
 
         after[p] = min over o of (value[o] + w₃ switches[o, p]) + w₁ E[p] + w₂ T[p] + w₄ M[p]
 
-    value[o] is the least cost of arriving at the piece's start in combination o, and switches[o, p]
-    the number of mode switches from o to p. w₁ to w₄ are the cost weights. E, T and M are the
-    piece's energy, duration and manipulability loss. `value` is w.value[here], which is read.
-    `after` is w.value[1 - here], which is written; inadmissible combinations get inf.
+    value[o] is the least cost of a path to the piece's start that arrives in combination o.
+    switches[o, p] is the number of mode switches from o to p. The weights of the cost are w₁ to w₄.
+    E, T and M are the piece's energy, duration and manipulability loss. `value` is w.value[here],
+    which is read. `after` is w.value[1 - here], which is written; inadmissible combinations get
+    inf.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -462,7 +463,7 @@ def count_switches_to_hold(m: MachineArrays, force: FloatArray, modes: ModeArray
 
 @kernel(borrows=True)
 def _add_holding_switches(t: PathCostModel, w: PathCostBuffers, at: int) -> float:
-    """Add the cost of the mode switches with which a path ends in rest at w.points[at].
+    """Add the cost of the switches to the modes that hold the arm at rest at w.points[at].
 
     An actuator holds its load in mode N, or in mode DB if the load needs boost. Changes w.value[at]
     in place, except the column of the modes in force at the start.
@@ -515,7 +516,7 @@ def continue_path(
     parent: IntArray,
     rests_at_end: bool,
 ) -> float:
-    """Price further waypoints of a cylinder path, starting from w.points[0] and w.value[0].
+    """Add the cost of further waypoints to a cylinder path that ends at w.points[0].
 
     Each segment is cut into pieces, and dynamic programming picks a mode combination for each
     piece. On success w.points[0] and w.value[0] describe the last waypoint. On failure their
@@ -573,7 +574,7 @@ def continue_path(
 def price_path(
     t: PathCostModel, w: PathCostBuffers, via: FloatArray, start: FloatArray, limit: float
 ) -> float:
-    """Compute the least cost of a cylinder path, with the best mode combination in each piece.
+    """Compute the least cost of a whole cylinder path over all sequences of mode combinations.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -596,8 +597,8 @@ def compute_costs_to_go(
 ) -> FloatArray:
     """Compute the least cost from each waypoint of a cylinder path to rest at the path's end.
 
-    Mode switches between pieces are included, and those to the modes that hold the arm at the end.
-    The path must be admissible in at least one sequence of mode combinations.
+    Mode switches between pieces count, and so do the switches to the modes that hold the arm at the
+    end.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -648,7 +649,7 @@ def compute_costs_to_go(
 
 
 class PathPieces(NamedTuple):
-    """Pieces of an admissible cylinder path in the mode combinations with which it costs least.
+    """Pieces of an admissible cylinder path, in the cheapest sequence of mode combinations.
 
     Attributes:
         cost: Cost of the path [-].
@@ -670,9 +671,9 @@ class PathPieces(NamedTuple):
 def compute_pieces(
     t: PathCostModel, w: PathCostBuffers, via: FloatArray, start: FloatArray
 ) -> tuple[float, FloatArray, FloatArray, IntArray, FloatArray]:
-    """Compute the pieces of a cylinder path in the mode combinations with which it costs least.
+    """Cut a cylinder path into pieces, and choose the cheapest sequence of mode combinations.
 
-    The cost is that of `price_path`, with the same rounding.
+    The cost equals the result of `price_path` to the last bit.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -726,8 +727,10 @@ def to_discrete_path(
 ) -> DiscretePath:
     """Convert a cylinder path to a discrete path, one step for each piece.
 
+    The arrays `pieces.tip` and `pieces.posture` become read-only, because the result shares them.
+
     Args:
-        t: Cost model by which the pieces were computed.
+        t: Cost model by which the pieces were computed; gives the mode combinations.
         pieces: Pieces of the path.
         cost: Cost of the path, stored as it is.
         start_modes: Modes in force at the start, shape (n,).

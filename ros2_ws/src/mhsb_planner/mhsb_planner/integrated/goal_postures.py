@@ -1,9 +1,10 @@
 """Sampled postures in which a motion may end, at one or several tip positions.
 
-An arm of three joints has one degree of freedom left there: the end-link angle ψ, on two elbow
-branches (`s1_psi_intervals_3r`). For longer chains the inner joints' angles are sampled evenly, and
-the intervals of ψ are found for each sample. If joints slide, all joints but the two that close the
-chain are sampled evenly. If joints slide and ψ is given, ψ is sampled instead.
+At one tip position, an arm of three joints keeps one degree of freedom: the end-link angle ψ, on
+two elbow branches (`s1_psi_intervals_3r`). For longer chains the angles of the first n − 3 joints
+are sampled evenly, and the intervals of ψ are found for each sample. If the chain has telescopes,
+all joints but the two that close the chain are sampled evenly. If ψ is prescribed for such a chain,
+ψ is sampled instead.
 """
 
 from __future__ import annotations
@@ -39,13 +40,15 @@ from mhsb_planner.search.goal_clearance import check_tip_clearance, find_clear_p
 PSI_SPACING = math.radians(1.0)
 """Default spacing of the samples of ψ [rad]."""
 MIN_INTERVAL_SAMPLES = 8
-"""Smallest number of samples of an interval of ψ; with m free coordinates its m-th root."""
+"""Smallest number of samples of an interval of ψ [-]; with m free coordinates the m-th root of it.
+"""
 MAX_TURNS = 2
-"""Largest number of whole turns by which an admissible ψ may differ from a feasible one."""
+"""Number of whole turns up to which an end-link angle counts as the same as the prescribed ψ [-].
+"""
 MAX_RANGES = (2 * MAX_TURNS + 1) * MAX_INTERVALS
 """Largest number of admissible ranges of ψ."""
 FIRST_ROWS = 128
-"""Number of postures for which a table has room at first."""
+"""Number of postures for which a table has room at first; the room is doubled as needed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +60,13 @@ class GoalPostures:
         tips: Tip position of each posture, shape (count, 2) [m].
         posture: The postures, shape (count, n) [rad or m].
         length: Cylinder lengths in each posture, shape (count, n) [m].
-        elbow: Elbow branch of each posture, ∓1, shape (count,); with telescopes the number of the
-            solution (`side`) of `close_chain`, which moves two joints so that the tip is reached.
-        free: Free joint coordinates of each posture as in `tip_postures`, shape (count, n - 2) [rad
-            or m].
+        elbow: Elbow branch (sign of the second-last joint's angle) of each posture, −1 or 1, shape
+            (count,). With telescopes: sign of the last turning joint's angle.
+        free: Free coordinates of each posture, shape (count, n - 2) [rad or m]: the first n − 3
+            joint angles and ψ. With telescopes: the positions of all joints but the last two
+            turning ones.
         free_units: Unit of each free coordinate (1 rad, or range/π of a telescope), shape (n - 2,)
-            [rad or m]; 0 if the coordinate must not change.
+            [rad or m]. 0 means that local changes must keep the coordinate.
         psi_range: Least and greatest admissible ψ [rad]; None if ψ is free.
     """
 
@@ -88,10 +92,10 @@ def sample_goal_postures(
 
     The postures at a tip position have m = n − 2 free coordinates, one less if ψ must have one
     value. For m = 1 successive samples of ψ differ by at most `spacing`, and the ends of each
-    feasible interval are among them. With more free coordinates, each is sampled at intervals of
-    `spacing` to the power 1/m, both in rad, so that the number of samples does not grow with m.
-    With k tip positions, `spacing` is first multiplied by k for the same reason. Postures that come
-    too near to obstacles are dropped, and so are tip positions without any posture.
+    feasible interval are among them. For larger m, each coordinate is sampled at intervals of
+    `spacing` to the power 1/m, both in rad. With k tip positions, `spacing` is first multiplied by
+    k. The number of samples therefore hardly grows with m or k. Postures that come too near to
+    obstacles are dropped, and so are tip positions without any posture.
 
     Args:
         machine: The arm without a slewing joint.
@@ -102,7 +106,8 @@ def sample_goal_postures(
         region: Other admissible tip positions; None means the goal alone.
 
     Returns:
-        The postures, at least one.
+        The postures, at least one, sorted by tip position in the order of `tip_positions`, the goal
+        first.
 
     Raises:
         OutOfWorkspaceError: No tip position has a posture, and the goal is outside the workspace.
@@ -137,21 +142,21 @@ def sample_goal_postures(
 
 
 def _free_coordinate_units(machine: Machine, between: tuple[float, float] | None) -> FloatArray:
-    """Return the unit of each free joint coordinate, by which changes are compared.
+    """Return the size of change that counts as 1 in each free coordinate of a goal posture.
 
     Free coordinates are the first n − 3 joint angles and the end-link angle ψ. With telescopes they
     are the positions of all joints but the last two turning ones, which close the chain.
 
-    The unit is 1 rad for an angle, and the joint's range divided by π [m] for a telescope. 0 means
-    that the coordinate must not change. If `between` is given, the unit is 0 for ψ. With telescopes
-    it is then 0 for all coordinates, because each would change ψ.
+    The size is 1 rad for an angle, and the joint's range divided by π [m] for a telescope. 0 means
+    that local changes must keep the coordinate. If `between` is given, the size is 0 for ψ. With
+    telescopes it is then 0 for all coordinates, because each would change ψ.
 
     Args:
         machine: The arm without a slewing joint.
         between: Least and greatest admissible ψ [rad]; None if ψ is free.
 
     Returns:
-        Units, shape (n - 2,) [rad or m].
+        Sizes, shape (n - 2,) [rad or m].
     """
     if machine.has_telescope:
         unit = machine.radian_equivalents[held_joints(machine)]
@@ -212,7 +217,7 @@ def _sample_at_tip(
 def _sample_telescopic_chain(
     machine: Machine, x: float, z: float, between: tuple[float, float] | None, spacing: float
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Sample the postures of a chain with telescopes at one tip position.
+    """Sample the postures of a chain with telescopes at one tip position, obstacles ignored.
 
     If `between` is given, evenly spaced end-link angles ψ are tried; each may give no posture or
     several. Otherwise all joints but the last two turning ones are sampled on a grid over their
@@ -228,9 +233,11 @@ def _sample_telescopic_chain(
             range/π stands for 1 rad.
 
     Returns:
-        Postures within limits, shape (count, n) [rad or m]; sign of the last turning joint's angle,
-        −1 or 1, shape (count,); and positions of all joints but the last two turning ones, shape
-        (count, n - 2) [rad or m].
+        Three arrays, one row for each posture within limits:
+
+        - Postures, shape (count, n) [rad or m].
+        - Signs of the last turning joint's angle, −1 or 1, shape (count,).
+        - Positions of all joints but the last two turning ones, shape (count, n - 2) [rad or m].
     """
     a, held = machine.arrays, held_joints(machine)
     i, j = find_closing_joints(a)
@@ -280,7 +287,7 @@ def _compute_postures(
 def _sample_turning_chain(
     machine: Machine, x: float, z: float, between: tuple[float, float] | None, spacing: float
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Sample the postures of a chain of turning joints at one tip position.
+    """Sample the postures of a chain of turning joints at one tip position, obstacles ignored.
 
     The inner joints, the first n − 3, are sampled on a grid. For each grid point the feasible
     end-link angles ψ of the last three joints are sampled. Each interval of ψ gets at least
@@ -292,13 +299,15 @@ def _sample_turning_chain(
         z: Tip position upward [m].
         between: Least and greatest admissible ψ [rad]; None if ψ is free.
         spacing: Largest distance of two samples of ψ with three joints [rad]. With m free
-            coordinates the distance is spacing^(1/m), also on the grid. ψ is no free coordinate if
-            `between` is one angle, which is then the only sample.
+            coordinates the distance is spacing^(1/m), also on the grid. If the ends of `between`
+            are equal, that angle is the only sample of ψ, and m is smaller by 1.
 
     Returns:
-        Postures within limits, shape (count, n) [rad]; elbow branches (sign of the second-last
-        joint's angle), −1 or 1, shape (count,); and inner joints' angles and ψ, shape (count, n -
-        2) [rad].
+        Three arrays, one row for each posture within limits:
+
+        - Postures, shape (count, n) [rad].
+        - Elbow branches (sign of the second-last joint's angle), −1 or 1, shape (count,).
+        - Angles of the first n − 3 joints and ψ, shape (count, n - 2) [rad].
     """
     a, n = machine.arrays, machine.joint_count
     low, high = between or (-math.inf, math.inf)
@@ -320,7 +329,7 @@ def _tabulate_postures(
     samples: int,
     fewest: int,
 ) -> FloatArray:
-    """Tabulate the sampled postures of a chain of turning joints at one tip position.
+    """List the postures on a grid of inner joint angles and end-link angles ψ, for turning joints.
 
     Test oracle: the same samples in plain Python.
 
@@ -330,12 +339,12 @@ def _tabulate_postures(
         z: Tip position upward [m].
         between: Least and greatest admissible ψ [rad]; −inf and inf if ψ is free.
         apart: Largest distance of two samples of ψ [rad].
-        samples: Number of evenly spaced angles of each of the first n − 3 joints.
+        samples: Number of evenly spaced angles over the range of each of the first n − 3 joints.
         fewest: Least number of samples in an interval of ψ.
 
     Returns:
-        A row for each posture within limits, shape (count, 2 n - 1): posture [rad], elbow branch,
-        angles of the first n − 3 joints and ψ [rad].
+        A row for each posture within limits, shape (count, 2 n - 1). Its columns are the posture
+        [rad], the elbow branch, the angles of the first n − 3 joints [rad], and ψ [rad].
     """
     n, count = len(m.link_length), 0
     q, ranges = np.empty(n), np.empty((MAX_RANGES, 3))

@@ -1,9 +1,10 @@
 """Goal postures near the start posture, for chains with more than three joints.
 
-Even samples of two and more free coordinates lie degrees apart, which is more than a short move
-needs. Postures with a joint at its limit are rarely among them. Therefore each pair of joints
-closes the chain in turn, one other joint is sampled, and the rest keep their start positions. From
-each such curve the posture with the least lower bound on the cost is kept.
+Even samples of two and more free coordinates lie degrees apart, which is too coarse for a short
+move. Postures with a joint at its limit are rarely among the samples. This module therefore
+searches curves through the joint space. On a curve, two joints close the chain, one other joint is
+sampled, and the rest keep their start positions. There is a curve for each choice of these joints.
+Its posture with the least lower bound on the cost is added.
 """
 
 from __future__ import annotations
@@ -44,12 +45,14 @@ def add_postures_near_start(
     circuit: HydraulicCoefficients,
     weight: FloatArray,
 ) -> GoalPostures:
-    """Add goal postures that differ little from the start to the sampled goal postures.
+    """Add goal postures near the start to those that were sampled evenly.
 
-    The new postures have the tip at the goal itself, not elsewhere in the goal region. Nothing is
-    added in three cases: the arm has three joints, because its samples are dense; the end-link
-    angle is prescribed; or no sample has the tip at the goal itself. Postures too near to obstacles
-    are not added.
+    The new postures have the tip at the goal itself, not elsewhere in the goal region. Postures too
+    near to obstacles are not added. Nothing is added in three cases:
+
+    - The arm has three joints, so that its samples are dense.
+    - The end-link angle is prescribed.
+    - No sample has the tip at the goal itself.
 
     Args:
         machine: The arm without a slewing joint.
@@ -89,7 +92,7 @@ def add_postures_near_start(
 def _elbows_and_free_coordinates(
     machine: Machine, postures: FloatArray
 ) -> tuple[np.ndarray, FloatArray]:
-    """Return elbow branches and free joint coordinates of postures, as `GoalPostures` stores them.
+    """Return elbow branches and free coordinates of postures, as `GoalPostures` stores them.
 
     Without telescopes the elbow branch is 1 if the second-last joint's angle is positive, else −1.
     The free coordinates are the first n − 3 joint angles and the end-link angle ψ. With telescopes
@@ -123,13 +126,13 @@ def _search_near_postures(
     z: float,
     weight: FloatArray,
 ) -> FloatArray:
-    """Find goal postures near the start: the best of each of many curves of postures.
+    """Find the best goal posture on each of many curves through the joint space.
 
-    There is a curve for each combination of a pair of joints with a third joint. The third joint
-    takes JOINT_SAMPLE_COUNT evenly spaced positions from limit to limit, and its start position.
-    The pair brings the tip to the goal; both solutions belong to the curve. All other joints keep
-    their start positions. The best posture is the one with the least lower bound on the cost from
-    the start.
+    Each choice of a pair of joints and a third joint gives a curve. The third joint takes
+    JOINT_SAMPLE_COUNT evenly spaced positions from limit to limit, and its start position. The pair
+    then brings the tip to the goal; its two solutions both belong to the curve. All other joints
+    keep their start positions. The best posture is the one with the least lower bound on the cost
+    from the start.
 
     Test oracle: the same search in plain Python.
 
@@ -143,8 +146,8 @@ def _search_near_postures(
         weight: Weights of energy [1/J] and time [1/s], shape (2 or more,).
 
     Returns:
-        The best posture of each curve that has any within joint limits, shape (found, n)
-        [rad or m].
+        The best posture of each curve that has any within joint limits, shape (found, n) [rad or
+        m].
     """
     n, count = len(start), 0
     found = np.empty((n * (n - 1) // 2 * (n - 2), n))

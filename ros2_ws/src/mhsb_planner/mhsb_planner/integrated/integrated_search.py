@@ -1,8 +1,8 @@
 """Integrated search from a start posture to a goal point: a first path early, then cheaper ones.
 
-1. Straight lines to the goal postures, in the order of their lower bounds. 2. A* over lattices of
-decreasing spacing, if a cheaper path is still possible. 3. After each lattice, local changes:
-waypoints are removed and moved, and the goal posture is changed.
+1. Straight lines lead to the goal postures, tried in the order of their lower bounds.
+2. A* searches lattices of decreasing spacing, if a cheaper path is still possible.
+3. Local changes improve paths: waypoints are removed and moved, and the goal posture is changed.
 
 The first admissible straight line is yielded at once, later paths as they are found
 (`anytime_search`). All work is limited, so that the result depends on the clock only if there is a
@@ -47,7 +47,7 @@ __all__ = ["CylinderPath", "IntegratedSearch", "SearchLimits", "SearchProblem", 
 
 
 class IntegratedSearch:
-    """An integrated search for one request."""
+    """Search for path, postures and modes together, for one request and one thread."""
 
     def __init__(
         self,
@@ -113,7 +113,7 @@ class IntegratedSearch:
         progress.search_deadline.check(SEARCH_TASK)
 
     def paths(self) -> Iterator[DiscretePath | None]:
-        """Yield ever cheaper discrete paths.
+        """Yield ever cheaper discrete paths from the start to the goal.
 
         Straight paths come first, then paths from lattices and local changes. A start at the goal
         gives one path without steps.
@@ -145,12 +145,14 @@ class IntegratedSearch:
         return [path for path in self.paths() if path is not None][-1]
 
     def improve_path(self, via: FloatArray, spacings: tuple[float, ...]) -> DiscretePath | None:
-        """Improve a cylinder path from another source by local changes.
+        """Improve a given cylinder path by local changes, towards this search's goal postures.
 
-        The goal posture nearest to the last waypoint is taken as the path's end.
+        The goal posture nearest to the last waypoint counts as the path's end. The difference of
+        the cylinder length that differs most is the distance.
 
         Args:
-            via: Waypoints (cylinder lengths) from the start to the goal, shape (points, n) [m].
+            via: Waypoints (cylinder lengths) from the start to a goal posture, shape (points, n)
+                [m].
             spacings: Lattice spacings, in the order of use [m]. Waypoints move by shares of these.
 
         Returns:
@@ -172,7 +174,7 @@ class IntegratedSearch:
         return perf_counter() - self._began
 
     def _to_discrete_path(self, best: CylinderPath, work: SearchWork) -> DiscretePath:
-        """Convert a cylinder path to a discrete path whose cost includes leakage.
+        """Convert a cylinder path to a discrete path whose cost includes leakage in any case.
 
         Args:
             best: The cylinder path.
@@ -206,7 +208,7 @@ def search(
     deadline: Deadline = NO_DEADLINE,
     effort: SearchLimits | None = None,
 ) -> DiscretePath:
-    """Run an integrated search to its end and return the cheapest path.
+    """Create an integrated search, run it to its end, and return the cheapest path.
 
     Args:
         machine: The arm without a slewing joint.
@@ -247,7 +249,7 @@ def improve_path(
     spacings: tuple[float, ...],
     effort: SearchLimits,
 ) -> DiscretePath | None:
-    """Improve a cylinder path from another source by local changes.
+    """Improve a given cylinder path by local changes, without any search for other paths.
 
     Args:
         machine: The arm without a slewing joint.
@@ -299,7 +301,7 @@ def warm_up_pricing(machine: Machine) -> None:
 
 
 def warm_up_paths(machine: Machine) -> None:
-    """Compile the kernels that bound the cost to all goals or make a discrete path.
+    """Compile the kernels of the lower bound and of the conversion to a discrete path.
 
     Args:
         machine: Arm without a slewing joint that the trial calls use. Its obstacles are ignored.

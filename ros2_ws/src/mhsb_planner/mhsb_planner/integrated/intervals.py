@@ -22,7 +22,7 @@ Interval = tuple[float, float]
 
 @kernel
 def cosine_range(low: float, high: float) -> Interval:
-    """Return the range of the cosine over an interval of angles.
+    """Return the least and greatest cosine over an interval of angles.
 
     Args:
         low: Lower end of the interval [rad], at most `high`.
@@ -43,7 +43,7 @@ def cosine_range(low: float, high: float) -> Interval:
 
 @kernel
 def _wrist_direction_range(low: float, high: float, radius: float, link: float) -> Interval:
-    """Return the range of the wrist's direction α at one distance of the tip.
+    """Return the range of the wrist's direction α over link directions, at one tip distance.
 
     A link of length L leads from the wrist to the tip, and the tip is at distance R from the
     origin. Directions are relative to that of the tip. The link has the direction u, and the wrist
@@ -55,7 +55,7 @@ def _wrist_direction_range(low: float, high: float, radius: float, link: float) 
     wrapped at ±π.
 
     Args:
-        low: Lower end of the interval of u [rad]; for R ≤ L it must not be negative.
+        low: Lower end of the interval of u [rad]; at least 0 if R ≤ L.
         high: Upper end of the interval of u [rad].
         radius: Distance R of the tip from the origin [m].
         link: Length L of the link [m].
@@ -109,7 +109,7 @@ def _unwrapped_wrist_direction(u: float, radius: float, link: float) -> float:
 
 @kernel
 def _intersect_modulo_turns(low: float, high: float, least: float, most: float) -> Interval:
-    """Intersect an interval of angles, shifted by whole turns, with a range of angles.
+    """Intersect a range of angles with all copies of an interval that whole turns shift.
 
     Args:
         low: Lower end of the interval [rad].
@@ -118,9 +118,9 @@ def _intersect_modulo_turns(low: float, high: float, least: float, most: float) 
         most: Upper end of the range [rad].
 
     Returns:
-        Smallest interval that contains the intersections for all shifts by −2 to 2 turns [rad];
-        (inf, −inf) if there is none. Intervals that miss each other by INTERVAL_ROUNDING or less
-        count as touching.
+        Smallest interval that contains the intersections for all shifts by −2 to 2 turns [rad].
+        (inf, −inf) means that there is no intersection. Intervals that miss each other by
+        INTERVAL_ROUNDING or less count as touching.
     """
     found_low, found_high = math.inf, -math.inf
     for turns in range(-2, 3):

@@ -4,17 +4,18 @@ The lattice covers the whole ranges of the joints, and the start is one of its p
 to one of the 3ⁿ − 1 neighbours. A goal posture is reached from the lattice points around it. Steps
 are priced only when the search looks at them.
 
-With one spacing for all cylinders, strokes and durations in mode N add up to those of a straight
-move, because steps run along the axes and all diagonals. The lattice then adds no cost if no
-cylinder needs boost. With obstacles the lattice is even in the joint positions instead, with
-smaller angles for inner joints. The arm then moves about equally far with each step. With equal
-spacing in lengths it would not: one millimetre of some cylinders moves the tip by 40 mm.
+Steps run along the axes and all diagonals. If the spacing is equal for all cylinders, some path
+over the lattice therefore has the strokes of the straight move, and about its duration. It costs
+hardly more if no cylinder needs boost. With obstacles the lattice is even in the joint positions
+instead, with smaller angles for inner joints. Each step then moves the arm about equally far. With
+equal spacing in lengths it would not: one millimetre of some cylinders moves the tip by 40 mm.
 
 A state is a lattice point and the mode combination in which it was reached. The heuristic is the
-lower bound `least_move_cost` to the goal posture for which it is least. It is consistent.
+least of the lower bounds `least_move_cost` to the goal postures. It is consistent.
 
-Memory is used only by lattice points that have been reached: each gets a row. More rows are added
-on demand, so a lattice of any size is created at once.
+A lattice point is reached when the search first looks at a step to it, even if the step is dropped.
+Only reached points get a row in the search's memory, and rows are added on demand. A large lattice
+therefore takes little time to create.
 """
 
 from __future__ import annotations
@@ -72,8 +73,7 @@ spacing.
 """
 
 FIRST_ROWS = 1000
-"""Number of lattice points with memory at first; it doubles each time that the search needs more.
-"""
+"""Number of rows for lattice points at first; it doubles each time that the search needs more."""
 
 
 class Lattice(NamedTuple):
@@ -81,12 +81,13 @@ class Lattice(NamedTuple):
 
     Attributes:
         shape: Number of lengths of each cylinder, shape (n,).
-        stride: Difference of two point numbers for one step along each cylinder, shape (n,).
+        stride: Change of the point number for one step along each cylinder, shape (n,).
         start: Number of the start point.
         length: Lattice lengths of each cylinder, shape (n, longest) [m]; shorter rows are padded
             with 0.
         angle: Position of the joint at each lattice length, shape (n, longest) [rad or m].
-        moves: Steps to the neighbours in lattice indices −1, 0 and 1, shape (3ⁿ − 1, n).
+        moves: Steps to the neighbours as changes of the lattice indices, each −1, 0 or 1, shape (3ⁿ
+            − 1, n).
     """
 
     shape: IntArray
@@ -123,8 +124,8 @@ def lattice_even_in_lengths(machine: Machine, posture: FloatArray, spacing: floa
 def lattice_even_in_angles(machine: Machine, posture: FloatArray, reach: float) -> Lattice:
     """Create a lattice of cylinder lengths that is evenly spaced in the joint positions.
 
-    The spacing of a turning joint is `reach` divided by the length of the stretched arm beyond it
-    [rad], so that inner joints make smaller steps. For a telescope it is `reach` itself [m]. The
+    The spacing of a turning joint [rad] is `reach` divided by the length of the stretched arm
+    beyond it. Inner joints thus make smaller steps. For a telescope it is `reach` itself [m]. The
     joint limits are lattice positions, too.
 
     Args:
@@ -170,7 +171,7 @@ def _assemble_lattice(axes: list[tuple[FloatArray, FloatArray, int]]) -> Lattice
 
 
 def _evenly_spaced(here: float, low: float, high: float, spacing: float) -> tuple[FloatArray, int]:
-    """Return numbers at equal spacing around a value, with both ends of a range added.
+    """List the numbers at equal spacing around a value within a range, and the range's ends.
 
     An end is not added if it is nearer to the last number than END_POINT_TOLERANCE · spacing.
 
@@ -247,13 +248,13 @@ class LatticePointData(NamedTuple):
     The states of the point in row r have the numbers r · patterns to (r + 1) · patterns − 1.
 
     Attributes:
-        row: One more than the row of each lattice point, 0 if it has not been reached, shape
-            (points,).
+        row: Row of each lattice point plus 1; 0 if the point has not been reached, shape (points,).
         rows: Number of rows in use, shape (1,).
-        point: Number of the lattice point of each row.
-        remaining: Lower bound on the cost from each row's point to the cheapest goal posture.
+        point: Number of the lattice point of each row, shape (rows,).
+        remaining: Lower bound on the cost from each row's point to the cheapest goal posture, shape
+            (rows,) [-].
         force: Piston forces at each row's point, shape (rows, n) [N]; NaN until they are computed.
-        best: Cheapest state of each row's point so far, NO_STATE if there is none.
+        best: Cheapest state of each row's point so far, shape (rows,); NO_STATE if there is none.
         reached: Index of the goal posture at the end of the best path so far, shape (1,).
         indices: Lattice indices of the point that is being expanded, shape (n,).
     """
@@ -397,7 +398,7 @@ def _find_neighbour(lattice: Lattice, at: IntArray, move: IntArray) -> int:
 
 @kernel(borrows=True)
 def _is_around(lattice: Lattice, at: IntArray, goal: FloatArray) -> bool:
-    """Return whether a goal lies within one lattice step of a point.
+    """Return whether a goal posture lies within one lattice step of a lattice point.
 
     Args:
         lattice: The lattice.
@@ -417,7 +418,7 @@ def _is_around(lattice: Lattice, at: IntArray, goal: FloatArray) -> bool:
 
 
 class LatticeProblem(NamedTuple):
-    """What a lattice search looks for: the cheapest path over a lattice to a goal posture.
+    """Problem of a lattice search: the cheapest path over a lattice to one of several goals.
 
     Attributes:
         cost_model: Cost model of the cylinder path.
@@ -437,8 +438,8 @@ class SearchRule(NamedTuple):
         cost_limit: Paths of this cost or more are dropped.
         heuristic_weight: Heuristic weight w ≥ 1. The path costs at most w times as much as the
             cheapest one; a larger w finds it earlier.
-        reachability_only: If true, points with a state are not looked at again. This answers
-            fastest whether there is any path, but not which is cheapest.
+        reachability_only: If true, steps to lattice points that have a state already are skipped.
+            This finds some path fastest, but not a cheap one.
     """
 
     cost_limit: float
@@ -450,9 +451,10 @@ class StepTarget(NamedTuple):
     """Lattice point or goal posture to which a step leads.
 
     Attributes:
-        first_state: State reached in mode combination 0.
-        state_stride: Difference between the states of successive combinations: 1 for a lattice
-            point, 0 for a goal posture, since all reach the goal.
+        first_state: Number of the state that is reached in mode combination 0.
+        state_stride: Difference between the state numbers of successive combinations. It is 1 for a
+            lattice point. It is 0 for a goal posture, because all combinations lead to the one goal
+            state.
         lower_bound: Lower bound on the cost from the target to the goal.
     """
 
@@ -471,12 +473,12 @@ def _relax_step(
     cost: float,
     least: float,
 ) -> bool:
-    """Record a step to a state if it is cheaper than all paths known to the state.
+    """Record a step to one state if it makes this state cheaper.
 
     A state is a lattice point and the mode combination of arrival. There is a second way to the
-    target: mode switches in the cheapest other state of its point. The step is dropped if the
-    second way costs no more. Otherwise the target gets the cost and the parent. It enters the open
-    list, or its place in the list is updated.
+    target: through the cheapest state of its point, and mode switches there. The step is dropped if
+    the second way, or the path known to the target, costs no more. Otherwise the target gets the
+    cost, and `origin` as its parent. It enters the open list, or its place in the list is updated.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -486,8 +488,8 @@ def _relax_step(
         origin: State from which the step leads.
         target: Number of the state that is reached. The last state is the goal, which has no point.
         cost: Cost of the path from the start to the target.
-        least: Weighted heuristic: heuristic weight times lower bound on the cost from the target
-            to the goal.
+        least: Weighted heuristic: heuristic weight times lower bound on the cost from the target to
+            the goal.
 
     Returns:
         True if the step was recorded.
@@ -518,12 +520,11 @@ def _price_step_to(
     target: StepTarget,
     rule: SearchRule,
 ) -> bool:
-    """Price a step and record it in every admissible mode combination.
+    """Price a step, and record it in each mode combination in which it makes a state cheaper.
 
     The step leads from w.points[0] to w.points[1]. The price of a step to a goal posture includes
-    the switches to the modes that hold the arm at the goal. In each combination the step is dropped
-    if the cost of the path to the target, plus the lower bound on the cost from there to a goal,
-    reaches the cost limit.
+    the switches to the modes that hold the arm at the goal. The step is dropped in a combination in
+    which it leads to no path below the cost limit, by the lower bound of the target.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -605,7 +606,7 @@ def _step_to_neighbour(
     The step may reach several states of the point, one in each mode combination. Those that become
     cheaper enter the open list. The step is skipped if a lower bound shows that it makes none of
     them cheaper, or leads to no path below the cost limit. With `reachability_only` it is also
-    skipped if the point has been reached before.
+    skipped if the point has a state already.
 
     Args:
         problem: Cost model, lattice and goals.
@@ -614,7 +615,7 @@ def _step_to_neighbour(
         known: Data of the lattice points that the search has reached, changed in place.
         origin: The expanded state.
         point: Number of the neighbouring point.
-        rule: Cost limit, heuristic weight, and whether each point is reached only once.
+        rule: Cost limit, heuristic weight, and `reachability_only`.
     """
     t, lattice, goals = problem
     row = known.row[point] - 1
@@ -663,7 +664,7 @@ def expand(
         w: Working memory of the thread, overwritten.
         f: Open list and state records, changed in place; the last state is the goal.
         known: Data of the lattice points that the search has reached, changed in place.
-        rule: Cost limit, heuristic weight, and whether each point is reached only once.
+        rule: Cost limit, heuristic weight, and `reachability_only`.
         limit: Largest number of states to take from the open list in this call. A state is taken
             but not expanded if another state of the same point and a mode switch cost less.
 
@@ -714,7 +715,8 @@ class LatticeSearch:
     """Resumable A* search over a lattice from its start to goal postures.
 
     Attributes:
-        exhausted: True if the last call ended because no path costs less than its limit.
+        exhausted: True if the last call of `search` ended because no path costs less than its
+            limit.
     """
 
     exhausted = False
@@ -746,7 +748,7 @@ class LatticeSearch:
 
     @property
     def reached_count(self) -> int:
-        """Number of lattice points reached so far."""
+        """Number of lattice points that the search has looked at so far, also by dropped steps."""
         return int(self._known.rows[0])
 
     @property
@@ -756,7 +758,7 @@ class LatticeSearch:
 
     @property
     def cost(self) -> float:
-        """Cost of the path found; inf before."""
+        """Cost of the cheapest path to a goal so far, by `t` of the constructor; inf before."""
         return self._open_list.goal_cost
 
     def search(
@@ -778,8 +780,8 @@ class LatticeSearch:
             deadline: Instant after which the search pauses; it may be continued.
             heuristic_weight: Heuristic weight w ≥ 1. The path costs at most w times as much as the
                 cheapest one, unless `reachability_only` is set.
-            reachability_only: If true, each lattice point is reached only once. The search then
-                finds a path fastest, but not a cheap one.
+            reachability_only: If true, steps to lattice points that have a state already are
+                skipped. The search then finds some path fastest, but not a cheap one.
 
         Returns:
             Waypoints of the path from the start to the goal posture, shape (points, n) [m], and the

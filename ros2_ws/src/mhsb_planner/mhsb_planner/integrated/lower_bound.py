@@ -2,20 +2,20 @@
 
 The bound is the minimum of `bound_cost_between` over the continuous set of goal postures. Branch
 and bound over the end-link angle ψ finds it. For a cell [a, b] of ψ and an elbow branch, interval
-arithmetic encloses the joint positions, and so the cylinder lengths, in a box. The least cost to
-the box bounds the cost of the cell. A cell is halved if its bound is below the least cost to the
-middle of any cell so far.
+arithmetic encloses the joint positions, and so the cylinder lengths, in a box. The lower bound on
+the cost of a move into the box is the bound of the cell. A cell is halved if its bound is below the
+least bound for a posture in the middle of any cell so far.
 
-With the tip at distance R in direction φ, and u = ψ − φ, the wrist lies at distance D in direction
-φ + α. The angle between upper arm and wrist direction is β:
+The tip is at distance R in direction φ, and u = ψ − φ. The wrist lies at distance D in direction φ
++ α. The angle between the upper arm and the line to the wrist is β:
 
     D² = R² + L₃² − 2 R L₃ cos u         α = atan2(−L₃ sin u, R − L₃ cos u)
     cos|q₂| = (D² − L₁² − L₂²)/(2 L₁ L₂)  β = atan2(L₂ sin|q₂|, L₁ + L₂ cos|q₂|)
     q₁ = φ + α − sgn(q₂) β                q₃ = ψ − q₁ − q₂
 
-With more joints a cell holds intervals of the inner joints' angles, too. An inner link is removed
-by the same formulas, with intervals of R and φ. With telescopes a cell holds intervals of all
-joints that do not close the chain (`telescope_cells`).
+With more joints a cell also holds intervals of the angles of the first n − 3 joints. Their links
+are removed one by one: the formulas for D and α give the tip seen from the end of a link. With
+telescopes a cell holds intervals of all joints that do not close the chain (`telescope_cells`).
 """
 
 from __future__ import annotations
@@ -58,23 +58,30 @@ from mhsb_planner.search.s2_step import (
 )
 
 BOUND_TOLERANCE = 1e-3
-"""Relative gap between the bound found and the true minimum at which the branch and bound stops."""
+"""Largest gap between the bound found and the true minimum, as a share of the minimum [-]. The
+branch and bound stops there.
+"""
 
 MIN_CELL_WIDTH = 1e-5
-"""Width below which a cell is not halved further [rad]."""
+"""Width below which a cell is not halved further [rad; for a telescope range/π stands for 1 rad].
+"""
 
 FIRST_CELLS = 32
-"""Number of cells into which ψ is divided at first, for each elbow branch."""
+"""Number of cells into which the range of ψ is divided at first, for each elbow branch. With
+telescopes the range of the last free coordinate is divided.
+"""
 MAX_CELLS, MAX_CELLS_WITH_DEADLINE = 4000, 1000
-"""Largest number of additional cells for chains that are not 3R: without and with a deadline."""
+"""Largest number of cells that halving may add: without and with a deadline. It does not limit arms
+of three turning joints.
+"""
 
 
 @kernel
 def _elbow_offset_range(low: float, high: float, l1: float, l2: float) -> Interval:
-    """Return the range of the shoulder angle β over a range of elbow angles.
+    """Return the range of the angle β between link 1 and the wrist over a range of elbow angles.
 
-    Links 1 and 2 have the lengths L₁ and L₂ and meet at the elbow with the joint angle q₂. β is the
-    angle between link 1 and the line from its start to the end of link 2:
+    Links 1 and 2 have the lengths L₁ and L₂ and meet at the elbow with the joint angle q₂. The
+    angle β lies between link 1 and the line from its start to the end of link 2:
 
         β = atan2(L₂ sin|q₂|, L₁ + L₂ cos|q₂|)
 
@@ -161,7 +168,7 @@ def enclose_cell(
 
 
 class CostFromStart(NamedTuple):
-    """Data from which the cost from a start to any posture is bounded.
+    """Data from which a lower bound on the cost from a start to any posture follows.
 
     Attributes:
         machine: Numeric description of the machine.
@@ -180,16 +187,16 @@ class CostFromStart(NamedTuple):
 def _compute_cell_bounds(
     cost: CostFromStart, tip: tuple[float, float], elbow: int, cell: FloatArray, w: FloatArray
 ) -> Interval:
-    """Compute lower bounds on the cost from the start to the goal postures of a cell.
+    """Compute lower bounds on the cost to all goal postures of a cell, and to its middle one.
 
     Args:
         cost: Machine, cylinder lengths at the start, and weights.
         tip: Tip position (x, z) [m].
         elbow: Elbow branch (sign of the second-last joint's angle), −1 or 1; with telescopes the
             sign of the last turning joint's angle.
-        cell: Lower and upper ends of the free coordinates, shape (n - 2, 2) [rad or m]: the first n
-            − 3 joint angles and the end-link angle ψ. With telescopes: the positions of all joints
-            but the last two turning ones.
+        cell: Lower and upper ends of the free coordinates, shape (n - 2, 2) [rad or m]. These are
+            the first n − 3 joint angles and the end-link angle ψ. With telescopes: the positions of
+            all joints but the last two turning ones.
         w: Working memory, shape (5, n), overwritten.
 
     Returns:
@@ -217,11 +224,11 @@ def _compute_cell_bounds(
 def _branch_and_bound(
     cost: CostFromStart, tip: tuple[float, float], psi: Interval, best_sampled_bound: float
 ) -> Interval:
-    """Bound the cost to any goal posture of an arm of three turning joints from below.
+    """Compute a lower bound on the cost to every goal posture, for three turning joints only.
 
     Depth-first branch and bound over intervals (cells) of the end-link angle ψ, on both elbow
-    branches. The result is the least bound of all cells that are not halved any more. A cell is
-    halved until one of three conditions holds:
+    branches. The result is the least bound of all cells that were not halved. A cell is halved
+    until one of three conditions holds:
 
     - Its bound is at least (1 − BOUND_TOLERANCE) `best_sampled_bound`.
     - It is narrower than MIN_CELL_WIDTH.
@@ -231,12 +238,12 @@ def _branch_and_bound(
         cost: Machine, cylinder lengths at the start, and weights.
         tip: Tip position (x, z) [m].
         psi: Least and greatest ψ [rad].
-        best_sampled_bound: Least bound to any single posture (middle of a cell) that was evaluated
-            before, at any tip position; inf means none. A small value ends the halving earlier.
+        best_sampled_bound: Least bound for a single goal posture that is known already, at any tip
+            position; inf means none. A small value ends the halving earlier.
 
     Returns:
-        Lower bound on the cost, inf if no posture reaches the tip position; and the new
-        `best_sampled_bound`, lower if the bound to the middle of a cell was lower.
+        Lower bound on the cost [-], inf if no posture reaches the tip position. Then the least of
+        `best_sampled_bound` and the bounds for the middle postures of all cells.
     """
     work, cell = np.empty((5, len(cost.start))), np.empty((1, 2))
     cells = [(0, 0.0, 0.0)]
@@ -276,22 +283,22 @@ def _branch_and_bound_of_chain(
     """Compute a lower bound on the cost to every goal posture, for a chain of any kind.
 
     A cell holds an interval for each free coordinate. Best-first branch and bound halves the cell
-    of the least bound along its widest side. It stops at a cell whose bound is at least
-    (1 − BOUND_TOLERANCE) `best_sampled_bound`, or whose widest side is below MIN_CELL_WIDTH. It
-    also stops when no more cells are allowed.
+    of the least bound along its widest side. It stops at a cell whose bound is at least (1 −
+    BOUND_TOLERANCE) `best_sampled_bound`, or whose widest side is below MIN_CELL_WIDTH. It also
+    stops when no more cells are allowed. That cell's bound is the result.
 
     Args:
         cost: Machine, cylinder lengths at the start, and weights.
         tip: Tip position (x, z) [m].
         ranges: Lower end, upper end and unit of each free coordinate, shape (n - 2, 3) [rad or m].
             Widths are divided by the unit before they are compared.
-        best_sampled_bound: Least bound to any single posture (middle of a cell) that was evaluated
-            before, at any tip position; inf means none. A small value ends the halving earlier.
+        best_sampled_bound: Least bound for a single goal posture that is known already, at any tip
+            position; inf means none. A small value ends the halving earlier.
         most_cells: Largest number of cells that halving may add to the first 2 · FIRST_CELLS.
 
     Returns:
-        Lower bound on the cost, inf if no posture reaches the tip position; and the new
-        `best_sampled_bound`, lower if the bound to the middle of a cell was lower.
+        Lower bound on the cost [-], inf if no posture reaches the tip position. Then the least of
+        `best_sampled_bound` and the bounds for the middle postures of all cells.
     """
     n = len(cost.start)
     work, cell = np.empty((5, n)), np.empty((2 * FIRST_CELLS + most_cells, n - 2, 2))
@@ -340,10 +347,11 @@ def bound_cost_to_goals(
     weight: FloatArray,
     most_cells: int = MAX_CELLS,
 ) -> float:
-    """Compute a lower bound on the cost of every plan from a start to the goal.
+    """Compute a lower bound on the cost of every plan from a start to the goal, in any modes.
 
     The bound is the minimum over all admissible tip positions and all postures there, not only the
-    sampled ones. It comes from branch and bound, and mode switches do not count.
+    sampled ones. It comes from branch and bound. Mode switches and the manipulability loss do not
+    count.
 
     Args:
         machine: The arm without a slewing joint.
@@ -355,7 +363,7 @@ def bound_cost_to_goals(
             has no effect for an arm of three turning joints.
 
     Returns:
-        The bound; inf if no posture reaches any of the tip positions.
+        The bound [-]; inf if no posture reaches any of the tip positions.
     """
     best_sampled_bound = math.inf
     if not machine.is_3r:  # a known cost lets cells be closed earlier
@@ -416,7 +424,7 @@ def _bound_cost_to_tips(
     """Compute a lower bound on the cost to any posture at any of several tip positions.
 
     Args:
-        machine: Machine that must not slew (`Machine.planar_arm`).
+        machine: The arm without a slewing joint.
         cost: Machine, cylinder lengths at the start, and weights.
         tips: Tip positions (x, z), shape (k, 2) [m].
         psi_range: Least and greatest end-link angle [rad]; None means any.
@@ -426,7 +434,7 @@ def _bound_cost_to_tips(
             branch and bound adds. It has no effect for an arm of three turning joints.
 
     Returns:
-        The bound; inf if no posture reaches any of the tip positions.
+        The bound [-]; inf if no posture reaches any of the tip positions.
     """
     psi, least = psi_range or (-math.pi, math.pi), math.inf
     ranges = None if machine.is_3r else _free_coordinate_ranges(machine, psi)

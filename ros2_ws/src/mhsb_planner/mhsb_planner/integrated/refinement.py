@@ -29,14 +29,17 @@ from mhsb_planner.integrated.cylinder_path import (
 
 
 class SweptPath(NamedTuple):
-    """A cylinder path that a compass search changes in place, with its end posture.
+    """A cylinder path with its end posture; a compass search changes both in place.
 
     Attributes:
         waypoints: Waypoints, shape (points, n) [m].
         start: Joint positions at waypoints[0], shape (n,) [rad or m].
         tip: Tip position (x, z) at the end [m].
-        elbow: Elbow branch of the posture at the end, ∓1.
-        free: Free joint coordinates of the posture at the end, shape (n - 2,) [rad or m].
+        elbow: Elbow branch (sign of the second-last joint's angle) of the posture at the end, −1 or
+            1. With telescopes: sign of the last turning joint's angle.
+        free: Free coordinates of the posture at the end, shape (n - 2,) [rad or m]. These are the
+            first n − 3 joint angles and the end-link angle ψ. With telescopes: the positions of all
+            joints but the last two turning ones.
     """
 
     waypoints: FloatArray
@@ -47,7 +50,7 @@ class SweptPath(NamedTuple):
 
 
 class Strides(NamedTuple):
-    """Strides of one sweep of a compass search.
+    """Sizes of the changes that one sweep of a compass search tries.
 
     Attributes:
         stroke: Stride of an inner waypoint along each cylinder [m].
@@ -67,9 +70,9 @@ def remove_waypoints(
     cost: float,
     deadline: Deadline = NO_DEADLINE,
 ) -> tuple[FloatArray, float]:
-    """Remove inner waypoints of a cylinder path as long as this does not raise its cost.
+    """Remove the inner waypoints without which a cylinder path costs no more.
 
-    The inner waypoints are tried one after the other: the path is priced without the waypoint.
+    One inner waypoint after the other is left out, and the rest of the path is priced.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -80,7 +83,7 @@ def remove_waypoints(
         deadline: Instant after which no more waypoints are tried; the remaining ones stay.
 
     Returns:
-        The remaining waypoints, and the cost of the path through them.
+        The remaining waypoints (`via` itself if all remain), and the cost of the path through them.
     """
     i = 1
     while i < len(via) - 1 and not deadline.has_passed:
@@ -101,11 +104,11 @@ def sweep_waypoints(
     strides: Strides,
     deadline: Deadline = NO_DEADLINE,
 ) -> float:
-    """Run one sweep of a compass search over all waypoints of a cylinder path except the start.
+    """Run one sweep of a compass search: try to move each waypoint of a path but the start.
 
-    The sweep tries to move each inner waypoint along each cylinder by a stride, and keeps what
-    makes the path cheaper. The last waypoint moves by changes of the goal posture. A path with the
-    cost inf stays as it is.
+    The sweep tries to move each inner waypoint along each cylinder by a stride, and keeps each move
+    that makes the path cheaper. The last waypoint moves by changes of the goal posture. A path with
+    the cost inf stays as it is.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -166,12 +169,12 @@ def sweep_waypoint(
     i: int,
     ahead: FloatArray,
 ) -> float:
-    """Try to move one waypoint of a cylinder path, as part of a compass search.
+    """Try to move waypoint i of a cylinder path, as one part of a sweep.
 
     An inner waypoint is moved along each cylinder by the same stroke, both ways. The last waypoint
-    moves with the goal posture: its free joint coordinates are changed one by one and together,
-    in all 3^m − 1 combinations of their strides for m coordinates. A move that makes the path
-    cheaper is kept at once, and the trials go on from there.
+    moves with the goal posture. The m free coordinates of the posture are changed one by one and
+    together, in all 3^m − 1 directions. A move that makes the path cheaper is kept at once, and the
+    trials go on from there.
 
     Call the function for i = 1, 2, … in sequence, because the working memory carries the costs up
     to the previous waypoint.
@@ -237,12 +240,12 @@ def sweep_waypoint(
 
 @kernel(borrows=True)
 def _turn_goal(free: FloatArray, turn: FloatArray, k: int, sign: float) -> bool:
-    """Change the free joint coordinates of the goal posture in one of several directions.
+    """Change the free coordinates of the goal posture by their strides, in direction k.
 
-    The m digits of k to the base 3 choose the direction: digit 0 adds the stride of the coordinate,
-    1 leaves it as it is, and 2 subtracts the stride. The numbers below (3^m − 1) / 2 give one
-    direction of each opposite pair. Single coordinates do not suffice: strokes add up in the cost,
-    which therefore has kinks, and along a kink several coordinates change together.
+    The m digits of k to the base 3 choose the direction. Digit 0 adds the stride of a coordinate, 1
+    leaves the coordinate as it is, and 2 subtracts the stride. The numbers below (3^m − 1) / 2 give
+    one direction of each opposite pair. Single coordinates do not suffice: strokes add up in the
+    cost, which therefore has kinks, and along a kink several coordinates change together.
 
     Args:
         free: Free coordinates, shape (m,) [rad or m]; changed in place.
@@ -264,7 +267,7 @@ def _turn_goal(free: FloatArray, turn: FloatArray, k: int, sign: float) -> bool:
 
 @kernel(borrows=True)
 def _move_waypoint(m: MachineArrays, corner: FloatArray, j: int, stroke: float) -> bool:
-    """Change the length of cylinder j at a waypoint, clipped to the cylinder's range.
+    """Change the length of cylinder j at a waypoint by a stroke, within the cylinder's range.
 
     Args:
         m: Numeric description of the machine.

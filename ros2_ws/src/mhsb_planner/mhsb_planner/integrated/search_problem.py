@@ -1,4 +1,4 @@
-"""Request, effort limits and results of the integrated search."""
+"""Problem, effort limits and cylinder paths of the integrated search."""
 
 from __future__ import annotations
 
@@ -40,17 +40,18 @@ class SearchLimits:
         psi_spacing: Spacing of the goal postures along the end-link angle ψ [rad].
         max_first_spacing: Upper bound on the spacing of the first lattice [m].
         min_spacing: Lower bound on the spacing of the last lattice, if there is a path already [m].
-        finest_step_count: Largest number of finest lattice steps between the start and the farthest
-            goal posture that may still be cheaper.
-        spacing_ratio: Ratio of the spacings of two lattices in sequence.
-        max_expansions: Largest number of states to expand in all lattices together, once there is a
-            path.
+        finest_step_count: Number of steps of the last lattice over the largest stroke of a path
+            that may be cheaper. `min_spacing` and `max_last_spacing` limit the spacing that
+            follows.
+        spacing_ratio: Largest ratio of the spacings of two successive lattices [-].
+        max_expansions: With an incumbent, lattices are no longer searched after all searches
+            together have expanded this number of states.
         max_last_spacing: Spacing of the last lattice if there is no path yet, and upper bound on it
             otherwise [m].
         stride_shares: Strides of the compass search in the order of use, as shares of the lattice
             spacing.
-        goal_turn: Change of the free joint coordinates at the goal for a stride of one lattice
-            spacing [rad].
+        goal_turn: Change of a free coordinate of the goal posture for a stride of one lattice
+            spacing [rad]. For a telescope range/π stands for 1 rad.
         max_sweeps: Largest number of sweeps with each stride.
     """
 
@@ -82,24 +83,27 @@ class SearchLimits:
 
 
 WITH_AREA = SearchLimits(max_expansions=40_000, stride_shares=(0.5, 0.25, 0.1))
-"""Search limits if the polytope's area has a weight.
+"""Search limits if the manipulability loss has a weight.
 
-Lower bounds are then weak, so that more states are expanded. The last stride is longer: shorter
-ones improve only the sum over pieces by which the shortfall is approximated, not the real cost.
+Lower bounds are then weak, so that more states are expanded. The last stride is longer. Shorter
+strides would exploit the approximation of the loss by a sum over pieces, without a gain in the real
+cost.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class CylinderPath:
-    """A cylinder path with its goal posture and its cost.
+    """A cylinder path with its end posture and its cost.
 
     Attributes:
         waypoints: Waypoints, shape (points, n) [m].
-        goal_index: Index of the goal posture for which the path was found.
-        elbow: Elbow branch (∓1) of the posture at the end.
-        free: Free joint coordinates of the posture at the end, shape (n - 2,), as in
-            `tip_postures`; refinement may have changed them.
-        cost: Cost w₁ E + w₂ T + w₃ switches + w₄ M with the best modes.
+        goal_index: Index of the goal posture for which the path was found. Refinement may have
+            moved the end to another posture at the same tip position.
+        elbow: Elbow branch of the posture at the end, −1 or 1, as in `GoalPostures`.
+        free: Free coordinates of the posture at the end, shape (n - 2,) [rad or m], as in
+            `GoalPostures`. Refinement may have changed them.
+        cost: Cost w₁ E + w₂ T + w₃ switches + w₄ M in the cheapest sequence of mode combinations
+            [-].
         pieces: Pieces of the path, if they were computed with its cost; None otherwise.
     """
 
@@ -122,7 +126,8 @@ class SearchProblem:
         start: Start posture, shape (n,) [rad or m].
         start_lengths: Cylinder lengths in the start posture, shape (n,) [m].
         goals: Goal postures.
-        goal_lower_bounds: Lower bound on the cost of a path to each goal posture, shape (goals,).
+        goal_lower_bounds: Lower bound on the cost of a path to each goal posture, shape (goals,)
+            [-].
         progress: State of the planning loop, with the time limit of the search.
         limits: Limits on the effort.
     """
@@ -180,7 +185,7 @@ class SearchProblem:
 
     @cached_property
     def lower_bound(self) -> float:
-        """Lower bound on the cost of every path from the start to any posture at the goal.
+        """Lower bound on the cost of every path from the start to any posture at the goal [-].
 
         The first access runs a branch and bound, which is limited to fewer cells if there is a
         deadline. The result is kept.
@@ -195,7 +200,7 @@ class SearchProblem:
         )
 
     def price(self, via: FloatArray, limit: float = math.inf) -> float:
-        """Compute the cost of a cylinder path from the start to rest at its end, in the best modes.
+        """Compute the least cost of a cylinder path from the start to rest at its end.
 
         Args:
             via: Waypoints (cylinder lengths), shape (points, n) [m]; the first is the start.
@@ -207,13 +212,14 @@ class SearchProblem:
         return float(price_path(self.cost_model, self.buffers, via, self.start, limit))
 
     def compute_pieces(self, via: FloatArray) -> PathPieces:
-        """Compute the pieces of a cylinder path from the start to rest, in the best modes.
+        """Cut a cylinder path from the start to rest into pieces, in the cheapest modes.
 
         Args:
             via: Waypoints (cylinder lengths), shape (points, n) [m]; the first is the start.
 
         Returns:
-            The pieces; their cost is that of `price`. If it is inf, the arrays are undefined.
+            The pieces. Their `cost` equals the result of `price`; if it is inf, the arrays are
+            undefined.
         """
         return PathPieces(*compute_pieces(self.cost_model, self.buffers, via, self.start))
 
@@ -235,8 +241,8 @@ def bound_goal_costs(
 ) -> FloatArray:
     """Compute a lower bound on the cost of a path from the start to rest in each goal posture.
 
-    The bound is that of `least_move_cost`, and the mode switches from the modes at the start to
-    those that hold the arm in the goal posture.
+    The bound is `least_move_cost` plus the cost of mode switches. These lead from the modes at the
+    start to the modes that hold the arm in the goal posture.
 
     Test oracle: holding modes in plain Python.
 
@@ -260,5 +266,5 @@ def bound_goal_costs(
 
 
 def max_bound_cells(progress: PlanProgress) -> int:
-    """Return the largest number of cells for a lower bound; fewer if there is a deadline."""
+    """Return the largest number of cells that a lower bound may add; fewer with a deadline."""
     return MAX_CELLS_WITH_DEADLINE if progress.has_deadline else MAX_CELLS

@@ -38,11 +38,11 @@ enclosed.
 def enclose_with_telescopes(
     m: MachineArrays, tip: tuple[float, float], side: int, cell: FloatArray, box: FloatArray
 ) -> bool:
-    """Compute the range of each cylinder length over a set of goal postures, for telescopic arms.
+    """Compute the range of each cylinder length over a cell of postures of a telescopic arm.
 
-    The last two turning joints follow from the others and the tip position. The set is a cell: an
-    interval for each of the others. Interval arithmetic gives ranges that may be too wide, but
-    never too narrow.
+    A cell holds an interval for each joint but the last two turning ones, which follow from the
+    others and the tip position. Interval arithmetic gives ranges that may be too wide, but never
+    too narrow.
 
     Args:
         m: Numeric description of the machine.
@@ -118,10 +118,10 @@ def _tip_relative_to_telescope_end(
 
 @kernel
 def _elbow_angle_range(radius: Interval, d1: Interval, d2: Interval) -> Interval:
-    """Return the range of the elbow angle |qⱼ| [rad] of a triangle, by the cosine rule.
+    """Return the range of the elbow angle |qⱼ| [rad] over ranges of the triangle's sides.
 
-    The corners are joint i, joint j (the elbow) and the tip. |qⱼ| is π minus the angle between the
-    sides D₁ and D₂: 0 for a straight arm.
+    The corners are joint i, joint j (the elbow) and the tip. The angle |qⱼ| is π minus the angle
+    between the sides D₁ and D₂: 0 for a straight arm.
 
     Args:
         radius: Range of the distance R between joint i and the tip [m].
@@ -138,7 +138,7 @@ def _elbow_angle_range(radius: Interval, d1: Interval, d2: Interval) -> Interval
 
 @kernel
 def _shoulder_angle_range(radius: Interval, d1: Interval, d2: Interval) -> Interval:
-    """Return the range of the angle at joint i [rad] between the lines to joint j and to the tip.
+    """Return the range of the angle β [rad] at joint i, between the lines to joint j and the tip.
 
     Args:
         radius: Range of the distance R between joint i and the tip [m].
@@ -155,7 +155,7 @@ def _shoulder_angle_range(radius: Interval, d1: Interval, d2: Interval) -> Inter
 
 @kernel
 def _arc_cosine_range(over: Interval, under: Interval) -> Interval:
-    """Return the range of acos(over / under) for a numerator and a denominator in ranges.
+    """Return the range of acos(over / under) over ranges of numerator and denominator.
 
     Args:
         over: Range of the numerator.
