@@ -1,4 +1,4 @@
-"""Planners: each decides where postures come from and proposes paths, preferably in one file.
+"""Planners: each proposes paths for a request, with postures from its own source.
 
 How to add one: docs/planners.md.
 """

@@ -1,4 +1,4 @@
-"""The conventional method (`fixed_j3`): joint 3 keeps its angle, or all joints but two do."""
+"""The conventional method as a planner: joint 3 keeps its angle, or all joints but two do."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mhsb_planner.search.s2_graph import StepGraph
 
 
 class FixedPlanner:
-    """Planner that keeps the angle of joint 3 and searches a graph made for the start posture."""
+    """Planner that keeps joint 3 at its start angle, and searches a graph built for that angle."""
 
     name = "fixed"
     summary = "keeps joint 3 and changes it by 1 degree at a time where the others have no solution"
@@ -25,15 +25,15 @@ class FixedPlanner:
     def paths(
         self, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
-        """Yield the cheapest path in the fixed-joint graph, or the path of the published search.
+        """Yield paths in the graph of kept joints, by the exact or the published search.
 
         In this graph all joints but two keep the angles of the start, clipped to their limits. With
-        `options.initial_j3`, joint 3 keeps that angle instead. The graph is built here.
-        `options.search` chooses the search. The published one (the paper's) keeps one label per
-        node, and may miss the cheapest path.
+        `options.initial_j3`, joint 3 keeps that angle instead. Each call builds the graph and
+        prices all its steps. `options.search` chooses the search. The published one (the paper's)
+        keeps one label per node, and may miss the cheapest path.
 
         Args:
-            graph: Step graph (steps between postures); provides machine, posture table and grid.
+            graph: Step graph of the posture table; only machine, posture table and grid are read.
             task: The request.
             progress: State of the planning loop, with the time limit of the search.
 

@@ -3,8 +3,8 @@
 A motion may cost more than the estimate for its path. The planner therefore also proposes paths
 from other searches, for comparison:
 
-- the paths of the baselines (table planner and fixed-joint planner). The trajectory stage (S3)
-  makes a motion of each by the baseline's method and by this planner's method;
+- the paths of the baselines (table planner and fixed-joint planner). Each is proposed twice: for
+  the baseline's method of making a motion (S3), and for this planner's method;
 - if the manipulability loss has a weight, the path that is found without it.
 """
 
@@ -54,7 +54,7 @@ class IntegratedPlanner:
     def paths(
         self, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
-        """Yield paths of the integrated search and, in between, of other searches for comparison.
+        """Yield paths of the integrated search, and between them paths of other searches.
 
         The other searches are those of the baselines (table and fixed-joint planner) and variants
         of the integrated search. `planners.schedule` decides the order.
@@ -66,8 +66,8 @@ class IntegratedPlanner:
             progress: State of the planning loop, with deadline and log.
 
         Yields:
-            Path proposals. `for_comparison` is False for paths of the integrated search (with or
-            without leakage) to the goal or the goal region, and True for all others.
+            Path proposals. `for_comparison` is False for paths of the integrated search, also of
+            the one without leakage. It is True for all others.
 
         Raises:
             MhsbError: The integrated search has failed. Failures of other searches are only logged.
@@ -81,14 +81,15 @@ class IntegratedPlanner:
     ) -> ProposerSet:
         """Create the proposers (sources of paths) for a request.
 
-        A proposer does no work before its first turn. There is one for the integrated search, one
-        for the same search without leakage, and one for each baseline (planner to compare with).
-        Others are added:
+        There is one for the integrated search, one for the same search without leakage, and one for
+        each baseline (planner to compare with). All but the integrated search do no work before
+        their first turn. Others are added:
 
         - If the manipulability loss has a weight: a search without this weight. It counts as a
           baseline. All baselines then have an early turn, because the integrated search takes long.
-        - If there is a goal region: the whole planner for the request without the region. It comes
-          last, and ensures that the region does not make the plan more expensive.
+        - If there is a goal region: this planner with all its proposers, for the request without
+          the region. It comes last, and ensures that the region does not make the plan more
+          expensive.
 
         Args:
             search: The integrated search.
@@ -125,9 +126,9 @@ class IntegratedPlanner:
     def _paths_to_goal_alone(
         self, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
-        """Yield this planner's paths for the same request without its goal region.
+        """Yield this planner's paths to the goal itself, as if the request had no goal region.
 
-        They come from all proposers, baselines included, and are marked `for_comparison`.
+        The paths come from all proposers, baselines included.
 
         Args:
             graph: Step graph (steps between postures) of the posture table.
@@ -135,7 +136,8 @@ class IntegratedPlanner:
             progress: State of the planning loop, with deadline and log.
 
         Yields:
-            Path proposals; their proposers' names end with "to the goal alone".
+            Path proposals with `for_comparison` set. Their proposers' names end with "to the goal
+            alone".
 
         Raises:
             MhsbError: There is no path, or none in time.
@@ -170,11 +172,14 @@ def _create_search(
         machine: The planar arm (without the slewing joint).
         task: The request.
         progress: State of the planning loop, with the deadline of the search.
-        area: Weight and reference area of the manipulability loss, in place of the request's.
+        area: Weight and reference area of the manipulability loss; `task.area` is ignored.
         leaks: True if the search counts the leakage of the valves when it compares paths.
 
     Returns:
-        The search, which has not begun.
+        The search. Goal postures are sampled already, but no path has been searched.
+
+    Raises:
+        MhsbError: No posture reaches the goal, or the deadline has passed.
     """
     options = task.options
     query = PathQuery(
@@ -200,7 +205,7 @@ def _paths_without_leakage(
 ) -> Iterator[PathProposal]:
     """Yield the paths of an integrated search that ignores leakage when it compares paths.
 
-    This search suits a slew that takes longer than the path: leakage then costs the same on each
+    This search suits a slew that takes longer than the path. Leakage then costs the same on each
     path.
 
     Args:
@@ -239,11 +244,12 @@ def _path_without_area(
 def _baseline_paths(
     baseline: PathPlanner, graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
-    """Yield each path of a baseline (planner to compare with), for both methods of S3.
+    """Yield each path of a baseline for this planner's and for the baseline's method of S3.
 
-    S3 (trajectory stage) makes a motion of a path: it fits a polynomial or follows the path. Each
-    path comes first for the method of the planner that is named in the request, then for the
-    baseline's method. If the options name a method, each path comes only once.
+    A baseline is a planner to compare with. The trajectory stage (S3) makes a motion of a path: it
+    fits a polynomial or follows the path. Each path comes first for the method of the planner that
+    the request names, then for the baseline's method. If the options name a method, each path comes
+    only once.
 
     Args:
         baseline: The baseline.
@@ -261,9 +267,10 @@ def _baseline_paths(
 def _for_comparison(
     machine: Machine, task: PathRequest, proposals: Iterator[PathProposal]
 ) -> Iterator[PathProposal]:
-    """Mark proposals as made for comparison, and complete their costs.
+    """Mark proposals as made for comparison, and add the manipulability loss to their costs.
 
-    If the manipulability loss has a weight, weight times loss along the path is added to each cost.
+    The weight times the loss along the path is added to each cost. Without a weight, costs stay as
+    they are.
 
     Args:
         machine: The planar arm (without the slewing joint).

@@ -30,9 +30,9 @@ ENERGY_OPTIMAL = Weights(0.5, 0.0, 2.0)
 """Weights of the paper's energy-optimal cases."""
 
 DEFAULT_SPEED_EXCESS = 0.1
-"""Largest |v|/V_max − 1 that a polynomial may have: the paper's "slightly above V_max".
+"""Default of `PlanOptions.max_speed_excess` [-]: the paper's "slightly above V_max".
 
-On a path at V_max throughout, a polynomial of equal duration exceeds V_max by at least a quarter.
+A polynomial that lasts as long as a path at V_max throughout exceeds V_max by at least a quarter.
 It is then stretched in time.
 """
 
@@ -41,7 +41,7 @@ HIGHEST_SPEED_EXCESS = 1.0
 
 HIGHEST_WEIGHT = 1e6
 """Upper limit of the weights of energy [1/J], time [1/s], switches [-] and area [1/m]. Costs then
-stay below 1e15, far from where sums lose digits.
+stay below 1e15, so that sums in double precision keep their digits.
 """
 
 
@@ -50,30 +50,32 @@ class PlanOptions:
     """Options of a planning request.
 
     Attributes:
-        weights: Weights of energy, time and mode switches.
-        energy_reading: Formula by which energy is priced, `paper` or `series`.
+        weights: Weights of energy [1/J], time [1/s] and mode switches [-].
+        energy_reading: Formula by which boosted oil is priced, `paper` or `series`.
         goal_psi: End-link angle at the goal, or least and greatest admissible angle [rad]; None
             leaves it free.
-        goal_region: Other admissible tip positions; None: only the goal.
+        goal_region: Other admissible tip positions; None means the goal alone.
         via: Points in `base_link` that the tip passes in this order: (x, z) [m], or (x, y, z) if
             joint 1 slews.
         via_tolerance: Largest distance of the tip from a via point when it passes [m].
         planner: Name of the planner, one of `registry.REGISTERED_PLANNERS`.
-        trajectory: Method of S3 (trajectory stage): the published `polynomial`, or `followed`
-            (along the path). None: that of the planner; a polynomial that had to be slowed is then
-            compared with following.
-        max_speed_excess: Largest |v|/V_max − 1 of a piston on a polynomial, if polynomials are
-            asked for.
-        initial_j3: Angle at which the fixed-joint planner keeps J3 [rad]; None: as at the start.
-        search: `exact` or `published`.
+        trajectory: Method of the trajectory stage (S3): the published `polynomial`, or `followed`
+            (along the path). None means the planner's method; a polynomial that had to be slowed is
+            then compared with following.
+        max_speed_excess: Largest |v|/V_max − 1 of a piston on a polynomial [-], if options or
+            planner ask for polynomials.
+        initial_j3: Angle at which the fixed-joint planner keeps joint 3 [rad]; None means its angle
+            at the start.
+        search: Graph search of the table and fixed-joint planners, `exact` or `published`.
         heuristic_scale: Scale of the published search's heuristic [1/m].
-        max_expansions: Largest number of states that the search expands; None: no limit.
-        period: Time after which another motion follows this one [s]; 0: none follows.
+        max_expansions: Largest number of states that the graph search expands; None means no limit.
+        period: Period of goals that follow each other, from one plan to the next [s]; 0 means that
+            none follows.
         area_weight: Weight w₄ of the manipulability loss (`manipulability_loss`) [1/m]; 0 ignores
             it. Only some planners take it.
 
     Raises:
-        RequestError: A value is out of range, as `__post_init__` states.
+        RequestError: A value is out of range; `__post_init__` has the ranges.
     """
 
     weights: Weights = ENERGY_OPTIMAL
@@ -93,7 +95,7 @@ class PlanOptions:
     area_weight: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the options.
+        """Raise RequestError if a value is out of range.
 
         Raises:
             RequestError: A rule is broken. Angles and via points must be finite. Angles must be at
@@ -130,12 +132,12 @@ class PlanOptions:
 
     @property
     def for_via_point(self) -> PlanOptions:
-        """Options for the path to a via point: with any posture and tip position exactly there."""
+        """Options for the path to a via point: any end-link angle, no region, no via points."""
         return replace(self, goal_psi=None, goal_region=None, via=())
 
     @property
     def for_last_leg(self) -> PlanOptions:
-        """Options for the path from the last via point to the goal."""
+        """Options for the path from the last via point to the goal: all but the via points."""
         return replace(self, via=())
 
     def distance_to_goal(self, machine: Machine, goal: Position, posture: FloatArray) -> float:
@@ -147,9 +149,9 @@ class PlanOptions:
             posture: Joint positions of the whole arm, shape (n,) [rad or m].
 
         Returns:
-            √(d² + a²) [m]. d is the distance in the arm's plane, 0 within the region. a is the
-            distance across the plane, an arc length around the slew's axis; it is 0 if the arm does
-            not slew.
+            √(d² + a²) [m]. The distance d lies in the arm's plane; it is 0 within the region. The
+            distance a lies across the plane, as an arc length around the slew's axis. It is 0 if
+            the arm does not slew.
 
         Raises:
             OutOfWorkspaceError: The slew's limits do not allow the goal.
@@ -161,7 +163,7 @@ class PlanOptions:
         return math.hypot(away, self._distance_from_plane(machine, place, posture))
 
     def is_goal_reached(self, machine: Machine, goal: Position, posture: FloatArray) -> bool:
-        """Return whether a posture has tip and end link at the goal or in its region.
+        """Return whether tip and end-link angle of a posture are at the goal or in its region.
 
         Args:
             machine: The whole arm.
@@ -185,7 +187,7 @@ class PlanOptions:
     def _distance_from_plane(
         self, machine: Machine, place: PlanarTarget, posture: FloatArray
     ) -> float:
-        """Compute the arc length from the tip to the vertical plane of a target.
+        """Compute how far the tip must move by the slew alone to the vertical plane of a target.
 
         The arc lies around the slew's axis.
 

@@ -24,7 +24,7 @@ from mhsb_planner.search.s2_search import SAME_POINT
 
 
 class SlewDemand(NamedTuple):
-    """Oil and time that the slew needs, for lower bounds on the energy.
+    """Oil and time that the slew needs at least, for lower bounds on the energy of a plan.
 
     Attributes:
         oil: Oil volume that the slew takes [m³].
@@ -36,21 +36,21 @@ class SlewDemand(NamedTuple):
 
 
 NOTHING_ELSE = SlewDemand(0.0, 0.0)
-"""Demand if nothing moves beside the arm in its plane."""
+"""Slew demand of an arm that does not slew, or need not."""
 
 
 @dataclass(frozen=True, eq=False)
 class PathRequest:
-    """Request for paths.
+    """Request for paths from a start to a goal, for the whole arm or for the arm in its plane.
 
     Attributes:
-        goal: Goal (x, z) in the plane [m]; for the whole arm in `base_link`, (x, y, z) if joint 1
-            slews.
-        start: State of motion at the start.
+        goal: Goal (x, z) in the arm's plane [m]. For a whole arm with a slew: (x, y, z) in
+            `base_link` [m].
+        start: Positions, velocities and accelerations of the joints at the start.
         modes: Modes in force at the start, with their ages.
-        brake: Motion that brings a moving start to rest, by one of three methods (`Planner`). None:
-            the start is at rest.
-        departure: Posture at rest from which the path begins, shape (n,) [rad].
+        brake: Motion that brings a moving start to rest, by one of three methods (`Planner`). None
+            means that the start is at rest.
+        departure: Posture at rest from which the path begins, shape (n,) [rad or m].
         options: Options of the plan.
         area: Weight of the manipulability loss and the reference area.
         slew_demand: Oil and least time of the slew, which is not among the joints of the graph.
@@ -67,12 +67,12 @@ class PathRequest:
 
     @property
     def planar_goal(self) -> tuple[float, float]:
-        """Goal (x, z) of a request in the plane [m]."""
+        """Goal (x, z) in the arm's plane [m]; raises ValueError for a goal (x, y, z)."""
         x, z = self.goal
         return x, z
 
     def begins_at_goal(self, machine: Machine) -> bool:
-        """Return whether the departure is at the goal already, with an admissible end-link angle.
+        """Return whether tip and end-link angle are admissible at the goal already at `departure`.
 
         Args:
             machine: The planar arm (without the slewing joint).
@@ -92,10 +92,10 @@ class PathRequest:
         )
 
     def energy_lower_bound(self, machine: Machine, most_cells: int = MAX_CELLS) -> float:
-        """Compute a lower bound on the energy of every plan from the start to the goal.
+        """Compute a lower bound on the energy of every plan for this request in the arm's plane.
 
-        All postures are considered whose tip is at the goal or at a sampled point of the goal
-        region. Oil and least time of the slew are included.
+        The bound holds for all postures with the tip at the goal or at a sampled position of the
+        goal region. Oil and least time of the slew are included.
 
         Args:
             machine: The planar arm (without the slewing joint).
@@ -131,16 +131,16 @@ class PathRequest:
 
 
 class PathProposal(NamedTuple):
-    """Path that a motion may follow.
+    """Path that a planner proposes, with the way to make a motion of it.
 
     Attributes:
         path: The path.
-        for_comparison: True if another search than the planner's main one proposes it.
-        trajectory: Method by which S3 (trajectory stage) makes a motion of this path, if the
-            options name none. None: that of the planner named in the request.
-        proposer: Name of the proposer in the log; empty: that of the planner.
-        via_step: Index of the path's step after a via point at which the slew may turn alone; None:
-            there is no such point.
+        for_comparison: True if the path does not come from the planner's own search.
+        trajectory: Method by which the trajectory stage (S3) makes a motion of this path, if the
+            options name none. None means the method of the planner that the request names.
+        proposer: Name of the proposer in the log; empty means the name of the planner.
+        via_step: Index of the first step after the via point at which the slew may turn alone; None
+            if there is no such point.
     """
 
     path: DiscretePath
@@ -151,16 +151,17 @@ class PathProposal(NamedTuple):
 
 
 class PathPlanner(Protocol):
-    """Interface of a planner: it proposes paths, and the cheapest motion along them is the plan.
+    """Interface of a planner, which proposes paths; the planning loop fits motions to them.
 
     Attributes:
         name: Name by which requests choose it.
-        summary: Where postures come from, for people: a clause that follows the name.
-        trajectory: Method by which S3 (trajectory stage) makes motions, if the options name none.
+        summary: Clause for messages that says where the postures come from; it follows the name.
+        trajectory: Method by which the trajectory stage (S3) makes motions, if the options name
+            none.
         weighs_area: Whether the area weight w₄ may be above 0.
         baselines: Other planners whose motions are compared with its own, the fastest first.
-        takes: Names of those options that only some planners use and this one does: `search`,
-            `heuristic_scale`, `initial_j3`.
+        takes: Names of the options that this planner uses but some others do not, from `search`,
+            `heuristic_scale` and `initial_j3`.
     """
 
     name: str
@@ -173,11 +174,11 @@ class PathPlanner(Protocol):
     def paths(
         self, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
-        """Yield paths from the request's departure to its goal: the first early, then cheaper ones.
+        """Propose paths from the request's departure to its goal: one early, then cheaper ones.
 
         The departure is the posture at rest where the path begins. The consumer may stop at any
-        time. A planner checks `progress.search_deadline` about every millisecond. When it has
-        passed, the planner yields what it has found and ends.
+        time. A planner checks `progress.search_deadline` about every millisecond. After this
+        deadline it yields what it has found and ends.
 
         Args:
             graph: The machine, its posture table, and the steps between the table's postures.
@@ -192,17 +193,17 @@ class PathPlanner(Protocol):
         """
 
     def warm_up(self, graph: StepGraph) -> None:
-        """Compile the kernels of this planner."""
+        """Compile the kernels of this planner by short trial calls."""
 
 
 def propose_in_both_ways(
     path: PathProposal, baseline: PathPlanner, task: PathRequest
 ) -> Iterator[PathProposal]:
-    """Yield a baseline's path once or twice, for different methods of making a motion of it.
+    """Yield a baseline's path for the request's method of S3, then for the baseline's method.
 
-    S3 (trajectory stage) makes a motion of a path: it fits a polynomial or follows the path. The
-    first proposal is for the method of the planner named in the request, the second one for the
-    baseline's method. The second one is missing if the options name a method.
+    The trajectory stage (S3) makes a motion of a path: it fits a polynomial or follows the path.
+    The first proposal is for the method of the planner that the request names. The second one is
+    missing if the options name a method.
 
     Args:
         path: Proposal of the baseline.

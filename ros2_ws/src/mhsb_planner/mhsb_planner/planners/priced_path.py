@@ -1,4 +1,4 @@
-"""Discrete path through given postures, for planners that choose postures but not modes."""
+"""Discrete path through given postures, for sources of paths that choose postures but not modes."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from mhsb_planner.search.s2_step import compute_step_costs
 def price_path(
     machine: Machine, task: PathRequest, posture: FloatArray, progress: PlanProgress
 ) -> DiscretePath | None:
-    """Make the discrete path through postures, each step in its cheapest mode combination.
+    """Make the discrete path through given postures, each step in its cheapest modes.
 
     The cost of a step is w₁ E + w₂ T + w₃ switches: energy, duration, and mode switches from the
-    step before. The request says how boosted oil is priced in E (`energy_reading`). Each step is
-    priced without regard to later ones, so another choice of modes may make the whole path cheaper.
+    step before. The request says how boosted oil is priced in E (`energy_reading`). The modes of a
+    step are chosen without regard to later steps, so other modes may make the whole path cheaper.
 
     Args:
         machine: The planar arm (without the slewing joint), `StepGraph.machine`.
@@ -31,10 +31,10 @@ def price_path(
         progress: State of the planning loop. Its `search_deadline` is checked before each step.
 
     Returns:
-        The path; None if a step is admissible in no mode combination.
+        The path; None if no mode combination can do one of the steps.
 
     Raises:
-        DeadlineError: The time for searching is over.
+        DeadlineError: `progress.search_deadline` passed.
     """
     weights, modes, taken = task.options.weights, task.modes.modes, []
     for start, end in pairwise(posture):

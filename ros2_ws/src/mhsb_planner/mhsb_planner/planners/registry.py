@@ -21,7 +21,7 @@ REGISTERED_PLANNERS: dict[str, PathPlanner] = {
 """All planners by name."""
 
 PLANNER_KINDS: tuple[str, ...] = tuple(REGISTERED_PLANNERS)
-"""Names of all planners."""
+"""Names of all planners, in the order of registration."""
 
 if TYPE_CHECKING:
     PlannerKind = str
@@ -30,13 +30,13 @@ else:  # tyro reads the choices of a command from it
 
 
 def get_planner(name: str) -> PathPlanner:
-    """Return the planner of a given name.
+    """Return the registered planner of a given name.
 
     Args:
         name: Key of REGISTERED_PLANNERS.
 
     Returns:
-        The path planner.
+        The planner; all callers share it.
 
     Raises:
         RequestError: No planner has this name; the message lists the names.

@@ -1,4 +1,4 @@
-"""Order of work among proposers (sources of paths): decides whose turn it is.
+"""Order of the turns of proposers (sources of paths).
 
 A schedule is a generator of proposers. `take_turns` asks each for one path before it asks the
 schedule for the next proposer. Between turns, a schedule reads whether there is a motion by now
@@ -19,8 +19,8 @@ from mhsb_planner.progress import PlanProgress
 EARLY_OWN_TURNS = 2
 """Number of turns of the integrated search before the first turn of a baseline.
 
-The first turn gives a straight line. The second gives its refinement, which on `mhsb_arm3` brings
-most of what longer searches save, in one to three milliseconds.
+The first turn gives a straight line, the second its refinement. On `mhsb_arm3` the refinement takes
+one to three milliseconds and brings most of what longer searches save.
 """
 
 
@@ -29,14 +29,14 @@ class Proposer:
 
     Attributes:
         name: Name of the proposer in the log.
-        last: Proposal of the last turn. None: it has had no turn, it has ended, or it pauses before
-            work that takes long.
+        last: Proposal of the last turn. None before the first turn, after the end, and in a pause
+            before work that takes long.
         has_ended: True if it has no further proposals.
-        error: Error that ended it; None: no error.
+        error: Error that ended it; None if there was none.
     """
 
     def __init__(self, name: str, proposals: Iterator[PathProposal | None]) -> None:
-        """Store name and source; the source does nothing before the first turn.
+        """Store name and source; the source does no work before the first turn.
 
         Args:
             name: Name of the proposer in the log.
@@ -55,8 +55,8 @@ class Proposer:
         At the end of the source, `has_ended` becomes True.
 
         Returns:
-            The proposal. A proposal without a proposer's name gets the name of this one. None if
-            the proposer pauses before long work, or has ended.
+            The proposal; its empty field `proposer` becomes this proposer's name. None if the
+            source pauses before long work, or has ended.
 
         Raises:
             MhsbError: The source has failed. The error is stored in `error`, `last` becomes None,
@@ -78,17 +78,17 @@ class Proposer:
 def take_turns(
     schedule: Iterator[Proposer], progress: PlanProgress, main: Proposer | None = None
 ) -> Iterator[PathProposal]:
-    """Ask the proposers of a schedule for one path each, and yield these paths.
+    """Let the proposers of a schedule take one turn each, and yield the paths that they propose.
 
     A proposer's error is logged and ends that proposer.
 
     Args:
         schedule: Proposers in the order of their turns.
         progress: State of the planning loop, with the log.
-        main: Proposer whose error is also raised; None: no error is raised.
+        main: Proposer whose error is also raised; None means that no error is raised.
 
     Yields:
-        The proposals.
+        The proposals. A turn without a proposal yields nothing.
 
     Raises:
         MhsbError: The main proposer has failed.
@@ -113,8 +113,8 @@ class ProposerSet:
         own: The integrated search.
         without_leakage: The same search, but it ignores leakage when it compares paths.
         baselines: Other sources of paths to compare with, the quickest first.
-        slew_time: Least time that the slew needs [s]. `without_leakage` has its turns after the
-            first path of `own` that takes less.
+        slew_time: Least time that the slew needs [s]. `without_leakage` has its turns as soon as
+            `own` has proposed a path that takes less.
         early_count: Number of baselines that have a turn right after the first turns of `own`.
     """
 
@@ -126,16 +126,16 @@ class ProposerSet:
 
 
 def schedule_proposers(proposers: ProposerSet, progress: PlanProgress) -> Iterator[Proposer]:
-    """Yield proposers (sources of paths) in the order of their turns.
+    """Yield the proposers of the integrated planner in the order of their turns.
 
     1. The integrated search has EARLY_OWN_TURNS turns.
     2. Each of the first `early_count` baselines (sources to compare with) has one turn.
-    3. The integrated search has one turn after the other until it has ended. If half of the time
-       is over without a motion, the baselines have turns until there is one.
+    3. The integrated search has one turn after the other until it has ended. If half of the time is
+       over without a motion, the baselines have turns until there is one.
     4. The baselines have turns until each has ended.
 
-    The search without leakage comes as soon as the integrated search has given a path that takes
-    less time than the slew. The motion then lasts as long as the slew, whatever the path, so
+    The search without leakage has all its turns as soon as the integrated search has given a path
+    that takes less time than the slew. The motion then lasts as long as the slew on any path, so
     leakage costs the same on each.
 
     Args:
@@ -164,7 +164,7 @@ def schedule_proposers(proposers: ProposerSet, progress: PlanProgress) -> Iterat
 def schedule_in_turn(
     first: Proposer, quick: Sequence[Proposer], others: Sequence[Proposer], progress: PlanProgress
 ) -> Iterator[Proposer]:
-    """Yield proposers (sources of paths) in turn until all have ended, the quick ones more often.
+    """Yield proposers from a queue until all have ended, the quick ones more often.
 
     The proposers form a queue. Its head has a turn and is then put back:
 
@@ -179,8 +179,8 @@ def schedule_in_turn(
         first: Proposer at the head of the queue at first. It is not quick.
         quick: Quick proposers, behind `first`.
         others: All other proposers, behind the quick ones.
-        progress: State of the planning loop, with `has_motion`. It is read before each turn, so the
-            quick proposer that gives the first motion has one more turn.
+        progress: State of the planning loop; `has_motion` is read when a turn is given. The quick
+            proposer that gives the first motion therefore has one more turn.
 
     Yields:
         The proposer whose turn it is.

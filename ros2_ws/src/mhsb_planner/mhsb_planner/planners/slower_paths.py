@@ -1,9 +1,9 @@
 """Paths at lower piston speeds, for requests in which slower motions may be cheaper.
 
-A search plans each step at V_max, or as fast as pumps and pressures admit. Valves then take more
-pressure, which may call for boost and mode switches. It also leaves no pressure for the ramps of
-the motion, so that the motion may need boost, or much more time than its path. A path that is
-planned for lower speeds has modes that suit them. It costs less if leakage costs little.
+A search plans each step at V_max, or as fast as pumps and pressures admit. At high speed valves
+take more pressure, which may call for boost and mode switches. No pressure is then left for the
+ramps, so that the motion may need boost, or much more time than its path. A path that is planned
+for a lower speed has modes that suit this speed. It costs less if leakage costs little.
 """
 
 from __future__ import annotations
@@ -25,12 +25,14 @@ SPEED_FACTORS = (0.5, 0.25, 0.125)
 def yield_paths_at_falling_speeds(
     planner: PathPlanner, graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
-    """Yield a planner's paths at V_max (allowed piston speed), then at lower speeds if needed.
+    """Yield a planner's paths at V_max, and at lower piston speeds if they may help.
 
-    Lower speeds are needed if there is no path (slower steps need less pressure), or if motions at
-    a lower speed may be cheaper (`progress.min_speed_factor`). The factors of SPEED_FACTORS are
-    then tried one after the other, until one is too low, or the deadline of the search. An error at
-    a lower speed is only logged.
+    V_max is the allowed piston speed.
+
+    Lower speeds are tried if there is no path, because slower steps need less pressure. If there is
+    one, they are tried as long as slower motions may be cheaper (`progress.min_speed_factor`). The
+    factors of SPEED_FACTORS are tried one after the other until the deadline of the search. An
+    error at a lower speed is only logged.
 
     Args:
         planner: The planner.
@@ -69,7 +71,7 @@ def yield_paths_at_falling_speeds(
 
 
 def limit_speeds(machine: Machine, factor: float) -> Machine:
-    """Return a copy of a machine in which all pistons are slower, for searches only.
+    """Return a copy of a machine with a lower V_max of each actuator, for path searches only.
 
     Args:
         machine: The planar arm (without the slewing joint); it stays unchanged.

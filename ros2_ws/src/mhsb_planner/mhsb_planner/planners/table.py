@@ -16,7 +16,7 @@ from mhsb_planner.search.s2_graph import StepGraph
 
 
 class TablePlanner:
-    """Planner that searches path and modes over the graph of the posture table."""
+    """Planner that searches path and modes in the graph of the posture table."""
 
     name = "table"
     summary = "takes the postures of the posture table"
@@ -28,7 +28,7 @@ class TablePlanner:
     def paths(
         self, graph: StepGraph, task: PathRequest, progress: PlanProgress
     ) -> Iterator[PathProposal]:
-        """Yield the cheapest path in the posture table, or the path of the published search.
+        """Yield paths in the graph of the posture table, by the exact or the published search.
 
         `options.search` chooses the search. The published one (the paper's) keeps one label per
         node, and may miss the cheapest path.
@@ -39,9 +39,9 @@ class TablePlanner:
             progress: State of the planning loop, with the time limit of the search.
 
         Yields:
-            The first path found: to the goal, or else to another position of the goal region (all
-            positions that are accepted). Then the cheapest path to any position of the region, if
-            it is another one.
+            First a path to the goal itself or, if there is none, to another position of the goal
+            region. Then the cheapest path to any position of the region, if it differs from the
+            first path.
 
         Raises:
             MhsbError: There is no path, or none in time.
@@ -56,12 +56,12 @@ class TablePlanner:
 def yield_graph_paths(
     graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> Iterator[DiscretePath]:
-    """Yield paths in a step graph, to the goal and to the cheapest position of the goal region.
+    """Yield paths in a step graph: to the goal, then to the cheapest position of the goal region.
 
-    The search runs once for the goal and once for each sampled position of the region (all
-    positions that are accepted). The first path found is yielded at once, the cheapest one at the
-    end if it is another. If the departure (posture at rest where the path begins) is in the region,
-    the only path has no steps.
+    The search runs once for the goal, and once for each sampled position of the region. The first
+    path found is yielded at once. The cheapest one is yielded at the end, unless it is the first.
+    If the departure (posture at rest where the path begins) is in the region, the only path has no
+    steps.
 
     Args:
         graph: Step graph (steps between postures).
@@ -102,7 +102,7 @@ def yield_graph_paths(
 def _search_path_to(
     tip: tuple[float, float], graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> DiscretePath:
-    """Search a path to one tip position in a step graph, by the method in the options.
+    """Search a path to one tip position in a step graph, exact or published as options say.
 
     Args:
         tip: Tip position (x, z) [m].
@@ -111,8 +111,8 @@ def _search_path_to(
         progress: State of the planning loop. Only its `search_deadline` is read.
 
     Returns:
-        Path from the departure (posture at rest where the path begins), with its cost. It is the
-        cheapest one if the method is `exact`.
+        Path from the departure (posture at rest where the path begins). It is the cheapest one if
+        `options.search` is `exact`.
 
     Raises:
         MhsbError: There is no path, or none in time.

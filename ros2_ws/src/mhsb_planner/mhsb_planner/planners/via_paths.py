@@ -1,4 +1,4 @@
-"""Paths through via points: planned leg by leg and joined to one path that need not stop there."""
+"""Paths through via points, planned leg by leg and joined to one path."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from mhsb_planner.search.s2_graph import StepGraph
 
 
 class PathSource(Protocol):
-    """Interface of a source of paths for the whole arm."""
+    """Interface of a source of paths for the whole arm, its slew included."""
 
     @property
     def machine(self) -> Machine:
         """The whole arm."""
 
     def bound(self, task: PathRequest, most_cells: int) -> float:
-        """Return a lower bound on the energy of every plan for a request [J].
+        """Return a lower bound on the energy of every plan for a request of the whole arm [J].
 
         Args:
             task: The request of the whole arm.
@@ -34,9 +34,9 @@ class PathSource(Protocol):
         """
 
     def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
-        """Yield paths from the request's departure to its goal: the first early, then cheaper ones.
+        """Yield paths of the whole arm without via points: the first early, then cheaper ones.
 
-        The departure is the posture at rest where the path begins.
+        The paths lead from the departure (posture at rest where the path begins) to the goal.
 
         Args:
             task: The request of the whole arm.
@@ -52,7 +52,7 @@ class PathSource(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class PlanePaths:
-    """Paths of a planner for an arm that moves in one plane only.
+    """Source of paths for an arm that does not slew: a planner and its step graph.
 
     Attributes:
         planner: The planner.
@@ -64,18 +64,18 @@ class PlanePaths:
 
     @property
     def machine(self) -> Machine:
-        """Machine of the graph."""
+        """The arm, which does not slew."""
         return self.graph.machine
 
     def bound(self, task: PathRequest, most_cells: int) -> float:
-        """Return a lower bound on the energy of every plan for a request [J]."""
+        """Return a lower bound on the energy of every plan for a request in the arm's plane [J]."""
         return task.energy_lower_bound(self.machine, most_cells)
 
     def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
-        """Yield the planner's paths: at V_max (allowed piston speed), then slower if needed.
+        """Yield the planner's paths at V_max, and at lower piston speeds if they may help.
 
         Raises:
-            MhsbError: There is no path at V_max, and none at a lower speed.
+            MhsbError: There is no path at any speed, or the planner has failed at V_max.
         """
         return yield_paths_at_falling_speeds(self.planner, self.graph, task, progress)
 
@@ -83,13 +83,14 @@ class PlanePaths:
 def paths_through_via_points(
     source: PathSource, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
-    """Yield paths from the request's departure to its goal through all via points in their order.
+    """Yield paths from the request's departure through all via points, in order, to its goal.
 
     The departure is the posture at rest where the path begins. A leg leads to the next via point,
-    the last leg to the goal. Each leg is planned without regard to the next. In a first round, each
-    leg to a via point is the first path that the source finds, in a second round the cheapest. The
-    last leg takes all paths of the source. Each whole path is yielded twice: without and with rests
-    at the via points. Without rests, the tip may miss the points, because ramps cut the corners.
+    the last leg to the goal. Each leg is planned without regard to the next. There are two rounds.
+    In the first round, each leg to a via point is the first path that the source finds, in the
+    second round the cheapest. To these legs, each path of the source for the last leg is joined in
+    turn. Each whole path is yielded twice: without and with rests at the via points. Without rests,
+    the tip may miss the points, because ramps cut the corners.
 
     Args:
         source: Source of the paths of each leg.
@@ -125,7 +126,7 @@ def paths_through_via_points(
 def plan_leg(
     source: PathSource, task: PathRequest, progress: PlanProgress, cheapest: bool
 ) -> DiscretePath:
-    """Plan the path of a leg to a via point.
+    """Plan the path of one leg, which ends at a via point.
 
     Args:
         source: Source of paths.
@@ -145,10 +146,10 @@ def plan_leg(
 
 
 def join_paths(legs: Sequence[DiscretePath]) -> DiscretePath:
-    """Join paths to one path.
+    """Join successive paths to one path.
 
-    Costs, and the search statistics except `out_of_time`, are summed up. The start modes are those
-    of the first path.
+    Costs and search statistics are summed up, but `out_of_time` becomes False. The start modes are
+    those of the first path.
 
     Args:
         legs: The paths in order. Each begins in the posture and in the modes in which the one
@@ -160,9 +161,9 @@ def join_paths(legs: Sequence[DiscretePath]) -> DiscretePath:
     first = legs[0]
 
     def concatenate_nodes(name: str) -> np.ndarray:
-        """Concatenate an array with a row for each node over all paths in `legs`.
+        """Concatenate one field of all paths in `legs` that has a row for each node.
 
-        The first node of each path but the first is dropped, because it repeats the last node
+        The first node of every path but the first is dropped: it repeats the last node of the path
         before.
 
         Args:
@@ -175,7 +176,7 @@ def join_paths(legs: Sequence[DiscretePath]) -> DiscretePath:
         return np.concatenate([getattr(first, name), *rest])
 
     def concatenate_steps(name: str) -> np.ndarray:
-        """Concatenate an array with a row for each step over all paths in `legs`."""
+        """Concatenate one field of all paths in `legs` that has a row for each step."""
         return np.concatenate([getattr(leg, name) for leg in legs])
 
     return DiscretePath(

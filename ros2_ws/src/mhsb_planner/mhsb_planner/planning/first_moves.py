@@ -1,9 +1,9 @@
 """Paths from a start that is not admissible: beyond joint limits, or in an obstacle.
 
 Planners look for paths within the joint limits and clear of obstacles. From any other start, a
-first straight move leads to a nearby posture from which they can plan; their own path follows. On
-the first move, a joint beyond its limits moves back towards them and never out again. The arm gets
-no deeper into an obstacle than it is at the start. The trajectory is checked for both
+first move leads to a nearby admissible posture, and the planner's path begins there. On the first
+move, a joint beyond its limits only moves back towards them. The arm gets no deeper into an
+obstacle than it is at the start. Both rules are checked on the trajectory, too
 (`motion.limits.joint_range.compute_outward_excess`, `motion.s3_clearance`).
 """
 
@@ -43,25 +43,27 @@ TRIED_POSTURES = 8
 """Largest number of postures to which a first move is tried; each takes about 1 ms."""
 
 ARM_LOOKS = 16
-"""Number of samples of a straight move at which moment arms or clearances are checked."""
+"""Number of samples of a straight move at which moment arms or clearances are checked [-]."""
 
 CLIMB_STRIDE, CLIMB_HALVINGS = 0.08, 4
-"""Largest change of a joint in one step out of an obstacle [rad or its equivalent], and number of
-step sizes tried, each half of the one before.
+"""Largest change of a joint in one step out of an obstacle [rad], and number of step sizes tried
+[-]. Each step size is half of the one before. For a telescope range/π stands for 1 rad.
 """
 
 CLIMB_STEPS = 60
 """Number of steps after which climbing out is given up; a joint has then turned by 5 rad."""
 
 SLOPE_STEP = 1e-4
-"""Change of a joint by which the gradient of the clearance is computed [rad or its equivalent]."""
+"""Change of a joint by which the gradient of the clearance is computed [rad; for a telescope
+range/π stands for 1 rad].
+"""
 
 FIRST_MOVE = "after a first move"
-"""Words of the log for paths that begin with a first move."""
+"""End of a proposer's name in the log, for paths that begin with a first move."""
 
 DIRECT_SHARE = 0.5
-"""Share of the remaining time in which the planner searches directly from a start in an obstacle.
-It finds most paths then; the remaining time is for paths over a first move.
+"""Share of the remaining time for a search directly from a start in an obstacle [-]. Most paths are
+found in it; the other time is for paths with a first move.
 """
 
 
@@ -72,7 +74,7 @@ def paths_from_anywhere(
     task: PathRequest,
     progress: PlanProgress,
 ) -> Iterator[PathProposal]:
-    """Yield paths from the request's departure to its goal, also from an inadmissible departure.
+    """Yield paths from any departure to the goal, with a first move if the departure needs one.
 
     The departure is the posture at rest where the path begins. Three cases:
 
@@ -123,7 +125,7 @@ def paths_from_anywhere(
 
 
 def _limit_to_direct_share(progress: PlanProgress) -> PlanProgress:
-    """Create a state of the planning loop that has DIRECT_SHARE of the remaining time.
+    """Create a second state of the planning loop that has DIRECT_SHARE of the remaining time.
 
     Args:
         progress: State of the planning loop. Without a deadline, the result has none either.
@@ -145,11 +147,11 @@ def _paths_over_first_moves(
     task: PathRequest,
     progress: PlanProgress,
 ) -> Iterator[PathProposal]:
-    """Yield paths that begin with a first move to an admissible posture.
+    """Yield paths that begin with a first move and lead to the goal.
 
-    First moves are tried one after the other until there is a motion. From the end of each, the
-    source plans to the goal. While there is no motion, each path is also proposed with a rest after
-    its first move.
+    First moves are tried one after the other until there is a motion. From the end of each first
+    move, the source plans to the goal. While there is no motion, each path is also proposed with a
+    rest after its first move.
 
     Args:
         machine: The whole arm.
@@ -195,13 +197,13 @@ def _paths_over_first_moves(
 def _first_moves(
     machine: Machine, table: PostureTable, task: PathRequest
 ) -> Iterator[DiscretePath]:
-    """Yield first moves: paths from an inadmissible departure to admissible postures.
+    """Yield first moves alone: paths from an inadmissible departure to nearby postures.
 
-    Straight moves come first: to the departure (posture at rest where the path begins) clipped to
-    the joint limits, then to nearby postures of the table. At most TRIED_POSTURES moves are
-    planned, the one to the clipped departure included. A move is skipped if the arm gets deeper
-    into an obstacle on it, or if no mode combination can do it. Then comes a way out of the
-    obstacles by steepest ascent of the clearance.
+    Straight moves come first. One leads to the departure (posture at rest where the path begins)
+    clipped to the joint limits. The others lead to nearby postures of the table. At most
+    TRIED_POSTURES moves are planned, the one to the clipped departure included. A move is skipped
+    if the arm would get deeper into an obstacle on the way, or if no mode combination can do it.
+    The last first move leads out of the obstacles by steepest ascent of the clearance.
 
     Nothing is yielded if a linkage passes a dead centre on the straight move from the departure to
     the clipped departure.
@@ -267,11 +269,11 @@ def _climb_out_of_obstacles(machine: Machine, start: FloatArray) -> FloatArray |
 
 
 def _connect_postures(machine: Machine, task: PathRequest, way: FloatArray) -> DiscretePath | None:
-    """Connect the first and the last posture of a way by few straight moves.
+    """Plan few straight moves along a way, from its first to its last posture.
 
     From each posture, the move leads to the farthest later posture to which a straight move is
-    admissible. It is admissible if the arm gets no deeper into obstacles and a mode combination can
-    do the move.
+    admissible. A move is admissible if the arm gets no deeper into obstacles and a mode combination
+    can do it.
 
     Args:
         machine: The whole arm.
@@ -279,8 +281,8 @@ def _connect_postures(machine: Machine, task: PathRequest, way: FloatArray) -> D
         way: Postures, shape (k, n) [rad or m].
 
     Returns:
-        The path to the last posture. None if there is a posture without an admissible move, or only
-        one posture.
+        The path to the last posture. None if no admissible move leads on from a posture, or if the
+        way has one posture only.
     """
     moves, here, at = [], 0, task
     while here < len(way) - 1:
@@ -297,7 +299,7 @@ def _connect_postures(machine: Machine, task: PathRequest, way: FloatArray) -> D
 
 
 def _is_movable(machine: Machine, posture: FloatArray) -> bool:
-    """Return whether each linkage can move its joint from a posture back within the limits.
+    """Return whether no linkage meets a dead centre on the way back within the joint limits.
 
     On the straight way to the nearest posture within the limits, each moment arm (cylinder stroke
     per joint angle) must keep its sign. A sign change means a dead centre, over which no cylinder
@@ -320,12 +322,12 @@ def _is_movable(machine: Machine, posture: FloatArray) -> bool:
 def _postures_nearby(
     machine: Machine, table: PostureTable, posture: FloatArray
 ) -> Iterator[FloatArray]:
-    """Yield postures within the joint limits, sorted by the time of a straight move to them.
+    """Yield postures within the joint limits, those that a straight move reaches soonest first.
 
     If the given posture is beyond joint limits, the posture clipped to them comes before all
     others. It may be in an obstacle. Then come the table's postures for mode N (main pump alone) of
-    all actuators, if they are clear of obstacles. They have the slew at its clipped angle. The time
-    of a move is estimated for its slowest joint, from moment arm and V_max (allowed piston speed).
+    all actuators, if they are clear of obstacles. Their slew angle is the clipped one. The time of
+    a move is estimated for its slowest joint, from moment arm and V_max (allowed piston speed).
 
     Args:
         machine: The whole arm.
@@ -349,7 +351,7 @@ def _postures_nearby(
 
 
 def _is_clear(machine: Machine, postures: FloatArray) -> np.ndarray:
-    """Find which postures keep clear of all obstacles, with the margin of discrete paths.
+    """Find the postures that keep the margin of discrete paths from all obstacles.
 
     Args:
         machine: The whole arm.
@@ -372,8 +374,8 @@ def _never_gets_deeper(machine: Machine, ends: FloatArray) -> bool:
         ends: First and last posture, shape (2, n) [rad or m].
 
     Returns:
-        True if the depth in the obstacles grows from none of ARM_LOOKS samples to the next. The
-        depth is 0 outside all obstacles.
+        True if the depth in the obstacles does not increase from any of ARM_LOOKS samples to the
+        next. The depth is 0 outside all obstacles; the margin does not count.
     """
     if len(machine.obstacles.rows) == 0:
         return True
@@ -386,10 +388,10 @@ def _never_gets_deeper(machine: Machine, ends: FloatArray) -> bool:
 def _plan_first_move(
     machine: Machine, task: PathRequest, posture: FloatArray
 ) -> DiscretePath | None:
-    """Plan the cheapest straight move from where the path begins to a posture, as one step.
+    """Plan one straight move from the request's departure to a posture, in its cheapest modes.
 
-    The mode combination of least cost is taken. If only the slew moves, the path contains the
-    slew's motion alone.
+    The move is one step of the path. If only the slew moves, the path contains the slew's motion
+    alone.
 
     Args:
         machine: The whole arm.

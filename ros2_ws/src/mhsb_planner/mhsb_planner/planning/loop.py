@@ -1,8 +1,7 @@
 """The planning loop: fits motions to proposed paths and keeps the cheapest.
 
-A motion is a trajectory with its mode schedule, made by the trajectory stage S3 and by S4. It
-follows a discrete path (result of the graph search), or is a polynomial between the path's ends.
-The cheapest plan so far is the incumbent.
+A motion is a trajectory (made by S3) with a mode schedule (made by S4). It follows a discrete path,
+or it is a polynomial between the path's ends. The cheapest plan so far is the incumbent.
 """
 
 from __future__ import annotations
@@ -44,45 +43,46 @@ from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.manipulability_loss import compute_area_along_motion
 
 MIN_MOTION_COST_RATIO = 0.92
-"""Smallest expected ratio of a motion's cost to its path's cost without switches [-]. A path is
-skipped if this ratio times its cost without switches exceeds the incumbent's cost. The smallest
-ratio in 3,254 motions on 165 random moves of five machines was 0.934. A smaller value fits more
-motions that cost more than the incumbent.
+"""Smallest expected ratio of a motion's cost to its path's cost without mode switches [-]. A path
+is skipped if this ratio times its cost without mode switches exceeds the incumbent's cost. The
+smallest ratio in 3,254 motions on 165 random moves of five machines was 0.934. A smaller value fits
+more motions that cost more than the incumbent.
 """
 
 NEAR_BEST_COST_FACTOR = 1.03
-"""Largest ratio of a motion's cost to the incumbent's at which other motions along its path are
-tried.
+"""Variants of a motion are fitted if its cost is at most this factor times the incumbent's cost
+[-].
 """
 
 COMPARED_SHARE = 1.0 / 3.0
 """Share of the remaining time for fitting a motion to a baseline's path while there is no motion
-[-]. A fit that takes longer has a long motion; the planner's own search will find a shorter
-path.
+[-]. A longer fit means a long motion; the planner's own search will find a shorter path.
 """
 
 MIN_REPLACEMENT_GAIN = 0.02
-"""Relative gain in cost from which another motion replaces the remaining plan in force."""
+"""Least gain for which another motion replaces the remainder of the plan in force, as a share of
+its cost [-].
+"""
 
 MIN_PATH_COST_RATIO = 0.8
-"""Ratio of a path's cost to the incumbent's below which the path has no motion as cheap as it [-].
+"""If a path's cost is below this ratio times the incumbent's cost, no motion along the path has
+come near its cost [-]. Slower paths are then searched in any case.
 """
 
 MIN_SLOWER_GAIN = 0.01
-"""Relative gain in cost for which slower paths are searched [-]."""
+"""Least expected gain for which slower paths are searched, as a share of the incumbent's cost [-].
+"""
 
 ALLOWED_DELAY_SHARE = 0.1
-"""Additional duration that a cheaper motion may have if another is to follow, as a share of the
-period.
-"""
+"""Largest additional duration of a cheaper motion, as a share of the period of the goals [-]."""
 
 
 class PostponedVariants(NamedTuple):
-    """Variants (motions with other rules) along the first path, to be fitted after the next path.
+    """First motion, whose variants (motions by other rules) are to be fitted after the next path.
 
     Attributes:
         proposal: Proposal of the first path.
-        motion: Motion along it.
+        motion: Motion along that path.
         rules: Rules by which `motion` was fitted.
         cost: Cost of the plan with `motion` [-].
     """
@@ -94,11 +94,11 @@ class PostponedVariants(NamedTuple):
 
 
 class PlanningLoop:
-    """Loop over the proposals for one request; the cheapest motion so far is the incumbent.
+    """Loop over the proposals for one request, for one call of `choose_best`.
 
     Attributes:
-        progress: State of the loop that the proposers read, such as `has_motion`. The loop updates
-            it.
+        progress: State of the loop that the proposers read, such as `has_motion`. Only the loop
+            changes it.
     """
 
     def __init__(
@@ -125,8 +125,9 @@ class PlanningLoop:
     def start_with_remainder(self, remainder: Trajectory) -> None:
         """Make the remainder of the plan in force the first incumbent (best plan so far).
 
-        If it breaks a limit, there is no incumbent, and the reason is logged. The time since the
-        request is stored as the time of the first motion, even if there is no incumbent.
+        It must be called before `choose_best`. If the remainder breaks a limit or the deadline has
+        passed, there is no incumbent, and the reason is logged. The time since the request is
+        stored as the time of the first motion in any case.
 
         Args:
             remainder: Remainder of the plan in force, with stamp 0.
@@ -151,10 +152,10 @@ class PlanningLoop:
         self._seconds["first_motion"] = self._since - log.began
 
     def choose_best(self, proposals: Iterable[PathProposal]) -> Plan:
-        """Fit motions to proposed paths, and return the cheapest as a plan.
+        """Fit motions to proposed paths, and return the plan with the cheapest motion.
 
         An error of a proposer, or the deadline, ends the loop. The error is raised only if there is
-        no motion.
+        no motion; otherwise the incumbent is returned.
 
         Args:
             proposals: Path proposals, requested one after the other.
@@ -167,7 +168,8 @@ class PlanningLoop:
             FitError: No path has a motion within the limits. The error is that of the first path.
             DeadlineError: The time was up before there was a motion.
             MhsbError: A proposer has failed, and there is no motion.
-            ValueError: There was no proposal and no error, which is a fault of the planner.
+            ValueError: The planner proposed nothing and raised nothing, which is a fault of the
+                planner.
         """
         in_time = True
         try:
@@ -197,11 +199,12 @@ class PlanningLoop:
         )
 
     def _no_motion_error(self) -> Exception:
-        """Create the error that explains why no path has a motion.
+        """Return the error that explains why no path has a motion.
 
         Returns:
-            DeadlineError if the time was up; other paths might have had a motion. Else the FitError
-            of the first path. ValueError if there was no path, which is a fault of the planner.
+            DeadlineError if the time was up, because other paths might have had a motion. Otherwise
+            the FitError of the first path. ValueError if there was no path, which is a fault of the
+            planner.
         """
         if self._cut_short is None and self.progress.search_deadline.has_passed:
             return DeadlineError("making motions of paths")
@@ -209,10 +212,10 @@ class PlanningLoop:
         return self._cut_short or self._refused or unsaid
 
     def _consider(self, proposal: PathProposal) -> None:
-        """Fit motions to a path, and keep each that beats the incumbent (best plan so far).
+        """Fit one motion to a path and, if it is promising, its variants; keep the best of all.
 
-        1. The path is skipped if MIN_MOTION_COST_RATIO times its cost, less that of its mode
-           switches, exceeds the incumbent's cost.
+        1. The path is skipped if MIN_MOTION_COST_RATIO times its cost without mode switches exceeds
+           the cost of the incumbent (best plan so far).
         2. One motion is fitted: a polynomial or one that follows the path, as options, path or
            planner ask for (`fit_rules`). If there is no incumbent and a polynomial is asked for, a
            motion that follows the path is fitted first, because this is faster. The polynomial then
@@ -228,8 +231,8 @@ class PlanningLoop:
 
         Raises:
             DeadlineError: The deadline of the plan passed.
-            FitError: The path has no motion, there is no incumbent, and the start steers (one curve
-                must lead from the moving start to the goal).
+            FitError: The path has no motion, there is no incumbent, and the start steers. A start
+                steers if one curve must lead from there to the goal.
         """
         path, options, best = proposal.path, self._task.options, self._best
         estimate = path.cost - options.weights.switches * path.switches
@@ -253,10 +256,11 @@ class PlanningLoop:
             self._try_variants(proposal, motion, rules)
 
     def _estimate_min_speed_factor(self) -> float:
-        """Estimate the factor on V_max below which a slower motion will not be cheaper.
+        """Estimate the factor on V_max below which no slower motion will be cheaper.
 
-        With f times the incumbent's speed, its path takes up to 1/f times as long, and leaks as
-        much more. It saves at most the boosts and the mode switches. So it may be cheaper if
+        At f times its speed, the incumbent's path takes up to 1/f times as long and leaks up to 1/f
+        times as much. It saves at most the cost of boosts and mode switches. The slower motion may
+        be cheaper if
 
             L (1/f − 1) < S    f > L / (L + S)
 
@@ -265,9 +269,9 @@ class PlanningLoop:
         (MIN_SLOWER_GAIN) [-].
 
         Returns:
-            L / (L + S) times the incumbent's largest piston speed over V_max, at most 1 [-]. 1 if S
-            is not positive. 0 if there is no incumbent (best plan so far), or if it costs much more
-            than the cheapest path (MIN_PATH_COST_RATIO).
+            L / (L + S) times the incumbent's largest piston speed over V_max, at most 1 [-]. It is
+            1 if S is not positive. It is 0 if there is no incumbent (best plan so far), or if the
+            incumbent costs much more than the cheapest path (MIN_PATH_COST_RATIO).
         """
         best, options = self._best, self._task.options
         cost = math.inf if best is None else best.cost(options)
@@ -284,7 +288,7 @@ class PlanningLoop:
         return speed * lost / (lost + saved) if saved > 0.0 else 1.0
 
     def _try_postponed_variants(self) -> None:
-        """Fit the postponed variants of the first motion, if there are any, and forget them.
+        """Fit the postponed variants of the first motion, if there are any; do so only once.
 
         Variants are motions along the same path by other rules. They are not fitted if the first
         motion costs more than NEAR_BEST_COST_FACTOR times as much as the incumbent (best plan so
@@ -301,12 +305,11 @@ class PlanningLoop:
             self._try_variants(postponed.proposal, postponed.motion, postponed.rules)
 
     def _try_variants(self, proposal: PathProposal, motion: FittedMotion, rules: FitRules) -> None:
-        """Fit variants of a motion to its path, and keep each that beats the incumbent.
+        """Fit the variants of a motion to its path, and keep each that beats the incumbent.
 
         The incumbent is the best plan so far. Variants are motions by other rules, such as faster
-        ramps (`list_variant_rules`). Of each group of variants, those after the first that becomes
-        the incumbent are not fitted. That one also lists the reasons why curves were refused for
-        the first motion.
+        ramps (`list_variant_rules`). In each group, the first variant that becomes the incumbent
+        ends the trials. Its list of refused curves gets those of `motion`, too.
 
         Args:
             proposal: Proposal with the path.
@@ -351,15 +354,16 @@ class PlanningLoop:
         return isinstance(self._task.brake, Steering)
 
     def _fit_and_keep(self, proposal: PathProposal, rules: FitRules) -> FittedMotion | None:
-        """Fit a motion to a path, and make it the incumbent (best plan so far) if it is better.
+        """Fit a motion to a path, and make its plan the incumbent if it is better.
 
-        Better means cheaper, with exceptions for goals with a period and for a plan in force
-        (`_replaces`). Rules with `polynomial_only` ask for a polynomial along the incumbent's path.
-        It becomes the incumbent whatever it costs, unless it had to be slowed to keep the limits.
-        If it is refused, the incumbent's `refused` gets the reasons.
+        The incumbent is the best plan so far. Better means cheaper, with stricter rules for goals
+        with a period and for a plan in force (`_replaces`). Rules with `polynomial_only` ask for a
+        polynomial along the incumbent's path. It becomes the incumbent whatever it costs, unless it
+        had to be slowed to keep the limits. If the polynomial is refused, the incumbent's `refused`
+        gets the reasons.
 
-        Times of the stages and the log are updated. The first motion sets `progress.has_motion` and
-        `progress.reserve`, the time to be kept for turning a path into a motion.
+        Times of the stages and the log are updated. The first motion sets `progress.has_motion`,
+        and `progress.reserve` [s], the time that is kept for fitting a motion to a last path.
 
         Args:
             proposal: Proposal with the path.
@@ -375,8 +379,8 @@ class PlanningLoop:
 
         Raises:
             DeadlineError: The deadline of the plan passed.
-            FitError: The path has no motion, there is no incumbent, and the start steers (one curve
-                must lead from the moving start to the goal).
+            FitError: The path has no motion, there is no incumbent, and the start steers. A start
+                steers if one curve must lead from there to the goal.
         """
         began, best, options = self._since, self._best, self._task.options
         motion = self._fit(proposal, rules)
@@ -401,13 +405,13 @@ class PlanningLoop:
         return motion if cost <= NEAR_BEST_COST_FACTOR * best.cost(options) else None
 
     def _replaces(self, plan: Plan, best: Plan) -> bool:
-        """Return whether a plan is sufficiently better than the incumbent (best plan so far).
+        """Return whether a plan is sufficiently better than the incumbent to replace it.
 
-        It must be cheaper. Two more conditions apply in special cases:
+        The plan must be cheaper. Two more conditions apply in special cases:
 
-        - If goals follow each other with a period: it takes at most ALLOWED_DELAY_SHARE times the
-          period longer than the incumbent.
-        - If the incumbent is the remainder of the plan in force: it is cheaper by at least
+        - If goals follow each other with a period: the plan lasts longer than the incumbent by at
+          most ALLOWED_DELAY_SHARE times the period.
+        - If the incumbent is the remainder of the plan in force: the plan saves at least
           MIN_REPLACEMENT_GAIN times the incumbent's cost.
 
         Args:
@@ -429,22 +433,23 @@ class PlanningLoop:
         return plan.cost(options) <= (1.0 - share) * best.cost(options)
 
     def _fit(self, proposal: PathProposal, rules: FitRules) -> FittedMotion | None:
-        """Fit a motion to a path, and log the reason if there is none.
+        """Fit a motion to a path within the time allowed, and log the reason if there is none.
 
-        The time is limited if there is a deadline, there is no motion yet, and the path is for
-        comparison. The fit may then take COMPARED_SHARE of the time that remains.
+        The fit may take all the remaining time. It may take only COMPARED_SHARE of it if there is
+        no motion yet and the path is for comparison.
 
         Args:
             proposal: Proposal with the path.
             rules: Rules for the fit.
 
         Returns:
-            The motion; None if no motion keeps the limits, or that limited time is up.
+            The motion. None if no motion keeps the limits, or the share of the time is over;
+            `_refused` or `_cut_short` then has the error.
 
         Raises:
             DeadlineError: The deadline of the plan passed.
             FitError: The path has no motion, there is no incumbent (best plan so far), and the
-                start steers (one curve must lead from the moving start to the goal).
+                start steers. A start steers if one curve must lead from there to the goal.
         """
         best, deadline = self._best, self.progress.deadline
         if best is None and proposal.for_comparison and self.progress.has_deadline:
@@ -468,7 +473,7 @@ class PlanningLoop:
         return None
 
     def _fit_by(self, path: DiscretePath, rules: FitRules, deadline: Deadline) -> FittedMotion:
-        """Fit a motion to a path; if the path has no steps, only bring the start to rest.
+        """Fit a motion to a path by S3; for a path without steps, only bring the start to rest.
 
         Args:
             path: The path.
@@ -492,14 +497,14 @@ class PlanningLoop:
     def _assemble_plan(self, path: DiscretePath, motion: FittedMotion, deadline: Deadline) -> Plan:
         """Compute the energy and the manipulability loss of a motion, and assemble its plan.
 
-        The manipulability loss is the share of the reference area that the velocity polytope lacks,
-        integrated over the length of the tip's path. If its weight is 0, it is not computed and is
+        The manipulability loss M [m] is the share of the reference area that the velocity polytope
+        lacks, integrated over the tip's path. If the weight of M is 0, M is not computed and stays
         0.
 
         Args:
             path: The path.
             motion: Motion along the path.
-            deadline: Instant at which the computation is given up.
+            deadline: Instant at which the computation is given up; NO_DEADLINE for a first motion.
 
         Returns:
             Plan of path, motion, energy [J] and manipulability loss [m]. Its other fields keep
@@ -517,7 +522,7 @@ class PlanningLoop:
         return Plan(path, motion, motion.energy, machine, reading, area_shortfall=shortfall)
 
     def _set_refused(self, refused: tuple[str, ...]) -> None:
-        """Replace the incumbent's list of reasons why curves were refused.
+        """Replace the incumbent's list of reasons why curves were refused in its fit.
 
         There must be an incumbent (best plan so far).
 
@@ -539,15 +544,17 @@ class PlanningLoop:
 
         Args:
             proposal: The proposal.
-            outcome: Its outcome.
-            rules: Rules of the motion; None: no motion was fitted.
+            outcome: Outcome of the proposal.
+            rules: Rules of the motion; None if no motion was fitted.
             **values: Further fields of `LogEntry`.
         """
         motion = "" if rules is None else describe_rules(rules)
         self.progress.log.add(proposal.proposer, outcome, proposal.path.cost, motion, **values)
 
     def _charge_time(self, stage: str) -> None:
-        """Add the time since the last call, or since the request, to the time of a stage.
+        """Add the time since the last call to the time of a stage.
+
+        The first call adds the time since the request.
 
         Args:
             stage: Key in `Plan.seconds`.

@@ -1,4 +1,4 @@
-"""Rules by which motions are fitted to a path.
+"""Rules by which the trajectory stage (S3) fits motions to a path.
 
 There are two methods. A polynomial joins the ends of the path. A followed path keeps the path's
 piston speeds, and each change of speed is a ramp (`motion.s3_trajectory`).
@@ -20,43 +20,45 @@ from mhsb_planner.planners.registry import get_planner
 from mhsb_planner.search.discrete_path import DiscretePath
 
 FASTER_RAMP_FACTORS = (0.72, 0.85)
-"""Factors on the duration of the shortest ramps that are tried in addition, the second if the first
-gives no cheaper motion. The shortest ramps leave half of the acceleration and jerk to a
-simultaneous ramp; without one, ramps may be faster.
+"""Factors on the duration of the shortest ramps, for variants with faster ramps [-]. The second
+factor is tried if the first gives no cheaper motion. The shortest ramps use half of the admissible
+acceleration and jerk, because two ramps may coincide. Ramps that do not coincide may be faster.
 """
 
 LAST_RAMP_FACTOR = 0.72
-"""Factor on the duration of the last ramp alone. Braking needs no extra pressure, so the last ramp
-may be shorter than the others.
+"""Factor on the duration of the last ramp alone [-]. Braking needs no extra pressure, so the last
+ramp may be shorter than the others.
 """
 
 SLOWER_RAMP_FACTORS = (1.5, 2.2)
-"""Factors on the duration of the shortest ramps that are tried if inertia calls for boost, the
-second if the first gives no cheaper motion.
+"""Factors on the duration of the shortest ramps, for variants with slower ramps if inertia calls
+for boost [-]. The second factor is tried if the first gives no cheaper motion.
 """
 
 VARIED_STRETCH = 1.2
-"""Largest stretch in time of a motion with other ramps; a longer one is seldom cheaper."""
+"""Largest factor by which a variant with other ramps may be stretched in time [-]; a longer one is
+seldom cheaper.
+"""
 
 SHORT_MOTION_TIME_FACTOR = 1.5
-"""Shortest duration of a motion that is to be followed by another, as a factor on the period."""
+"""Shortest duration of a motion if goals follow each other, as a factor on their period [-]."""
 
 
 def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> FitRules:
-    """Return the rules by which the trajectory stage (S3) makes a motion of a path.
+    """Return the rules by which the first motion of a path is made.
 
-    A motion is a polynomial or follows the path. The first method that is given decides: that of
-    the options, `of_path`, or that of the planner that the options name. A polynomial may exceed
-    V_max (allowed piston speed) by the options' `max_speed_excess`, unless only `of_path` asks for
-    it.
+    A motion is a polynomial or follows the path. The method is that of the options. If they name
+    none, it is `of_path`, and if this is None, that of the planner. A polynomial may exceed V_max
+    (allowed piston speed) by `options.max_speed_excess`, unless only `of_path` asks for it.
 
     Args:
         options: Options of the plan.
-        of_path: Method for this path if the options name none; None: the planner's method.
+        of_path: Method for this path if the options name none; None means the method of the planner
+            that the options name.
 
     Returns:
-        The rules. Each via point is the tip's coordinates and a tolerance [m]. The shortest
-        duration is SHORT_MOTION_TIME_FACTOR times the period of the goals [s].
+        The rules. Each via point is a tuple of the tip's coordinates and the tolerance [m]. The
+        shortest duration is SHORT_MOTION_TIME_FACTOR times the period of the goals [s].
     """
     own = options.trajectory or get_planner(options.planner).trajectory
     kind = options.trajectory or of_path or own
@@ -70,10 +72,10 @@ def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> Fi
 
 
 def following_rules(rules: FitRules) -> FitRules:
-    """Return default rules for following a path; only shortest duration and via points are given.
+    """Return the default rules for following a path, with two values taken from other rules.
 
     Args:
-        rules: Rules that give shortest duration and via points.
+        rules: Rules from which `min_duration` and `via_points` are taken.
     """
     return replace(
         FitRules.create_following(), min_duration=rules.min_duration, via_points=rules.via_points
@@ -88,14 +90,14 @@ def list_variant_rules(
     *,
     may_follow: bool,
 ) -> list[tuple[FitRules, ...]]:
-    """List rules for variants of a motion (other motions along its path), which may be cheaper.
+    """List rules for variants of a motion: other motions along its path, which may be cheaper.
 
-    - A motion with ramps, from rest: ramps shortened by FASTER_RAMP_FACTORS. If time has a weight,
-      also the last ramp alone.
-    - A polynomial that was slowed to keep V_max (allowed piston speed): following the path, if
+    - For a motion with ramps, from rest: ramps shortened by FASTER_RAMP_FACTORS. If time has a
+      weight, also the last ramp alone by LAST_RAMP_FACTOR.
+    - For a polynomial that was slowed to keep V_max (allowed piston speed): following the path, if
       `may_follow` is True.
-    - A followed path with more mode switches than planned: ramps lengthened by SLOWER_RAMP_FACTORS,
-      since inertia called for boost.
+    - For a followed path with more mode switches than planned: ramps lengthened by
+      SLOWER_RAMP_FACTORS, because inertia called for boost.
 
     Ramps are not varied if goals follow each other with a period.
 
@@ -127,7 +129,7 @@ def list_variant_rules(
 
 
 def describe_rules(rules: FitRules) -> str:
-    """Describe in a few words, for the log, which motion some rules ask for.
+    """Describe in a few words, for the log, the motion for which rules ask.
 
     Args:
         rules: The rules.

@@ -1,4 +1,4 @@
-"""Remarks on a payload that the highest supply pressure does not carry."""
+"""Remarks on a payload that is too heavy for the highest supply pressure."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from mhsb_model.types import FloatArray
 from mhsb_planner.posture.s1_posture_table import PostureTable
 
 NAMED_OVERLOAD_SHARE = 0.1
-"""Least share of the posture table's nodes without a posture that carries the payload, from which a
-remark names it.
+"""A remark names the share of the table's nodes at which no posture holds the payload, from this
+share on [-].
 """
 
 
 def describe_overload(machine: Machine, table: PostureTable, start: FloatArray) -> str:
-    """Describe where the arm cannot carry its payload, as a possible reason why there is no path.
+    """Describe where the arm cannot hold its payload, as a possible reason for a missing path.
 
     The start is checked first, then the posture table.
 
@@ -30,9 +30,9 @@ def describe_overload(machine: Machine, table: PostureTable, start: FloatArray) 
         start: Posture at the start, shape (n,) [rad or m].
 
     Returns:
-        A clause, or an empty text. If the payload cannot be held at the start, it names payload,
-        actuator, needed pressure and highest supply pressure. Otherwise it gives the share of the
-        table's nodes at which no posture holds the payload. It is empty if that share is below
+        A clause. If the payload cannot be held at the start, the clause names payload, actuator,
+        needed pressure and highest supply pressure. Otherwise it gives the share of the table's
+        nodes at which no posture holds the payload. Empty if that share is below
         NAMED_OVERLOAD_SHARE.
     """
     m = machine.arrays
@@ -59,14 +59,14 @@ def describe_overload(machine: Machine, table: PostureTable, start: FloatArray) 
 
 
 def _find_needed_pressures(machine: Machine, postures: FloatArray) -> FloatArray:
-    """Compute the supply pressure that each actuator needs to hold an arm at rest.
+    """Compute the supply pressure that each actuator needs to hold the arm at rest, per posture.
 
     Args:
         machine: The arm.
         postures: Postures, shape (k, n) [rad or m].
 
     Returns:
-        Pressures, shape (k, n) [Pa].
+        Pressures, shape (k, n) [Pa], aligned with `postures`.
     """
     force = machine.piston_forces_in(postures)
     return compute_required_pressures(machine.arrays, force, np.zeros_like(force))

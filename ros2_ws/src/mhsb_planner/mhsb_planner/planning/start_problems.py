@@ -1,4 +1,4 @@
-"""Words on a start that is not admissible: beyond joint limits, or in an obstacle."""
+"""Messages on a start that is not admissible: beyond joint limits, or in an obstacle."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from mhsb_model.types import FloatArray
 from mhsb_planner.search.goal_clearance import describe_start_contact
 
 NAMED_EXCESS = 1e-3
-"""Distance beyond a joint limit from which the start is mentioned in the plan's warnings [rad or
-m]. It is more than the noise of a joint's sensor.
+"""Excess over a joint limit above which a message names the joint [rad or m]. It is more than the
+noise of a joint's sensor.
 """
 
 
@@ -41,15 +41,15 @@ def describe_limit_excess(machine: Machine, posture: FloatArray) -> str:
 
 
 def suggest_unit_of_start(machine: Machine, posture: FloatArray) -> str:
-    """Return a clause that asks whether a posture was meant in degrees, or in mm.
+    """Return a clause that asks whether a start posture was meant in degrees or in mm.
 
     Args:
         machine: The arm.
         posture: Joint positions, shape (n,) [rad or m].
 
     Returns:
-        The clause, for the first joint whose excess over its limit is greater than its whole range.
-        Empty if there is no such joint.
+        The clause, for the first joint that exceeds a limit by more than its whole range. Empty if
+        there is no such joint.
     """
     low, high = machine.arrays.joint_min, machine.arrays.joint_max
     for j in np.flatnonzero(np.maximum(posture - high, low - posture) > high - low):
