@@ -1,1 +1,1 @@
-"""S2: search for the discrete path over tip positions and mode patterns."""
+"""Graph search S2: it finds the discrete path over workspace nodes and mode combinations."""

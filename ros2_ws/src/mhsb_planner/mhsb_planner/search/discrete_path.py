@@ -1,4 +1,4 @@
-"""The discrete path: result of the search over tip positions, postures and mode patterns."""
+"""The discrete path: result of the search over tip positions, postures and mode combinations."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ class SearchStatistics:
         expanded: Number of states whose outgoing steps were examined.
         generated: Number of steps examined.
         seconds: Duration of the search [s].
-        out_of_time: True if a deadline ended the search with the best path found so far.
+        out_of_time: True if a deadline ended the search; the path is then the best one until the
+            deadline.
     """
 
     expanded: int
@@ -30,20 +31,21 @@ class SearchStatistics:
 class DiscretePath:
     """Discrete path of k steps for an arm with n joints.
 
-    Each step has constant piston speeds and one mode pattern, that is, one mode for each actuator.
-    The energy reading `paper` is the published energy model. The reading `series` counts main pump
-    and servo pump in series (`s2_step`).
+    Each step has constant piston speeds and one mode combination, that is, one mode for each
+    actuator. The energy reading `paper` is the published energy model. The reading `series` counts
+    main pump and servo pump in series (`s2_step`).
 
     Attributes:
         tip: Tip positions, shape (k + 1, 2), (x, z) [m]. Shape (k + 1, 3), (x, y, z), if joint 1
             slews.
         posture: Joint positions at the ends of the steps, shape (k + 1, n) [rad or m].
-        modes: Mode codes of every actuator during each step, shape (k, n).
+        modes: Mode code (0 N, 1 DB, 2 SB) of every actuator during each step, shape (k, n).
         duration: Duration of each step, shape (k,) [s].
         energy: Energy of each step under the energy reading `paper`, shape (k,) [J].
         energy_series: Energy of each step under the energy reading `series`, shape (k,) [J].
         cost: Total cost w₁ Σ E + w₂ Σ T + w₃ switches [-]. The switches into the first step count.
-            The term w₄ M of `manipulability_loss` is added if the polytope's area has a weight.
+            The term w₄ M is added if the manipulability loss M has a weight. The integrated search
+            also counts the switches to the modes that hold the arm at the end.
         start_modes: Modes in force before the first step, shape (n,).
         statistics: Effort of the search.
     """
@@ -79,7 +81,7 @@ class DiscretePath:
             seconds: Duration of the search, for the statistics [s].
 
         Returns:
-            A path with one posture, no steps and cost 0. The statistics count 0 states and 0
+            A path with one posture, no steps and cost 0. Its statistics count no states and no
             steps.
         """
         nothing = np.empty(0)

@@ -1,12 +1,12 @@
 """The conventional method: joint 3 keeps its angle (paper, Section 3.3, after its reference 18).
 
 An initial angle J3 of joint 3 is given. At a tip position the angles of joints 1 and 2 then have at
-most two solutions. If neither is within limits, J3 is changed in steps of 1° until one is. This
-gives one posture for each workspace node, whatever the modes. The search then finds path and modes
-with the usual step costs.
+most two solutions. If both are beyond limits, J3 is changed in steps of 1° until a solution is
+within limits. Each workspace node thus has one posture for all mode combinations. The search then
+finds path and modes with the step costs of `s2_step`.
 
-In an arm with more joints all but two keep their angles; the machine file names the kept ones. One
-kept joint is changed if necessary. The elbow is then the second of the two joints that move.
+In an arm with more joints all but two keep their angles; the machine file names the kept joints. If
+necessary, one kept joint is changed. The elbow is the second of the two other joints.
 """
 
 from __future__ import annotations
@@ -33,9 +33,10 @@ from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.s2_graph import StepGraph
 
 J3_STEP = math.radians(1.0)
-"""Step by which a kept joint is changed if the others have no solution [rad].
+"""Step by which a kept joint is changed if the two free joints have no solution [rad].
 
-For a prismatic joint the step is scaled by `kinematics.compute_radian_equivalents`."""
+For a telescope range/π stands for 1 rad (`kinematics.compute_radian_equivalents`).
+"""
 
 NODES_AT_ONCE = 50
 """Number of table nodes that are filled between two checks of the deadline."""
@@ -59,8 +60,8 @@ def _find_posture(
     """Find a posture at (x, z) that changes one kept joint by as few steps as possible.
 
     Two joints move freely, and all others keep the positions `kept`. If the free joints then have
-    no solution within limits, one kept joint is changed, by one step of J3_STEP, then by two, and
-    so on. For each number of steps the kept joints are tried in joint order, each upwards before
+    no solution within limits, one kept joint is changed, by one step of J3_STEP, by two, and so on.
+    For each number of steps the kept joints are tried in joint order, each upwards before
     downwards. The elbow side `elbow` is always tried before the other side. The search ends without
     a result when every kept joint would be beyond its limits.
 
@@ -107,7 +108,7 @@ def _fill_postures(
     elbow: int,
     posture: FloatArray,
 ) -> None:
-    """Compute the posture of the conventional method at many tip positions.
+    """Compute the postures of the conventional method at many tip positions.
 
     In this method two joints move freely, and all others are kept. If the two have no solution
     within limits, one kept joint is changed in steps of J3_STEP until they have one.
@@ -147,7 +148,7 @@ def read_kept_angles(machine: Machine, q: FloatArray) -> FloatArray:
 
 
 def find_elbow_side(machine: Machine, q: FloatArray) -> int:
-    """Return the side of the elbow in a posture.
+    """Return the side of the elbow (up or down) in a posture.
 
     Args:
         machine: Machine that names the kept joints. Of the other two, the second is the elbow.
@@ -167,8 +168,8 @@ def compute_fixed_j3_posture(
 
     In this method two joints move freely, and all others keep their given positions. If the two
     have no solution within limits, one of the kept joints is moved in steps until they have one.
-    The least number of steps of any kept joint decides. A step is 1°, or for a sliding joint the
-    length `Machine.radian_equivalents` of 1°.
+    The kept joint and direction that need the fewest steps are taken. A step is 1°; for a telescope
+    range/π stands for 1 rad.
 
     Args:
         machine: Machine without a slewing joint (`Machine.planar_arm`).
@@ -202,13 +203,13 @@ def build_fixed_j3_graph(
 ) -> StepGraph:
     """Build the graph of steps between the postures of the conventional method (kept joints).
 
-    The graph has the nodes and mode patterns (one mode for each actuator) of a given posture table.
-    Every pattern of a node has the same posture; NaN marks a node without a posture. All steps are
-    priced, that is, their durations and energies are computed, before the function returns.
+    The graph has the nodes and mode combinations of a given posture table. Every combination of a
+    node has the same posture; NaN marks a node without a posture. All steps are priced, that is,
+    their durations and energies are computed, before the function returns.
 
     Args:
         machine: Machine without a slewing joint (`Machine.planar_arm`).
-        template_table: Posture table whose nodes, spacing and mode patterns are used.
+        template_table: Posture table whose nodes, spacing and mode combinations are used.
         j3: Initial position of the kept joint, within its limits [rad or m]. For several kept
             joints their positions in joint order, shape (n - 2,).
         elbow: Side of the elbow that is tried first, ELBOW_UP or ELBOW_DOWN.
@@ -244,10 +245,10 @@ def build_fixed_j3_graph(
     )
 
     def find_postures(machine: Machine, x: float, z: float, _: Deadline) -> FloatArray:
-        """Return the posture of the conventional method at (x, z), repeated for each mode pattern.
+        """Return the conventional method's posture at (x, z), once for each mode combination.
 
-        The initial position of the kept joint, the elbow side and the number of mode patterns come
-        from the enclosing function.
+        The initial position of the kept joint, the elbow side and the number of mode combinations
+        come from the enclosing function.
 
         Args:
             machine: Machine whose posture is wanted.
@@ -298,7 +299,7 @@ def warm_up(graph: StepGraph) -> None:
     """Compile the kernels of the conventional method (all joints but two are kept).
 
     Args:
-        graph: Graph whose machine and mode patterns give the argument types.
+        graph: Graph whose machine and mode combinations give the argument types.
     """
     machine, n = graph.machine, graph.machine.joint_count
     kept = read_kept_angles(machine, machine.arrays.joint_max)

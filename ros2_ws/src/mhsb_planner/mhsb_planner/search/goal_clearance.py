@@ -1,7 +1,7 @@
 """Obstacle checks of start and goal.
 
-A goal is refused if the arm would be in an obstacle there, or nearer to one than paths may get.
-A start in an obstacle is only described.
+A goal is refused if the arm would be in an obstacle there, or nearer to one than the margin. A
+start in an obstacle is only described.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ from mhsb_model.types import FloatArray, Position, frozen
 from mhsb_planner.errors import ZoneError, place_text
 
 CONTACT_CLEARANCE = 5e-4
-"""Clearance up to which the arm counts as touching an obstacle [m].
+"""Clearance up to which the arm touches an obstacle, and depth from which it is in one [m].
 
-Motions that keep clear of obstacles stay farther away than this."""
+Motions that keep clear of obstacles stay farther away than this.
+"""
 
 
 def describe_start_contact(machine: Machine, posture: FloatArray) -> str:
@@ -91,11 +92,11 @@ def find_clear_postures(machine: Machine, x: float, z: float, posture: FloatArra
         posture: Joint positions of at least one posture, shape (count, n) [rad or m].
 
     Returns:
-        Boolean array of shape (count,), aligned with `posture`: True if the posture is clear. All
-        True if the machine has no obstacles.
+        True for each posture that keeps the margin, bool, shape (count,). All True if the machine
+        has no obstacles.
 
     Raises:
-        ZoneError: No posture is clear.
+        ZoneError: No posture keeps the margin.
     """
     rows = machine.obstacles.path_rows
     if len(rows) == 0:

@@ -1,12 +1,15 @@
-"""Lower bounds on the cost of every plan between two postures, whatever its path and modes.
+"""Lower bounds on the cost of every plan between two postures, for any path and any modes.
 
-The cylinder strokes add up to at least the difference between start and goal lengths. Oil costs
-at least P_S per volume, and leakage flows for the whole motion:
+The strokes of cylinder j add up to at least the difference |ΔL_j| of its lengths at start and goal.
+Oil costs at least P_S per volume, and leakage flows for the whole motion:
 
     T_lb = max( max_j |ΔL_j| / V_max,j , Σ_j A_dir |ΔL_j| / (Q_MP − n q_leak) )
     E_lb = P_S [ Σ_j A_dir |ΔL_j| + n q_leak T_lb ]
 
-Both bounds hold for each step at the costs of `s2_step`: boosted oil never costs less than P_S
+P_S [Pa] is the main pump's pressure and Q_MP [m³/s] its flow. A_dir [m²] is the piston area that
+fills, and q_leak [m³/s] the leakage of one of the n valves at P_S.
+
+Both bounds hold for each step at the costs of `s2_step`. Boosted oil never costs less than P_S
 there, and no valve leaks less than at P_S. Hence w₁ E_lb + w₂ T_lb is a consistent heuristic for
 the search.
 """
@@ -27,7 +30,9 @@ from mhsb_planner.search.s2_step import (
 )
 
 ENERGY_ONLY_WEIGHTS = frozen(np.array([1.0, 0.0]))
-"""Weights of energy [1/J] and time [1/s] that make the bound one on the energy alone."""
+"""Weights of energy [1/J] and time [1/s] with which a lower bound on the cost is one on the energy
+[J].
+"""
 
 
 @kernel(borrows=True)
@@ -40,11 +45,12 @@ def bound_cost_between(
         T_lb = max( other_time, max_j |ΔL_j| / V_max,j, V / shared_flow )
         cost = w₁ P_S (V + leakage · T_lb) + w₂ T_lb
 
-    V is the oil that the pistons take, and T_lb a lower bound on the duration. ΔL_j is the change
-    of cylinder length j, A_j the piston area that fills in this direction, and V_max,j the speed
-    limit in mode N. P_S is the supply pressure of the main pump, and `shared_flow` its flow for the
-    pistons. `leakage` is the leakage flow of all valves at P_S. `other_oil` and `other_time` belong
-    to other motions, such as a slew. Mode switches are not in the bound.
+    V [m³] is the oil that the pistons take, and T_lb [s] a lower bound on the duration. Cylinder j
+    changes its length by ΔL_j [m] and its speed limit in mode N is V_max,j [m/s]. Its piston area
+    that fills in this direction is A_j [m²]. The main pump has the supply pressure P_S [Pa] and the
+    flow `shared_flow` [m³/s] for the pistons. `leakage` [m³/s] is the leakage flow of all valves at
+    P_S. `other_oil` and `other_time` belong to other motions, such as a slew. Mode switches are not
+    in the bound.
 
     Args:
         c: Hydraulic coefficients of the machine: areas, speed limits, flows, P_S, `other_oil` [m³]
@@ -71,7 +77,7 @@ def bound_cost_between(
 def bound_cost_to_nearest(
     c: HydraulicCoefficients, start: FloatArray, goals: FloatArray, weight: FloatArray
 ) -> float:
-    """Compute a lower bound on the weighted cost from a start to the cheapest of several goals.
+    """Compute the least of the lower bounds on the weighted cost to several goals.
 
     Args:
         c: Hydraulic coefficients of the machine (areas, speed limits, flows, supply pressure). Its
@@ -91,16 +97,16 @@ def bound_cost_to_nearest(
 
 
 def add_other_motion(c: HydraulicCoefficients, oil: float, time: float) -> HydraulicCoefficients:
-    """Return hydraulic coefficients whose lower bounds include the oil and time of other motions.
+    """Return a copy of hydraulic coefficients with the oil and the time of other motions.
 
     Args:
-        c: Hydraulic coefficients of the n joints.
+        c: Hydraulic coefficients of the n joints; not changed.
         oil: Oil for motions of other joints than the n joints, such as a slew [m³].
         time: Least time that these other motions take [s].
 
     Returns:
-        A copy of c with `other_oil` and `other_time` set. Only lower bounds use these two; the
-        costs of steps do not change.
+        A copy of `c` with `other_oil` and `other_time` set. Lower bounds then include the other
+        motions; the costs of steps do not change.
     """
     return c._replace(other_oil=oil, other_time=time)
 
@@ -109,7 +115,7 @@ def add_other_motion(c: HydraulicCoefficients, oil: float, time: float) -> Hydra
 def bound_costs_between(
     c: HydraulicCoefficients, start: FloatArray, goals: FloatArray, weight: FloatArray
 ) -> FloatArray:
-    """Compute a lower bound on the weighted cost from a start to each of several goals.
+    """Compute one lower bound on the weighted cost for each of several goals.
 
     Args:
         c: Hydraulic coefficients of the machine (areas, speed limits, flows, supply pressure). Its
@@ -128,7 +134,7 @@ def bound_costs_between(
 
 
 def energy_lower_bound(machine: Machine, start: FloatArray, goals: FloatArray) -> float:
-    """Compute a lower bound on the energy from a posture to the cheapest of several postures.
+    """Compute the least lower bound on the energy from a posture to one of several postures.
 
     Args:
         machine: Machine with its payload and hydraulics.

@@ -1,11 +1,11 @@
-"""Loss of velocity-polytope area along a motion, as a term of the cost.
+"""Manipulability loss: velocity-polytope area lost along a motion, as a term of the cost.
 
     M = ∫ max(0, 1 − A(q, p)/A_ref) ds     [m]
 
-The integral runs along the tip's path s. A is the polytope's area (`s1_polytope`) in posture q and
-the mode pattern p in force. A_ref is the area that counts as full: half of the workspace nodes
-offer more. M is the length of a path with area 0 that would lose as much. It is never negative and
-adds up over the parts of a path, however it is cut. In the cost
+The integral runs along the tip's path s [m]. A [m²/s²] is the polytope's area (`s1_polytope`) in
+posture q and the mode combination p in force. A_ref [m²/s²] is the area that counts as full: half
+of the workspace nodes offer more. M is the length of a path with area 0 that would lose as much. It
+is never negative, and the losses of the parts of a path add up to the loss of the path. In the cost
 w₁ E + w₂ T + w₃ switches + w₄ M its weight w₄ has the unit 1/m. The area is that of the paper's
 Section 2.1; the paper does not weigh it against other terms.
 """
@@ -40,7 +40,7 @@ from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.discrete_path import DiscretePath
 
 MAX_JOINT_STEP = 0.02
-"""Largest change of a joint between two samples of the area along a path [rad]."""
+"""Largest change of a joint between two samples of the area along a path [rad or m]."""
 
 SAMPLES_AT_ONCE = 128
 """Number of samples whose area is computed between two checks of the deadline."""
@@ -63,12 +63,12 @@ WITHOUT_AREA = AreaTerm(0.0, 1.0)
 
 
 def create_area_cost(weight: float, table: PostureTable) -> AreaTerm:
-    """Create the parameters of the cost of lost polytope area (manipulability loss).
+    """Create the cost term of the manipulability loss, with the reference area of a table.
 
     Args:
         weight: Weight w₄ of the manipulability loss [1/m].
-        table: Posture table (best posture for each workspace node and mode pattern), which gives
-            the reference area.
+        table: Posture table (best posture for each workspace node and mode combination), which
+            gives the reference area.
 
     Returns:
         The weight with the table's reference area, or WITHOUT_AREA if the weight is 0 or negative.
@@ -77,14 +77,14 @@ def create_area_cost(weight: float, table: PostureTable) -> AreaTerm:
 
 
 def compute_reference_area(table: PostureTable) -> float:
-    """Compute the area of the velocity polytope that counts as full, from a posture table.
+    """Compute the velocity-polytope area that counts as full, from a posture table.
 
     Args:
         table: Posture table with at least one feasible node.
 
     Returns:
         Reference area: the median over the feasible nodes of the node's largest area over its mode
-        patterns [m²/s²].
+        combinations [m²/s²].
     """
     return float(np.median(np.nanmax(table.area[table.feasible], axis=1)))
 
@@ -100,11 +100,11 @@ def compute_step_area_loss(
     required_status: int,
     cost: FloatArray,
 ) -> None:
-    """Compute the cost of the lost velocity-polytope area of one step in all mode patterns.
+    """Compute the cost of the manipulability loss of one step in all mode combinations.
 
-    The area A_p in mode pattern p is evaluated at the middle of the step in joint space. It is used
-    for the whole straight distance between the tip positions at both ends. With the weight w₄ and
-    the reference area A_ref:
+    The area A_p in mode combination p is evaluated at the middle of the step in joint space. It is
+    used for the whole straight distance between the tip positions at both ends. With the weight w₄
+    and the reference area A_ref:
 
         cost[p] = w₄ |tip(end) − tip(start)| max(0, 1 − A_p/A_ref)
 
@@ -115,12 +115,12 @@ def compute_step_area_loss(
         term: Weight and reference area.
         start: Joint positions at the start of the step, shape (n,) [rad or m].
         end: Joint positions at the end of the step, shape (n,) [rad or m].
-        patterns: Mode patterns (one mode for each actuator), shape (patterns, n).
-        status: Status code of the step in each pattern, shape (patterns,), as
+        patterns: Mode combinations, shape (patterns, n).
+        status: Status code of the step in each combination, shape (patterns,), as
             `s2_step.price_steps_to_node` writes it.
-        required_status: Only patterns with this status are computed; all others are skipped.
-        cost: Cost in each pattern, shape (patterns,) [-]. Written in place; entries of skipped
-            patterns stay as they are.
+        required_status: Only combinations with this status are computed; all others are skipped.
+        cost: Cost in each combination, shape (patterns,) [-]. Written in place; entries of skipped
+            combinations stay as they are.
     """
     n = len(start)
     middle = 0.5 * (start + end)
@@ -155,7 +155,7 @@ class AreaProfile:
         return float(self.span @ self.area) / length if length > 0.0 else None
 
     def compute_area_loss(self, reference: float) -> float:
-        """Compute the lost area of the velocity polytope along the tip's path.
+        """Compute the manipulability loss along the tip's path.
 
             M = ∫ max(0, 1 − A/A_ref) ds
 
@@ -165,13 +165,13 @@ class AreaProfile:
             reference: Reference area A_ref [m²/s²].
 
         Returns:
-            Area loss M [m]: the length of a path without any area that would lose as much.
+            Manipulability loss M [m]: the length of a path with area 0 that would lose as much.
         """
         return float(self.span @ np.maximum(0.0, 1.0 - self.area / reference))
 
 
 def compute_area_along_path(machine: Machine, path: DiscretePath) -> AreaProfile:
-    """Compute the area of the velocity polytope along a discrete path.
+    """Compute the velocity-polytope area along a discrete path, in the modes of its steps.
 
     Joint positions are interpolated linearly within each step. A step is divided into equal parts
     so that no joint moves by more than `MAX_JOINT_STEP` in a part.
@@ -182,7 +182,7 @@ def compute_area_along_path(machine: Machine, path: DiscretePath) -> AreaProfile
 
     Returns:
         Straight length of each part of the tip's path [m], and the area at the middle of each part
-        [m²/s²]. The area is computed for the actuator modes (N, DB or SB) of the part's step.
+        [m²/s²].
     """
     turned = np.abs(np.diff(path.posture, axis=0)).max(axis=1, initial=0.0)
     parts = np.maximum(1, np.ceil(turned / MAX_JOINT_STEP).astype(np.int64))
@@ -199,7 +199,7 @@ def compute_area_along_motion(
     schedule: ModeSchedule,
     deadline: Deadline = NO_DEADLINE,
 ) -> AreaProfile:
-    """Compute the area of the velocity polytope along a trajectory in the modes of its schedule.
+    """Compute the velocity-polytope area along a trajectory, in the modes of its schedule.
 
     The trajectory is divided into parts of equal duration, none longer than `MAX_POINT_SPACING_NS`.
 
@@ -210,8 +210,8 @@ def compute_area_along_motion(
         deadline: Instant at which the work is given up.
 
     Returns:
-        Straight distance of the tip in each part [m]. Area of each part [m²/s²], in the mean of the
-        postures at both ends of the part, and in the modes in force at the middle of its time.
+        Straight distance of the tip in each part [m]. Area of each part [m²/s²], for the mean of
+        the postures at its ends, and for the modes at the middle of its time.
 
     Raises:
         DeadlineError: The deadline passed.
@@ -225,7 +225,7 @@ def compute_area_along_motion(
 def _compute_area_profile(
     machine: Machine, posture: FloatArray, modes: ModeArray, deadline: Deadline = NO_DEADLINE
 ) -> AreaProfile:
-    """Compute the area of the velocity polytope along a sequence of postures.
+    """Compute the velocity-polytope area between successive postures, in given modes.
 
     The postures divide the motion into k parts, and each part gets one area. If joint 1 slews, its
     column is dropped, and the arm is evaluated without it.
@@ -237,8 +237,8 @@ def _compute_area_profile(
         deadline: Instant at which the work is given up.
 
     Returns:
-        For each part, shape (k,): straight distance between the tip positions at its ends [m], and
-        area in the mean of the postures at its ends [m²/s²].
+        Straight distance of the tip in each part [m], and area for the mean of the postures at its
+        ends [m²/s²], both of shape (k,).
 
     Raises:
         DeadlineError: The deadline passed.
@@ -275,7 +275,7 @@ def warm_up(machine: Machine) -> None:
     """Compile the kernels that compute the velocity-polytope area along a motion.
 
     Args:
-        machine: Machine whose joints and patterns give the argument types.
+        machine: Machine whose joints and combinations give the argument types.
     """
     posture = machine.arrays.joint_min[None, :].repeat(2, axis=0)
     _compute_area_profile(machine, posture, machine.patterns[:1].copy())

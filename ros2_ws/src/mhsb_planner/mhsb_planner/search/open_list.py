@@ -48,7 +48,7 @@ def _precedes(states: Records[SearchState], a: int, b: int) -> bool:
 
 @kernel(inline="always")
 def sift_up(states: Records[SearchState], heap: IntArray, i: int, state: int) -> None:
-    """Insert a state into the heap, or move it towards the top to its place.
+    """Insert a state into the heap, or move a state whose estimate has decreased to its place.
 
     The caller has set the state's estimate, and counts the states in the heap.
 
@@ -73,7 +73,7 @@ def sift_up(states: Records[SearchState], heap: IntArray, i: int, state: int) ->
 
 @kernel(inline="always")
 def pop(states: Records[SearchState], heap: IntArray, size: int) -> int:
-    """Remove the first state from the heap and restore the heap order.
+    """Remove the first state of a heap of `size` states, without counting.
 
     The caller decrements its own count of states in the heap.
 
@@ -130,19 +130,19 @@ class SearchState(Record):
     cost: float
     """Cost of the best path from the start so far."""
     estimate: float
-    """Cost so far plus lower bound on the cost to the goal."""
+    """`cost` plus the heuristic, the estimated cost from this state to the goal."""
     depth: Int32
-    """Number of steps of that path."""
+    """Number of steps of the best path from the start so far."""
     parent: Int32
-    """State before on that path; NO_STATE if that is the start."""
+    """State before this one on the best path so far; NO_STATE stands for the start."""
     place: Int32
     """Position in the heap, or NOT_IN_HEAP."""
     step: Int32
-    """Number of the last step, if the search numbers steps."""
+    """Number of the last step of the best path so far, if the search numbers steps."""
 
 
 class OpenList(NamedTuple):
-    """Records of all states and the heap of open ones, with which a search can be continued.
+    """Records of all states, and the heap of the open states; a search can be continued with them.
 
     The goal is one more state; it has the greatest number.
 
@@ -168,8 +168,8 @@ class ExpandedState(NamedTuple):
 
     Attributes:
         state: Number of the state; NO_STATE for the start.
-        pattern: Index of the mode pattern of arrival. The number of patterns stands for the modes
-            in force at the start.
+        pattern: Index of the mode combination of arrival. The number of combinations stands for the
+            modes in force at the start.
         cost: Cost from the start.
         next_depth: Number of steps from the start to the states that it leads to.
     """
@@ -200,7 +200,7 @@ def create_open_list(states: int) -> OpenList:
 
 
 def enlarge_open_list(f: OpenList) -> OpenList:
-    """Copy an open list into a new one with room for twice as many states.
+    """Return a copy of an open list with room for twice as many states.
 
     The goal stays the last state, so its number changes. All other states keep their numbers.
 
@@ -208,8 +208,8 @@ def enlarge_open_list(f: OpenList) -> OpenList:
         f: Open list with its search under way.
 
     Returns:
-        A new open list with the same search progress. Additional states have infinite cost. The
-        goal's number is twice its old number.
+        A new open list with the same content. Additional states have infinite cost. The goal's
+        number is twice its old number.
     """
     goal = len(f.states) - 1
     wider, waiting = create_open_list(2 * goal), f.counts[WAITING_COUNT]
@@ -221,7 +221,7 @@ def enlarge_open_list(f: OpenList) -> OpenList:
 
 @kernel(inline="always")
 def pop_first_state(f: OpenList) -> int:
-    """Remove the open state with the least estimate from the heap.
+    """Remove the open state with the least estimate, and update the count of open states.
 
     Args:
         f: Open list. Its heap, counts and the state's `place` are written in place.
@@ -251,8 +251,8 @@ def record_path_to(
         state: Number of the state before the target on this path, NO_STATE for the start.
         steps: Number of steps from the start to the target.
         cost: Cost from the start to the target.
-        lower_bound: Estimated cost from the target to the goal, which is added to `cost` to order
-            the heap.
+        lower_bound: Heuristic: estimated cost from the target to the goal. It is added to `cost` to
+            order the heap.
     """
     reached = f.states[target]
     reached.cost = cost

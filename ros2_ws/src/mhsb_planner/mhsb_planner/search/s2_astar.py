@@ -1,12 +1,12 @@
-"""The exact search: A* over states (node, pattern), which can be paused and continued.
+"""The exact search: A* over nodes and mode combinations, which can be paused and continued.
 
-A state is a node and the pattern of arrival. A step's cost therefore depends only on the state it
-leaves and the state it reaches. The heuristic of `lower_bound` is consistent, so an expanded state
-is final; if rounding makes a later path cheaper, the state is expanded again.
+A state is a node and the mode combination of arrival. The cost of a step therefore depends only on
+the states that it leaves and reaches. The heuristic of `lower_bound` is consistent, so that an
+expanded state is final. If rounding makes a later path cheaper, the state is expanded again.
 
-The same steps leave all states that share a posture. A state is skipped if another state of its
-posture is so cheap that a mode switch from there costs less than arriving here. Switch counts obey
-the triangle inequality, so all successors are reached from the other state at no greater cost.
+All states of one posture have the same steps to other states. A state is skipped if a path to
+another state of its posture, with mode switches there, costs less. Numbers of mode switches obey
+the triangle inequality, so the other state leads to all successors at no greater cost.
 """
 
 from __future__ import annotations
@@ -55,12 +55,12 @@ from mhsb_planner.search.s2_step import (
 
 
 class PostureLabels(NamedTuple):
-    """Values of the exact search per posture, beside its open list.
+    """Lower bound and cheapest state of each posture, as far as an exact search knows them.
 
     Attributes:
         remaining: Lower bound on the cost to the goal, shape (postures,). NaN means not computed
             yet.
-        cheapest: Pattern of the posture's state with the least cost so far, shape (postures,).
+        cheapest: Combination of the posture's state with the least cost so far, shape (postures,).
             NO_STATE if no state of the posture has been reached.
     """
 
@@ -74,13 +74,13 @@ class ExactSearchInput(NamedTuple):
     Attributes:
         from_start: Steps that leave the start. A reached state of NO_STATE means the goal.
         to_goal: Steps to the goal, sorted by the posture that they leave.
-        goal_first: Steps of posture i to the goal are goal_first[i] to goal_first[i + 1] - 1,
-            shape (postures + 1,).
+        goal_first: Steps of posture i to the goal are goal_first[i] to goal_first[i + 1] - 1, shape
+            (postures + 1,).
         circuit: Hydraulic coefficients of the machine, for lower bounds.
         length: Cylinder lengths of the graph's postures, shape (postures, n) [m].
         goal_length: Cylinder lengths of the goal postures that steps lead to, shape (goals, n) [m].
         posture_of_state: Posture of each state of the graph, shape (states,).
-        switches: Number of actuators that change between two patterns, shape (patterns + 1,
+        switches: Number of actuators that change between two combinations, shape (patterns + 1,
             patterns). The last row stands for the modes in force at the start.
         weight: Weights of energy [1/J], time [1/s] and switches [-], shape (3,).
         column: Column of the energy in step costs, ENERGY_PAPER_COLUMN or ENERGY_SERIES_COLUMN.
@@ -103,7 +103,7 @@ class LeavingSteps(NamedTuple):
 
     Attributes:
         state: State that each step of the list reaches; NO_STATE means the goal.
-        pattern: Index of the mode pattern of each step.
+        pattern: Index of the mode combination of each step.
         cost: Cost of each step, shape (steps, 3): duration [s], energy by the published model
             (`paper`) [J], energy with the pumps in series (`series`) [J].
         first: First row.
@@ -121,7 +121,7 @@ class LeavingSteps(NamedTuple):
 def _is_dominated(
     cost: float, depth: int, states: Records[SearchState], other: int, switching: float
 ) -> bool:
-    """Return whether another state of the same posture makes a state useless.
+    """Return whether a state is useless, because of another state of the same posture.
 
     Let c be the cost of the path to the state, and o the cost of the path to the other state. The
     state is useless if o < c and o + switching < c. If o + switching equals c, it is useless if the
@@ -132,7 +132,8 @@ def _is_dominated(
         depth: Number of steps of that path.
         states: Records of all states.
         other: Number of the other state.
-        switching: Cost of the mode switches from the other state's pattern to this state's pattern.
+        switching: Cost of the mode switches from the other state's combination to this state's
+            combination.
 
     Returns:
         True if the state need not be expanded.
@@ -152,20 +153,20 @@ def expand(
     search_input: ExactSearchInput,
     limit: int,
 ) -> int:
-    """Expand up to `limit` states of the A* search.
+    """Run the kernel of the exact search: expand up to `limit` states.
 
-    A state is a workspace node and the mode pattern of arrival. The first call expands the start.
-    Steps that leave a posture are priced with `cost_model` when they are needed for the first time,
-    and appended to `edges`. A state is useless if mode switches from another state of the same
-    posture reach it as cheaply. A useless state is not put on the open list. A state that becomes
-    useless while it is on the list is taken from the list but not expanded; it still counts towards
-    `limit`. The caller holds the lock `PricedSteps.guard()`.
+    A state is a workspace node and the mode combination of arrival. The first call expands the
+    start. Steps that leave a posture are priced with `cost_model` when they are needed for the
+    first time, and appended to `edges`. A state is useless if mode switches from another state of
+    the same posture reach it as cheaply. A useless state does not enter the open list. A state that
+    becomes useless in the list is removed without expansion; it still counts towards `limit`. The
+    caller must hold the lock `PricedSteps.guard()`.
 
     Test oracle: scipy.sparse.csgraph.dijkstra on the same graph.
 
     Args:
         open_list: Open list and records of all states. Written in place.
-        labels: Lower bounds and cheapest patterns per posture. Written in place.
+        labels: Lower bounds and cheapest combinations per posture. Written in place.
         cost_model: Data for pricing steps.
         edges: Steps priced so far. New steps are written in place if there is room.
         buffers: Working memory for pricing steps, overwritten.
@@ -254,16 +255,16 @@ def _relax_steps(
 ) -> None:
     """Record every step that leads to a state more cheaply than the path known so far.
 
-    At equal cost a path with fewer steps counts as cheaper. A state is a posture with a mode
-    pattern. It can also be reached by a path to the cheapest known state of the same posture, with
-    a mode switch there. The step is not recorded if this other path costs less, or if it costs the
-    same and has no more steps. Otherwise the state enters the open list, or its place in the list
-    is updated.
+    At equal cost a path with fewer steps counts as cheaper. A state is a node with the mode
+    combination of arrival. There is a second way to it: to the cheapest known state of the same
+    posture, with mode switches there. The step is not recorded if the second way costs less, or
+    costs the same and has no more steps. Otherwise the state enters the open list, or its place in
+    the list is updated.
 
     Args:
         open_list: Open list and records of all states. Written in place.
-        labels: Lower bound of each posture, and mode pattern (modes of all actuators) of its
-            cheapest state. Written in place.
+        labels: Lower bound of each posture, and mode combination of its cheapest state. Written in
+            place.
         search_input: Goal, weights, mode switches, and data for lower bounds.
         origin: State that the steps leave, with the cost of the path to it.
         steps: The steps. All count as generated.
@@ -307,7 +308,7 @@ def _relax_steps(
 
 
 class ExactSearch:
-    """Search for the cheapest path; among equal ones it takes a path with the fewest steps."""
+    """Exact search for the cheapest path; of equal paths it finds one with the fewest steps."""
 
     first_portion, portion = 50, 2000
 
@@ -353,9 +354,9 @@ class ExactSearch:
         return self._open_list.goal_cost
 
     def expand(self, limit: int) -> int:
-        """Expand up to `limit` states of the A* search; call again to continue.
+        """Expand up to `limit` states, and price missing steps; call again to continue.
 
-        The call prices missing steps of the graph and enlarges the graph's arrays if necessary. It
+        The priced steps are stored in the graph, whose arrays are enlarged if necessary. The call
         holds the lock of the graph's steps until it returns.
 
         Args:
@@ -377,7 +378,7 @@ class ExactSearch:
         return status
 
     def _expand(self, limit: int) -> int:
-        """Expand up to `limit` states with the graph's arrays as they are.
+        """Call the kernel `expand` once, with the graph's arrays as they are.
 
         Returns:
             Result of the kernel `expand`; ARRAYS_FULL if the arrays must be enlarged first.
@@ -400,9 +401,9 @@ class ExactSearch:
 
         Returns:
             Numbers of the states between start and goal, shape (k - 1,): node · patterns + pattern.
-            Numbers of the k steps, shape (k,), which refer to three lists. The first step is a row
-            of `Query.from_start`, the last a row of `Query.to_goal`, each other one a row of the
-            graph's edges. The only step of a path with one step is a row of `Query.from_start`.
+            Numbers of the k steps, shape (k,), as rows of three lists. The first step is a row of
+            `Query.from_start`, also if it is the only one. The last of several steps is a row of
+            `Query.to_goal`. All others are rows of the graph's edges.
         """
         way = trace_path_to_goal(self._open_list)
         return way[:-1], self._open_list.states["step"][way].astype(np.int64)

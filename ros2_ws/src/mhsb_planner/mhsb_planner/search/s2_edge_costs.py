@@ -1,8 +1,8 @@
 """Pricing of the graph's steps: all at once, or posture by posture when a search needs them.
 
-"Pricing" a step means computing its duration and energies. Steps are stored once per distinct
-posture that they leave. A search expands a small share of all postures, so after a change of the
-machine it is cheaper to price only the steps that leave these.
+"Pricing" a step means computing its duration and energies. Steps are stored once for each distinct
+posture that they leave. A search expands only a small share of all postures. After a change of the
+machine, only the steps that leave these postures need to be priced.
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ class Edges(NamedTuple):
     Attributes:
         first: First step of each posture, shape (postures,); NOT_PRICED if the steps are unknown.
         last: One after the last step of each posture, shape (postures,).
-        used: Number of steps stored, shape (1,).
+        used: Number of steps stored, shape (1,); rows of the lists beyond it are undefined.
         state: State that each step reaches, node · patterns + pattern, shape (room,).
-        pattern: Index of the mode pattern of each step, shape (room,).
+        pattern: Index of the mode combination of each step, shape (room,).
         cost: Cost of each step, shape (room, 3): duration [s], energy by the published model
             (`paper`) [J], energy with the pumps in series (`series`) [J].
     """
@@ -80,11 +80,11 @@ class CylinderForces(NamedTuple):
 
 
 class StepCostModel(NamedTuple):
-    """Data from which the costs of the graph's steps are computed.
+    """Data from which the costs of all steps of a graph follow.
 
     Attributes:
         circuit: Hydraulic coefficients of the machine.
-        patterns: Mode patterns (one mode for each actuator), shape (patterns, n).
+        patterns: Mode combinations, shape (patterns, n).
         layout: Numbering of postures, states and moves.
         postures: Postures with cylinder lengths and forces.
         middle: Forces at the middle of each move; NaN if the tip leaves the workspace on the way.
@@ -114,12 +114,12 @@ def price_steps(
     cost: FloatArray,
     found: int,
 ) -> int:
-    """Append the admissible steps that leave a posture to lists of steps.
+    """Price the steps that leave one posture, and append the admissible ones to three lists.
 
-    Steps lead to all neighbouring workspace nodes in all mode patterns (one mode for each
-    actuator). A step is inadmissible if the tip leaves the workspace or the arm comes too near to
-    an obstacle. It is also inadmissible if a joint that needs boost is not boosted. Patterns that
-    boost further joints are admissible only if the neighbour has no other admissible pattern.
+    Steps lead to all neighbouring workspace nodes in all mode combinations. A step is inadmissible
+    if the tip leaves the workspace or the arm comes too near to an obstacle. It is also
+    inadmissible if a joint that needs boost is not boosted. Combinations that boost further joints
+    are admissible only if the neighbour has no other admissible combination.
 
     Test oracle: steps computed one by one in plain NumPy.
 
@@ -129,7 +129,7 @@ def price_steps(
         buffers: Working memory, overwritten.
         state: Number of the state that each step reaches, node · patterns + pattern. Written in
             place from index `found` on.
-        pattern: Index of the mode pattern of each step. Written in place from index `found` on.
+        pattern: Index of the mode combination of each step. Written in place from index `found` on.
         cost: Duration [s], energy by the published model (`paper`) [J] and energy with the pumps in
             series (`series`) [J] of each step, shape (room, 3). Written in place from index `found`
             on. All three lists need room for `compute_max_step_count` more steps.
@@ -174,7 +174,7 @@ def price_steps(
 
 @kernel(borrows=True)
 def _mark_collisions(t: StepCostModel, i: int, first: int, count: int, middle: FloatArray) -> None:
-    """Mark the moves from a posture to the postures of a node that come too near to an obstacle.
+    """Mark the moves to the postures of a node on which the arm comes too near to an obstacle.
 
     A move between clear postures is clear if the sum of their clearances is at least the distance
     that the arm travels. It is not clear if it leads from a clear posture to one that is too near.
@@ -208,7 +208,7 @@ def _mark_collisions(t: StepCostModel, i: int, first: int, count: int, middle: F
 def _price_range(
     t: StepCostModel, missing: IntArray, leaving: IntArray, begin: int, end: int
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Price the steps that leave some postures, that is, compute their durations and energies.
+    """Price the steps that leave a range of postures, and return them in new arrays.
 
     Args:
         t: Postures, forces, obstacles and hydraulic numbers of the graph.
@@ -219,10 +219,12 @@ def _price_range(
         end: One after the last index into `missing`.
 
     Returns:
-        Reached state (node · patterns + pattern) and index of the mode pattern of each step, shape
-        (steps,); and cost, shape (steps, 3): duration [s], energy by the published model (`paper`)
-        [J], energy with the pumps in series (`series`) [J]. The steps are sorted by posture in the
-        order of `missing`.
+        Three arrays of the admissible steps, sorted by posture in the order of `missing`:
+
+        - State that is reached (node · patterns + pattern), shape (steps,).
+        - Index of the mode combination, shape (steps,).
+        - Cost, shape (steps, 3): duration [s], energy by the published model (`paper`) [J], energy
+          with the pumps in series (`series`) [J].
     """
     scratch = create_step_buffers(t.patterns)
     room = (end - begin) * compute_max_step_count(t.layout, t.patterns)
@@ -243,10 +245,10 @@ def compute_max_step_count(layout: Layout, patterns: ModeArray) -> int:
 
     Args:
         layout: Layout whose nodes have at most 8 neighbours.
-        patterns: Mode patterns (one mode for each actuator), shape (patterns, n).
+        patterns: Mode combinations, shape (patterns, n).
 
     Returns:
-        Number of neighbours of a node times number of patterns.
+        Largest number of neighbours of a node times number of mode combinations.
     """
     return layout.neighbors.shape[1] * len(patterns)
 
@@ -261,7 +263,7 @@ def _compute_move_forces(
     begin: int,
     end: int,
 ) -> None:
-    """Compute the cylinder forces under gravity at the middle of moves between postures.
+    """Compute the cylinder forces at the middle of the moves that leave a range of postures.
 
     A move leads straight in joint space from a posture to a posture of a neighbouring node. All
     moves that leave the postures begin to end - 1 are computed. The rows of a move become NaN if
@@ -302,7 +304,7 @@ def _compute_move_forces(
 
 
 def compute_posture_forces(m: MachineArrays, layout: Layout) -> CylinderForces:
-    """Compute the cylinder forces under gravity in all postures of a layout.
+    """Compute the cylinder forces under gravity in all postures, as a function of the payload.
 
     Args:
         m: Arrays of the machine; its payload is ignored.
@@ -322,7 +324,7 @@ def compute_posture_forces(m: MachineArrays, layout: Layout) -> CylinderForces:
 def compute_move_forces(
     m: MachineArrays, layout: Layout, jobs: int | None = None, deadline: Deadline = NO_DEADLINE
 ) -> CylinderForces:
-    """Compute the cylinder forces under gravity at the middle of all moves, in parallel threads.
+    """Compute the cylinder forces at the middle of all moves, as a function of the payload.
 
     Args:
         m: Arrays of the machine; its payload is ignored.
@@ -347,11 +349,11 @@ def compute_move_forces(
 
 
 class PricedSteps:
-    """The steps of a graph, priced when they are needed; several threads may use it at once.
+    """Store of a graph's steps, priced when they are needed; several threads may use it at once.
 
     Attributes:
-        edges: Steps priced so far. Its arrays are replaced when they become too small; the numbers
-            of steps do not change.
+        edges: Steps priced so far. Its arrays are replaced when they become too small, and steps
+            keep their numbers.
         cost_model: Data from which step costs are computed.
         complete: True if all steps are priced.
     """
@@ -363,7 +365,7 @@ class PricedSteps:
             terms: Postures, forces, obstacles and hydraulic numbers from which step costs are
                 computed.
             jobs: Number of threads for pricing; None means one per processor.
-            room: Number of steps for which memory is reserved; it grows when needed.
+            room: Number of steps for which memory is reserved at first.
         """
         postures = len(terms.layout.posture)
         self.cost_model = terms
@@ -388,10 +390,9 @@ class PricedSteps:
         return nullcontext() if self.complete else self._lock
 
     def grow(self, room: int) -> None:
-        """Enlarge the arrays of `edges` to at least twice their size.
+        """Replace the arrays of `edges` by arrays of at least twice their size.
 
-        The caller must hold the lock `guard()`. New arrays with the same steps replace the old
-        ones.
+        The caller must hold the lock `guard()`. The steps and their numbers stay.
 
         Args:
             room: Least number of further steps for which room is needed.
@@ -406,10 +407,10 @@ class PricedSteps:
         self.edges = self.edges._replace(**changed)
 
     def price(self, postures: IntArray, deadline: Deadline = NO_DEADLINE) -> None:
-        """Price the steps that leave some postures, that is, compute their durations and energies.
+        """Price the steps that leave given postures, and add them to `edges`.
 
         Postures whose steps are priced already are skipped. The call holds the lock `guard()` and
-        works in parallel threads. New steps are added to `edges`.
+        works in parallel threads.
 
         Args:
             postures: Numbers of the postures.

@@ -1,10 +1,10 @@
 """The explicit graph of the search: every step between neighbouring nodes, with its cost.
 
-A state is a node and the pattern in which it was reached; its posture is the table's. Many patterns
-of a node share a posture. A step depends on its start only through the posture, so steps are stored
-once per distinct posture. The search applies the weights and the energy reading, which leave
-the graph as it is. For another payload, supply pressure, V_max or set of zones the table is kept,
-and a step is priced again when a search needs it.
+A state is a node and the mode combination in which it was reached; the table gives its posture.
+Many combinations of a node share a posture. A step depends on its start only through the posture,
+so steps are stored once for each distinct posture. The graph does not depend on cost weights and
+energy reading; the search applies them. For another payload, supply pressure, V_max or set of zones
+the table is kept, and a step is priced again when a search needs it.
 """
 
 from __future__ import annotations
@@ -32,16 +32,18 @@ from mhsb_planner.search.s2_layout import Layout, create_layout
 from mhsb_planner.search.s2_step import Postures, compute_hydraulic_coefficients, describe_postures
 
 PostureRule = Callable[[Machine, float, float, Deadline], FloatArray]
-"""Function (machine, x, z, deadline) that returns the posture for each pattern at a tip position.
+"""Function (machine, x, z, deadline) that returns the posture for each combination at a tip
+position.
 
 x and z in m; the result has the shape (patterns, n) [rad or m]. It raises InfeasibleGoalError if
-there is no posture, and DeadlineError."""
+there is no posture, and DeadlineError.
+"""
 
 
 def find_largest_polytope_postures(
     machine: Machine, x: float, z: float, deadline: Deadline
 ) -> FloatArray:
-    """Return the posture with the fastest tip for each mode pattern at a tip position.
+    """Compute the posture with the fastest tip for each mode combination at a tip position.
 
     This is the posture whose velocity polytope (all velocities of the tip within the pistons'
     limits) has the largest area. The posture table is built by the same rule.
@@ -53,7 +55,7 @@ def find_largest_polytope_postures(
         deadline: Instant at which the work is given up.
 
     Returns:
-        Joint positions, shape (patterns, n) [rad or m]; one mode pattern per row.
+        Joint positions, shape (patterns, n) [rad or m]; one mode combination per row.
 
     Raises:
         InfeasibleGoalError: No posture within joint limits reaches the point.
@@ -66,21 +68,24 @@ class StepGraph:
     """All steps between neighbouring nodes of a machine's posture table.
 
     The machine may differ from the table's machine in the quantities that `Machine.changed`
-    changes: payload, supply pressure, V_max, keep-out zones and number of booster modules. The
-    mode patterns are those of the table. If the machine has fewer modules, the table must be
-    reduced to the patterns that they allow (`PostureTable.with_patterns`).
+    changes: payload, supply pressure, V_max, zones and number of booster modules. The mode
+    combinations are those of the table. If the machine has fewer modules, the table must be reduced
+    to the combinations that they allow (`PostureTable.with_patterns`).
 
     Attributes:
         machine: Machine that moves.
         table: Posture table.
         jobs: Number of threads for pricing steps; None means one per processor.
-        posture_rule: Rule by which the table's postures were chosen, for points off the grid.
+        posture_rule: Rule by which the table's postures were chosen; it gives postures at points
+            off the grid.
         grid: Grid of the table's nodes.
         layout: Distinct postures and the states that share them.
-        switches: Number of actuators that change between two patterns, shape (patterns, patterns).
+        switches: Number of actuators that change between two combinations, shape (patterns,
+            patterns).
         circuit: Hydraulic coefficients of the machine.
-        postures: The layout's postures with cylinder lengths and forces.
-        steps: Steps with their costs.
+        postures: The layout's postures, with cylinder lengths, and with forces under the machine's
+            payload.
+        steps: Store of the steps and their costs; not all need be priced.
     """
 
     def __init__(
@@ -93,7 +98,7 @@ class StepGraph:
         grid: Grid | None = None,
         deadline: Deadline = NO_DEADLINE,
     ) -> None:
-        """Build the graph of all steps between neighbouring nodes for a machine.
+        """Build the graph; without `template`, price all steps.
 
         Pricing a step means computing its duration and energies. Without `template` all steps are
         priced in this call. With `template` a step is priced when a search needs it.
@@ -175,7 +180,7 @@ class StepGraph:
         return views
 
     def count_switches_from(self, modes: ModeArray) -> IntArray:
-        """Count the actuators that change their mode from `modes` to each pattern.
+        """Count the actuators that change their mode from given modes to each combination.
 
         Args:
             modes: Mode codes, shape (n,).
@@ -186,7 +191,7 @@ class StepGraph:
         return (self.table.patterns != modes).sum(axis=1)
 
     def create_for(self, machine: Machine) -> StepGraph:
-        """Create the graph of a changed machine on the same posture table.
+        """Create the graph of a changed machine on the same posture table, without pricing steps.
 
         Args:
             machine: Machine with another payload, supply pressure, V_max or other zones.
@@ -198,7 +203,7 @@ class StepGraph:
         return StepGraph(machine, self.table, self.jobs, template=self)
 
     def _clearance(self, obstacles: FloatArray) -> FloatArray:
-        """Compute the clearance of each posture of the graph from the nearest obstacle.
+        """Compute the clearance of each posture of the graph, beyond the margin.
 
         Args:
             obstacles: Rows of the obstacles with the margin added, `Obstacles.path_rows`.
@@ -212,7 +217,7 @@ class StepGraph:
         return clearances(self.machine.arrays, obstacles, self.layout.posture)[0]
 
     def _count_switches(self) -> IntArray:
-        """Count the actuators that change their mode, for each pair of mode patterns.
+        """Count the actuators that change their mode, for each pair of mode combinations.
 
         Returns:
             Number of actuators, shape (patterns, patterns), read-only.

@@ -13,7 +13,7 @@ from mhsb_planner.posture.s1_posture_table import PostureTable
 
 
 class Layout(NamedTuple):
-    """Distinct postures, the states that share them, and the moves between neighbouring nodes.
+    """Numbers of the distinct postures, of the states that share them, and of the moves.
 
     State number: node · patterns + pattern. Moves are numbered by the posture that they leave, then
     by neighbouring node, then by that node's postures.
@@ -38,10 +38,10 @@ class Layout(NamedTuple):
 
 @kernel
 def _number_postures(table: FloatArray, owner: IntArray, first_of: IntArray) -> int:
-    """Assign numbers to the distinct postures of a posture table.
+    """Assign numbers to the distinct postures of a posture table, and to their states.
 
-    A state is a node with a mode pattern (one mode for each actuator). Equal postures of one node
-    are one posture. The numbers ascend by node, then by the first pattern that has the posture.
+    A state is a node with a mode combination. Equal postures of one node are one posture. The
+    numbers ascend by node, then by the first combination that has the posture.
 
     Args:
         table: Joint positions, shape (nodes, patterns, n) [rad or m]; NaN if infeasible.
@@ -75,13 +75,13 @@ def _number_postures(table: FloatArray, owner: IntArray, first_of: IntArray) -> 
 
 
 def create_layout(table: PostureTable, grid: Grid) -> Layout:
-    """Assign numbers to the postures, states and moves of a posture table.
+    """Create the numbering of all postures, states and moves of a posture table.
 
-    A state is a node with a mode pattern. Equal postures of one node become one posture. A move
+    A state is a node with a mode combination. Equal postures of one node become one posture. A move
     leads from a posture to a posture of a neighbouring node.
 
     Args:
-        table: Posture table: a posture for each node and mode pattern.
+        table: Posture table: a posture for each node and mode combination.
         grid: Grid of the table's nodes, for their neighbours.
 
     Returns:

@@ -1,14 +1,14 @@
 """The search as published (paper, Section 2.2): A* over the nodes with one label for each node.
 
-A label is the cheapest path found to a node: its cost, and the pattern of arrival, which fixes the
-table's posture. A step is priced from the label's posture and modes in every admissible pattern;
-the cheapest of these is the step's cost. Labels are taken in the order of
+A label is the cheapest path found to a node: its cost, and the mode combination of arrival, for
+which the table has one posture. Steps leave the label's posture in every admissible combination;
+the cheapest one counts. Labels are taken in the order of
 
     w₁ Σ E + w₂ Σ T + w₃ switches + H,    H = scale · |goal − node|
 
-and are final once taken. The method has two known defects. The next step's cost depends on posture
-and modes too, so the best path to a node need not be part of the best path beyond it. H is a
-distance and bounds no cost, whatever its scale. `s2_astar` has neither defect.
+and are final once taken. The method has two known defects. The cost of the next step also depends
+on posture and modes. The best path to a node is therefore not always part of the best path beyond
+the node. H is a scaled distance, which bounds no cost at any scale. `s2_astar` has neither defect.
 """
 
 from __future__ import annotations
@@ -28,16 +28,17 @@ from mhsb_planner.search.s2_step import DURATION_COLUMN
 DEFAULT_HEURISTIC_SCALE = 1.0
 """Heuristic cost per distance to the goal [1/m].
 
-The paper gives no scale: it adds metres to the rest."""
+The paper gives no scale: it adds the distance in metres to the other terms.
+"""
 
 
 class SearchEdge(NamedTuple):
-    """One step of the search.
+    """Last step of the path that a label stands for.
 
     Attributes:
-        parent: State that the step leaves; None is the start.
-        state: State that the step reaches; None is the goal.
-        step: Number of the step, in the numbering of `Search.trace_path`.
+        parent: State that the step leaves; None means the start.
+        state: State that the step reaches; None means the goal.
+        step: Row of the step in one of the three lists that `Search.trace_path` names.
     """
 
     parent: int | None
@@ -46,7 +47,7 @@ class SearchEdge(NamedTuple):
 
 
 class PublishedSearch:
-    """The published search, with its labels and open list.
+    """The published search: A* that keeps one label (cheapest path found) for each node.
 
     The goal counts as one more node, the last.
 
@@ -57,11 +58,10 @@ class PublishedSearch:
     first_portion, portion = 5, 100
 
     def __init__(self, query: Query, scale: float = DEFAULT_HEURISTIC_SCALE) -> None:
-        """Prepare a search without expanding anything.
+        """Prepare a search without expanding anything, but price all steps of the graph.
 
         Args:
-            query: Problem to solve: graph, start, goal and weights. All steps of the graph get
-                priced.
+            query: Problem to solve: graph, start, goal and weights.
             scale: Heuristic cost per straight distance to the goal [1/m].
 
         Raises:
@@ -118,11 +118,11 @@ class PublishedSearch:
         """Return the states and steps of the path that the search has found.
 
         Returns:
-            Numbers of the states between start and goal, shape (k - 1,). A state has the number
-            node · P + p, with its mode pattern p (one mode for each actuator) of P patterns. Row
-            numbers of the k steps, shape (k,). That of the first step is a row of
-            `Query.from_start`, also if it is the only step. That of the last step is a row of
-            `Query.to_goal`. Those in between are rows of the graph's edges.
+            Numbers of the states between start and goal, shape (k - 1,). The state of combination p
+            (of P combinations) at a node has the number node · P + p. Numbers of the k steps, shape
+            (k,), as rows of three lists. The first step is a row of `Query.from_start`, also if it
+            is the only one. The last of several steps is a row of `Query.to_goal`. All others are
+            rows of the graph's edges.
         """
         link = self._best_edge[self._goal]
         states, steps = [], [link.step]
@@ -135,8 +135,8 @@ class PublishedSearch:
     def _pop_next_label(self) -> int | None:
         """Take the node with the least estimated cost from the open list and make its label final.
 
-        A label is the cheapest path found to a node. Entries of nodes whose label is final already
-        are dropped.
+        A label is the cheapest path found to a node. Entries of nodes with a final label are
+        dropped.
 
         Returns:
             Index of the node, which may be the goal; None if the open list is empty.
@@ -164,7 +164,7 @@ class PublishedSearch:
             self._relax(SearchEdge(None, None if state == NO_STATE else state, step), cost)
 
     def _expand_label(self, node: int) -> None:
-        """Relax all steps that leave a node in the posture and mode pattern of its label.
+        """Relax all steps that leave a node in the posture and mode combination of its label.
 
         The node that a step reaches, or the goal, gets a new label (cost and last step) if the
         step's path is cheaper than its label. The path costs as much as this node's label plus the

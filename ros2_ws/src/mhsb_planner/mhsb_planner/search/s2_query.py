@@ -22,7 +22,7 @@ from mhsb_planner.search.s2_step import DURATION_COLUMN, ENERGY_PAPER_COLUMN, EN
 
 
 class Search(Protocol):
-    """A search under way, continued in portions.
+    """Interface of a search that is continued in portions.
 
     Attributes:
         first_portion: Number of states to expand before the first check of the clock.
@@ -42,7 +42,7 @@ class Search(Protocol):
 
     @property
     def cost(self) -> float:
-        """Cost of the path found."""
+        """Cost of the path found; inf before."""
 
     def expand(self, limit: int) -> int:
         """Expand up to `limit` states; call again to continue.
@@ -58,9 +58,9 @@ class Search(Protocol):
     def trace_path(self) -> tuple[IntArray, IntArray]:
         """Return the states and steps of the path found.
 
-        The number of a step refers to one of three lists. The first step is in `Query.from_start`,
-        the last in `Query.to_goal`, all between are in the graph's edges. A path with one step has
-        it in `Query.from_start`.
+        The numbers of steps are rows of three lists. The first step is a row of `Query.from_start`,
+        also if it is the only one. The last of several steps is a row of `Query.to_goal`. All
+        others are rows of the graph's edges.
 
         Returns:
             Numbers of the states between start and goal, shape (k - 1,), and numbers of the k
@@ -78,12 +78,14 @@ class Query:
         start_modes: Modes in force at the start, shape (n,).
         goal: Admissible postures of the goal.
         weight: Weights of energy [1/J], time [1/s] and mode switches [-], shape (3,).
-        energy_column: Column of the energy reading in step costs.
+        energy_column: Column of step costs with the energy that counts, ENERGY_PAPER_COLUMN or
+            ENERGY_SERIES_COLUMN.
         from_start: Steps that leave the start.
-        start_switches: Number of actuators that change from the modes in force, shape (patterns,).
+        start_switches: Number of actuators that change their mode from `start_modes` to each
+            combination, shape (patterns,).
         to_goal: Steps to the goal, sorted by the posture that they leave.
-        goal_first: Steps of posture i to the goal are goal_first[i] to goal_first[i + 1] - 1,
-            shape (postures + 1,).
+        goal_first: Steps of posture i to the goal are goal_first[i] to goal_first[i + 1] - 1, shape
+            (postures + 1,).
     """
 
     graph: StepGraph
@@ -109,7 +111,7 @@ class Query:
         rings: int,
         deadline: Deadline = NO_DEADLINE,
     ) -> Query:
-        """Create a search problem, and compute the steps that join start and goal to the graph.
+        """Create a search problem: compute the steps that join start and goal to the graph.
 
         Args:
             graph: Graph of the steps between workspace nodes.

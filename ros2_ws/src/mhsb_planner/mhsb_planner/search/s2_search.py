@@ -41,13 +41,16 @@ SearchMethod = Literal["exact", "published"]
 SEARCH_METHODS: tuple[SearchMethod, ...] = ("exact", "published")
 
 NODE_RINGS = (0, 1)
-"""Numbers of further rings of nodes to which start and goal are joined, in the order of trial.
+"""Numbers of rings of nodes to which start and goal are joined, in the order of trial.
 
-With 0 they are joined to the corners of their cells. If no path is found, because these are out of
-reach, the next ring of nodes is added."""
+With 0, start and goal are joined to the corners of their grid cells. If that gives no path, the
+nodes in one ring around the corners are added.
+"""
 
 SAME_POINT = 1e-6
-"""Distance [m] within which a start is at the goal; for an end-link angle, the angle [rad]."""
+"""A start is at the goal if its tip is within this distance [m], and its end-link angle within this
+angle [rad].
+"""
 
 
 @dataclass(frozen=True)
@@ -76,14 +79,14 @@ class Weights:
 
 @dataclass(frozen=True, eq=False)
 class PathQuery:
-    """Start, goal and cost of the path that a search is to find.
+    """Start, goal and cost weights of the path that a search is to find.
 
     Attributes:
         start_posture: Joint positions of the start, shape (n,) [rad or m].
         start_modes: Modes in force at the start, shape (n,).
         goal_xz: Tip position of the goal, (x, z) [m].
         weights: Weights of energy [1/J], time [1/s] and switches [-].
-        energy_reading: Energy model that the cost uses.
+        energy_reading: Formula by which the cost prices boosted oil, `paper` or `series`.
         goal_psi: End-link angle at the goal [rad]. A pair is a range; None leaves it free.
     """
 
@@ -106,10 +109,9 @@ def search(
 ) -> DiscretePath:
     """Search for a discrete path from a start posture to a tip position.
 
-    A discrete path is a sequence of steps between nodes, each with a mode for each actuator. Start
-    and goal are first joined to the corners of their grid cells. If that gives no path, they are
-    also joined to the next ring of nodes. Steps without a price are priced. A start at the goal
-    gives a path without steps.
+    Start and goal are first joined to the corners of their grid cells. If that gives no path, they
+    are also joined to the next ring of nodes. Missing step costs are computed and stored in the
+    graph. A start at the goal gives a path without steps.
 
     Args:
         graph: Graph of the steps between workspace nodes.
@@ -119,11 +121,11 @@ def search(
             miss it.
         heuristic_scale: Heuristic cost per distance to the goal, for `published` only [1/m].
         deadline: Instant at which an unfinished search is given up.
-        max_expansions: Number of expanded states after which the search is given up; None means no
-            limit.
+        max_expansions: Number of states, expanded in all trials together, after which the search is
+            given up; None means no limit.
 
     Returns:
-        The path found.
+        The path, the cheapest one if `method` is `exact`.
 
     Raises:
         OutOfWorkspaceError: The goal is outside the workspace.
@@ -158,7 +160,7 @@ def search(
 
 
 def _create_search(query: Query, method: str, heuristic_scale: float, deadline: Deadline) -> Search:
-    """Create the search of a method for a problem.
+    """Create the exact or the published search for a problem.
 
     For `published` all steps of the graph are priced first.
 
@@ -189,7 +191,7 @@ def _run_to_goal(
     max_expansions: int | None,
     expanded_before: int,
 ) -> bool:
-    """Expand the states of a search in portions until the goal is found or no state is left.
+    """Run a search in portions until the goal is found or no state is left to expand.
 
     Args:
         running_search: Search to run or to continue.
@@ -218,7 +220,7 @@ def _run_to_goal(
 def _limit_portion(
     portion: int, running_search: Search, max_expansions: int | None, expanded_before: int
 ) -> int:
-    """Reduce the number of states to expand next so that the limit on expanded states is kept.
+    """Return how many states may be expanded next within a limit on expanded states.
 
     Args:
         portion: Wanted number of states to expand next.

@@ -1,9 +1,9 @@
 """Start and goal of a search, and the steps that join them to the grid.
 
-Neither need lie on the grid. The start is the actual posture. The goal is the posture that the
-graph's rule gives at that very point, one for every pattern, or all postures with a given end-link
-angle. Both are joined to the corners of the cells in which they lie. If they share a cell, they
-are also joined to each other.
+Start and goal may lie between the nodes of the grid. The start is one posture. The goal is a set of
+postures: one for each mode combination by the graph's posture rule, or all postures with a given
+end-link angle. Both are joined to the corners of the cells in which they lie. If they share a cell,
+they are also joined to each other.
 """
 
 from __future__ import annotations
@@ -61,16 +61,18 @@ class SearchStart:
 class SearchGoal:
     """Admissible end postures of a search, in groups.
 
-    A group holds one posture for each pattern, and patterns may share a posture. A goal without
-    end-link angle has one group. With an end-link angle each posture is a separate group.
+    A group holds one posture for each combination, and combinations may share a posture. A goal
+    without end-link angle has one group. With an end-link angle each posture is a separate group.
 
     Attributes:
         tip: Tip position (x, z) [m].
-        node: Node of the graph whose postures these are; None if the goal is not treated as a node.
+        node: Node of the graph whose postures these are; None if the goal is between nodes, or has
+            an end-link angle.
         postures: Descriptions of the admissible postures.
         first: Postures of group g are first[g] to first[g + 1] - 1, shape (groups + 1,).
-        owner: Index of the posture in which a step ends, by pattern, shape (groups, patterns);
-            read-only like the graph's, so that kernels are compiled once for both.
+        owner: Index of the posture in which a step of each combination ends, shape (groups,
+            patterns). Read-only like the graph's arrays, so that kernels are compiled once for
+            both.
     """
 
     tip: tuple[float, float]
@@ -81,14 +83,13 @@ class SearchGoal:
 
 
 class JoiningSteps(NamedTuple):
-    """Steps from the start or to the goal.
+    """Admissible steps from the start or to the goal, with their costs.
 
     Attributes:
         origin: Posture of the graph that a step leaves, shape (steps,); NO_STATE for the start.
         state: State of the graph that a step reaches, shape (steps,); NO_STATE for the goal.
-        end: Posture of the goal that a step reaches, shape (steps,); NO_STATE for a step to a
-            node.
-        pattern: Index of the mode pattern of a step, shape (steps,).
+        end: Posture of the goal that a step reaches, shape (steps,); NO_STATE for a step to a node.
+        pattern: Index of the mode combination of a step, shape (steps,).
         cost: Cost of each step, shape (steps, 3): duration [s], energy by the published model
             (`paper`) [J], energy with the pumps in series (`series`) [J].
     """
@@ -101,7 +102,7 @@ class JoiningSteps(NamedTuple):
 
 
 def create_start(graph: StepGraph, posture: FloatArray) -> SearchStart:
-    """Describe a posture as the start of a search.
+    """Create the start of a search from a posture.
 
     Args:
         graph: Graph of the machine.
@@ -120,11 +121,11 @@ def create_start(graph: StepGraph, posture: FloatArray) -> SearchStart:
 def create_goal(
     graph: StepGraph, x: float, z: float, psi: Angle = None, deadline: Deadline = NO_DEADLINE
 ) -> SearchGoal:
-    """Determine the admissible goal postures of a search at a tip position.
+    """Create the goal of a search: the admissible postures at a tip position.
 
-    Without an end-link angle every mode pattern (one mode for each actuator) has its own posture.
-    At a node it comes from the posture table, elsewhere from the graph's posture rule. With an
-    end-link angle all postures with that angle are admissible in any pattern.
+    Without an end-link angle every mode combination has its own posture. At a node it comes from
+    the posture table, elsewhere from the graph's posture rule. With an end-link angle all postures
+    with that angle are admissible in any combination.
 
     Args:
         graph: Graph that gives machine, grid and posture rule.
@@ -197,7 +198,7 @@ def _create_goal_at_node(graph: StepGraph, x: float, z: float, node: int) -> Sea
 def find_postures_by_rule(
     graph: StepGraph, x: float, z: float, deadline: Deadline = NO_DEADLINE
 ) -> FloatArray:
-    """Return the posture for each mode pattern at a tip position.
+    """Return the posture of each mode combination at a tip position, from table or posture rule.
 
     At a node these are the table's postures. Elsewhere the graph's `posture_rule` computes them.
 
@@ -208,8 +209,7 @@ def find_postures_by_rule(
         deadline: Instant at which the work is given up.
 
     Returns:
-        Joint positions, shape (patterns, n) [rad or m]; one mode pattern (one mode for each
-        actuator) per row.
+        Joint positions, shape (patterns, n) [rad or m]; one mode combination per row.
 
     Raises:
         InfeasibleGoalError: No posture within joint limits reaches the point.
@@ -229,10 +229,10 @@ def compute_steps_from_start(
     """Compute the admissible steps from the start to the nodes around it.
 
     The nodes are the corners of the start's grid cell, and `rings` further rings around them. If
-    the goal lies in the same cell, the steps from the start to the goal come after these. A step is
+    the goal lies in the same cell, the steps from the start to the goal come last. A step is
     inadmissible if the tip leaves the workspace or the arm comes too near to an obstacle. It is
-    also inadmissible if a joint that needs boost is not boosted. A mode pattern that also boosts a
-    joint without need is admissible only if a node has no other admissible pattern.
+    also inadmissible if a joint that needs boost is not boosted. A mode combination that also
+    boosts a joint without need is admissible only if a node has no other admissible combination.
 
     Args:
         graph: Graph whose nodes are reached.
@@ -241,7 +241,7 @@ def compute_steps_from_start(
         rings: Number of further rings of nodes; 0 means the corners alone.
 
     Returns:
-        One step for each reached node and admissible pattern, with duration [s] and energies in
+        One step for each reached node and admissible combination, with duration [s] and energies in
         both readings (`paper`, `series`) [J]. The steps to the goal have the state NO_STATE.
     """
     to_grid = _price_steps_to_nodes(
@@ -260,8 +260,8 @@ def compute_steps_to_goal(
     """Compute the admissible steps to the goal from the nodes around it.
 
     The nodes are the corners of the goal's grid cell, and `rings` further rings around them. If the
-    goal is a node and `rings` is 0, the graph's own steps to that node are taken. Those that have
-    no price yet are priced and stored in the graph.
+    goal is a node and `rings` is 0, the graph's own steps to that node are taken. Missing costs of
+    these steps are computed and stored in the graph.
 
     Args:
         graph: Graph whose postures the steps leave.
@@ -346,17 +346,16 @@ def _collect_steps_to_goal_node(
 
     Args:
         edges: Steps of the graph; those that leave `origins` must be priced.
-        patterns: Number of mode patterns.
+        patterns: Number of mode combinations.
         node: Index of the node that is the goal.
         origins: Numbers of the graph's postures whose steps are examined. A node has one or more
             postures.
-        owner: For each mode pattern the index of the goal posture in which a step of that pattern
-            ends, shape (patterns,).
+        owner: For each mode combination the index of the goal posture in which a step of that
+            combination ends, shape (patterns,).
 
     Returns:
-        Steps in the order of `origins`: number of the posture left, index of the goal posture
-        reached, pattern, duration [s] and energies in both readings (`paper`, `series`) [J]. The
-        field `state` is NO_STATE.
+        Steps in the order of `origins`. The field `origin` is the number of the posture that is
+        left, `end` the index of the goal posture, and `state` NO_STATE.
     """
     room = 0
     for i in origins:
@@ -378,18 +377,17 @@ def _collect_steps_to_goal_node(
 def _compute_steps_to_goal(
     graph: StepGraph, start: Postures, origins: IntArray, goal: SearchGoal
 ) -> JoiningSteps:
-    """Compute the admissible steps from some postures to the postures of a goal.
+    """Compute the admissible steps to a goal, with the cost model of a graph.
 
     Args:
-        graph: Graph that gives machine, obstacles and mode patterns. Only `steps` is read.
+        graph: Graph; only its cost model `steps.cost_model` is read.
         start: Descriptions of the postures that steps may leave.
         origins: Rows of `start` for which steps are computed.
         goal: Goal of the search.
 
     Returns:
-        Steps in the order of `origins`: row of `start` that is left, index of the goal posture
-        reached, mode pattern, duration [s] and energies in both readings (`paper`, `series`) [J].
-        The field `state` is NO_STATE.
+        Steps in the order of `origins`. The field `origin` is the row of `start` that is left,
+        `end` the index of the goal posture, and `state` NO_STATE.
     """
     return _price_steps_to_goal(
         graph.steps.cost_model, start, origins, goal.postures, goal.first, goal.owner
@@ -400,11 +398,12 @@ def _compute_steps_to_goal(
 def _price_steps_to_nodes(
     cost_model: StepCostModel, start: Postures, nodes: IntArray
 ) -> JoiningSteps:
-    """Compute the admissible steps from a start to nodes of the graph.
+    """Compute the admissible steps from one posture to given nodes of the graph.
 
     A step is inadmissible if the tip leaves the workspace or the arm comes too near to an obstacle.
-    It is also inadmissible in mode patterns in which a joint that needs boost has none. Patterns
-    that boost a joint without need are admissible only if the node has no other admissible pattern.
+    It is also inadmissible in a mode combination that does not boost a joint that needs boost.
+    Combinations that boost a joint without need are admissible only if the node has no other
+    admissible combination.
 
     Args:
         cost_model: Machine, obstacles, postures and states of the graph.
@@ -412,9 +411,9 @@ def _price_steps_to_nodes(
         nodes: Indices of the nodes to reach.
 
     Returns:
-        One step for each node and admissible pattern: reached state (node · patterns + pattern),
-        pattern, duration [s], and two energies [J]: by the published model (`paper`) and with main
-        pump and servo pumps in series (`series`). The fields `origin` and `end` are NO_STATE.
+        One step for each node and admissible combination, in the order of `nodes`. The field
+        `state` is the state that is reached (node · patterns + pattern). The fields `origin` and
+        `end` are NO_STATE.
     """
     m, obstacles, patterns = cost_model.machine, cost_model.obstacles, cost_model.patterns
     layout, postures = cost_model.layout, cost_model.postures
@@ -454,27 +453,27 @@ def _price_steps_to_goal(
     goal_first: IntArray,
     goal_owner: IntArray,
 ) -> JoiningSteps:
-    """Compute the admissible steps from some postures to the goal.
+    """Compute the admissible steps from given postures to each group of goal postures.
 
     A step is inadmissible if the tip leaves the workspace or the arm comes too near to an obstacle.
-    It is also inadmissible in mode patterns in which a joint that needs boost has none. A group
-    assigns a goal posture to each mode pattern, and patterns may share a posture. Patterns that
-    boost a joint without need are admissible only if the group has no other admissible pattern.
+    It is also inadmissible in a mode combination that does not boost a joint that needs boost. A
+    group assigns a goal posture to each mode combination, and combinations may share a posture.
+    Combinations that boost a joint without need are admissible only if the group has no other
+    admissible combination.
 
     Args:
-        cost_model: Machine, obstacles and mode patterns of the graph.
+        cost_model: Machine, obstacles and mode combinations of the graph.
         start: Descriptions of the postures that steps may leave.
         origins: Rows of `start` for which steps are computed.
         goal: Descriptions of the goal postures.
         goal_first: Postures of group g are goal_first[g] to goal_first[g + 1] - 1, shape (groups +
             1,).
-        goal_owner: Index of the goal posture of each pattern, shape (groups, patterns).
+        goal_owner: Index of the goal posture of each group and combination, shape (groups,
+            patterns).
 
     Returns:
-        Steps in the order of `origins`, and group by group for each origin: row of `start` that is
-        left, index of the goal posture reached, pattern, duration [s], energy of the published
-        model (`paper`) [J], energy with the pumps in series (`series`) [J]. The field `state` is
-        NO_STATE.
+        Steps in the order of `origins`, and group by group for each origin. The field `origin` is
+        the row of `start` that is left, `end` the index of the goal posture, and `state` NO_STATE.
     """
     m, obstacles, patterns = cost_model.machine, cost_model.obstacles, cost_model.patterns
     scratch = create_step_buffers(patterns)

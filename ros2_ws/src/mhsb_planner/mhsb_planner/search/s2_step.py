@@ -1,34 +1,43 @@
-"""Cost of one step of the discrete path: a joint-space move between two postures in one pattern.
+"""Cost of one step of the discrete path: a straight joint-space move in one mode combination.
 
-Cylinder j moves by ΔL_j = L_j(q₁) − L_j(q₀). All cylinders take the same time (quasi-static):
+Cylinder j moves by ΔL_j = L_j(q₁) − L_j(q₀) [m] from posture q₀ to posture q₁. All cylinders take
+the same time T [s] (quasi-static):
 
     T = max( max_j |ΔL_j| / V_max,j , Σ_j A_dir |ΔL_j| / (Q_MP − Σ_j q_leak,j) )
     V_max,j = min(the actuator's V_max, servo pump limit of its mode and direction)
 
-A cylinder that moves against its load needs boost if p_L + m(v) + margin exceeds P_S at the start,
-middle or end of the step. A pattern is self-consistent if it boosts exactly the joints that need
-it. If no pattern that leads to a node is self-consistent, boosting a joint without need is allowed.
-A step is inadmissible beyond the highest boost pressure. It is also inadmissible if the tip leaves
-the workspace on the way, or if the arm comes too near to an obstacle. A cylinder that moves by no
-more than `MAX_HELD_STROKE` is held by its closed valve and needs nothing.
+A_dir [m²] is the piston area that fills in the direction of the move. Q_MP [m³/s] is the main
+pump's flow, and q_leak,j [m³/s] the leakage of valve j.
+
+Boost depends on four pressures [Pa]: the main pump's pressure P_S, the load pressure p_L, the boost
+margin, and the pressure drop m(v) of the valve. The piston speed is v [m/s]. A cylinder that moves
+against its load needs boost if p_L + m(v) + margin exceeds P_S at start, middle or end of the step.
+A mode combination is consistent if it boosts exactly the joints that need boost. If no combination
+that leads to a node is consistent, combinations that also boost other joints are admitted. A step
+is inadmissible beyond the highest boost pressure. It is also inadmissible if the tip leaves the
+workspace on the way, or if the arm comes too near to an obstacle. A cylinder that moves by no more
+than `MAX_HELD_STROKE` is held by its closed valve and needs nothing.
 
 A cylinder that is held for long may need boost as well. If `HydraulicCoefficients.rest_speed` is
-above 0, a slower cylinder is at rest. It needs boost if p_L + margin of its load exceeds P_S at the
-start, middle or end of the step. If that is beyond the highest boost pressure, its valve alone
-holds it.
+above 0, a cylinder slower than that is at rest. It needs boost if p_L + margin of its load exceeds
+P_S at start, middle or end of the step. If p_L + margin is beyond the highest boost pressure, its
+valve alone holds it.
 
     E = Σ_j price_j (A_dir |ΔL_j| + q_leak,j T), load taken at the middle of the step
 
-The price is the energy per volume of oil [J/m³ = Pa]. In mode N it is P_S, whatever the load. The
-price of a boosted joint is p_L/η in the reading `paper`. In the reading `series` it is P_S +
-(p_supply − P_S)/η with p_supply = p_L + m(v) + margin. In shared boost the most loaded actuator
-sets p_supply of the rail. Boosted oil never costs less than P_S, since the main pump feeds the
-servo pumps. Source: paper, Section 2.2.
+The price is the energy per volume of oil [J/m³ = Pa]. In mode N it is P_S for any load. For a
+boosted joint it depends on the energy reading, with η the efficiency of the servo pumps [-]:
+
+- `paper`: p_L/η
+- `series`: P_S + (p_supply − P_S)/η with p_supply = p_L + m(v) + margin
+
+In shared boost the most loaded actuator sets p_supply of the rail. Boosted oil never costs less
+than P_S, since the main pump feeds the servo pumps. Source: paper, Section 2.2.
 
 A valve leaks as in `hydraulics.compute_valve_leakage`, at p_supply at the middle of the step with
 m(V_max). This leakage counts in T and in the reading `series`. In the reading `paper` the leakage
 in E is that at P_S in every mode. The reading `series` also counts the slip of the servo pumps
-(`hydraulics.compute_slip_flow`), oil that they raise to p_supply again.
+(`hydraulics.compute_slip_flow`): oil that they must raise to p_supply again.
 """
 
 from __future__ import annotations
@@ -62,15 +71,18 @@ DURATION_COLUMN, ENERGY_PAPER_COLUMN, ENERGY_SERIES_COLUMN = 0, 1, 2
 """Columns of a step's cost: duration T [s], energy E paper [J], energy E series [J]."""
 
 NO_PATTERN = -1
-"""Set of joints that must be boosted (bit mask) which no pattern satisfies: all bits are set."""
+"""Bit mask of joints that must be boosted, with all bits set: no mode combination boosts them all.
+"""
 
 EnergyReading = Literal["paper", "series"]
-"""Energy model: `paper` is the published one, `series` counts main and servo pump in series."""
+"""Formula for the energy of boosted oil: `paper` is the published one, `series` has main and servo
+pump in series.
+"""
 ENERGY_COLUMN: dict[str, int] = {"paper": ENERGY_PAPER_COLUMN, "series": ENERGY_SERIES_COLUMN}
 
 
 class Postures(NamedTuple):
-    """Postures with the quantities from which step costs are computed.
+    """Postures with their cylinder lengths and forces, from which step costs follow.
 
     Attributes:
         posture: Joint positions, shape (count, n) [rad or m].
@@ -86,7 +98,7 @@ class Postures(NamedTuple):
 
 @kernel
 def _lengths_and_forces(m: MachineArrays, posture: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute the cylinder lengths and the piston forces under gravity in several postures.
+    """Compute the arrays of cylinder lengths and piston forces in several postures.
 
     Args:
         m: Arrays of the machine, with its payload.
@@ -108,7 +120,7 @@ def _lengths_and_forces(m: MachineArrays, posture: FloatArray) -> tuple[FloatArr
 
 
 def describe_postures(m: MachineArrays, posture: FloatArray) -> Postures:
-    """Compute the cylinder lengths and the piston forces under gravity in several postures.
+    """Describe several postures by cylinder lengths and by piston forces under gravity.
 
     Args:
         m: Arrays of the machine, with its payload.
@@ -124,20 +136,21 @@ def describe_postures(m: MachineArrays, posture: FloatArray) -> Postures:
 
 
 class HydraulicCoefficients(NamedTuple):
-    """Hydraulic numbers of a machine in the form that step costs use.
+    """Constants of a machine from which step costs and lower bounds follow.
 
-    Direction 0 is extension, 1 retraction. The terms of
-    `hydraulics.compute_pressure_without_margin` that a direction fixes are stored separately: p_L +
-    m(v) = load · per_area + outlet + valve · v². The load is +F in extension and −F in retraction.
+    Direction 0 is extension, 1 retraction. The pressure of
+    `hydraulics.compute_pressure_without_margin` is p_L + m(v) = load · per_area + outlet_pressure +
+    valve_drop_factor · v². The load is +F in extension and −F in retraction.
 
     Attributes:
         supply_pressure: Supply pressure P_S of the main pump [Pa].
         max_boost_pressure: Highest boost pressure [Pa].
-        boost_margin: Extra pressure margin [Pa].
+        boost_margin: Pressure that a boosted supply must have beyond p_L + m(v) [Pa]; also the
+            reserve that mode N must keep.
         tank_pressure: Tank pressure p_T [Pa].
         shared_flow: Main pump flow minus the leakage with all joints in mode N [m³/s].
         leakage_flow: Leakage of one valve at P_S [m³/s].
-        land_leakage: Share of that leakage over the lands of the spool [-].
+        land_leakage: Share of `leakage_flow` over the lands of the spool [-].
         idle_leakage: Leakage of further valves, which serve none of the n joints [m³/s].
         efficiency: Efficiency of the servo pumps η [-].
         slip: Slip of one servo pump per pressure rise [m³/(s Pa)].
@@ -149,11 +162,12 @@ class HydraulicCoefficients(NamedTuple):
             s²/m²].
         valve_drop_at_v_max: Pressure drop m(V_max), shape (n, 2) [Pa].
         inverse_speed_limit: Inverse of the largest piston speed by mode, shape (n, modes, 2) [s/m].
-        boosted: Bit mask of the boosted joints of each pattern, shape (patterns,).
-        rest_speed: Piston speed below which a cylinder counts as held and may need boost [m/s].
-            0 switches this rule off.
-        other_oil: Oil for what moves beside the n joints; only lower bounds use it [m³].
-        other_time: Least time that this takes; only lower bounds use it [s].
+        boosted: Bit mask of the boosted joints of each combination, shape (patterns,).
+        rest_speed: Piston speed up to which a cylinder counts as held and may need boost [m/s]. 0
+            switches this rule off.
+        other_oil: Oil for other motions than those of the n joints, such as a slew [m³]; only lower
+            bounds use it.
+        other_time: Least time of these other motions [s]; only lower bounds use it.
     """
 
     supply_pressure: float
@@ -181,18 +195,18 @@ class HydraulicCoefficients(NamedTuple):
 
 @kernel
 def compute_hydraulic_coefficients(m: MachineArrays, patterns: ModeArray) -> HydraulicCoefficients:
-    """Compute the constants of a machine that the cost of a step needs.
+    """Compute the hydraulic coefficients of a machine for its mode combinations.
 
     Args:
         m: Arrays of the machine.
-        patterns: Mode patterns (one mode for each actuator), shape (patterns, n).
+        patterns: Mode combinations, shape (patterns, n).
 
     Returns:
         Pressures, leakages and the main pump's flow. For each cylinder and direction: the area, the
-        valve drop, and the largest speed in each mode. For each pattern: the boosted joints. Three
-        fields are 0, and the caller may replace them. `rest_speed` 0 means that held cylinders
-        never need boost. `other_oil` and `other_time` 0 mean that nothing moves besides the n
-        joints.
+        valve drop, and the largest speed in each mode. For each combination: the boosted joints.
+        Three fields are 0, and the caller may replace them. `rest_speed` 0 means that held
+        cylinders never need boost. `other_oil` and `other_time` 0 mean that nothing moves besides
+        the n joints.
     """
     n = len(m.cap_area)
     area = np.empty((n, 2))
@@ -245,7 +259,7 @@ def compute_hydraulic_coefficients(m: MachineArrays, patterns: ModeArray) -> Hyd
 def _hold_pressure(c: HydraulicCoefficients, j: int, force: float) -> float:
     """Compute the supply pressure that a cylinder at rest needs to hold its load (load pressure).
 
-    A positive force is held like in an extension, another one like in a retraction.
+    The cap side holds a positive force, the rod side any other force.
 
     Args:
         c: Hydraulic coefficients of the machine.
@@ -261,7 +275,7 @@ def _hold_pressure(c: HydraulicCoefficients, j: int, force: float) -> float:
 
 @kernel(borrows=True)
 def _compute_extra_leakage(c: HydraulicCoefficients, need: float) -> float:
-    """Compute by how much a valve's leakage exceeds that at the main pump's supply pressure P_S.
+    """Compute the leakage of a valve beyond its leakage at the main pump's pressure P_S.
 
     Args:
         c: Hydraulic coefficients of the machine.
@@ -288,20 +302,21 @@ def _compute_extra_leakage(c: HydraulicCoefficients, need: float) -> float:
     VALVE_COLUMN,
     LEAKAGE_COLUMN,
 ) = 0, 1, 2, 3, 4, 5, 6
-"""Columns of a joint's move, from which the cost in a pattern is computed.
+"""Columns of one joint's part of a move, from which the cost in a mode combination follows.
 
 STROKE: |ΔL| [m]. DIRECTION: 0 extension, 1 retraction. OIL: A_dir |ΔL| [m³]. WORST_PRESSURE:
-largest p_L against the load at start, middle and end [Pa], −∞ if the load never opposes the motion
-or the valve holds the joint. MIDDLE_PRESSURE: p_L at the middle [Pa]. VALVE: m(v)/v² [Pa s²/m²].
-LEAKAGE: additional leakage of the valve if the joint is boosted by itself [m³/s]."""
+largest p_L of an opposing load at start, middle and end [Pa]. It is −∞ if no load opposes the
+motion, or if the valve holds the joint. MIDDLE_PRESSURE: p_L at the middle [Pa]. VALVE: m(v)/v² [Pa
+s²/m²]. LEAKAGE: additional leakage of the valve if the joint is boosted by itself [m³/s].
+"""
 
 MOVE_WIDTH = 7
-"""Number of columns of a joint's move."""
+"""Number of columns of one joint's part of a move."""
 
 
 @kernel(inline="always")
 def _is_loaded(move: FloatArray) -> bool:
-    """Return whether a joint of a move is in motion or must be held in boost.
+    """Return whether a joint moves, or must be held in boost, during a move.
 
     All other joints are held by their closed valves. Their cost is that of mode N, whatever their
     mode.
@@ -320,10 +335,10 @@ class StepBuffers(NamedTuple):
     """Results and working memory of `price_steps_to_node`, so that it allocates nothing.
 
     Attributes:
-        cost: Cost in each pattern, shape (patterns, 3): duration [s], energy by the published model
-            (`paper`) [J], energy with the pumps in series (`series`) [J].
-        status: STEP_INADMISSIBLE, STEP_UNNEEDED_BOOST or STEP_CONSISTENT for each pattern, shape
-            (patterns,).
+        cost: Cost in each combination, shape (patterns, 3): duration [s], energy by the published
+            model (`paper`) [J], energy with the pumps in series (`series`) [J].
+        status: STEP_INADMISSIBLE, STEP_UNNEEDED_BOOST or STEP_CONSISTENT for each combination,
+            shape (patterns,).
         move: Columns of each joint's move to each posture, shape (postures of a node, n,
             MOVE_WIDTH).
         must_boost: Bit mask of joints that need boost even at the lowest speed, shape (postures of
@@ -345,10 +360,10 @@ def create_step_buffers(patterns: ModeArray) -> StepBuffers:
     """Allocate the working memory of one thread for `price_steps_to_node`.
 
     Args:
-        patterns: Mode patterns (one mode for each actuator), shape (patterns, n).
+        patterns: Mode combinations, shape (patterns, n).
 
     Returns:
-        Uninitialised arrays with room for a node with one posture per pattern.
+        Uninitialised arrays with room for a node with one posture per combination.
     """
     count, n = patterns.shape
     return StepBuffers(
@@ -362,18 +377,18 @@ def create_step_buffers(patterns: ModeArray) -> StepBuffers:
 
 
 class NodeMoves(NamedTuple):
-    """Moves from one posture to the postures of one node.
+    """Moves from one posture to all postures of one node.
 
     Attributes:
-        start: Descriptions that contain the posture to leave.
-        origin: Row of `start` that the moves leave.
-        end: Descriptions that contain the node's postures.
+        start: Postures among which is the one that the moves leave.
+        origin: Row of `start` with the posture that the moves leave.
+        end: Postures among which are those of the node.
         first: Row of `end` with the node's first posture.
         posture_count: Number of postures of the node.
-        owner: Row of `end` in which a step ends, by pattern, shape (patterns,).
+        owner: Row of `end` in which the step of each combination ends, shape (patterns,).
         middle_force: Piston forces at the middle of each move, with `posture_count` rows or more,
-            shape (…, n) [N]. A move is inadmissible if its first entry is NaN.
-            `compute_middle_forces` and `mark_collisions` compute this array.
+            shape (…, n) [N]. A move whose row begins with NaN is inadmissible. `compute_middle_forces` and
+            `mark_collisions` compute this array.
     """
 
     start: Postures
@@ -389,24 +404,23 @@ class NodeMoves(NamedTuple):
 def price_steps_to_node(
     c: HydraulicCoefficients, patterns: ModeArray, moves: NodeMoves, buffers: StepBuffers
 ) -> int:
-    """Compute the costs of all steps from one posture to one workspace node.
+    """Compute the costs of the steps from one posture to one node, in all mode combinations.
 
-    There is one step for each mode pattern (one mode for each actuator). It ends in the posture
-    that the node has for this pattern. A step is consistent if its pattern boosts exactly the
-    joints that need boost. If no step is consistent, steps that also boost other joints are
-    admitted (STEP_UNNEEDED_BOOST).
+    The step of a combination ends in the posture that the node has for this combination. A step is
+    consistent if its combination boosts exactly the joints that need boost. If no step is
+    consistent, steps that also boost other joints are admitted (STEP_UNNEEDED_BOOST).
 
     Test oracle: the module's equations in plain NumPy.
 
     Args:
         c: Hydraulic coefficients of the machine.
-        patterns: Mode patterns, shape (patterns, n).
+        patterns: Mode combinations, shape (patterns, n).
         moves: Posture to leave, and postures of the node with the forces on the way.
         buffers: Results `buffers.cost` and `buffers.status`, and working memory. Written in place.
 
     Returns:
         Status of the admissible steps: STEP_CONSISTENT or STEP_UNNEEDED_BOOST; STEP_INADMISSIBLE
-        means that there is none. Exactly the patterns p with `buffers.status[p]` equal to the
+        means that there is none. Exactly the combinations p with `buffers.status[p]` equal to the
         result are admissible. Only their rows of `buffers.cost` are valid.
     """
     must, may, boosted = buffers.must_boost, buffers.may_boost, c.boosted
@@ -431,7 +445,7 @@ def price_steps_to_node(
 def _describe_move(
     c: HydraulicCoefficients, moves: NodeMoves, k: int, buffers: StepBuffers
 ) -> None:
-    """Compute stroke, oil and pressures of a move, and which of its joints need boost.
+    """Compute stroke, oil and pressures of each joint in a move, and find the joints to boost.
 
     A joint that moves at most at `c.rest_speed` counts as held at rest if the main pump cannot hold
     its load (`_describe_hold`).
@@ -439,7 +453,7 @@ def _describe_move(
     Args:
         c: Hydraulic coefficients of the machine.
         moves: Moves from one posture to the postures of a node.
-        k: Number of the move among them.
+        k: Number of the move in `moves`, from 0.
         buffers: `move[k]` (columns STROKE_COLUMN to LEAKAGE_COLUMN of each joint) and two bit masks
             of joints are written in place. Joints in `must_boost[k]` need boost even at the lowest
             speed, joints in `may_boost[k]` at V_max. If `moves.middle_force[k]` (the piston forces
@@ -475,7 +489,7 @@ def _describe_stroke(
     buffers: StepBuffers,
     k: int,
 ) -> None:
-    """Compute stroke, oil and pressures of one joint's move, and whether the joint needs boost.
+    """Compute stroke, oil and pressures of one joint, and find whether it needs boost to move.
 
     Args:
         c: Hydraulic coefficients of the machine.
@@ -484,9 +498,10 @@ def _describe_stroke(
         forces: Piston forces at start, middle and end, positive if they resist extension [N].
         buffers: `move[k, j]` (columns STROKE_COLUMN to LEAKAGE_COLUMN) is written in place. Bit j
             of `must_boost[k]` is set if the joint needs boost even at the lowest speed. Bit j of
-            `may_boost[k]` is set if it needs boost at V_max. Bits are never cleared. No bit is set,
-            and the worst pressure is -inf, if no force resists the move or the stroke is at most
-            MAX_HELD_STROKE (held by the closed valve). Such a short stroke has leakage 0.
+            `may_boost[k]` is set if it needs boost at V_max. Bits are never cleared. If no force
+            resists the move, no bit is set and the worst pressure is −inf. The same holds for a
+            stroke of at most MAX_HELD_STROKE (the closed valve holds the joint), which has no
+            additional leakage.
         k: Number of the move.
     """
     move, stroke = buffers.move[k, j], abs(delta)
@@ -521,9 +536,9 @@ def _describe_hold(
     buffers: StepBuffers,
     k: int,
 ) -> None:
-    """Treat a slow joint as held at rest if its load must be held in boost.
+    """Overwrite the pressures of a slow joint if its load must be held in boost.
 
-    It must if the main pump's pressure P_S cannot hold the load, but the highest boost pressure
+    This is so if the main pump's pressure P_S cannot hold the load, but the highest boost pressure
     can. Otherwise nothing changes.
 
     Args:
@@ -551,7 +566,7 @@ def _describe_hold(
 def _price_move(
     c: HydraulicCoefficients, pattern: ModeArray, move: FloatArray, cost: FloatArray
 ) -> int:
-    """Compute duration and energies of a move in one mode pattern.
+    """Compute duration, energies and status of a move in one mode combination.
 
     Args:
         c: Hydraulic coefficients of the machine.
@@ -562,8 +577,8 @@ def _price_move(
             STEP_INADMISSIBLE.
 
     Returns:
-        STEP_INADMISSIBLE; STEP_UNNEEDED_BOOST if the pattern also boosts a joint that does not need
-        it; otherwise STEP_CONSISTENT.
+        STEP_INADMISSIBLE; STEP_UNNEEDED_BOOST if the combination also boosts a joint that does not
+        need it; otherwise STEP_CONSISTENT.
     """
     duration, rail_leak = _compute_duration(c, pattern, move)
     if duration == math.inf:
@@ -581,11 +596,11 @@ def _price_move(
 def _compute_duration(
     c: HydraulicCoefficients, pattern: ModeArray, move: FloatArray
 ) -> tuple[float, float]:
-    """Compute the duration of a move in one mode pattern, and the leakage at the shared rail.
+    """Compute the duration of a move in one mode combination, and the leakage at the shared rail.
 
-    The duration is the longest of several times. For each piston it is the time of its stroke at
-    its largest speed. For the main pump it is the time in which it delivers the oil of all pistons
-    in addition to the leakage of all valves.
+    The duration is the longest of several times. Each piston needs the time of its stroke at its
+    largest speed. The main pump needs the time in which it delivers the oil of all pistons in
+    addition to the leakage of all valves.
 
     Args:
         c: Hydraulic coefficients of the machine.
@@ -593,8 +608,9 @@ def _compute_duration(
         move: Columns STROKE_COLUMN to LEAKAGE_COLUMN of each joint's move, shape (n, MOVE_WIDTH).
 
     Returns:
-        Duration [s], inf if leakage takes the whole flow. Additional leakage of each valve at the
-        shared rail, compared with the main pump's pressure [m³/s]; 0 if no joint is on the rail.
+        Duration [s]; inf if leakage takes the whole flow. Then the leakage of each valve on the
+        shared rail beyond its leakage at the main pump's pressure [m³/s]; 0 if no joint is on the
+        rail.
     """
     duration = volume = rail_leak = 0.0
     shared = c.shared_flow
@@ -619,7 +635,7 @@ def _compute_duration(
 def _check_pressures(
     c: HydraulicCoefficients, pattern: ModeArray, move: FloatArray, duration: float
 ) -> tuple[int, float]:
-    """Check whether a mode pattern boosts the joints of a move that need boost.
+    """Compare the joints that a mode combination boosts with those that need boost in a move.
 
     Args:
         c: Hydraulic coefficients of the machine.
@@ -630,8 +646,8 @@ def _check_pressures(
     Returns:
         Status, and supply pressure of the shared rail at the middle of the move [Pa], 0 if no
         loaded joint is on the rail. The status is STEP_INADMISSIBLE if a joint that needs boost is
-        not boosted, or needs more than the highest boost pressure; the rail's pressure is then not
-        valid. It is STEP_UNNEEDED_BOOST if a joint is boosted that does not need it, otherwise
+        not boosted, or needs more than the highest boost pressure. The rail's pressure is then not
+        valid. The status is STEP_UNNEEDED_BOOST if a joint without need is boosted, otherwise
         STEP_CONSISTENT.
     """
     status, rail = STEP_CONSISTENT, 0.0
@@ -661,7 +677,7 @@ def _compute_energies(
     duration: float,
     rail: tuple[float, float],
 ) -> tuple[float, float]:
-    """Compute the energies of an admissible move in one mode pattern.
+    """Compute the energies of an admissible move in one mode combination.
 
     Args:
         c: Hydraulic coefficients of the machine.
@@ -753,10 +769,10 @@ def mark_collisions(
 
 @dataclass(frozen=True, eq=False)
 class StepCosts:
-    """Costs of one step between two postures in every mode pattern.
+    """Durations and energies of one step in every mode combination.
 
     Attributes:
-        admissible: True for each pattern in which the step may be taken, shape (patterns,).
+        admissible: True for each combination in which the step may be taken, shape (patterns,).
         duration: Duration, shape (patterns,) [s]; NaN if inadmissible.
         energy: Energy in the reading `paper`, shape (patterns,) [J]; NaN if inadmissible.
         energy_series: Energy in the reading `series`, shape (patterns,) [J]; NaN if inadmissible.
@@ -771,22 +787,21 @@ class StepCosts:
 def compute_step_costs(
     machine: Machine, start: FloatArray, end: FloatArray, rest_speed: float = 0.0
 ) -> StepCosts:
-    """Compute the costs of the step between two postures in every mode pattern.
+    """Compute the costs of the step between any two postures in every mode combination.
 
-    A mode pattern is one mode for each actuator. The postures need not belong to a posture table.
-    The step is inadmissible in all patterns if the tip leaves the workspace or the arm comes too
-    near to an obstacle on the way.
+    The postures need not belong to a posture table. The step is inadmissible in all combinations if
+    the tip leaves the workspace or the arm comes too near to an obstacle on the way.
 
     Args:
-        machine: Machine with its payload, mode patterns and obstacles.
+        machine: Machine with its payload, mode combinations and obstacles.
         start: Joint positions at the start, shape (n,) [rad or m].
         end: Joint positions at the end, shape (n,) [rad or m].
-        rest_speed: Piston speed below which a cylinder counts as held and may need boost [m/s]. 0
+        rest_speed: Piston speed up to which a cylinder counts as held and may need boost [m/s]. 0
             switches this rule off.
 
     Returns:
         Admissibility, duration [s] and energies in both readings (`paper`, `series`) [J] by mode
-        pattern, in the order of `machine.patterns`.
+        combination, in the order of `machine.patterns`.
     """
     arrays, patterns = machine.arrays, machine.patterns
     from_start = describe_postures(arrays, np.array([start], dtype=np.float64))
@@ -814,6 +829,6 @@ def warm_up(machine: Machine) -> None:
     """Compile the kernels that compute the costs of steps.
 
     Args:
-        machine: Machine whose joints and mode patterns give the argument types.
+        machine: Machine whose joints and mode combinations give the argument types.
     """
     compute_step_costs(machine, machine.arrays.joint_min, machine.arrays.joint_max)
