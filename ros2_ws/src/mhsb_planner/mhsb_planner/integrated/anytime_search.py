@@ -489,8 +489,8 @@ def create_lattice_search(
 def _create_lattice(task: SearchProblem, spacing: float) -> Lattice:
     """Create the lattice of a search problem with a given spacing.
 
-    Without obstacles the spacing is equal in all cylinder lengths. With obstacles it is equal in
-    each joint's position, and smaller for inner joints.
+    Without obstacles the spacing is equal in all cylinder lengths. With obstacles the positions of
+    each joint are evenly spaced, more closely for inner joints.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.

@@ -83,7 +83,7 @@ class PathCostModel(NamedTuple):
     """Constants from which the cost of a cylinder path follows.
 
     Attributes:
-        machine: Numeric description of the machine.
+        machine: Arrays of the machine.
         circuit: Hydraulic coefficients of the machine.
         patterns: Mode combinations, uint8, shape (patterns, n).
         switches: Number of actuators that change their mode between two combinations, shape
@@ -255,7 +255,7 @@ def place_posture(
     limit. Row i of `points.length` has the given lengths in any case.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         points: Postures, cylinder lengths and piston forces. Row i of each of these three arrays is
             written in place.
         i: Index of the posture to write.
@@ -286,7 +286,7 @@ def _leaves_workspace(m: MachineArrays, points: Postures, here: int) -> bool:
     allowed. A move that starts farther outside must not increase its excess.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         points: Three postures: both ends in rows 0 and 1. Row 2 may be overwritten.
         here: Index of the start, 0 or 1.
 
@@ -322,8 +322,8 @@ def price_piece(t: PathCostModel, w: PathCostBuffers, here: int) -> int:
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
         w: Working memory of the thread. Writes w.scratch (duration, energies and status by
-            combination), w.middle (piston forces half-way), and w.shortfall (cost of the
-            manipulability loss, if it has a weight) in place.
+            combination) and w.middle (piston forces half-way) in place. Also writes w.shortfall, if
+            the manipulability loss has a weight, and may write row MIDDLE_POINT of w.points.
         here: Index of the start in w.points, 0 or 1.
 
     Returns:
@@ -446,7 +446,7 @@ def count_switches_to_hold(m: MachineArrays, force: FloatArray, modes: ModeArray
     Otherwise it holds the load in mode DB (its own servo pump).
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         force: Piston forces at rest, shape (n,) [N].
         modes: Modes with which the arm arrives at rest, shape (n,).
 
@@ -519,8 +519,8 @@ def continue_path(
     """Add the cost of further waypoints to a cylinder path that ends at w.points[0].
 
     Each segment is cut into pieces, and dynamic programming picks a mode combination for each
-    piece. On success w.points[0] and w.value[0] describe the last waypoint. On failure their
-    content is undefined.
+    piece. Afterwards w.points[0] and w.value[0] describe the last waypoint. If the result is inf,
+    their content is undefined.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -531,8 +531,8 @@ def continue_path(
             reaches this cost.
         parent: Written in place, shape (pieces, patterns): best combination before each piece, for
             each combination of that piece. With a single row only the last piece's entries remain.
-        rests_at_end: True if the arm rests at the last waypoint. The switches to the modes that
-            hold the arm there then count.
+        rests_at_end: True if the arm rests at the last waypoint, so that the switches to the modes
+            that hold it there count.
 
     Returns:
         Least cost from the start of the whole path to the last waypoint. Inf if a piece is

@@ -264,7 +264,7 @@ def _compute_postures(
     """Compute the postures with given free joint coordinates at one tip position.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         x: Tip position forward [m].
         z: Tip position upward [m].
         free: Free joint coordinates, shape (count, n - 2) [rad or m]: the first n − 3 joint angles
@@ -334,7 +334,7 @@ def _tabulate_postures(
     Test oracle: the same samples in plain Python.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         x: Tip position forward [m].
         z: Tip position upward [m].
         between: Least and greatest admissible ψ [rad]; −inf and inf if ψ is free.
@@ -375,12 +375,12 @@ def _find_psi_ranges(
     """Find the admissible end-link angles ψ with which the last three joints reach a position.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         x: Tip position forward in the frame of the last three joints [m].
         z: Tip position upward in the frame of the last three joints [m].
         between: Least and greatest admissible ψ in the same frame [rad]; ψ plus up to 2 turns in
-            either direction is admissible, too. Two equal angles: both elbow branches get this ψ,
-            whether they reach the position or not. −inf and inf if ψ is free.
+            either direction is admissible, too. If both angles are equal, each elbow branch gets
+            this ψ, even if it cannot reach the position. −inf and inf if ψ is free.
         ranges: Written in place, shape (MAX_RANGES, 3): elbow branch (sign of the second-last
             joint's angle), least and greatest ψ [rad] of each range.
 

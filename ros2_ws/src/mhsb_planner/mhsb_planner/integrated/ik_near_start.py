@@ -137,7 +137,7 @@ def _search_near_postures(
     Test oracle: the same search in plain Python.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         c: Hydraulic coefficients of the machine.
         start: Start posture, shape (n,) [rad or m].
         lengths: Cylinder lengths in the start posture, shape (n,) [m].

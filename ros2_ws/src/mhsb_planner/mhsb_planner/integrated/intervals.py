@@ -207,10 +207,10 @@ def enclose_lengths(m: MachineArrays, j: int, low: float, high: float, box: Floa
     """Compute the range of cylinder length j for an interval of its joint's positions.
 
     The interval is first widened by INTERVAL_ROUNDING and clipped to the joint limits. For a
-    turning joint, the interval shifted by up to 2 whole turns in either direction is included, too.
+    turning joint, copies of the interval that are shifted by up to 2 whole turns count, too.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         j: Index of the joint.
         low: Lower end of the interval [rad or m].
         high: Upper end of the interval [rad or m].

@@ -116,7 +116,7 @@ def enclose_cell(
     wide, but never too narrow.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         tip: Tip position (x, z) [m].
         elbow: Elbow branch (sign of the second-last joint's angle), −1 or 1; with telescopes the
             sign of the last turning joint's angle.
@@ -171,7 +171,7 @@ class CostFromStart(NamedTuple):
     """Data from which a lower bound on the cost from a start to any posture follows.
 
     Attributes:
-        machine: Numeric description of the machine.
+        machine: Arrays of the machine.
         circuit: Hydraulic coefficients of the machine.
         start: Cylinder lengths at the start, shape (n,) [m].
         weight: Weights of energy [1/J] and time [1/s], shape (2 or more,).
@@ -187,16 +187,16 @@ class CostFromStart(NamedTuple):
 def _compute_cell_bounds(
     cost: CostFromStart, tip: tuple[float, float], elbow: int, cell: FloatArray, w: FloatArray
 ) -> Interval:
-    """Compute lower bounds on the cost to all goal postures of a cell, and to its middle one.
+    """Compute lower bounds on the cost to a cell: for all its postures, and for its middle.
 
     Args:
         cost: Machine, cylinder lengths at the start, and weights.
         tip: Tip position (x, z) [m].
         elbow: Elbow branch (sign of the second-last joint's angle), −1 or 1; with telescopes the
             sign of the last turning joint's angle.
-        cell: Lower and upper ends of the free coordinates, shape (n - 2, 2) [rad or m]. These are
-            the first n − 3 joint angles and the end-link angle ψ. With telescopes: the positions of
-            all joints but the last two turning ones.
+        cell: Lower and upper ends of the free coordinates, shape (n - 2, 2) [rad or m]. The free
+            coordinates are the first n − 3 joint angles and the end-link angle ψ. With telescopes:
+            the positions of all joints but the last two turning ones.
         w: Working memory, shape (5, n), overwritten.
 
     Returns:

@@ -37,9 +37,9 @@ class SweptPath(NamedTuple):
         tip: Tip position (x, z) at the end [m].
         elbow: Elbow branch (sign of the second-last joint's angle) of the posture at the end, −1 or
             1. With telescopes: sign of the last turning joint's angle.
-        free: Free coordinates of the posture at the end, shape (n - 2,) [rad or m]. These are the
-            first n − 3 joint angles and the end-link angle ψ. With telescopes: the positions of all
-            joints but the last two turning ones.
+        free: Free coordinates of the posture at the end, shape (n - 2,) [rad or m]: the first n − 3
+            joint angles, and ψ of the end link. With telescopes: the positions of all joints but
+            the last two turning ones.
     """
 
     waypoints: FloatArray
@@ -270,7 +270,7 @@ def _move_waypoint(m: MachineArrays, corner: FloatArray, j: int, stroke: float) 
     """Change the length of cylinder j at a waypoint by a stroke, within the cylinder's range.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         corner: Waypoint, shape (n,) [m]; changed in place.
         j: Index of the cylinder.
         stroke: Signed stride [m].

@@ -45,7 +45,7 @@ def enclose_with_telescopes(
     too narrow.
 
     Args:
-        m: Numeric description of the machine.
+        m: Arrays of the machine.
         tip: Tip position (x, z) [m].
         side: Sign of the last turning joint's angle, −1 or 1.
         cell: Lower and upper end of the interval of each other joint, shape (n - 2, 2) [rad or m].

@@ -169,7 +169,7 @@ def _create_search(
     """Create an integrated search (path, postures and modes together) for a request.
 
     Args:
-        machine: The planar arm (without the slewing joint).
+        machine: The arm without a slewing joint.
         task: The request.
         progress: State of the planning loop, with the deadline of the search.
         area: Weight and reference area of the manipulability loss; `task.area` is ignored.
@@ -209,7 +209,7 @@ def _paths_without_leakage(
     path.
 
     Args:
-        machine: The planar arm (without the slewing joint).
+        machine: The arm without a slewing joint.
         task: The request.
         progress: State of the planning loop.
 
@@ -228,7 +228,7 @@ def _path_without_area(
     """Yield the path that is cheapest if the manipulability loss has no weight.
 
     Args:
-        machine: The planar arm (without the slewing joint).
+        machine: The arm without a slewing joint.
         task: The request.
         progress: State of the planning loop.
 
@@ -273,7 +273,7 @@ def _for_comparison(
     they are.
 
     Args:
-        machine: The planar arm (without the slewing joint).
+        machine: The arm without a slewing joint.
         task: The request. Only `area` is read.
         proposals: Proposals whose costs do not contain the manipulability loss.
 

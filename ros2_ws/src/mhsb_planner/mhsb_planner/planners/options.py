@@ -187,9 +187,7 @@ class PlanOptions:
     def _distance_from_plane(
         self, machine: Machine, place: PlanarTarget, posture: FloatArray
     ) -> float:
-        """Compute how far the tip must move by the slew alone to the vertical plane of a target.
-
-        The arc lies around the slew's axis.
+        """Compute the length of the tip's arc by the slew to the vertical plane of a target.
 
         Args:
             machine: The whole arm.

@@ -75,7 +75,7 @@ class PathRequest:
         """Return whether tip and end-link angle are admissible at the goal already at `departure`.
 
         Args:
-            machine: The planar arm (without the slewing joint).
+            machine: The arm without a slewing joint.
 
         Returns:
             True if the tip is within SAME_POINT of the goal or in its region, and the end-link
@@ -98,9 +98,9 @@ class PathRequest:
         goal region. Oil and least time of the slew are included.
 
         Args:
-            machine: The planar arm (without the slewing joint).
+            machine: The arm without a slewing joint.
             most_cells: Limit on the effort: number of cells that the branch and bound may add. More
-                cells give a higher bound. It has no effect for three revolute joints.
+                cells give a higher bound. It has no effect for an arm of three turning joints.
 
         Returns:
             The bound [J]; inf if no posture reaches the goal.

@@ -25,7 +25,7 @@ def price_path(
     step are chosen without regard to later steps, so other modes may make the whole path cheaper.
 
     Args:
-        machine: The planar arm (without the slewing joint), `StepGraph.machine`.
+        machine: The arm without a slewing joint, `StepGraph.machine`.
         task: The request, with weights w, `energy_reading` and the modes in force at the start.
         posture: Joint positions at the ends of the steps, shape (k + 1, n), k ≥ 1 [rad or m].
         progress: State of the planning loop. Its `search_deadline` is checked before each step.

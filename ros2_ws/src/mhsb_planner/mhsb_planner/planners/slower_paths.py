@@ -74,7 +74,7 @@ def limit_speeds(machine: Machine, factor: float) -> Machine:
     """Return a copy of a machine with a lower V_max of each actuator, for path searches only.
 
     Args:
-        machine: The planar arm (without the slewing joint); it stays unchanged.
+        machine: The arm without a slewing joint; it stays unchanged.
         factor: Factor on V_max (allowed piston speed) of each actuator [-].
 
     Returns:

@@ -49,7 +49,7 @@ class TablePlanner:
         yield from map(PathProposal, yield_graph_paths(graph, task, progress))
 
     def warm_up(self, graph: StepGraph) -> None:
-        """Compile the kernels of this planner."""
+        """Compile the kernels of the graph search by two short searches."""
         s2_search.warm_up(graph)
 
 

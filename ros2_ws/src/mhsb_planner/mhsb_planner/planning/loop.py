@@ -219,7 +219,8 @@ class PlanningLoop:
         2. One motion is fitted: a polynomial or one that follows the path, as options, path or
            planner ask for (`fit_rules`). If there is no incumbent and a polynomial is asked for, a
            motion that follows the path is fitted first, because this is faster. The polynomial then
-           replaces it whatever it costs, unless it had to be slowed to keep the limits.
+           replaces that motion at any cost, unless the polynomial had to be slowed to keep the
+           limits.
         3. If that motion costs at most NEAR_BEST_COST_FACTOR times as much as the incumbent,
            variants of it are fitted, such as one with faster ramps. With a deadline, the variants
            of the first motion wait until the next path has its motion.
@@ -358,12 +359,13 @@ class PlanningLoop:
 
         The incumbent is the best plan so far. Better means cheaper, with stricter rules for goals
         with a period and for a plan in force (`_replaces`). Rules with `polynomial_only` ask for a
-        polynomial along the incumbent's path. It becomes the incumbent whatever it costs, unless it
-        had to be slowed to keep the limits. If the polynomial is refused, the incumbent's `refused`
+        polynomial along the incumbent's path. That polynomial becomes the incumbent at any cost,
+        unless it had to be slowed to keep the limits. If it is refused, the incumbent's `refused`
         gets the reasons.
 
         Times of the stages and the log are updated. The first motion sets `progress.has_motion`,
-        and `progress.reserve` [s], the time that is kept for fitting a motion to a last path.
+        and `progress.reserve` [s], the time that is kept for fitting a motion to the last path
+        found.
 
         Args:
             proposal: Proposal with the path.

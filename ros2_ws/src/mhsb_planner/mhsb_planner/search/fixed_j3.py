@@ -172,7 +172,7 @@ def compute_fixed_j3_posture(
     range/π stands for 1 rad.
 
     Args:
-        machine: Machine without a slewing joint (`Machine.planar_arm`).
+        machine: The arm without a slewing joint (`Machine.planar_arm`).
         x: Tip position forward [m].
         z: Tip position upward [m].
         j3: Initial position of joint 3 [rad or m], within its limits. For several kept joints their
@@ -208,7 +208,7 @@ def build_fixed_j3_graph(
     their durations and energies are computed, before the function returns.
 
     Args:
-        machine: Machine without a slewing joint (`Machine.planar_arm`).
+        machine: The arm without a slewing joint (`Machine.planar_arm`).
         template_table: Posture table whose nodes, spacing and mode combinations are used.
         j3: Initial position of the kept joint, within its limits [rad or m]. For several kept
             joints their positions in joint order, shape (n - 2,).

@@ -275,7 +275,7 @@ def warm_up(machine: Machine) -> None:
     """Compile the kernels that compute the velocity-polytope area along a motion.
 
     Args:
-        machine: Machine whose joints and combinations give the argument types.
+        machine: Machine whose joints and mode combinations give the argument types.
     """
     posture = machine.arrays.joint_min[None, :].repeat(2, axis=0)
     _compute_area_profile(machine, posture, machine.patterns[:1].copy())

@@ -55,7 +55,7 @@ from mhsb_planner.search.s2_step import (
 
 
 class PostureLabels(NamedTuple):
-    """Lower bound and cheapest state of each posture, as far as an exact search knows them.
+    """Lower bound and cheapest state so far of each posture, in one exact search.
 
     Attributes:
         remaining: Lower bound on the cost to the goal, shape (postures,). NaN means not computed
@@ -121,7 +121,7 @@ class LeavingSteps(NamedTuple):
 def _is_dominated(
     cost: float, depth: int, states: Records[SearchState], other: int, switching: float
 ) -> bool:
-    """Return whether a state is useless, because of another state of the same posture.
+    """Return whether a state need not be expanded because of another state of its posture.
 
     Let c be the cost of the path to the state, and o the cost of the path to the other state. The
     state is useless if o < c and o + switching < c. If o + switching equals c, it is useless if the

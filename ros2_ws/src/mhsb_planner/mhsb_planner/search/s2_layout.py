@@ -38,7 +38,7 @@ class Layout(NamedTuple):
 
 @kernel
 def _number_postures(table: FloatArray, owner: IntArray, first_of: IntArray) -> int:
-    """Assign numbers to the distinct postures of a posture table, and to their states.
+    """Find the distinct postures of a posture table, and number them.
 
     A state is a node with a mode combination. Equal postures of one node are one posture. The
     numbers ascend by node, then by the first combination that has the posture.

@@ -121,8 +121,8 @@ def search(
             miss it.
         heuristic_scale: Heuristic cost per distance to the goal, for `published` only [1/m].
         deadline: Instant at which an unfinished search is given up.
-        max_expansions: Number of states, expanded in all trials together, after which the search is
-            given up; None means no limit.
+        max_expansions: Number of states after which the search is given up, summed over all trials;
+            None means no limit.
 
     Returns:
         The path, the cheapest one if `method` is `exact`.

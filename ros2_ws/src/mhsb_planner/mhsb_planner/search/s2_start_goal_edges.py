@@ -226,7 +226,7 @@ def find_postures_by_rule(
 def compute_steps_from_start(
     graph: StepGraph, start: SearchStart, goal: SearchGoal, rings: int = 0
 ) -> JoiningSteps:
-    """Compute the admissible steps from the start to the nodes around it.
+    """Compute the admissible steps from the start to the nodes around it, and to a near goal.
 
     The nodes are the corners of the start's grid cell, and `rings` further rings around them. If
     the goal lies in the same cell, the steps from the start to the goal come last. A step is

@@ -318,8 +318,7 @@ MOVE_WIDTH = 7
 def _is_loaded(move: FloatArray) -> bool:
     """Return whether a joint moves, or must be held in boost, during a move.
 
-    All other joints are held by their closed valves. Their cost is that of mode N, whatever their
-    mode.
+    All other joints are held by their closed valves. They cost as much as in mode N, in any mode.
 
     Args:
         move: One joint's part of the move, shape (MOVE_WIDTH,), with the columns STROKE_COLUMN to
@@ -538,8 +537,8 @@ def _describe_hold(
 ) -> None:
     """Overwrite the pressures of a slow joint if its load must be held in boost.
 
-    This is so if the main pump's pressure P_S cannot hold the load, but the highest boost pressure
-    can. Otherwise nothing changes.
+    The joint must be held in boost if the main pump's pressure P_S cannot hold its load, but the
+    highest boost pressure can. Otherwise nothing changes.
 
     Args:
         c: Hydraulic coefficients of the machine.
