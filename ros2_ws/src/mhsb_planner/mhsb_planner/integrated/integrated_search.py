@@ -60,7 +60,7 @@ class IntegratedSearch:
         progress: PlanProgress | None = None,
         limits: SearchLimits | None = None,
     ) -> None:
-        """Prepare the search: sample the goal postures and bound the cost to each from below.
+        """Prepare the search: sample goal postures, and compute a lower bound on the cost to each.
 
         Args:
             machine: The arm without a slewing joint.

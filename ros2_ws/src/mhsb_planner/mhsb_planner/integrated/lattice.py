@@ -522,9 +522,9 @@ def _price_step_to(
 ) -> bool:
     """Price a step, and record it in each mode combination in which it makes a state cheaper.
 
-    The step leads from w.points[0] to w.points[1]. The price of a step to a goal posture includes
-    the switches to the modes that hold the arm at the goal. The step is dropped in a combination in
-    which it leads to no path below the cost limit, by the lower bound of the target.
+    The step leads from w.points[0] to w.points[1]. The cost of a step to a goal posture includes
+    the switches to the modes that hold the arm there. The step is dropped in a combination in which
+    it leads to no path below the cost limit, by the lower bound of the target.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.

@@ -60,7 +60,5 @@ class FixedPlanner:
         yield from map(PathProposal, yield_graph_paths(own, task, progress))
 
     def warm_up(self, graph: StepGraph) -> None:
-        """Compile the kernels of the conventional method; the posture table's graph gives their
-        types.
-        """
+        """Compile the kernels of the conventional method."""
         fixed_j3.warm_up(graph)

@@ -235,9 +235,10 @@ def _first_moves(
 def _climb_out_of_obstacles(machine: Machine, start: FloatArray) -> FloatArray | None:
     """Find postures on a way out of obstacles along which the clearance rises.
 
-    Each step follows the gradient of the least clearance, within the joint limits. Of
-    CLIMB_HALVINGS step sizes, the one that gives the greatest clearance is taken. The way ends as
-    soon as the arm keeps the margin of discrete paths. It is given up after CLIMB_STEPS steps.
+    Each step follows the gradient of the clearance from the nearest obstacle, within the joint
+    limits. Of CLIMB_HALVINGS step sizes, the one that gives the greatest clearance is taken. The
+    way ends as soon as the arm keeps the margin of discrete paths. It is given up after CLIMB_STEPS
+    steps.
 
     Args:
         machine: The whole arm.

@@ -41,7 +41,7 @@ POSTURES_PER_TASK = 128
 """Number of postures that one thread works on before it takes the next task."""
 
 NOT_PRICED = -1
-"""Value of `Edges.first` for a posture whose steps have no price yet."""
+"""Value of `Edges.first` for a posture whose steps are not priced yet."""
 
 
 class Edges(NamedTuple):
@@ -212,7 +212,7 @@ def _price_range(
 
     Args:
         t: Postures, forces, obstacles and hydraulic numbers of the graph.
-        missing: Numbers of the postures whose steps have no price yet.
+        missing: Numbers of the postures whose steps are not priced yet.
         leaving: Number of steps that leave each posture of `missing`, aligned with it. Entries
             begin to end - 1 are written in place.
         begin: First index into `missing` to work on.
@@ -439,7 +439,7 @@ class PricedSteps:
             self.edges.used[0] = count
 
     def price_all(self, deadline: Deadline = NO_DEADLINE) -> None:
-        """Price all steps of the graph that have no price yet, and set `complete` to True.
+        """Price all steps of the graph that are not priced yet, and set `complete` to True.
 
         Args:
             deadline: Instant at which the work is given up.

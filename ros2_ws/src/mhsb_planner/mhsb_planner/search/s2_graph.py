@@ -162,7 +162,7 @@ class StepGraph:
     def edges(self) -> Edges:
         """All steps with their costs, as read-only views.
 
-        Each access first prices the steps that have no price yet.
+        Each access first prices the steps that are not priced yet.
         """
         self.steps.price_all()
         edges = self.steps.edges

@@ -151,10 +151,9 @@ class PublishedSearch:
     def _expand_start(self) -> None:
         """Relax all steps that leave the start.
 
-        The node that a step reaches, or the goal, gets a new label (cost and last step) if the path
-        with this step is cheaper than its label so far. The cost of the path includes the mode
-        switches from the modes in force at the start. A step's number is its row in
-        `Query.from_start`.
+        The node that a step reaches, or the goal, gets a new label if the path with this step is
+        cheaper. A label is a cost and a last step. The cost of the path includes the mode switches
+        from the modes in force at the start. A step's number is its row in `Query.from_start`.
         """
         query, steps = self._query, self._query.from_start
         total = (
@@ -167,9 +166,9 @@ class PublishedSearch:
     def _expand_label(self, node: int) -> None:
         """Relax all steps that leave a node in the posture and mode combination of its label.
 
-        The node that a step reaches, or the goal, gets a new label (cost and last step) if the path
-        with this step is cheaper than its label so far. The cost of the path is the cost of the
-        left node's label, plus those of the step and its mode switches.
+        The node that a step reaches, or the goal, gets a new label if the path with this step is
+        cheaper. A label is a cost and a last step. The cost of the path is the cost of this node's
+        label, plus the costs of the step and of its mode switches.
 
         Args:
             node: Index of a node whose label is final.
