@@ -109,7 +109,7 @@ def _unwrapped_wrist_direction(u: float, radius: float, link: float) -> float:
 
 @kernel
 def _intersect_modulo_turns(low: float, high: float, least: float, most: float) -> Interval:
-    """Intersect a range of angles with all copies of an interval that whole turns shift.
+    """Intersect a range of angles with an interval and its copies, shifted by whole turns.
 
     Args:
         low: Lower end of the interval [rad].

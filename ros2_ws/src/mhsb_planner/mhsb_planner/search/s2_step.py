@@ -748,7 +748,7 @@ def mark_collisions(
     first: int,
     force: FloatArray,
 ) -> None:
-    """Mark moves on which the arm comes too near to an obstacle by NaN.
+    """Write NaN as the forces of moves on which the arm comes too near to an obstacle.
 
     Args:
         m: Arrays of the machine.
