@@ -386,8 +386,8 @@ class NodeMoves(NamedTuple):
         posture_count: Number of postures of the node.
         owner: Row of `end` in which the step of each combination ends, shape (patterns,).
         middle_force: Piston forces at the middle of each move, with `posture_count` rows or more,
-            shape (…, n) [N]. A move whose row begins with NaN is inadmissible. `compute_middle_forces` and
-            `mark_collisions` compute this array.
+            shape (…, n) [N]. A move whose row begins with NaN is inadmissible.
+            `compute_middle_forces` and `mark_collisions` compute this array.
     """
 
     start: Postures
