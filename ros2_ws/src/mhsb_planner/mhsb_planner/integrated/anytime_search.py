@@ -401,10 +401,13 @@ def search_lattice(
 
     Returns:
         The path, priced with the cost model of `task`. None if no path was found, or if the path is
-        inadmissible by that model or costs at least MAX_REFINED_COST_RATIO times the incumbent.
+        inadmissible by that model or costs at least MAX_REFINED_COST_RATIO times the incumbent. No
+        lattice is created if every goal posture costs at least as much as the incumbent.
     """
     limit = math.inf if best is None else best.cost
     worth = np.flatnonzero(task.goal_lower_bounds < limit)
+    if len(worth) == 0:
+        return None
     search = create_lattice_search(task, priced_by, worth, spacing)
     if best is not None:
         left = task.limits.max_expansions - work.expanded

@@ -11,6 +11,7 @@ from mhsb_model.errors import OutOfWorkspaceError
 from mhsb_model.holding import MAX_HELD_SPEED, choose_holding_modes
 from mhsb_model.obstacles.zones import Zones
 from mhsb_planner.errors import DeadlineError, InfeasibleGoalError, NoPathError
+from mhsb_planner.integrated import anytime_search
 from mhsb_planner.integrated.integrated_search import IntegratedSearch, SearchLimits, search
 from mhsb_planner.integrated.lower_bound import bound_energy_to_goal
 from mhsb_planner.search.lower_bound import energy_lower_bound
@@ -132,6 +133,22 @@ def test_paths_come_one_by_one_each_cheaper_than_the_one_before(machine, posture
         assert np.all(np.diff([path.cost for path in paths]) < 0.0)
         several += len(paths) > 1
     assert several > 2
+
+
+def test_a_lattice_is_made_only_where_a_goal_posture_may_be_cheaper(
+    machine, posture_within, monkeypatch
+):
+    made, create = [], anytime_search.create_lattice_search
+
+    def noted(task, priced_by, goal_indices, spacing):
+        made.append(len(goal_indices))
+        return create(task, priced_by, goal_indices, spacing)
+
+    monkeypatch.setattr(anytime_search, "create_lattice_search", noted)
+    for start, goal in tasks(machine, posture_within, 8, seed=11):
+        search(machine, PathQuery(start, NORMAL, goal, ENERGY), effort=QUICK)
+    assert len(made) > 8
+    assert min(made) > 0
 
 
 def test_where_no_straight_line_is_possible_it_says_so_first(machine):
