@@ -18,6 +18,7 @@ import stat
 import sys
 import tempfile
 import time
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
@@ -101,9 +102,15 @@ def kernel_cache_folder() -> Path:
     Returns:
         Path of the folder, which need not exist.
     """
-    base = os.environ.get("XDG_CACHE_HOME")
-    cache = Path(base) if base and Path(base).is_absolute() else Path.home() / ".cache"
-    return cache / "mhsb" / "kernels" / f"{fingerprint(kernel_sources())}-{version('numpy')}"
+    given = os.environ.get("XDG_CACHE_HOME")
+    base = Path(given) if given and Path(given).is_absolute() else Path.home() / ".cache"
+    return base / "mhsb" / "kernels" / f"{fingerprint_of_kernel_sources()}-{version('numpy')}"
+
+
+@cache
+def fingerprint_of_kernel_sources() -> str:
+    """Return the fingerprint of `kernel_sources()`; a process reads the files only once."""
+    return fingerprint(kernel_sources())
 
 
 def kernel_sources() -> list[Path]:

@@ -115,7 +115,7 @@ def _find_marker_files(parts: Sequence[str]) -> dict[str, Path]:
     from llvmlite import binding
 
     folder = Path(os.environ[cache_folder.CACHE_VARIABLE])
-    sources = cache_folder.fingerprint(cache_folder.kernel_sources())
+    sources = cache_folder.fingerprint_of_kernel_sources()
 
     def marker_file(part: str) -> Path:
         """Return the marker file of one part in the cache folder."""
