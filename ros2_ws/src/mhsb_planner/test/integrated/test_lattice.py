@@ -21,7 +21,7 @@ from mhsb_planner.integrated.lattice import (
     lattice_even_in_lengths,
 )
 from mhsb_planner.integrated.lower_bound import bound_cost_to_goals
-from mhsb_planner.search.s2_step import Postures, compute_step_costs, describe_postures
+from mhsb_planner.search.s2_step import compute_step_costs, describe_postures
 
 SPACING, REACH = 22e-3, 0.4  # m
 SWITCH = 2.0
@@ -51,8 +51,8 @@ def problems(machine, posture_within, count):
 
 
 def goal_at(machine, goal):
-    """As the only goal posture; in arrays of the kind for which the search is compiled."""
-    return Postures(*(np.array(each) for each in describe_postures(machine.arrays, goal[None, :])))
+    """As the only goal posture."""
+    return describe_postures(machine.arrays, goal[None, :])
 
 
 def by_dijkstra(machine, lattice, goal):
