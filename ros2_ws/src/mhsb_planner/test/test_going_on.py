@@ -14,9 +14,16 @@ START, GOAL = (0.55, -0.05), (0.55, 0.60)
 TIME = Weights(0.0, 15.0, 2.0)
 
 
-@pytest.fixture
-def planner(machine, table):
+@pytest.fixture(scope="module")
+def only_planner(machine, table):
     return Planner(machine, table)
+
+
+@pytest.fixture
+def planner(only_planner, machine):
+    """A planner whose machine is free to be changed."""
+    only_planner.change_machine(machine)
+    return only_planner
 
 
 def under_way(planner, options, share=0.3):

@@ -21,9 +21,16 @@ TABLE = PlanOptions(planner="table")
 PRESSURES, SPEEDS = Range(2e6, 10e6), Range(6e-3, 30e-3)
 
 
-@pytest.fixture
-def planner(machine, table) -> Planner:
+@pytest.fixture(scope="module")
+def only_planner(machine, table) -> Planner:
     return Planner(machine, table)
+
+
+@pytest.fixture
+def planner(only_planner, machine) -> Planner:
+    """A planner whose machine is free to be changed."""
+    only_planner.change_machine(machine)
+    return only_planner
 
 
 def move(machine):
@@ -97,10 +104,10 @@ def test_samples_are_told_once_the_machine_s_own_point_and_the_ends_among_them(m
     assert {each.v_max for each in found.curve} == {machine.config.motion.max_piston_speed}
 
 
-def test_points_without_plan_say_why_and_the_others_are_chosen_from(machine, table):
-    heavy = machine.changed(payload=38.5)
+def test_points_without_plan_say_why_and_the_others_are_chosen_from(machine, planner):
+    planner.change_machine(machine.changed(payload=38.5))
     goal, start = move(machine)
-    found = find_best_operating_point(Planner(heavy, table), goal, start, TABLE, Range(1e6, 10e6))
+    found = find_best_operating_point(planner, goal, start, TABLE, Range(1e6, 10e6))
     without = [each for each in found.curve if each.failure]
     assert without
     assert found.best not in without
@@ -108,11 +115,11 @@ def test_points_without_plan_say_why_and_the_others_are_chosen_from(machine, tab
     assert all(each.cost == math.inf for each in without)
 
 
-def test_a_move_that_has_no_plan_anywhere_is_refused_with_the_ranges(machine, table):
-    heavy = machine.changed(payload=80.0)
+def test_a_move_that_has_no_plan_anywhere_is_refused_with_the_ranges(machine, planner):
+    planner.change_machine(machine.changed(payload=80.0))
     goal, start = move(machine)
     with pytest.raises(NoOperatingPointError, match=r"supply pressure in 2e\+06 … 3e\+06 Pa"):
-        find_best_operating_point(Planner(heavy, table), goal, start, TABLE, Range(2e6, 3e6))
+        find_best_operating_point(planner, goal, start, TABLE, Range(2e6, 3e6))
 
 
 @pytest.mark.parametrize(
