@@ -141,8 +141,8 @@ def measure(
         Figures by part, and the yardstick `scipy_dijkstra`, which is always measured.
     """
     figures: Figures = {}
-    warm_up(Planner(machine, build_posture_table(machine, jobs=jobs)))
     table = build_posture_table(machine, jobs=jobs)
+    warm_up(Planner(machine, table))
     if "table" in parts:
         table, figures["table"] = _table_figures(machine, size, jobs)
     planner = Planner(machine, table)
