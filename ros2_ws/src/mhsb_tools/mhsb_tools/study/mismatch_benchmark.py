@@ -88,7 +88,8 @@ def load_protocol(machine: Machine, path: Path | None = None) -> Protocol:
         Content of the file, with the variations checked against the machine.
 
     Raises:
-        ScenarioError: The file cannot be read or is invalid.
+        YamlFileError: The file cannot be read.
+        ScenarioError: Its content is invalid.
         VariationError: The variations are invalid or do not fit the machine.
         MhsbError: The machine does not have a value that varies, or a value leaves its range.
     """

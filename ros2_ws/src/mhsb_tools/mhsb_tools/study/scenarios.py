@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError
 
 from mhsb_model.files.config_files import find_machine_config_file
 from mhsb_model.files.schema_problems import describe_validation_errors
-from mhsb_model.files.yaml_files import YamlFileError, read_yaml
+from mhsb_model.files.yaml_files import read_yaml
 from mhsb_model.goal import format_position
 from mhsb_model.machine import Machine
 from mhsb_model.schema import Coordinate, Duration, NonNegative, Section, Weight
@@ -113,12 +113,11 @@ def read_study_file(file: Path, kind: type[Content]) -> Content:
         The content as an object of that class.
 
     Raises:
-        ScenarioError: The file cannot be read or is invalid.
+        YamlFileError: The file cannot be read.
+        ScenarioError: Its content is invalid.
     """
     try:
         return kind.model_validate(read_yaml(file))
-    except YamlFileError as error:
-        raise ScenarioError(str(error)) from None
     except ValidationError as error:
         problems = "; ".join(describe_validation_errors(error, kind))
         raise ScenarioError(f"{file}: {problems}") from error
@@ -137,8 +136,9 @@ def load_scenarios(file: Path | None = None, machine: Machine | None = None) -> 
         The scenarios in the file's order.
 
     Raises:
-        ScenarioError: The file cannot be read or is invalid, its training scenarios do not all
-            exist, or a goal has the wrong number of coordinates.
+        YamlFileError: The file cannot be read.
+        ScenarioError: Its content is invalid, its training scenarios do not all exist, or a goal
+            has the wrong number of coordinates.
     """
     file = file or find_machine_config_file(SCENARIOS_FILE, machine.name if machine else None)
     config = read_study_file(file, StudyConfig)

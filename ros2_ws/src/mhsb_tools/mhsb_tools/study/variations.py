@@ -20,7 +20,7 @@ from pydantic import Field, ValidationError, model_validator
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.files.schema_problems import describe_validation_errors
 from mhsb_model.files.value_paths import ValuePathError
-from mhsb_model.files.yaml_files import YamlFileError, read_yaml
+from mhsb_model.files.yaml_files import read_yaml
 from mhsb_model.machine import Machine
 from mhsb_model.schema import Section
 from mhsb_tools.errors import VariationError
@@ -84,15 +84,12 @@ def load_variations(machine: Machine, file: Path | None = None) -> Variations:
         Variations by name.
 
     Raises:
-        VariationError: The file cannot be read, or its content is invalid.
+        YamlFileError: The file cannot be read.
+        VariationError: Its content is invalid.
         MhsbError: The machine does not have one of the values, or a value leaves its range.
     """
     file = file or find_config_file(VARIATIONS_FILE)
-    try:
-        content = read_yaml(file)
-    except YamlFileError as error:
-        raise VariationError(str(error)) from None
-    return validate_variations(machine, content, str(file))
+    return validate_variations(machine, read_yaml(file), str(file))
 
 
 def validate_variations(machine: Machine, content: Any, source: str) -> Variations:

@@ -3,6 +3,7 @@ from pathlib import Path
 import pytest
 
 from mhsb_model.files.config_files import find_config_file
+from mhsb_model.files.yaml_files import YamlFileError
 from mhsb_model.machine import Machine, load_machine
 from mhsb_tools.errors import ScenarioError
 from mhsb_tools.study.scenarios import load_scenarios
@@ -74,16 +75,18 @@ def test_a_scenarios_machine_has_its_payload_and_lag(file: Path, machine: Machin
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "error", "words"),
     [
-        ("interval: 2.0", "interval: -2.0", "sequences.flips.interval"),
-        ("tail: 1.0", "tail: .nan", "tail"),
-        ("flips-80ms-10kg", "flips-8ms-10kg", "there is no scenario flips-8ms-10kg"),
-        ("pump_lags: [0.02, 0.08]", "pump_lags: [", "is not YAML"),
-        ("tail: 1.0", "tail: 1.0\nspeed: 2", "speed"),
+        ("interval: 2.0", "interval: -2.0", ScenarioError, "sequences.flips.interval"),
+        ("tail: 1.0", "tail: .nan", ScenarioError, "tail"),
+        ("flips-80ms-10kg", "flips-8ms-10kg", ScenarioError, "there is no scenario flips-8ms-10kg"),
+        ("pump_lags: [0.02, 0.08]", "pump_lags: [", YamlFileError, "is not YAML"),
+        ("tail: 1.0", "tail: 1.0\nspeed: 2", ScenarioError, "speed"),
     ],
 )
-def test_what_cannot_be_used_is_named(file: Path, old: str, new: str, words: str) -> None:
+def test_what_cannot_be_used_is_named(
+    file: Path, old: str, new: str, error: type, words: str
+) -> None:
     file.write_text(FILE.replace(old, new))
-    with pytest.raises(ScenarioError, match=words):
+    with pytest.raises(error, match=words):
         load_scenarios(file)

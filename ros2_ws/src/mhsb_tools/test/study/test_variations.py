@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mhsb_model.errors import MhsbError
+from mhsb_model.files.yaml_files import YamlFileError
 from mhsb_model.machine import Machine
-from mhsb_tools.errors import VariationError
 from mhsb_tools.study.variations import draw_machine, load_variations, scale_values
 
 RANGES = {
@@ -128,5 +128,5 @@ def test_a_file_that_makes_no_sense_is_refused_in_a_sentence(
 
 
 def test_a_missing_file_is_named(machine: Machine, tmp_path: Path) -> None:
-    with pytest.raises(VariationError, match=r"nowhere\.yaml"):
+    with pytest.raises(YamlFileError, match=r"nowhere\.yaml"):
         load_variations(machine, tmp_path / "nowhere.yaml")
