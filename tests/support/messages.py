@@ -5,6 +5,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Sequence
 
+from rclpy.duration import Duration
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -28,7 +29,7 @@ def encode_trajectory(trajectory: Trajectory, joint_names: Sequence[str]) -> Joi
                 positions=array("d", position),
                 velocities=array("d", velocity),
                 accelerations=array("d", acceleration),
-                time_from_start=stamps.to_duration(int(offset)),
+                time_from_start=Duration(nanoseconds=int(offset)).to_msg(),
             )
             for offset, position, velocity, acceleration in zip(
                 trajectory.offset_ns,
@@ -53,7 +54,8 @@ def encode_schedule(schedule: ModeSchedule, actuator_names: Sequence[str]) -> Jo
         joint_names=list(actuator_names),
         points=[
             JointTrajectoryPoint(
-                positions=array("d", modes), time_from_start=stamps.to_duration(int(offset))
+                positions=array("d", modes),
+                time_from_start=Duration(nanoseconds=int(offset)).to_msg(),
             )
             for offset, modes in zip(schedule.offset_ns, schedule.modes, strict=True)
         ],

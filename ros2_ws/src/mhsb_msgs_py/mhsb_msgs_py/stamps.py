@@ -21,8 +21,21 @@ Stamps of plans up to four months later still fit into a message.
 
 
 def to_time(time_ns: int) -> Time:
-    """Return the message of an absolute time [ns]; raise ValueError if it does not fit."""
-    return Time(**_fields(time_ns))
+    """Return the message of an absolute time.
+
+    Args:
+        time_ns: Time [ns].
+
+    Returns:
+        The message; its nanoseconds are not negative.
+
+    Raises:
+        ValueError: The seconds do not fit into 32 bits.
+    """
+    seconds, nanoseconds = divmod(int(time_ns), SECOND_NS)
+    if not FIRST_SECOND <= seconds <= LAST_SECOND:
+        raise ValueError(f"{seconds} s does not fit into a message, which holds 32 bits of seconds")
+    return Time(sec=seconds, nanosec=nanoseconds)
 
 
 def from_time(message: Time | Duration) -> int:
@@ -54,11 +67,6 @@ def from_clock(message: Time) -> int:
             "later times fit into a message"
         )
     return from_time(message)
-
-
-def to_duration(duration_ns: int) -> Duration:
-    """Return the message of a duration [ns]; raise ValueError if it does not fit."""
-    return Duration(**_fields(duration_ns))
 
 
 def to_text(time_ns: int) -> str:
@@ -104,21 +112,3 @@ def check_nanoseconds(nanosec: int) -> None:
         raise MessageError(
             f"a time has {nanosec} ns beside its seconds; it must be below {SECOND_NS}"
         )
-
-
-def _fields(time_ns: int) -> dict[str, int]:
-    """Split a time [ns] into the fields of a message.
-
-    Args:
-        time_ns: Time or duration [ns].
-
-    Returns:
-        Fields `sec` and `nanosec`; nanoseconds are not negative.
-
-    Raises:
-        ValueError: The seconds do not fit into 32 bits.
-    """
-    seconds, nanoseconds = divmod(int(time_ns), SECOND_NS)
-    if not FIRST_SECOND <= seconds <= LAST_SECOND:
-        raise ValueError(f"{seconds} s does not fit into a message, which holds 32 bits of seconds")
-    return {"sec": seconds, "nanosec": nanoseconds}
