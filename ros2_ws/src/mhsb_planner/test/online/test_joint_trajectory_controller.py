@@ -6,8 +6,7 @@ The rules are those of `validate_trajectory_msg` in Jazzy's ros2_controllers, wi
 import numpy as np
 import pytest
 from scipy.interpolate import BPoly
-
-from mhsb_msgs_py import trajectory as codec
+from tests.support.messages import encode_trajectory
 
 UP, DOWN, OUT = (0.55, 0.60), (0.55, -0.60), (0.75, 0.55)
 FLOAT_EPSILON = float(np.finfo(np.float32).eps)
@@ -61,7 +60,7 @@ def sent(world):
 def test_all_that_is_sent_passes_the_controllers_checks(world, sent):
     for command in sent:
         joints = world.machine.joint_names
-        message = codec.encode(command.trajectory, joints)
+        message = encode_trajectory(command.trajectory, joints)
         now = 1e-9 * command.stamp_ns
         assert why_refused(message, joints, now) is None
         # The rules do refuse: what is late, what still moves at its end, what goes back in time.
@@ -77,7 +76,7 @@ def test_all_that_is_sent_passes_the_controllers_checks(world, sent):
 
 def test_between_points_the_controllers_quintic_is_the_curve_that_was_planned(world, sent):
     for command in sent:
-        message = codec.encode(command.trajectory, world.machine.joint_names)
+        message = encode_trajectory(command.trajectory, world.machine.joint_names)
         at = np.array([seconds(point.time_from_start) for point in message.points])
         states = np.array(
             [[point.positions, point.velocities, point.accelerations] for point in message.points]

@@ -53,7 +53,10 @@ def test_the_report_tells_what_an_actuator_has_of_its_own(machine):
         "actuator 3 has of its own: rated drop of 1.00 MPa at each land, 2 times the friction, "
         "chambers relieved at 15.0 MPa",
     ]
-    assert check.facts(own)["joints"][1]["own"] == {"rated_flow": 5e-5, "max_piston_speed": 0.008}
+    assert check.collect_facts(own)["joints"][1]["own"] == {
+        "rated_flow": 5e-5,
+        "max_piston_speed": 0.008,
+    }
     assert not any("of its own" in line for line in check.format_report(machine))
 
 
@@ -83,7 +86,7 @@ def test_a_machine_without_boosters_is_not_told_of_boost(machine):
     lines = check.format_report(arm)
     assert re.search(r"no booster modules, all actuators are always in N$", "\n".join(lines), re.M)
     assert not re.search(r"boost(?!er modules)|DB|SB|module extends|pattern", "\n".join(lines))
-    with_boosters, without = (check.facts(each)["workspace"] for each in (machine, arm))
+    with_boosters, without = (check.collect_facts(each)["workspace"] for each in (machine, arm))
     assert without["boosted"] == 0
     assert without["too_heavy"] == with_boosters["boosted"] + with_boosters["too_heavy"]
     assert f"  {without['too_heavy']} are beyond the supply pressure" in lines
@@ -118,7 +121,7 @@ def test_the_command_prints_the_report_of_the_suites_arm(run):
 
 def test_the_report_has_the_hash_that_nodes_and_estimates_files_report(machine, slewing_machine):
     for arm in (machine, slewing_machine):
-        assert check.facts(arm)["machine_hash"] == arm.planning_hash
+        assert check.collect_facts(arm)["machine_hash"] == arm.planning_hash
         assert check.format_report(arm)[0] == (
             f"{arm.name}: {arm.joint_count} joints; machine_hash {arm.planning_hash[:12]}, "
             f"posture table {arm.planar_arm.table_hash[:12]}"
@@ -128,7 +131,7 @@ def test_the_report_has_the_hash_that_nodes_and_estimates_files_report(machine, 
 def test_the_picture_shows_the_regions_that_the_text_counts(machine):
     heavy = machine.changed(payload=40.0)
     for arm in (machine, heavy, heavy.changed(module_count=0)):
-        regions, counts = check.find_hold_regions(arm), check.facts(arm)["workspace"]
+        regions, counts = check.find_hold_regions(arm), check.collect_facts(arm)["workspace"]
         boosted = regions.boosted[~regions.beyond_highest_boost]
         assert len(regions.nodes) == counts["points"] - counts["no_posture"]
         assert regions.beyond_highest_boost.sum() == counts["too_heavy"]
@@ -172,7 +175,7 @@ def test_json_has_the_numbers_of_the_text_in_si_units(machine, run):
 def test_a_telescope_is_told_in_millimetres_and_newtons(telescope_machine):
     text = "\n".join(check.format_report(telescope_machine))
     assert re.search(r"3  direct +0\.0 … 250\.0 mm +- +250\.0 +-?0\.0 N", text)
-    found = check.facts(telescope_machine)
+    found = check.collect_facts(telescope_machine)
     assert found["joints"][2]["range_m"] == [0.0, 0.25]
     assert found["workspace"]["held"] + found["workspace"]["boosted"] > 650
 
@@ -194,7 +197,7 @@ def test_what_a_pole_leaves_is_counted_at_many_angles_of_the_slew(slewing_machin
         apart = np.where(outside > 0.0, outside, np.maximum(aside, above))
         reached += len(angles)
         left += int(np.sum(apart >= margin))
-    found = check.facts(pole)["keep_out"]
+    found = check.collect_facts(pole)["keep_out"]
     assert (found["left"], found["reached"], found["slew_angles"]) == (left, reached, 72)
     assert left < reached
     line = check.format_report(pole)[-1]
@@ -206,7 +209,7 @@ def test_what_a_pole_leaves_is_counted_at_many_angles_of_the_slew(slewing_machin
 
 
 def test_it_names_the_controllers_that_suit_the_sensors(machine, run):
-    assert check.facts(machine)["controllers"] == ["coordinated", "independent"]
+    assert check.collect_facts(machine)["controllers"] == ["coordinated", "independent"]
     code, output, errors = run("excavator_1to14")
     assert code == 0, errors
     assert "controllers that suit its length sensors alone: lag_compensated\n" in output
