@@ -131,7 +131,10 @@ BAD_ARGUMENTS = [
     (("mhsb_tools", "mhsb", "compare", "--scheduler", "nonsense"), "not an address like tcp://"),
     (("mhsb_tools", "mhsb", "tune", "--scheduler", "nonsense"), "not an address like tcp://"),
     (("mhsb_tools", "mhsb", "study", "--goals", "2"), "--goals: goes with --draws"),
-    (("mhsb_tools", "mhsb", "study", "--draws", "2", "--goals", "0"), "--goals: 0 is below 1"),
+    (
+        ("mhsb_tools", "mhsb", "study", "--draws", "2", "--goals", "0"),
+        "--goals must be from 1 to 1e+06 (is 0)",
+    ),
     (("mhsb_planner", "goal", "0.5", "up"), "takes X [Y] Z"),
     (("mhsb_planner", "goal", "0.5"), "give X Z or X Y Z [m], not 0.5"),
     (("mhsb_planner", "goal", "0.5", "0.1", "--timeout", "-1"), "--timeout must be from 0.001"),
@@ -160,7 +163,7 @@ BAD_ARGUMENTS = [
         "no 'weight'",
     ),
     (("mhsb_tools", "mhsb", "study", "--jobs", "0"), "--jobs"),
-    (("mhsb_tools", "mhsb", "study", "--draws", "0"), "--draws: 0 is below 1"),
+    (("mhsb_tools", "mhsb", "study", "--draws", "0"), "--draws must be from 1 to 1e+06 (is 0)"),
     (("mhsb_tools", "mhsb", "compare", "--moves", "-1"), "--moves must be from 0"),
     (
         ("mhsb_tools", "mhsb", "compare", "--moves", "3", "--truths", "4"),

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
+from tests.support.messages import encode_schedule, encode_trajectory
 
 from mhsb_control import REGISTERED_CONTROLLERS
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_msgs_py import mode_schedule, topics, trajectory
+from mhsb_msgs_py import topics
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.recording.bag_format import BagTopic
 from mhsb_tools.recording.bag_writer import BagWriter
@@ -60,12 +61,12 @@ def record(folder, simulator, plan):
     with BagWriter(folder) as bag:
         for name in (*readings(simulator), *commands(simulator)):
             bag.add_topic(BagTopic(f"/{name}", "std_msgs/msg/Float64MultiArray", ""))
-        for topic, codec, part in (
-            (topics.JOINT_TRAJECTORY, trajectory, plan[0]),
-            (topics.MODE_COMMANDS, mode_schedule, plan[1]),
+        for topic, encode, part in (
+            (topics.JOINT_TRAJECTORY, encode_trajectory, plan[0]),
+            (topics.MODE_COMMANDS, encode_schedule, plan[1]),
         ):
             bag.add_topic(BagTopic(f"/{topic.name}", topic.type_name, ""))
-            data = serialize_message(filled(codec.encode(part, names)))
+            data = serialize_message(filled(encode(part, names)))
             bag.write(f"/{topic.name}", data, simulator.time_ns, simulator.time_ns)
         write(simulator.time_ns - simulator.step_ns, readings(simulator))
         simulator.set_plan(*plan)
