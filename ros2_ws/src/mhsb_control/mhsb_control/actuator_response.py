@@ -69,7 +69,8 @@ class ResponseSettings:
     Origin: chosen; a larger one leaves slow speeds out, which then are never learnt."""
     min_driven_ratio: float = 0.1
     """Speed from which on a pair shows that the valve has driven the piston, as a share of the
-    speed limit, 0.02 … 1. Only then the smaller step is taken.
+    speed limit, 0.02 … 1. Only then the smaller step is taken. It holds for windows of 0.2 s. In
+    longer ones the same stroke counts.
 
     Origin: a piston that swings on its oil is slower. Where such a swing had counted, an 8 t
     machine stood still for a minute and more (2 of 8 random plants)."""

@@ -3,15 +3,19 @@
 Such machines have dead bands, slow sensors, and delays and lags of a few tenths of a second. The
 plan is known ahead, so that each command is sent earlier by delay and lag:
 
-    u(t) = g(v),   v = v_ref(t + h) + k_p e + w,   ẇ = k_i e
-    e    = L_ref(t + h) − L(t) − ∫ f(u(s)) ds   over s from t − h to t
+    u(t) = g(v),   v = v_ref(t + h) + k_p e
+    e    = L_ref(t + h) − mean of L(τ) + ∫ f(u(s)) ds   over s from τ − h to t
 
 g is the inverse curve of the valve: it gives the command u for a piston speed v. f = g⁻¹ gives the
 speed that a command causes. h is delay plus lag. g and h are learnt for each actuator
 (`actuator_response`). L is the length of the cylinder, and L_ref and v_ref are length and speed of
-the reference. e is the position error, k_p and k_i are gains, and w is the integral part. The
-integral in e predicts the stroke that commands of the last h seconds will still cause. So no
-correction is made twice (Smith predictor).
+the reference. e is the position error, and k_p is a gain. The integral in e predicts the stroke
+that commands cause after τ. So no correction is made twice (Smith predictor).
+
+The mean is taken over the τ of one period of the joint's oscillation on its oil. So this
+oscillation does not pass through the delayed feedback, which would excite it. There is no integral
+part: the learnt curve removes lasting errors. An integral would wind up while a dead band is
+learnt.
 
 At rest the position is corrected by single commands. A new correction begins only when the last one
 has acted.
@@ -28,7 +32,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import ClassVar
 
@@ -70,10 +74,9 @@ class LagCompensatedGains(Section):
     rate: float = Field(default=100.0, ge=5.0, le=1000.0, description="of control and sensors [Hz]")
     expected_delay: ExpectedDelay = DEFAULT_EXPECTED_DELAY
     position_gain: Gain = Field(
-        default=0.5, description="piston speed per position error, in 1/(delay + period) [-]"
-    )
-    integral_gain: NonNegative = Field(
-        le=10.0, default=0.05, description="of the position loop, in squares of its gain [-]"
+        default=0.5,
+        description="piston speed per position error, in 1/(delay + control period + half a "
+        "period of the joint on its oil) [-]",
     )
     rest_error: NonNegative = Field(
         le=1.0,
@@ -112,12 +115,12 @@ class LagCompensationSettings:
     1.
 
     Origin: chosen; the lag is not known exactly, so that the command of a ramp is not, either."""
-    damping_ratio: float = 0.1
-    """Damping ratio of joints on their oil that bounds the position gain to its product with the
-    natural frequency, 0.02 … 1.
+    max_spread_ratio: float = 1.1
+    """Largest standard deviation of the lengths in a window from which a curve is learnt, as a
+    multiple of that of a uniform motion with the same stroke, 1 … 1.21.
 
-    Origin: the smallest for which the gains of `coordinated` are stable. Without lag, a position
-    loop is stable up to twice as high a gain (Merritt)."""
+    Origin: the command causes a nearly uniform motion. An oscillation about a fixed length has at
+    least 1.216 in any window of one to six periods (computed on a grid of windows and phases)."""
     min_speed_ratio: float = 0.01
     """Speed that counts as standstill, as a share of the speed limit, 0.001 … 0.1.
 
@@ -181,15 +184,19 @@ class LagCompensatedAxis:
                 piston retracts. Above the second, nothing is learnt while the piston extends.
             frequency: Lowest natural frequency of the joint on the oil of its cylinder [rad/s].
         """
-        self._ends, self._max_gain = ends, settings.damping_ratio * frequency
+        self._ends = ends
         self._gains, self._settings, self._max_speed = gains, settings, max_speed
         self._period = period
-        self.curves = tuple(InverseCurve(v, max_speed, settings.response) for v in full_speeds)
         self.delay = DelayEstimate(gains.expected_delay, max_speed, settings.response)
-        self.speed, self.learns, self._integral = 0.0, True, 0.0
+        self.speed, self.learns = 0.0, True
         self._rested, self._last_correction, self._creep_ratio = 0.0, 0.0, 1.0
         self._brief = max(round(settings.window / self._period), 1)
-        self._window = max(round(2.0 * math.pi / frequency / self._period), self._brief)
+        oscillation = max(round(2.0 * math.pi / frequency / self._period), 1)
+        self._averaged = self._period * np.arange(oscillation - 1, -1, -1)
+        self._window = max(oscillation, self._brief)
+        driven = settings.response.min_driven_ratio * self._brief / self._window  # by equal strokes
+        response = replace(settings.response, min_driven_ratio=driven)
+        self.curves = tuple(InverseCurve(v, max_speed, response) for v in full_speeds)
         longest = settings.response.max_delay
         settling = max(settings.standing_delays * longest, settings.settling_time)
         kept = max(2.0 * longest, longest + settling)
@@ -212,26 +219,25 @@ class LagCompensatedAxis:
         self._lengths[-1] = length
         if self.learns and not math.isnan(self._lengths[0]):
             self._learn()
-        command = self._command(length, look_ahead)
+        command = self._command(look_ahead)
         self._commands[:-1] = self._commands[1:]
         self._commands[-1] = command
         return command
 
-    def _command(self, length: float, look_ahead: LookAhead) -> float:
+    def _command(self, look_ahead: LookAhead) -> float:
         """Compute the valve command of this control period.
 
-        The command causes the speed that the reference has one delay from now, plus a correction.
-        The correction has a proportional and an integral part. The stroke that earlier commands
-        will still cause is subtracted from the error. The correction and the demanded speed are
-        limited.
+        The command causes the speed that the reference has one delay from now, plus a correction in
+        proportion to the error. The error is the mean over the lengths of one period of the joint
+        on its oil. To each length, the stroke that commands cause after its measurement is added.
+        The correction and the demanded speed are limited.
 
-        While the reference rests, there is no integral part. A correction then begins only at an
-        error beyond `rest_error` (`_rests_within`).
+        While the reference rests, a correction begins only at an error beyond `rest_error`
+        (`_rests_within`).
 
-        Updates `speed`, the integral part, the time at rest, and the state of corrections at rest.
+        Updates `speed`, the time at rest, and the state of corrections at rest.
 
         Args:
-            length: Measured cylinder length [m].
             look_ahead: Function of a time from now [s]. It returns the reference's length [m] and
                 piston speed [m/s] at that time.
 
@@ -242,7 +248,10 @@ class LagCompensatedAxis:
         delay = self.delay.delay
         ways = self._predict_ways()
         reference, planned = look_ahead(delay)
-        under_way = float(ways[-1] - np.interp(-delay, -self._ages, ways))
+        lengths = self._lengths[-len(self._averaged) :]
+        measured = ~np.isnan(lengths)
+        caused = ways[-1] - np.interp(-delay - self._averaged[measured], -self._ages, ways)
+        length, under_way = float(lengths[measured].mean()), float(caused.mean())
         rests = planned == 0.0
         if rests:
             self._rested += self._period
@@ -254,12 +263,9 @@ class LagCompensatedAxis:
         if rests and self._rests_within(error):
             self.speed = 0.0
             return 0.0
-        gain = min(g.position_gain / (delay + self._period), self._max_gain)
+        gain = g.position_gain / (delay + self._period + 0.5 * float(self._averaged[0]))
         most = s.max_correction_ratio * self._max_speed
-        correction = gain * error + (0.0 if rests else self._integral)
-        if abs(correction) < most and not rests:
-            self._integral += g.integral_gain * gain**2 * error * self._period
-        demanded = planned + min(max(correction, -most), most)
+        demanded = planned + min(max(gain * error, -most), most)
         curve = self.curves[int(demanded < 0.0)]
         known = s.known_speed_factor * curve.known_speed
         allowed = max(s.first_speed_ratio * self._max_speed, known)
@@ -274,8 +280,8 @@ class LagCompensatedAxis:
         """Return whether a resting piston is left alone at a position error.
 
         A correction begins when the error exceeds `rest_error`. It ends when the error changes its
-        sign. If the valve's curve is known, all commands of the last two delays must be 0 before a
-        correction begins.
+        sign. If the valve's curve is known, a correction begins only after commands of 0 for two
+        delays and for the time over which lengths are averaged.
 
         When a correction begins, the error is kept, and the ratio of real to predicted motion at
         rest is updated. If the correction before it went too far, the direction changes, and the
@@ -287,7 +293,7 @@ class LagCompensatedAxis:
         """
         if self.speed != 0.0:
             return error * self.speed <= 0.0
-        waiting = max(math.ceil(2.0 * self.delay.delay / self._period), 1)
+        waiting = max(math.ceil(2.0 * self.delay.delay / self._period), 1) + len(self._averaged) - 1
         small = abs(error) < self._gains.rest_error * self._max_speed
         is_known = self.curves[int(error < 0.0)].known_speed > 0.0
         if small or (is_known and self._commands[-waiting:].any()):
@@ -315,9 +321,9 @@ class LagCompensatedAxis:
         """Update curves and delay from the mean speed of the piston in the last window.
 
         The delay is learnt only while both curves are known. A curve is learnt only if all commands
-        that caused the motion had one direction, and the piston moved in this direction. Near the
-        end of the stroke nothing is learnt about motion towards that end. If the piston stands, its
-        dead band may be raised (`_learn_dead_band`).
+        that caused the motion had one direction, and the piston moved in this direction by more
+        than it oscillates on its oil. Near the end of the stroke nothing is learnt about motion
+        towards that end. If the piston stands, its dead band may be raised (`_learn_dead_band`).
         """
         s = self._settings
         time = self._window * self._period
@@ -340,7 +346,9 @@ class LagCompensatedAxis:
         steady = acted[-self._window - math.ceil(s.settling_time / self._period) :]
         low, high = float(steady.min()), float(steady.max())
         forwards = math.copysign(speed, speed * newest)
-        if low * high > 0.0 and forwards > s.min_speed_ratio * self._max_speed:
+        uniform = abs(speed) * time * math.sqrt((self._window + 2) / (12.0 * self._window))
+        is_driven = float(self._lengths.std()) < s.max_spread_ratio * uniform
+        if is_driven and low * high > 0.0 and forwards > s.min_speed_ratio * self._max_speed:
             command = float(np.abs(steady[-self._window :]).mean())
             spread = s.spread_share * (high - low)
             self.curves[int(high < 0.0)].learn(forwards, command, 1.0 / self._window, spread)

@@ -111,9 +111,10 @@ def follow(axis: LagCompensatedAxis, speed: float) -> Law:
     return lambda length, time: axis.update(length, lambda ahead: to_and_fro(time + ahead, speed))
 
 
-def know(valve: Valve) -> LagCompensatedAxis:
+def know(valve: Valve, frequency: float = math.inf) -> LagCompensatedAxis:
     """Return a lag-compensated axis whose curves and delay are the true ones."""
-    axis = build_axis(valve)
+    gains = LagCompensatedGains()
+    axis = LagCompensatedAxis(FULL_SPEEDS, MAX_SPEED, 1.0 / valve.rate, gains, frequency=frequency)
     axis.learns = False
     axis.delay.delay = valve.delay + valve.lag + 0.5 / valve.rate
     for side, curve in enumerate(axis.curves):
@@ -199,9 +200,79 @@ def test_a_joint_that_oscillates_slowly_has_a_lower_gain_and_a_window_of_a_perio
         axis.update(0.0, lambda ahead: (1e-3, 0.01))
         errors.append(axis.speed - 0.01)
         windows.append(axis._window * 0.01)
-    assert errors[0] == errors[1] == pytest.approx(0.5 / (0.2 + 0.01) * 1e-3)
-    assert errors[2] == pytest.approx(0.1 * 5.0 * 1e-3)
+    half_periods = 0.0, 0.5 * 0.02, 0.5 * 1.25  # of 1, 3 and 126 samples
+    assert errors == pytest.approx([0.5 / (0.2 + 0.01 + half) * 1e-3 for half in half_periods])
     assert windows == pytest.approx([0.2, 0.2, 2.0 * math.pi / 5.0], abs=0.01)
+
+
+def test_an_oscillation_on_the_oil_is_not_fed_back():
+    """A correction of it would come too late by delay and lag, and excite it."""
+    axis = know(Valve((0.1, 0.1), FULL_SPEEDS, 1.0, 0.1, 0.1, 100.0), frequency=5.0)
+    speed, times, demanded = 0.04, np.arange(0.0, 10.0, 0.01), []
+    command = axis.curves[0].command_at(speed)
+    for time in times:
+        length = speed * time + 5e-3 * math.sin(5.0 * time)
+        axis.update(length, lambda ahead, time=time: (speed * (time + ahead), speed))
+        axis._commands[-1] = command  # the motion is given
+        demanded.append(axis.speed)
+    assert np.abs(np.array(demanded[-400:]) - speed).max() < 1e-4
+
+
+@pytest.mark.parametrize("frequency", [5.0, 6.0, 7.5, 9.0, 12.0])
+def test_an_oscillation_on_the_oil_is_not_learnt_as_a_motion(frequency):
+    """The slowest oscillation has 5 rad/s; postures with less inertia have faster ones."""
+    gains = LagCompensatedGains()
+    axis = LagCompensatedAxis(FULL_SPEEDS, MAX_SPEED, 0.01, gains, frequency=5.0)
+    axis._command = lambda *arguments: 0.1
+    for time in np.arange(0.0, 20.0, 0.01):
+        axis.update(0.01 * math.sin(frequency * time), lambda ahead: (0.0, 0.0))
+    assert [curve.known_speed for curve in axis.curves] == [0.0, 0.0]
+    assert axis.curves[0].command_at(MAX_SPEED) > 0.9 * MAX_SPEED / FULL_SPEEDS[0]
+
+
+def measure_heavy_joint(random: np.random.Generator) -> float:
+    """RMS error of a joint that oscillates at 5 to 9 rad/s, to and fro, after learning [mm].
+
+    The valve moves the oil, a spring on which the load hangs. Its flow falls with the pressure that
+    accelerates the load. At the speed limit of 0.25 m/s it needs a twentieth of its command, and
+    the fastest motion has 7 mm/s.
+    """
+    valve, full_speeds = Valve.draw(random), (4.7, 4.7)
+    valve.full_speed = tuple(random.uniform(0.8, 1.2) * speed for speed in full_speeds)
+    frequency, damping = random.uniform(5.0, 9.0), random.uniform(0.01, 0.06)
+    stroke, turn, largest = 0.06, 15.5, 0.46  # m, s, m/s² at the full pressure
+    axis = LagCompensatedAxis(full_speeds, 0.25, 0.01, LagCompensatedGains(), frequency=5.0)
+
+    def reference(time: float) -> tuple[float, float]:
+        turns, share = divmod(time / turn, 1.0)
+        length, speed = stroke * ramp(share)[0], stroke * 30 * share**2 * (1 - share) ** 2 / turn
+        return (length, speed) if turns % 2 == 0 else (stroke - length, -speed)
+
+    oil = length = speed = spool = command = 0.0
+    under_way, errors = [0.0] * round(valve.delay / STEP), []
+    for k in range(round(END / STEP)):
+        time = k * STEP
+        if k % 2 == 0:
+            measured = 4e-4 * round(length / 4e-4)
+            command = axis.update(measured, lambda ahead, time=time: reference(time + ahead))
+        under_way.append(command)
+        spool += (under_way.pop(0) - spool) * (1.0 - math.exp(-STEP / valve.lag))
+        acceleration = frequency**2 * (oil - length)
+        drop = max(1.0 - math.copysign(1.0, spool) * acceleration / largest, 0.0)
+        oil += valve.speed(spool) * math.sqrt(drop) * STEP
+        speed += (acceleration - 2.0 * damping * frequency * speed) * STEP
+        length += speed * STEP
+        if time > LEARNING:
+            errors.append(length - reference(time + STEP)[0])
+    return 1e3 * math.sqrt(np.mean(np.square(errors)))
+
+
+def test_a_heavy_joint_on_its_oil_follows_slow_motions(fresh_seed):
+    """Measured: 1.1 mm in the median of 8 draws, 1.4 mm at most; encoders resolve 0.4 mm."""
+    random = np.random.default_rng(fresh_seed)
+    errors = [measure_heavy_joint(random) for _ in range(4)]
+    assert np.median(errors) < 1.3, errors
+    assert max(errors) < 2.5, errors
 
 
 def test_an_arm_with_nearly_half_a_dead_band_and_slow_sensors_moves():
