@@ -45,8 +45,8 @@ def get_value(content: Any, path: str) -> Any:
 def set_value(content: Any, path: str, value: Any) -> None:
     """Set the value at a dotted path in nested content.
 
-    If a section on the way is None, it becomes an empty dict first. The last key may be new in its
-    dict; whether it is allowed is not checked here.
+    Sections on the way that are missing or None are created. Whether a new key is allowed is not
+    checked here.
 
     Args:
         content: Nested dicts and lists, changed in place.
@@ -54,11 +54,12 @@ def set_value(content: Any, path: str, value: Any) -> None:
         value: New value.
 
     Raises:
-        ValuePathError: A part before the last one does not exist, or the last one is not an index
-            of its list.
+        ValuePathError: A part is no index of its list, or stands below a single value.
     """
     *way, last = path.split(".")
     for part in way:
+        if isinstance(content, dict):
+            content.setdefault(part, None)
         key = _resolve_key(content, path, part)
         if content[key] is None:
             content[key] = {}
