@@ -20,7 +20,7 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
 from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, ArmSample, Finding
-from mhsb_sim.simulation.sensors import Sensed
+from mhsb_sim.simulation.sensors import Sensed, compute_length_noise
 
 WATCH_PERIOD = WATCH_PERIOD_NS / SECOND_NS
 """Time between two samples [s]."""
@@ -28,6 +28,8 @@ CAP_SENSOR, ROD_SENSOR, LINE_SENSOR = range(3)
 """Columns of `Sensed.pressure`."""
 PRESSURE_NAMES = "cap pressure", "rod pressure", "line pressure"
 """Names of these columns in texts."""
+JUMP_NOISE_FACTOR = 6.0
+"""Standard deviations of noise that are no jump [-]; exceeded once in 5e8 readings."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class IsolationSettings:
 
     Origin: chosen."""
     farthest_jump: float = 3e-3
-    """Longest stroke of a piston between two samples [m], 1e-4 … 1.
+    """Longest stroke of a piston in WATCH_PERIOD [m], 1e-4 … 1.
 
     Origin: chosen; a piston does not reach 0.3 m/s."""
     settled_time: float = 2.0
@@ -169,7 +171,12 @@ class FrozenPressure:
 
 
 class FrozenLength:
-    """Stroke of a piston's reference since the reading of the length sensor last changed [m]."""
+    """Stroke of a piston's reference while its length sensor has given the very same readings [m].
+
+    The stroke counts from one reading to another. So sensors may be slower than supervision, and a
+    sensor whose readings differ has the stroke 0. A sensor without noise is not examined: a piston
+    at rest repeats its reading.
+    """
 
     name, unit = "frozen_length", "m"
     closes_valves = True
@@ -181,8 +188,10 @@ class FrozenLength:
             machine: The machine.
         """
         self._machine = machine
+        self._reading_ns = -1
         self._reading = np.full(machine.joint_count, np.nan)
         self._reference_length = np.zeros(machine.joint_count)
+        self._way = np.zeros(machine.joint_count)
 
     def evaluate(self, sample: ArmSample) -> Finding:
         """Find the length sensor that is most likely frozen.
@@ -193,26 +202,49 @@ class FrozenLength:
             sample: State of the arm.
 
         Returns:
-            Distance that this piston's reference is away from its value at the last change of the
+            Stroke of this piston's reference from the last reading that differed to the newest
             reading [m], and a clause that names the sensor.
         """
-        now = sample.sensed.length
-        wanted = self._machine.cylinder_lengths(sample.reference.position)
-        self._reference_length = np.where(now != self._reading, wanted, self._reference_length)
-        self._reading = now
-        way = np.abs(wanted - self._reference_length)
-        j = int(np.argmax(way))
+        sensed = sample.sensed
+        if sensed.reading_ns != self._reading_ns:
+            wanted = self._machine.cylinder_lengths(sample.reference.position)
+            is_sound = (sensed.length != self._reading) | (sensed.length_noise == 0.0)
+            self._reference_length = np.where(is_sound, wanted, self._reference_length)
+            self._reading_ns, self._reading = sensed.reading_ns, sensed.length
+            self._way = np.abs(wanted - self._reference_length)
+        j = int(np.argmax(self._way))
         return Finding(
-            float(way[j]),
+            float(self._way[j]),
             f"the length sensor of {self._machine.actuator_names[j]} has repeated its reading "
-            f"while its piston was to move {1e3 * way[j]:.2f} mm",
+            f"while its piston was to move {1e3 * self._way[j]:.2f} mm",
         )
 
 
-class JumpingLength:
-    """Jump of a length reading between two samples, divided by `farthest_jump` [-].
+def compute_frozen_length_time(machine: Machine, limit: float) -> float:
+    """Compute the time after which a frozen length sensor is found while its piston moves at V_max.
 
-    `farthest_jump` is the longest stroke that a piston can make between two samples [m].
+    Args:
+        machine: The machine, with the rate of its sensors.
+        limit: Stroke of the piston beyond which the sensor counts as frozen [m].
+
+    Returns:
+        Longest time from the last sound reading to the finding [s]. It has n readings, with the
+        smallest n for which the stroke exceeds `limit`, and one watch period. It is infinite if the
+        sensors have no noise, since supervision does not examine them.
+    """
+    if not compute_length_noise(machine).any():
+        return math.inf
+    rate = machine.config.imperfections.sensors.rate
+    period = max(1.0 / rate if rate else 0.0, WATCH_PERIOD)
+    stroke = float(machine.arrays.max_piston_speed.max()) * period
+    return (math.floor(limit / stroke) + 1) * period + WATCH_PERIOD
+
+
+class JumpingLength:
+    """Jump of a length between two readings, divided by the longest stroke in that time [-].
+
+    The longest stroke is `farthest_jump` in each WATCH_PERIOD. Six standard deviations of the
+    difference of two readings are added, so that noise alone is no jump.
     """
 
     name, unit = "jumping_length", ""
@@ -221,23 +253,27 @@ class JumpingLength:
     def __init__(self, machine: Machine) -> None:
         """Begin without a sample."""
         self._names = machine.actuator_names
-        self._length: FloatArray | None = None
+        self._before: Sensed | None = None
 
     def evaluate(self, sample: ArmSample) -> Finding:
-        """Find the length reading that has changed most since the last sample.
+        """Find the length reading that has changed most since the readings before.
 
         Args:
             sample: State of the arm. Only `sensed` (sensor readings) is read.
 
         Returns:
-            Magnitude of this change divided by `farthest_jump` [-], and a clause that names the
-            sensor. The value is 0 in the first sample.
+            Magnitude of this change divided by the longest stroke and noise [-], and a clause that
+            names the sensor. The value is 0 in the first sample.
         """
-        before, self._length = self._length, sample.sensed.length
-        way = self._length - (self._length if before is None else before)
-        j = int(np.argmax(np.abs(way)))
+        now, before = sample.sensed, self._before or sample.sensed
+        self._before = now
+        periods = max((now.reading_ns - before.reading_ns) / WATCH_PERIOD_NS, 1.0)
+        way = now.length - before.length
+        noise = JUMP_NOISE_FACTOR * math.sqrt(2.0) * now.length_noise
+        share = np.abs(way) / (ISOLATION_SETTINGS.farthest_jump * periods + noise)
+        j = int(np.argmax(share))
         text = f"the length sensor of {self._names[j]} has leapt by {1e3 * way[j]:.1f} mm"
-        return Finding(float(abs(way[j])) / ISOLATION_SETTINGS.farthest_jump, text)
+        return Finding(float(share[j]), text)
 
 
 class DisagreeingLine:

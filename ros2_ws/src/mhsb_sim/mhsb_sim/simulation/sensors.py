@@ -46,7 +46,9 @@ class Sensed:
     """Sensor readings and commands of n actuators and m servo pumps, in SI units.
 
     Attributes:
+        reading_ns: Simulated time of the newest readings [ns]. Slow sensors keep them meanwhile.
         length: Distance between the pins of each cylinder, float64[n], [m].
+        length_noise: Standard deviation of the noise of each length, float64[n], [m].
         pressure: Pressures of cap side, rod side and line, float64[n, 3], [Pa].
         silent: Time for which each sensor has given no reading, float64[4 n + 1 + m], [s]. The
             order is: n lengths, three pressures of each actuator, pressure of the rail, m speeds of
@@ -57,7 +59,9 @@ class Sensed:
         modes: Modes that the servo prepares, uint8[n].
     """
 
+    reading_ns: int
     length: FloatArray
+    length_noise: FloatArray
     pressure: FloatArray
     silent: FloatArray
     valve_command: FloatArray
@@ -133,6 +137,17 @@ PUMP_SPEED = {
     "resolver": SensorClass(noise=1e-3, resolution=2.0**-12),
 }
 """Classes of pump speed sensors by the names of the machine file, in shares of full speed."""
+
+
+def compute_length_noise(machine: Machine) -> FloatArray:
+    """Return the standard deviation of the noise of each length sensor, float64[n], [m].
+
+    Args:
+        machine: The machine; its file names the class of its length sensors.
+    """
+    kind = LENGTH_CLASSES[machine.config.imperfections.sensors.length]
+    noise = machine.config.servo.length_noise if kind.noise is None else kind.noise
+    return noise * (machine.longest_moment_arms if kind.of_angle else np.ones(machine.joint_count))
 
 
 def build_channels(

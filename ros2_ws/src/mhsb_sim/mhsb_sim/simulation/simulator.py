@@ -252,6 +252,7 @@ class Simulator:
             integer_count=1,
         )
         self._measure(0)
+        self._reading_ns = self._time_ns
         self._servo = ServoLoop(self.controller_name, self.machine, self._signals, self._learnt)
         self._reference, self.guard = self._servo.reference, self._servo.guard
         self._open_valves()
@@ -405,7 +406,9 @@ class Simulator:
         signals, servo_circuit = self._signals, self._servo_circuit
         sensors = signals.sensors
         return Sensed(
+            reading_ns=self._reading_ns,
             length=sensors["length"].copy(),
+            length_noise=self._noise_scale[: len(sensors)].copy(),
             pressure=np.stack([sensors[f"{each}_pressure"] for each in PRESSURE_COLUMNS], 1),
             silent=self._channels["silent"].copy(),
             valve_command=servo_circuit.actuators["valve_command"].copy(),
@@ -634,6 +637,7 @@ class Simulator:
             self._noise *= self._noise_scale
         if self._steps % self._sensor_steps == 0:
             self._measure(row)
+            self._reading_ns = self._time_ns
         self._control()
 
     def _open_valves(self) -> None:

@@ -23,6 +23,7 @@ from typing import ClassVar
 import numpy as np
 
 from mhsb_control import measures_pressures
+from mhsb_model.goal import format_distance
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
 from mhsb_sim.simulation.fault_detection import (
@@ -225,6 +226,8 @@ class Supervision:
             finding = symptom.evaluate(sample)
             warning, limit = getattr(self.limits, symptom.name)
             allowed = f"{limit:g} {symptom.unit}".rstrip()
+            if symptom.unit == "m":
+                allowed = format_distance(limit)
             if finding.value > limit:
                 why = filter(None, [self._pumps.describe_suspects(sample.sensed), finding.text])
                 self._stop_for_fault(

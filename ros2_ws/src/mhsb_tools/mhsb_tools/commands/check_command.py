@@ -10,7 +10,12 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from mhsb_control import load_machine, measures_pressures, select_controllers
+from mhsb_control import (
+    default_controller,
+    load_machine,
+    measures_pressures,
+    select_controllers,
+)
 from mhsb_control.delay_line import describe_uncompensated_delay
 from mhsb_model import command_line, hydraulics
 from mhsb_model.circuit.dead_time import compute_dead_time, compute_valve_lag
@@ -22,6 +27,8 @@ from mhsb_model.obstacles.clearance import clearances
 from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.posture.grid import list_grid_nodes
 from mhsb_sim.circuit.valves.registry import read_valve_sections
+from mhsb_sim.simulation.fault_detection import SupervisionLimits
+from mhsb_sim.simulation.fault_isolation import compute_frozen_length_time
 from mhsb_tools.moves.operating_regions import OperatingRegions
 from mhsb_tools.moves.workspace_drawing import draw_workspace_picture
 
@@ -85,6 +92,8 @@ def collect_facts(machine: Machine) -> dict[str, Any]:
         - hydraulics: pressures, flows and speeds
         - controllers: names of the controllers that work with the machine's sensors
         - pressure_sensors: whether the machine has pressure sensors
+        - length_sensors: their class, rate, and the time in which a frozen one is found
+        - dead_bands: valve openings below which no oil flows, extending and retracting [-]
         - workspace: counts of grid points that are held, need boost, or cannot be held
         - keep_out: counts of grid points that stay reachable beside the obstacles; missing if the
             machine has none
@@ -98,6 +107,8 @@ def collect_facts(machine: Machine) -> dict[str, Any]:
         "hydraulics": _hydraulic_facts(machine),
         "controllers": list(select_controllers(machine)),
         "pressure_sensors": measures_pressures(machine),
+        "length_sensors": _length_sensor_facts(machine),
+        "dead_bands": list(machine.config.imperfections.overlaps),
         "workspace": _count_workspace_points(machine.planar_arm),
     }
     if machine.obstacles.names:
@@ -113,10 +124,10 @@ def format_report(machine: Machine) -> list[str]:
 
     Returns:
         Lines without line breaks: name, table of joints, pumps and booster modules, values that the
-        file gives to one actuator only, suitable controllers, the dead time of a machine without
-        pressure sensors, a delay of commands that is not compensated, and counts of workspace
-        points. If the machine has obstacles, the count of points that remain reachable follows.
-        Angles are in degrees, pressures in MPa and flows in L/min.
+        file gives to one actuator only, suitable controllers, length sensors, dead bands, the dead
+        time of a machine without pressure sensors, a delay of commands that is not compensated, and
+        counts of workspace points. If the machine has obstacles, the count of points that remain
+        reachable follows. Angles are in degrees, pressures in MPa and flows in L/min.
     """
     found = collect_facts(machine)
     lines = [
@@ -127,6 +138,7 @@ def format_report(machine: Machine) -> list[str]:
     lines += _own_lines(found["joints"])
     sensors = "pressure sensors" if found["pressure_sensors"] else "length sensors alone"
     lines.append(f"controllers that suit its {sensors}: {', '.join(found['controllers'])}")
+    lines += _sensor_and_valve_lines(found["length_sensors"], found["dead_bands"])
     if dead_time := compute_dead_time(machine):
         lines.append(
             f"its servo needs a plan {1e3 * dead_time:.0f} ms ahead: computing delay and valve lag "
@@ -144,6 +156,55 @@ def format_report(machine: Machine) -> list[str]:
     )
     if "keep_out" in found:
         lines += _keep_out_lines(found["keep_out"])
+    return lines
+
+
+def _length_sensor_facts(machine: Machine) -> dict[str, Any]:
+    """Collect class and rate of the length sensors, and how soon a frozen one is found.
+
+    Args:
+        machine: The arm.
+
+    Returns:
+        A dictionary. Keys:
+
+        - class: name in the machine file
+        - rate_hz: readings in a second
+        - frozen_found_s: longest time in which the simulator's supervision finds a frozen sensor,
+          with its default limits, while the fastest piston moves at V_max; None if it does not
+    """
+    sensors = machine.config.imperfections.sensors
+    _, limit = SupervisionLimits.for_controller(default_controller(machine)).frozen_length
+    time = compute_frozen_length_time(machine, limit)
+    return {
+        "class": sensors.length,
+        "rate_hz": sensors.rate or 1.0 / machine.config.simulation.step,
+        "frozen_found_s": time if math.isfinite(time) else None,
+    }
+
+
+def _sensor_and_valve_lines(sensors: dict[str, Any], dead_bands: list[float]) -> list[str]:
+    """Format length sensors and dead bands as one line of text each.
+
+    Args:
+        sensors: Values as `_length_sensor_facts` returns them.
+        dead_bands: Dead bands of the valves in extension and retraction, shares of the spool's
+            stroke.
+
+    Returns:
+        A line on the sensors; a line on the dead bands if there are any.
+    """
+    time = sensors["frozen_found_s"]
+    found = "a frozen one is not found by its readings, since they have no noise"
+    if time is not None:
+        found = f"at V_max a frozen one is found within {1e3 * time:.0f} ms"
+    lines = [f"length sensors '{sensors['class']}' read at {sensors['rate_hz']:g} Hz; {found}"]
+    if any(dead_bands):
+        extending, retracting = (f"{100.0 * each:g} %" for each in dead_bands)
+        lines.append(
+            f"dead bands of the valves: {extending} of the stroke extending, {retracting} "
+            "retracting"
+        )
     return lines
 
 

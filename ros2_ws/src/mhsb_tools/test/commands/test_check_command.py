@@ -223,3 +223,27 @@ def test_a_valve_of_no_kind_and_a_wrong_key_of_a_valve_are_refused(tmp_path, mac
     assert code == 1
     assert "circuit.valves.fuse: no such kind of valve" in errors
     assert "circuit.valves.piston_seal.leakage" in errors
+
+
+@pytest.mark.parametrize(
+    ("rate", "speed", "milliseconds"),
+    [(10.0, 0.09, 110), (20.0, 0.09, 60), (50.0, 0.09, 30), (50.0, 0.012, 70), (1000.0, 0.05, 30)],
+)
+def test_the_report_says_how_soon_a_frozen_sensor_is_found(rate, speed, milliseconds):
+    """0.6 mm are exceeded by the first reading, the third (0.24 mm each), or after 20 ms."""
+    arm = load_machine("excavator_1to14").with_values(
+        {"imperfections.sensors.rate": rate, "motion.max_piston_speed": speed}
+    )
+    [line] = (each for each in check.format_report(arm) if each.startswith("length sensors"))
+    assert line == (
+        f"length sensors 'encoder_13_bit' read at {rate:g} Hz; at V_max a frozen one is found "
+        f"within {milliseconds} ms"
+    )
+    quiet = arm.with_values({"servo.length_noise": 0.0})
+    assert check.collect_facts(quiet)["length_sensors"]["frozen_found_s"] is None
+
+
+def test_the_report_names_dead_bands(machine):
+    assert "dead bands" not in "\n".join(check.format_report(machine))
+    text = "\n".join(check.format_report(load_machine("excavator_1to14")))
+    assert "dead bands of the valves: 20 % of the stroke extending, 30 % retracting\n" in text
