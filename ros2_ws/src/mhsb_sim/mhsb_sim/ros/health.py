@@ -15,6 +15,12 @@ LARGEST_OFFSET_NS = SECOND_NS // 2
 """Largest difference between system time and simulated time without a warning [ns]."""
 
 
+WARNING_HOLD_NS = 2 * SECOND_NS
+"""Simulated time for which a warning must be absent before it counts as ended [ns].
+
+So a warning that comes and goes many times a second is logged once.
+"""
+
 VALVES_CLOSED_SENTENCE = "running; the valves are closed until the next plan"
 """Sentence while nothing is wrong and the valves are closed."""
 
@@ -46,6 +52,7 @@ class Health:
         self._faults = faults
         self.duplicates = ""
         self._last_key: tuple[object, ...] | None = None
+        self._warned_ns: dict[int, int] = {}
 
     @property
     def level(self) -> Level:
@@ -68,8 +75,8 @@ class Health:
         """Return whether the health has changed in kind since the last call.
 
         The kind consists of the state of the arm, the set of present warnings, and the text on
-        duplicate publishers. Numbers in the other warnings do not belong to it. A call of ~/stop is
-        a change, too.
+        duplicate publishers. Numbers in the other warnings do not belong to it. A warning counts as
+        present until it has been absent for `WARNING_HOLD_NS`. A call of ~/stop is a change, too.
 
         Returns:
             True if the kind has changed; False at the first call.
@@ -98,15 +105,20 @@ class Health:
         Returns:
             Tuple of: whether the simulation is halted; phase of the supervision; time of the last
             stop [ns]; whether the valves are closed; lost booster modules; for each warning except
-            the last, whether it is present; text on duplicate publishers.
+            the last, whether it was present within `WARNING_HOLD_NS`; text on duplicate publishers.
         """
         arm = self._arm
         phase = arm.supervision.phase
         closed = arm.simulator.valves_closed
         # The text on duplicates counts, since the graph reveals them one after the other.
         *warnings, duplicates = self._list_warnings()
-        lost = arm.simulator.lost_modules
-        return arm.halted, phase, arm.last_stop_ns, closed, lost, *map(bool, warnings), duplicates
+        lost, now_ns = arm.simulator.lost_modules, arm.simulator.time_ns
+        self._warned_ns |= {k: now_ns for k, warning in enumerate(warnings) if warning}
+        lasting = [
+            0 <= now_ns - self._warned_ns.get(k, -WARNING_HOLD_NS) < WARNING_HOLD_NS
+            for k in range(len(warnings))
+        ]
+        return arm.halted, phase, arm.last_stop_ns, closed, lost, *lasting, duplicates
 
     def _list_warnings(self) -> tuple[str, str, str, str, str, str]:
         """Return all warnings, empty ones included.
