@@ -121,6 +121,7 @@ OTHER_UNITS = {
     "m": (("mm", 1e-3),),
     "m/s": (("mm/s", 1e-3),),
     "Pa": (("bar", 1e5), ("MPa", 1e6)),
+    "m³/s": (("L/min", 1e-3 / 60.0),),
 }
 """Units that are mistaken for an SI unit, by that unit, each with its factor to SI."""
 

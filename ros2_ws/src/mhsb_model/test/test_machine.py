@@ -507,3 +507,13 @@ def test_each_wrong_value_of_a_telescope_has_its_sentence(tmp_path, path, value,
         content["joints"][2][section][key] = value
 
     assert re.search(sentence, "\n".join(spoilt_telescope(tmp_path, spoil)))
+
+
+def test_start_angles_in_degrees_are_asked_about_and_extensions_in_millimetres(tmp_path):
+    def spoil(content):
+        content["simulation"]["start_posture"] = [34, -86, 200]
+
+    told = spoilt_telescope(tmp_path, spoil)
+    assert any("34 rad is outside the joint's limits" in each for each in told)
+    assert any("; in degrees? 34 degrees are 0.5934 rad" in each for each in told)
+    assert any("; in mm? 200 mm are 0.2 m" in each for each in told)

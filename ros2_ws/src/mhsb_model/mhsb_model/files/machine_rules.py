@@ -6,6 +6,7 @@ reported. A broken rule is one string, `path: sentence`, with the path of the va
 
 from __future__ import annotations
 
+from mhsb_model.errors import suggest_unit_of_number
 from mhsb_model.schema import JOINT_KINDS, AnyJoint, MachineConfig, Section, unit_of
 
 
@@ -262,6 +263,7 @@ def _check_start_posture(config: MachineConfig) -> list[str]:
     return [
         f"simulation.start_posture.{j}: {q:g} {unit_of(joint)} is outside the joint's limits "
         f"[{joint.limits.lower:g}, {joint.limits.upper:g}] {unit_of(joint)}"
+        + suggest_unit_of_number(q, unit_of(joint), joint.limits.lower, joint.limits.upper)
         for j, (q, joint) in enumerate(zip(start, config.joints, strict=True))
         if not joint.limits.lower <= q <= joint.limits.upper
     ]
