@@ -7,7 +7,8 @@ to one machine: name and hash (`Machine.planning_hash`) must be the same.
 from __future__ import annotations
 
 import itertools
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Self
@@ -117,13 +118,44 @@ def write_estimates_file(
     Raises:
         EstimatesFileError: The file cannot be written. An earlier file is kept.
     """
-    part = path.with_name(f"{path.name}.part")
-    try:
+    part = _get_part_file(path)
+    with _name_write_problems(path):
         part.write_text(_format_estimates(machine, actuators), encoding="utf-8")
         part.replace(path)
+
+
+def check_estimates_file_is_writable(path: Path) -> None:
+    """Check before long work that an estimates file can be written after it.
+
+    Args:
+        path: The file; it is not changed, and not created.
+
+    Raises:
+        EstimatesFileError: The file cannot be written.
+    """
+    part = _get_part_file(path)
+    with _name_write_problems(path):
+        part.write_text("", encoding="utf-8")
+        part.unlink()
+
+
+def _get_part_file(path: Path) -> Path:
+    """Return the path of the file that is written first, and then takes the place of `path`."""
+    return path.with_name(f"{path.name}.part")
+
+
+@contextmanager
+def _name_write_problems(path: Path) -> Iterator[None]:
+    """Context manager that turns OSError into EstimatesFileError, and removes the part file.
+
+    Args:
+        path: The estimates file.
+    """
+    try:
+        yield
     except OSError as error:
         with suppress(OSError):
-            part.unlink(missing_ok=True)
+            _get_part_file(path).unlink(missing_ok=True)
         raise EstimatesFileError(
             path,
             f"it cannot be written: {error.strerror or error}; make room and its folder writable, "

@@ -9,6 +9,7 @@ from mhsb_control.controller import ServoSignals
 from mhsb_control.errors import EstimatesFileError, UnknownControllerError
 from mhsb_control.estimates_file import (
     DirectionResponse,
+    check_estimates_file_is_writable,
     read_estimates_file,
     write_estimates_file,
 )
@@ -135,3 +136,15 @@ def test_a_folder_that_is_not_there_and_other_controllers_are_refused(machine, t
         read_estimates_file(tmp_path / "no" / "learnt.yaml", machine)
     with pytest.raises(ArgumentError, match="keeps no estimates; leave it out, or use lag_comp"):
         build_controller(load_machine(), taught.get_learnt(), "coordinated")
+
+
+def test_a_file_that_cannot_be_written_is_found_before_and_one_that_can_is_left_alone(tmp_path):
+    file = tmp_path / "learnt.yaml"
+    check_estimates_file_is_writable(file)
+    assert list(tmp_path.iterdir()) == []
+    file.write_text("kept")
+    check_estimates_file_is_writable(file)
+    assert file.read_text() == "kept"
+    (tmp_path / "learnt.yaml.part").mkdir()  # root may write everywhere, but not a folder
+    with pytest.raises(EstimatesFileError, match="it cannot be written: Is a directory"):
+        check_estimates_file_is_writable(file)

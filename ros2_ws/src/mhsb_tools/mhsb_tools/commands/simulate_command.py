@@ -22,6 +22,7 @@ from mhsb_control import (
     load_machine,
 )
 from mhsb_control.controller import LearningController
+from mhsb_control.estimates_file import check_estimates_file_is_writable
 from mhsb_model import command_line
 from mhsb_model.command_line import JsonFlag, OptionalFile, Seed
 from mhsb_model.files.output_folders import make_output_folder
@@ -153,7 +154,8 @@ def simulate(
 
     Raises:
         UsageError: There is no goal, or `audit` is given together with `json_`.
-        EstimatesFileError: The estimates file cannot be used, or not be written after the run.
+        EstimatesFileError: The estimates file cannot be used, or not be written. Both are found
+            before the run.
     """
     if not goal:
         raise command_line.UsageError("give --goal X Z T, once or several times")
@@ -169,6 +171,8 @@ def simulate(
         make_output_folder(output, "the run")
     plant = build_plant(known, arm.plant, arm.vary)
     run = _prepare_run(known, kept_out, plant, method)
+    if method.estimates_file is not None:
+        check_estimates_file_is_writable(method.estimates_file)
     began = time.perf_counter()
     results = list(tqdm(run.run(goals), total=len(goals), unit="goal", leave=False, disable=None))
     seconds = time.perf_counter() - began
