@@ -29,6 +29,7 @@ from mhsb_planner.posture.grid import list_grid_nodes
 from mhsb_sim.circuit.valves.registry import read_valve_sections
 from mhsb_sim.simulation.fault_detection import SupervisionLimits
 from mhsb_sim.simulation.fault_isolation import compute_frozen_length_time
+from mhsb_tools.commands.machine_doubts import list_doubts
 from mhsb_tools.moves.operating_regions import OperatingRegions
 from mhsb_tools.moves.workspace_drawing import draw_workspace_picture
 
@@ -95,9 +96,11 @@ def collect_facts(machine: Machine) -> dict[str, Any]:
         - length_sensors: their class, rate, and the time in which a frozen one is found
         - dead_bands: valve openings below which no oil flows, extending and retracting [-]
         - workspace: counts of grid points that are held, need boost, or cannot be held
+        - doubts: sentences on values with which the machine cannot work
         - keep_out: counts of grid points that stay reachable beside the obstacles; missing if the
             machine has none
     """
+    points = _count_workspace_points(machine.planar_arm)
     found = {
         "name": machine.name,
         "hash": machine.planar_arm.table_hash,
@@ -109,10 +112,11 @@ def collect_facts(machine: Machine) -> dict[str, Any]:
         "pressure_sensors": measures_pressures(machine),
         "length_sensors": _length_sensor_facts(machine),
         "dead_bands": list(machine.config.imperfections.overlaps),
-        "workspace": _count_workspace_points(machine.planar_arm),
+        "workspace": points,
     }
     if machine.obstacles.names:
         found["keep_out"] = _count_points_left(machine)
+    found["doubts"] = list_doubts(machine, points["held"] + points["boosted"])
     return found
 
 
@@ -127,7 +131,8 @@ def format_report(machine: Machine) -> list[str]:
         file gives to one actuator only, suitable controllers, length sensors, dead bands, the dead
         time of a machine without pressure sensors, a delay of commands that is not compensated, and
         counts of workspace points. If the machine has obstacles, the count of points that remain
-        reachable follows. Angles are in degrees, pressures in MPa and flows in L/min.
+        reachable follows. The last lines are warnings, see `machine_doubts`. Angles are in degrees,
+        pressures in MPa and flows in L/min.
     """
     found = collect_facts(machine)
     lines = [
@@ -156,7 +161,7 @@ def format_report(machine: Machine) -> list[str]:
     )
     if "keep_out" in found:
         lines += _keep_out_lines(found["keep_out"])
-    return lines
+    return lines + [f"warning: {doubt}" for doubt in found["doubts"]]
 
 
 def _length_sensor_facts(machine: Machine) -> dict[str, Any]:
