@@ -644,7 +644,11 @@ class Sensors(Section):
     With `pressure: none` no controller runs that reads pressures.
     """
 
-    length: Literal["file", "encoder_16_bit", "encoder_13_bit", "imu"] = "file"
+    length: Literal["file", "encoder_16_bit", "encoder_13_bit", "imu"] = Field(
+        default="file",
+        description="encoders round joint angles; inertial sensors have 0.1° of noise and drift by "
+        "0.5° a minute (standard deviations), which no servo corrects",
+    )
     pressure: Literal["file", "laboratory", "industrial", "none"] = "file"
     pump_speed: Literal["exact", "resolver"] = "exact"
     rate: float | None = Field(
