@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import sys
 import time
 from collections.abc import Sequence
@@ -39,6 +40,7 @@ from mhsb_planner.result_files import write_json
 from mhsb_sim.circuit.audit import compute_energy_gap, compute_volume_gap, sum_energy_by_source
 from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.simulation.plant_files import load_plant
+from mhsb_sim.simulation.sensors import LENGTH_CLASSES
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.commands.plan_arguments import POSITION_RANGE, OptionalPayload, change_machine
 from mhsb_tools.commands.zone_arguments import ZoneArguments
@@ -194,7 +196,12 @@ def simulate(
             print("\n".join(format_audit(simulator.energies, simulator.volumes)))
             print("\n".join(energy_text(elements)))
     missed = [result for result in results if is_missed(result)]
-    causes = describe_possible_causes(arm, method.estimates_file, simulator.controller_name)
+    is_learning = issubclass(
+        get_controller_class(simulator.controller_name), LearningController
+    ) and not all(each.known for each in simulator.estimates)
+    causes = describe_possible_causes(
+        arm, method.estimates_file, plant.config.imperfections.sensors.length, is_learning
+    )
     for result in missed:
         print(
             f"simulate: {compose_missed_sentence(result, interventions, causes)}", file=sys.stderr
@@ -258,21 +265,27 @@ def is_missed(result: GoalRun) -> bool:
 
 
 def describe_possible_causes(
-    arm: SimulatedArmArguments, estimates_file: Path | None, controller: str
+    arm: SimulatedArmArguments, estimates_file: Path | None, sensors: str, is_learning: bool
 ) -> str:
     """Describe possible causes of goals that a run has missed.
 
     Args:
         arm: Options for the arm that is simulated.
         estimates_file: Estimates file of the run; None without one.
-        controller: Name of the servo controller.
+        sensors: Class of the simulated length sensors.
+        is_learning: Whether the servo learns its valves, and some estimate is not yet known.
 
     Returns:
-        Clauses that each begin with "; ". Empty if the simulated arm equals its machine file and
-        the servo learns nothing.
+        Clauses that each begin with "; ". Empty if the simulated arm equals its machine file, its
+        sensors do not drift, and the servo has learnt its valves.
     """
     causes = []
-    if issubclass(get_controller_class(controller), LearningController):
+    if drift := LENGTH_CLASSES[sensors].drift:
+        causes.append(
+            f"its length sensors '{sensors}' drift by some {math.degrees(60.0 * drift):g}° a "
+            "minute, which the servo cannot see: fit others, such as encoder_13_bit"
+        )
+    if is_learning:
         file = (
             f"the same --estimates-file {estimates_file}"
             if estimates_file
