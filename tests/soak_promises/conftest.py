@@ -81,7 +81,6 @@ def events(machine: Machine) -> Events:
         plans_in_force=(heard(0.0, 0), heard(10.55, path.stamp_ns), heard(15.1, 0)),
         trajectories=(path,),
         schedules=(),
-        goals_sent=2,
         goals=(heard(10.4, Goal(1, 0.5, 0.1)), heard(42.0, Goal(2, 0.5, 0.1))),
         reports=(
             heard(10.5, GoalVerdict(Verdict.OK, "it goes", 1, 0.5, 0.1, plan)),

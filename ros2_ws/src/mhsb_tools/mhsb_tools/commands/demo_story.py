@@ -109,7 +109,7 @@ def _describe_fate(goal: Mapping[str, Any], has_next: bool) -> str:
             return "the tip was there already"
         case "under_way":
             return FATE_WORDS["under_way"]
-        case "refused" | "unreadable":
+        case "refused":
             return f"{goal['code']}: {goal['explanation']}"
         case fate:
             return f"{fate}: {goal['explanation']}"

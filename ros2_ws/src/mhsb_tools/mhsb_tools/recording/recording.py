@@ -35,7 +35,7 @@ from mhsb_msgs_py import (
     topics,
     trajectory,
 )
-from mhsb_msgs_py.errors import MessageError
+from mhsb_msgs_py.errors import GoalError, MessageError
 from mhsb_msgs_py.sim_status import HandOverReport, SimulatorReport
 from mhsb_msgs_py.topics import Topic
 from mhsb_tools.recording import cdr_structure
@@ -152,8 +152,7 @@ class Recording:
         plans_in_force: Stamp [ns] of each plan that came into force, 0 for a hold, with its time.
         trajectories: Published trajectories, in the order of log time.
         schedules: Published mode schedules, in the order of log time.
-        goals_sent: Number of goal poses, readable or not.
-        goals: `Goal` of each readable goal pose, with its time.
+        goals: `Goal` of each goal pose, with its time; also of poses that cannot be used.
         reports: Verdicts and execution reports, each with its time.
         hand_overs: `HandOverReport` of each plan that reached the simulator, with its time.
         simulator_reports: `SimulatorReport` of about every second, with its time.
@@ -172,7 +171,6 @@ class Recording:
     plans_in_force: tuple[TimedValue, ...]
     trajectories: tuple[Trajectory, ...]
     schedules: tuple[ModeSchedule, ...]
-    goals_sent: int
     goals: tuple[TimedValue, ...]
     reports: tuple[TimedValue, ...]
     hand_overs: tuple[TimedValue, ...]
@@ -340,7 +338,6 @@ class _Decoder:
             _GrowingTable(),
         )
         self._values: dict[Topic, list[tuple[int, Any]]] = defaultdict(list)
-        self._goals_sent = 0
         to_base = _get_unknown_position if slews else None
         self._decoders: dict[Topic, Callable[[RecordedMessage], Any]] = {
             topics.MODES: lambda each: modes_in_force.decode(_deserialized(each), joint_count),
@@ -389,7 +386,6 @@ class _Decoder:
             plans_in_force=tuple(self._timed(topics.PLAN_IN_FORCE, clock)),
             trajectories=self._all(topics.JOINT_TRAJECTORY),
             schedules=self._all(topics.MODE_COMMANDS),
-            goals_sent=self._goals_sent,
             goals=tuple(self._timed(topics.GOAL_POSE, clock)),
             reports=_flatten_reports(self._timed(topics.PLAN_STATUS, clock)),
             hand_overs=_select_kind(HandOverReport, diagnostics),
@@ -402,8 +398,8 @@ class _Decoder:
     def _decode_message(self, message: RecordedMessage) -> None:
         """Decode one message and store it with the others of its topic.
 
-        Messages of topics without a decoder, such as markers, are ignored. Goal poses are counted
-        even if they cannot be read.
+        Messages of topics without a decoder, such as markers, are ignored. Goals are stored even if
+        they cannot be used.
 
         Args:
             message: The message.
@@ -426,8 +422,11 @@ class _Decoder:
             columns = (getattr(hydraulic, each) for each in actuator_states.SAMPLE_FIELDS)
             self._hydraulics.add(hydraulic.stamp_ns, log_ns, *columns)
         elif topic in self._decoders:
-            self._goals_sent += topic is topics.GOAL_POSE
-            value = self._decoders[topic](message)
+            try:
+                value = self._decoders[topic](message)
+            except GoalError as error:
+                self._values[topic].append((log_ns, error.goal))
+                raise
             _check_numbers(value)
             self._values[topic].append((log_ns, value))
 

@@ -7,7 +7,7 @@ This is the only definition behind the demo's `goals_lost`, `scripts/bench onlin
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from mhsb_model.circuit.dead_time import SETTLING_TIME
@@ -21,6 +21,12 @@ LEAD_MAX = 1.0
 
 Machines without pressure sensors have their dead time in addition. It is measured between times of
 recording, since this is how long the user waits.
+"""
+
+LONGEST_ANSWER_NS = 10 * SECOND_NS
+"""Longest time from the stamp of a goal to its verdict for which the stamp counts as a time [ns].
+
+It is that for which `mhsb goal` waits. Stamps are opaque, but usually the time of sending.
 """
 
 OF_THE_GOAL = frozenset(
@@ -127,7 +133,10 @@ def judge_recorded_goals(
     settling_time: float = SETTLING_TIME,
     lead_max: float = LEAD_MAX,
 ) -> tuple[JudgedGoal, ...]:
-    """Judge each readable goal of a recording: applied, superseded, refused, stopped or lost.
+    """Judge each goal of a recording: applied, superseded, refused, stopped or lost.
+
+    A goal whose message was not recorded is judged by its verdict and execution report
+    (`find_unrecorded_goals`).
 
     Args:
         recording: The recording.
@@ -138,12 +147,13 @@ def judge_recorded_goals(
             compared.
 
     Returns:
-        One judgement for each readable goal, in the order in which they were sent.
+        One judgement for each goal, in the order in which they were sent.
     """
+    goals = [*recording.goals, *find_unrecorded_goals(recording)]
     plan_ends = {each.stamp_ns: each.end_ns for each in recording.trajectories}
     until_ns = int(recording.joint_states.time_ns[-1])
     return judge_goals(
-        recording.goals,
+        sorted(goals, key=lambda each: each.recorded_ns),
         recording.reports,
         recording.plans_in_force,
         plan_ends,
@@ -152,6 +162,38 @@ def judge_recorded_goals(
         settling_time,
         lead_max,
     )
+
+
+def find_unrecorded_goals(recording: Recording) -> tuple[TimedValue, ...]:
+    """Return the goals that got a verdict, but whose messages are not in the recording.
+
+    Their sender was not yet connected to the recorder, used the action, or the message is damaged.
+
+    Args:
+        recording: The recording.
+
+    Returns:
+        The goals by their verdicts. Their times are those of their stamps if a stamp is at most
+        LONGEST_ANSWER_NS before the verdict, by the system clock or in ROS time. Otherwise they
+        are the verdict's times.
+    """
+    recorded = {each.value.stamp_ns for each in recording.goals}
+    found = []
+    for each in recording.reports:
+        stamp_ns = each.value.goal_stamp_ns
+        if not isinstance(each.value, GoalVerdict) or stamp_ns in recorded:
+            continue
+        delays = (each.recorded_ns - stamp_ns, each.time_ns - stamp_ns)
+        delay_ns = next((delay for delay in delays if 0 <= delay <= LONGEST_ANSWER_NS), 0)
+        found.append(
+            replace(
+                each,
+                value=each.value.goal,
+                time_ns=each.time_ns - delay_ns,
+                recorded_ns=each.recorded_ns - delay_ns,
+            )
+        )
+    return tuple(found)
 
 
 def judge_goals(

@@ -11,7 +11,12 @@ from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
 from mhsb_tools.recording.bag_format import BagError
 from mhsb_tools.recording.recording import Recording, check_order
-from mhsb_tools.report.goal_fates import LEAD_MAX, JudgedGoal, judge_recorded_goals
+from mhsb_tools.report.goal_fates import (
+    LEAD_MAX,
+    JudgedGoal,
+    find_unrecorded_goals,
+    judge_recorded_goals,
+)
 from mhsb_tools.report.recorded_energy import EnergyRecord, compute_energy_record
 from mhsb_tools.report.recorded_goals import RecordedGoal, evaluate_goals
 from mhsb_tools.report.recorded_motion import (
@@ -35,7 +40,7 @@ class EvaluatedRecording:
         modes: All modes that were in force, as one schedule.
         tip: Positions of the measured tip and of its reference.
         goals: Goals that got a verdict.
-        judged_goals: All readable goals, judged.
+        judged_goals: All goals, judged.
         energy: Measured and planned energy.
     """
 
@@ -96,6 +101,13 @@ def evaluate_recording(recording: Recording, machine: Machine) -> EvaluatedRecor
         )
     check_machine(recording, machine)
     check_order(recording)
+    if unrecorded := len(find_unrecorded_goals(recording)):
+        _log.warning(
+            "messages of goals that are not in the recording: %d; these goals are judged by their "
+            "verdicts and execution reports (the sender did not know the recorder yet, or used the "
+            "action)",
+            unrecorded,
+        )
     followed = join_references(recording)
     modes = join_modes(recording)
     tip = compute_tip_motion(recording, machine, followed)

@@ -20,7 +20,7 @@ from mhsb_model.modes import Mode
 from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py.sim_status import APPLIED_OUTCOME
 from mhsb_tools.recording.recording import Recording
-from mhsb_tools.report.goal_fates import GoalResult, JudgedGoal
+from mhsb_tools.report.goal_fates import GoalResult, JudgedGoal, find_unrecorded_goals
 from mhsb_tools.report.recorded_energy import EnergyRecord
 from mhsb_tools.report.recorded_goals import RecordedGoal
 from mhsb_tools.report.recorded_motion import TipMotion
@@ -54,10 +54,11 @@ def compute_summary(run: EvaluatedRecording) -> Summary:
 
         - `machine`: Name of the machine.
         - `duration_s`: Time from the first to the last joint state.
-        - `goals_sent`: Goal poses, readable or not.
+        - `goals_sent`: Goals whose message or verdict was recorded.
+        - `goals_not_recorded`: Goals that got a verdict, but whose message was not recorded.
         - `goals_accepted`: Accepting verdicts.
-        - `goal_fates`: Number of goals by `JudgedGoal.fate`, and those that are `unreadable`; only
-            numbers above 0. Their sum is `goals_sent`.
+        - `goal_fates`: Number of goals by `JudgedGoal.fate`; only numbers above 0. Their sum is
+            `goals_sent`.
         - `goals_reached`, `goals_replaced`, `goals_superseded`, `goals_refused`, `goals_stopped`,
             `goals_lost`: The same numbers, also if 0.
         - `places_not_reached`: Positions of goals that were never reached, however often they were
@@ -107,15 +108,15 @@ def _everything(run: EvaluatedRecording) -> Summary:
     recording = run.recording
     time_ns = recording.joint_states.time_ns
     fates = Counter(each.fate for each in run.judged_goals)
-    fates["unreadable"] = recording.goals_sent - len(run.judged_goals)
     judged = {each.goal.stamp_ns: each for each in run.judged_goals}
     return {
         "machine": run.machine.name,
         "duration_s": PER_S * int(time_ns[-1] - time_ns[0]),
         "real_time_factor": compute_real_time_factor(recording),
-        "goals_sent": recording.goals_sent,
+        "goals_sent": len(run.judged_goals),
+        "goals_not_recorded": len(find_unrecorded_goals(recording)),
         "goals_accepted": sum(goal.verdict.code.accepted for goal in run.goals),
-        "goal_fates": dict(+fates),
+        "goal_fates": dict(fates),
         **{f"goals_{fate}": fates[fate] for fate in COUNTED_FATES},
         "places_not_reached": _places_not_reached(run.goals),
         "switches_in_motion": sum(goal.in_motion for goal in run.goals),
@@ -132,7 +133,7 @@ def _everything(run: EvaluatedRecording) -> Summary:
         "replan_ms": compute_quantiles(_replan_times(run.goals)),
         "lead_ms": compute_quantiles(each.lead_ms for each in run.judged_goals),
         "unreadable_messages": recording.unreadable_count,
-        "goals": [_goal(goal, judged.get(goal.verdict.goal_stamp_ns)) for goal in run.goals],
+        "goals": [_goal(goal, judged[goal.verdict.goal_stamp_ns]) for goal in run.goals],
         "lost": [
             {**_place(each.goal), "reason": each.reason}
             for each in run.judged_goals
@@ -420,12 +421,12 @@ def _place(goal: Goal) -> Summary:
     return {"x_m": _number(goal.x), **beside, "z_m": _number(goal.z)}
 
 
-def _goal(goal: RecordedGoal, judged: JudgedGoal | None) -> Summary:
+def _goal(goal: RecordedGoal, judged: JudgedGoal) -> Summary:
     """Return the summary's entry of a goal that got a verdict.
 
     Args:
         goal: The goal.
-        judged: The goal with its judgement; None if the goal cannot be read.
+        judged: The goal with its judgement.
 
     Returns:
         Entries:
@@ -433,8 +434,7 @@ def _goal(goal: RecordedGoal, judged: JudgedGoal | None) -> Summary:
         - x_m, z_m, and y_m if the arm slews: position [m]
         - code, sentence: verdict of the planner
         - outcome: outcome of the execution; None if no execution was reported
-        - fate, explanation: `JudgedGoal.fate` and `JudgedGoal.explanation`; `unreadable` and the
-          verdict's sentence if the goal cannot be read
+        - fate, explanation: `JudgedGoal.fate` and `JudgedGoal.explanation`
         - in_motion: whether the goal's plan took over while the reference moved
         - plan_ms, plan_energy_j, plan_duration_s: planning time, planned energy and duration of the
           plan; None if no plan was made
@@ -447,8 +447,8 @@ def _goal(goal: RecordedGoal, judged: JudgedGoal | None) -> Summary:
         "code": verdict.code.value,
         "sentence": verdict.sentence,
         "outcome": goal.outcome.value if goal.outcome else None,
-        "fate": judged.fate if judged else "unreadable",
-        "explanation": judged.explanation if judged else verdict.sentence,
+        "fate": judged.fate,
+        "explanation": judged.explanation,
         "in_motion": goal.in_motion,
         "plan_ms": _number(plan.plan_ms) if plan else None,
         "plan_energy_j": _number(plan.energy_j) if plan else None,

@@ -23,13 +23,13 @@ SUMMARY = {
         goal(0.55, -0.6, "reached", rest=0.031),
         goal(0.55, -0.6, "at_goal", Verdict.AT_GOAL),
         goal(9.0, 0.0, "refused", Verdict.OUT_OF_WORKSPACE),
-        goal(None, 0.0, "unreadable", Verdict.NOT_FINITE),
+        goal(None, 0.0, "refused", Verdict.NOT_FINITE),
         goal(0.55, 0.1, "lost"),
         goal(0.55, 0.2, "aborted"),
     ],
     "goals_sent": 7, "goals_accepted": 5, "switches_in_motion": 1,
     "goal_fates": {
-        "replaced": 1, "reached": 1, "at_goal": 1, "refused": 1, "unreadable": 1, "lost": 1,
+        "replaced": 1, "reached": 1, "at_goal": 1, "refused": 2, "lost": 1,
         "aborted": 1,
     },
     "replan_ms": {"p50": 52.0}, "lead_ms": {"p50": 90.0}, "reference_jump_max_rad": 0.0,
@@ -56,7 +56,7 @@ def test_goals_are_named_by_what_became_of_them():
     assert fates[6].endswith("aborted: a sentence")
     assert (
         "7 goals sent, 5 accepted: 1 replaced in motion by the next goal, 1 reached, "
-        "1 there already, 1 refused, 1 unreadable, 1 lost, 1 aborted"
+        "1 there already, 2 refused, 1 lost, 1 aborted"
     ) in lines
     assert "missed" not in "\n".join(lines)
 

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from mhsb_model.goal import Goal
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome, PlanSummary, Verdict
 from mhsb_tools.recording.recording import TimedValue
-from mhsb_tools.report.goal_fates import GoalResult, judge_goals, judge_recorded_goals
+from mhsb_tools.report.goal_fates import (
+    GoalResult,
+    find_unrecorded_goals,
+    judge_goals,
+    judge_recorded_goals,
+)
 
 WALL_NS = 1_700_000_000 * SECOND_NS
 
@@ -216,7 +223,32 @@ def test_a_recording_tells_the_fates_of_its_goals(run):
         GoalResult.APPLIED,
         GoalResult.APPLIED,
         GoalResult.REFUSED,
+        GoalResult.REFUSED,
         GoalResult.APPLIED,
         GoalResult.APPLIED,
     ]
-    assert [each.result for each in told.values()] == expected  # one goal cannot be read
+    assert [each.result for each in told.values()] == expected
+
+
+def test_goals_whose_messages_were_not_recorded_have_the_same_fates(run):
+    expected = judge_recorded_goals(run.recording)
+    for heard in ((), run.recording.goals[::2]):
+        fates = judge_recorded_goals(replace(run.recording, goals=heard))
+        assert [each.fate for each in fates] == [each.fate for each in expected]
+        assert [each.goal.stamp_ns for each in fates] == [each.goal.stamp_ns for each in expected]
+
+
+@pytest.mark.parametrize("clock", ["recorded_ns", "time_ns"])
+def test_a_goal_that_was_not_recorded_was_sent_at_its_stamp_if_that_is_a_time(run, clock):
+    report = at(50.0, None)
+    stamp_ns = getattr(report, clock) - 2 * SECOND_NS
+    reports = [
+        replace(report, value=verdict(stamp_ns, Verdict.SUPERSEDED)),
+        replace(report, value=verdict(7, Verdict.SUPERSEDED)),
+    ]
+    timed, untimed = find_unrecorded_goals(replace(run.recording, goals=(), reports=tuple(reports)))
+    assert (timed.time_ns, timed.recorded_ns) == (
+        at(48.0, None).time_ns,
+        at(48.0, None).recorded_ns,
+    )
+    assert (untimed.time_ns, untimed.recorded_ns) == (report.time_ns, report.recorded_ns)
