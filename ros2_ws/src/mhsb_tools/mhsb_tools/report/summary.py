@@ -81,6 +81,8 @@ def compute_summary(run: EvaluatedRecording) -> Summary:
         - `cavitation`: Actuators whose load drives the piston faster than its inlet chamber fills
             at P_S (`mhsb_model.feasibility.cavitation`).
         - `speed_excess_measured`: Largest |v| / V_max - 1 of all pistons (`compute_speed_excess`).
+        - `v_max_of_file_mm_s`: V_max of each actuator in the machine file, with which speeds are
+            compared. The recording does not have the planner's parameter `v_max`.
         - `plans_applied`, `plans_refused`: Plans that the simulator applied; refused or dropped.
         - `replan_ms`: Goal received to plan published.
         - `lead_ms`: Goal received to the instant at which the applied plan left the old one.
@@ -130,6 +132,7 @@ def _everything(run: EvaluatedRecording) -> Summary:
         **_pressures(run),
         "cavitation": _cavitation(run),
         "speed_excess_measured": compute_speed_excess(run),
+        "v_max_of_file_mm_s": [PER_MM * v for v in run.machine.arrays.max_piston_speed.tolist()],
         "replan_ms": compute_quantiles(_replan_times(run.goals)),
         "lead_ms": compute_quantiles(each.lead_ms for each in run.judged_goals),
         "unreadable_messages": recording.unreadable_count,
@@ -338,7 +341,7 @@ def compute_speed_excess(run: EvaluatedRecording) -> float | None:
 
         excess = max(|v| / V_max) − 1,  v = ΔL(q) / Δt
 
-    V_max is the actuator's piston speed for which plans are made [m/s], q the measured joint
+    V_max is the actuator's piston speed in the machine file [m/s], q the measured joint
     positions and L the length of the actuator's cylinder [m]. Δt is about SPEED_WINDOW, because
     momentary velocities oscillate. The maximum is over all actuators and times.
 

@@ -183,6 +183,10 @@ def test_numbers_that_json_does_not_have_are_null(run):
     assert content["energy_measured_j"]["mp"] is None
 
 
+def test_the_v_max_with_which_speeds_are_compared_is_that_of_the_machine_file(numbers):
+    assert numbers["v_max_of_file_mm_s"] == pytest.approx(3 * [12.0])  # paper: Table 2
+
+
 def test_the_measured_excess_over_v_max_is_that_of_a_motion_of_known_speed(run):
     """Joint 2 turns so fast that its piston goes 1.3 times V_max, beside a vibration of 500 Hz."""
     machine, time_ns = run.machine, np.arange(0, SECOND_NS, SECOND_NS // 100)
