@@ -15,7 +15,7 @@ from typing import TypeVar
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import LoggingSeverity, set_logger_level
 from rclpy.node import Node
@@ -41,6 +41,10 @@ NodeType = TypeVar("NodeType", bound=Node)
 
 class RosArgumentsError(ArgumentError):
     """Error: the arguments after `--ros-args` cannot be used."""
+
+
+class RosNameError(ArgumentError):
+    """Error: ROS does not take a name of a topic, a service or a node."""
 
 
 class RosError(MhsbError):
@@ -199,6 +203,7 @@ def run_command_node(
     Raises:
         KeyboardInterrupt: A signal has shut ROS down.
         RosArgumentsError: rclpy refuses the arguments.
+        RosNameError: The caller gives a name to the node that ROS does not take.
         RosError: ROS cannot make the node in this environment.
     """
     try:
@@ -206,6 +211,9 @@ def run_command_node(
             yield executor, node
     except ExternalShutdownException:
         raise KeyboardInterrupt from None
+    except NameValidationException as error:
+        reason, name, _ = str(error).splitlines()  # the last line points at a character
+        raise RosNameError(f"{reason[0].lower()}{reason[1:]} {name.strip()}") from None
 
 
 def _warn_of_unknown_parameters(node: Node) -> None:

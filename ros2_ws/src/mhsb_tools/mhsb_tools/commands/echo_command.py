@@ -13,6 +13,7 @@ import yaml
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.validate_topic_name import validate_topic_name
 
 from mhsb_model import command_line
 from mhsb_model.command_line import NumberRange
@@ -78,6 +79,7 @@ def _print_messages(
         as_json: Whether to print each message as one line of JSON instead of YAML.
 
     Raises:
+        NameValidationException: ROS does not take the name.
         TopicError: There is no publisher in time, `once` is set and no message came in time, or the
             message type is not installed.
     """
@@ -95,6 +97,7 @@ def _print_messages(
         else:
             print(yaml.safe_dump(content, sort_keys=False, allow_unicode=True) + "---", flush=True)
 
+    validate_topic_name(topic)
     name = node.resolve_topic_name(topic)
     if not spin_until(executor, lambda: node.count_publishers(name) > 0, timeout):
         known = [each for each, _ in node.get_topic_names_and_types()]
