@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import threading
 
 import pytest
@@ -85,6 +86,24 @@ def test_a_parameter_is_set_and_read(mhsb, node, name, text, value):
     assert mhsb("param", "set", "some_node", name, text)[0] == 0
     code, output = mhsb("param", "get", "some_node", name, "--json")
     assert (code, json.loads(output)) == (0, {name: value})
+
+
+@pytest.mark.parametrize("text", [".nan", "nan", ".NaN", "NaN"])
+def test_a_number_can_be_set_to_nan_in_any_usual_spelling(mhsb, node, text):
+    node.declare_parameter("angle", 0.5)
+    code, output = mhsb("param", "set", "some_node", "angle", text)
+    assert (code, output) == (0, "NaN\n")
+    assert math.isnan(node.get_parameter("angle").value)
+
+
+@pytest.mark.parametrize("command", ["call", "echo"])
+@pytest.mark.parametrize("name", ["", "a b", "9a"])
+def test_a_name_that_ros_does_not_take_is_refused_in_one_sentence(mhsb, ros_domain, command, name):
+    code, output = mhsb(command, name)
+    assert code == 2
+    assert "name must not" in output or "name token must not" in output
+    assert output.endswith(f"'{name}'\n")
+    assert len(output.splitlines()) == 1
 
 
 @pytest.mark.parametrize(

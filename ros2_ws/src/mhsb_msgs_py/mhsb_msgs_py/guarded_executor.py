@@ -8,6 +8,7 @@ taken, rclpy never frees the callback group again. This executor records each fa
 from __future__ import annotations
 
 import functools
+import re
 import warnings
 from collections.abc import Callable, Coroutine, Sequence
 from typing import Any
@@ -23,7 +24,7 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Task
 
-from mhsb_model.errors import suggest_name
+from mhsb_model.errors import suggest_name, suggest_unit_of_number
 from mhsb_msgs_py import stamps
 from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.faults import Faults, name_callback
@@ -52,6 +53,9 @@ A client may ask before the node has discovered that it listens for responses. R
 
 UNSENT_RESPONSE = "failed to send response"
 """Words of rclpy's warning that a client cannot receive a response yet."""
+
+UNIT_IN_DESCRIPTION = re.compile(r"\[([^]]+)\]")
+"""Unit in the description of a parameter, such as `[Pa]`."""
 
 Execution = Callable[[], Coroutine[Any, Any, None]]
 """Coroutine function that executes a callback whose input has been taken."""
@@ -331,15 +335,18 @@ def _take_clock(subscription: Subscription) -> Execution | None:
 
 
 def _find_unusable_parameter(node: Node, parameters: Sequence[Parameter]) -> str:
-    """Return why parameters of a request cannot be set, without a check of their values.
+    """Return why parameters of a request cannot be set.
+
+    Of their values, only numbers of parameters with a range are checked, since rclpy's own sentence
+    names no numbers.
 
     Args:
         node: Node of the parameters. Only those in its `deletable_parameters` may be deleted.
         parameters: Parameters of the request.
 
     Returns:
-        One sentence about the first parameter that does not exist, has an unknown type, or would be
-        deleted although it must not be. Empty if there is no such parameter.
+        One sentence about the first parameter that does not exist, has an unknown type, is out of
+        its range, or would be deleted although it must not be. Empty if there is no such parameter.
     """
     deletable = getattr(node, "deletable_parameters", ())
     for parameter in parameters:
@@ -354,6 +361,16 @@ def _find_unusable_parameter(node: Node, parameters: Sequence[Parameter]) -> str
             )
         if kind == ParameterType.PARAMETER_NOT_SET and name not in deletable:
             return f"{name} cannot be deleted; set it to another value"
+        described = node.describe_parameter(name)
+        if kind == ParameterType.PARAMETER_DOUBLE and described.floating_point_range:
+            value, [limits] = parameter.value.double_value, described.floating_point_range
+            least, greatest = limits.from_value, limits.to_value
+            if not least <= value <= greatest:
+                units = UNIT_IN_DESCRIPTION.findall(described.description)
+                unit = units[-1] if units else ""
+                hint = suggest_unit_of_number(value, unit, least, greatest)
+                words = f"{least:g} to {greatest:g} {unit}".rstrip()
+                return f"{name} must be from {words} (is {value:g}){hint}"
     return ""
 
 

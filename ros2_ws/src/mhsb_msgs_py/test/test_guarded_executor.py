@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 
 import pytest
-from rcl_interfaces.msg import Parameter, ParameterValue, SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    Parameter,
+    ParameterDescriptor,
+    ParameterType,
+    ParameterValue,
+    SetParametersResult,
+)
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.clock import Clock as NodeClock
 from rclpy.clock import ClockType
@@ -301,3 +309,26 @@ def test_an_exception_without_a_text_or_with_an_endless_one_makes_one_line(frail
     long = frail.node.faults.record_fault("a test", ValueError("é\n" * 100_000))
     assert len(long) < 500
     assert "\n" not in long
+
+
+@pytest.mark.parametrize(
+    ("value", "sentence"),
+    [
+        (4e-5, "must be from 100000 to 5e+07 Pa (is 4e-05)"),
+        (0.4, "must be from 100000 to 5e+07 Pa (is 0.4); in MPa? 0.4 MPa are 4e+05 Pa"),
+        (-1.0, "must be from 100000 to 5e+07 Pa (is -1)"),
+        (math.nan, "must be from 100000 to 5e+07 Pa (is nan)"),
+    ],
+)
+def test_a_number_out_of_its_range_is_refused_with_the_range_and_a_unit_that_fits(
+    frail, value, sentence
+):
+    bounds = [FloatingPointRange(from_value=1e5, to_value=5e7)]
+    frail.node.declare_parameter(
+        "pressure", 1e7, ParameterDescriptor(description="P_S [Pa]", floating_point_range=bounds)
+    )
+    content = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
+    parameters = [Parameter(name="pressure", value=content)]
+    [result] = frail.call(SetParameters, "frail/set_parameters", parameters=parameters).results
+    assert (result.successful, result.reason) == (False, f"pressure {sentence}")
+    assert frail.value("pressure") == 1e7

@@ -41,8 +41,10 @@ AT_GOAL_ANGLE = 1e-3
 MAX_REGION_SIZE = 100.0
 """Largest accepted size of a region [m]. It is far beyond the reach of any arm."""
 
-WIDEST_ANGLE = 100.0
-"""Largest accepted end-link angle, in either direction [rad]. It is more turns than any arm makes.
+WIDEST_ANGLE = 15.0
+"""Largest accepted end-link angle, in either direction [rad].
+
+It is more than two turns, which no arm makes, and less than most angles in degrees.
 """
 
 EDGE_FACTOR = 1.0 - 1e-9

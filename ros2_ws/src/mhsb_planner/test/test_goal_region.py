@@ -89,8 +89,8 @@ def test_a_tip_outside_of_a_region_does_not_meet_it():
         (lambda: Disc(1e308), r"goal region's radius must be at most 100 m \(is 1e\+308\)"),
         (lambda: BoxRegion(0.1, 1e300), r"half_z must be at most 100 m"),
         (lambda: Segment(-1e308, 0.0), r"x must be at most 100 m"),
-        (lambda: check_angle(1e300), r"goal_psi must be from -100 to 100 rad \(is 1e\+300\)"),
-        (lambda: check_angle((-1e9, 0.0)), r"goal_psi must be from -100 to 100 rad"),
+        (lambda: check_angle(1e300), r"goal_psi must be from -15 to 15 rad \(is 1e\+300\)"),
+        (lambda: check_angle((-1e9, 0.0)), r"goal_psi must be from -15 to 15 rad"),
     ],
 )
 def test_what_is_no_region_or_angle_is_refused_with_a_sentence(make, sentence):

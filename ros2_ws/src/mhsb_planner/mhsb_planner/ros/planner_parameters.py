@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from mhsb_model.command_line import UsageError
-from mhsb_model.errors import MhsbError
+from mhsb_model.errors import MhsbError, suggest_unit_of_number
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.types import Position
@@ -470,7 +470,9 @@ def _find_number_out_of_range(values: Mapping[str, Any]) -> str | None:
         for number in value if isinstance(value, Sequence) else (value,):
             beyond = isinstance(number, int | float) and math.isfinite(number)
             if beyond and not least <= number <= greatest:
-                return f"{name} must be from {least:g} to {greatest:g} (is {number:g})"
+                unit = "rad" if name in FREE_ANGLES else ""
+                hint = suggest_unit_of_number(number, unit, least, greatest)
+                return f"{name} must be from {least:g} to {greatest:g} (is {number:g}){hint}"
     return None
 
 

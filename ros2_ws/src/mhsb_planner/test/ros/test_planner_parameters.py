@@ -298,6 +298,7 @@ def test_a_point_cannot_be_passed_at_less_than_no_distance(node):
         ({"goal_psi_min": 0.1}, "must be given both or not at all, and not with goal_psi"),
         ({"goal_psi": 0.1, "goal_psi_min": 0.1, "goal_psi_max": 0.2}, "not with goal_psi"),
         ({"goal_psi_min": 0.3, "goal_psi_max": 0.2}, "the least first"),
+        ({"goal_psi": 90.0}, "in degrees? 90 degrees are 1.571 rad"),
         ({"goal_psi_max": math.inf}, "goal_psi_max must be an angle in rad"),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_format
+import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
@@ -18,6 +19,9 @@ from mhsb_model.command_line import NumberRange
 from mhsb_model.errors import MhsbError, suggest_name
 from mhsb_msgs_py.node_process import run_command_node, spin_until
 from mhsb_tools.commands.echo_command import to_plain
+
+NAN_SPELLING = re.compile(r"(?<![\w.])\.?nan\b", re.IGNORECASE)
+"""Spellings of NaN in Python and YAML, such as `nan` and `.NaN`; JSON in Python has only `NaN`."""
 
 
 class ParameterError(MhsbError):
@@ -173,7 +177,7 @@ def _parse(text: str, kind: Parameter.Type) -> Any:
 
     Args:
         text: The text. It is parsed as JSON; for type STRING it is returned as it is. For type
-            BOOL, capital letters are accepted, as in `True`.
+            BOOL, capital letters are accepted, as in `True`. NaN may be spelled as in YAML.
         kind: Type of the ROS parameter.
 
     Returns:
@@ -186,7 +190,8 @@ def _parse(text: str, kind: Parameter.Type) -> Any:
     """
     if kind is Parameter.Type.STRING:
         return text
-    value = json_format.loads(text.lower() if kind is Parameter.Type.BOOL else text)
+    text = text.lower() if kind is Parameter.Type.BOOL else NAN_SPELLING.sub("NaN", text)
+    value = json_format.loads(text)
     if kind is Parameter.Type.DOUBLE and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     if kind is Parameter.Type.DOUBLE_ARRAY:
