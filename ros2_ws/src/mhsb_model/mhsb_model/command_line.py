@@ -376,7 +376,8 @@ def _check_ranges(kinds: Mapping[str, Any], values: Mapping[str, Any]) -> None:
             continue
         for number in _iterate_numbers(value):
             if not limits.least <= number <= limits.greatest:
-                flag = f"--{name.strip('_').replace('_', '-')}"
+                is_positional = tyro.conf.Positional in kinds[name].__metadata__
+                flag = name.upper() if is_positional else f"--{name.strip('_').replace('_', '-')}"
                 hint = suggest_unit_of_number(number, limits.unit, limits.least, limits.greatest)
                 given = str(number)[:MAX_QUOTED_NUMBER]
                 raise UsageError(f"{flag} must be {limits} (is {given}){hint}")

@@ -11,7 +11,13 @@ from typing import IO, Annotated, Literal
 import pytest
 import tyro
 
-from mhsb_model.command_line import run, set_interrupt_note, without_ros_arguments
+from mhsb_model.command_line import (
+    EXIT_USAGE,
+    NumberRange,
+    run,
+    set_interrupt_note,
+    without_ros_arguments,
+)
 from mhsb_model.errors import MachineFileError, MhsbError
 
 
@@ -285,3 +291,16 @@ def test_what_finds_no_room_to_be_printed_is_told_in_a_sentence(tmp_path):
         _, errors = child.communicate(timeout=30)
     assert errors.strip() == "count: the output cannot be written: No space left on device"
     assert child.returncode == 1
+
+
+def test_a_positional_number_out_of_range_is_named_as_in_the_usage(capsys):
+    def go(
+        place: Annotated[float, tyro.conf.Positional, NumberRange(-1.0, 1.0)],
+        speed: Annotated[float, NumberRange(0.0, 1.0)] = 1.0,
+    ) -> None:
+        """Go to a place."""
+
+    assert run(go, ["7"], name="go") == EXIT_USAGE
+    assert capsys.readouterr().err == "go: PLACE must be from -1 to 1 (is 7.0)\n"
+    assert run(go, ["0", "--speed", "7"], name="go") == EXIT_USAGE
+    assert capsys.readouterr().err == "go: --speed must be from 0 to 1 (is 7.0)\n"

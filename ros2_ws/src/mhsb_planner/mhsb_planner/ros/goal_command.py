@@ -18,6 +18,7 @@ from mhsb_model.command_line import NumberRange
 from mhsb_model.types import Position
 from mhsb_model.verdict import ExecutionReport, GoalVerdict, Outcome, Verdict
 from mhsb_msgs_py.node_process import run_command_node, spin_until
+from mhsb_planner.goal_region import WIDEST_ANGLE
 from mhsb_planner.ros.goal_sender import GoalSender
 
 EXIT_ACCEPTED, EXIT_REFUSED, EXIT_NO_ANSWER = 0, 1, 3
@@ -27,7 +28,7 @@ SEND_AGAIN_AFTER_NO_STATE = 1.0
 """Time after a verdict NO_STATE until the goal is sent again [s]."""
 
 POSITION_RANGE, TOLERANCE_RANGE = NumberRange(-1e4, 1e4, "m"), NumberRange(0.0, 2.0, "m")
-ANGLE_RANGE = NumberRange(-100.0, 100.0, "rad")
+ANGLE_RANGE = NumberRange(-WIDEST_ANGLE, WIDEST_ANGLE, "rad")
 """Ranges of the options: positions and distances [m], angles [rad]."""
 
 
@@ -262,8 +263,8 @@ def _format_verdict(verdict: GoalVerdict) -> list[str]:
     if plan is not None and plan.plan_stamp_ns != 0:
         lines.append(
             f"  {plan.duration_s:.2f} s, {plan.energy_j:.0f} J ({plan.energy_series_j:.0f} J in "
-            f"series reading, at least {plan.lower_bound_j:.0f} J), {plan.switches} mode switches, "
-            f"planned in {plan.plan_ms:.1f} ms"
+            f"series reading, at least {plan.lower_bound_j:.0f} J), {plan.switches} mode "
+            f"{'switch' if plan.switches == 1 else 'switches'}, planned in {plan.plan_ms:.1f} ms"
         )
     return lines
 
