@@ -113,7 +113,7 @@ class Plan:
 
         The columns are: time [s]; position, velocity and acceleration of each joint [rad or m, per
         s and s²]; mode of each actuator (N, DB or SB); planned pressure in the supply line of each
-        actuator [Pa].
+        actuator [Pa]; tip in `base_link` [m].
 
         Args:
             file: The file. It is written completely or not at all. Missing folders are created.

@@ -93,6 +93,9 @@ def test_the_table_has_the_motion_with_units(plan, tmp_path):
     ):
         for j, name in enumerate(machine.joint_names):
             assert [float(row[f"{name} {quantity}"]) for row in rows] == values[:, j].tolist()
+    for row, q in zip(rows, trajectory.position, strict=True):
+        tip = [float(row["tip x [m]"]), float(row["tip z [m]"])]
+        assert tip == pytest.approx(machine.tip_position(q), abs=1e-12)
     for j, name in enumerate(machine.actuator_names):
         for k, row in enumerate(rows):
             mode = Mode[row[f"{name} mode"]]

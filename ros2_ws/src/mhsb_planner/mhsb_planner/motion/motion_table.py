@@ -64,6 +64,7 @@ def list_columns(machine: Machine) -> list[str]:
         ),
         *(f"{name} mode" for name in machine.actuator_names),
         *(f"{name} supply pressure [Pa]" for name in machine.actuator_names),
+        *(f"tip {axis} [m]" for axis in ("xyz" if machine.slews else "xz")),
     ]
 
 
@@ -80,15 +81,17 @@ def iterate_rows(
     Yields:
         One row for each point: time since the first point [s]; positions, then velocities, then
         accelerations of all joints [rad or m, per s and s²]; mode of each actuator as N, DB or SB;
-        planned pressure in each actuator's supply line [Pa].
+        planned pressure in each actuator's supply line [Pa]; tip in `base_link` [m].
     """
     modes = schedule.modes_at_many(trajectory.stamp_ns + trajectory.offset_ns)
     profile = compute_motion_profile(machine, trajectory.position, trajectory.velocity)
     supply = compute_planned_supply(machine, profile.force, profile.speed, modes)
+    tip = machine.tip_in_base(trajectory.position)
     for k, offset_ns in enumerate(trajectory.offset_ns):
         yield [
             float(offset_ns / SECOND_NS),
             *chain.from_iterable(values[k].tolist() for values in trajectory.points),
             *(Mode(code).name for code in modes[k]),
             *supply[k].tolist(),
+            *tip[k].tolist(),
         ]
