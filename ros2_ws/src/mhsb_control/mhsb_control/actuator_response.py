@@ -277,7 +277,8 @@ class InverseCurve:
 
         Args:
             command: Command, 0 … 1.
-            weight: Share of this observation in an independent one, above 0 … 1.
+            weight: Weight of this observation, above 0 … 1; 1 for an observation that shares no
+                measurement with others.
         """
         if self.commands[0] < command < self._settings.max_dead_band:
             s = self._settings

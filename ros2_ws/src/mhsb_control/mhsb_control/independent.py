@@ -120,9 +120,9 @@ def run_independent_step(
 
     The valve command is u A_dir/(K √Δp_nominal), limited to −1 … 1. u is the demanded piston speed,
     A_dir the piston area that the supply fills, and K the valve's flow coefficient. A line is
-    joined to the rail if its mode is SB (shared boost). It is also joined if a spare module or one
-    of another line serves it. Each pump in use controls the pressure of its line, or of the rail if
-    the line is joined:
+    joined to the rail if its mode is SB (shared boost). It is also joined if a module serves it
+    that is spare or belongs to another line. Each pump in use controls the pressure of its line, or
+    of the rail if the line is joined:
 
         Q_cmd = C k_P (p_target − p) + ∫ C k_I (p_target − p) dt,    0 ≤ Q_cmd ≤ Q_max
 

@@ -173,7 +173,7 @@ def accumulate_load_window(
     """Add one step of an actuator to its window, and update the load estimates from a full window.
 
     A window has `window_steps` successive steps of steady motion. The estimates of payload and
-    friction are updated from the means of both torques over the window.
+    friction are updated from the means of `torque` and `friction` over the window.
 
     Args:
         load: Estimates and windows, updated in place.

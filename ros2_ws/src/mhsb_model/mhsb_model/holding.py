@@ -88,7 +88,7 @@ def choose_stop_modes(machine: Machine, force: FloatArray, in_force: ModeArray) 
 
 @kernel
 def _holding_modes(m: MachineArrays, force: FloatArray) -> tuple[ModeArray, int]:
-    """Choose the mode in which each cylinder holds its load, whatever modules that takes.
+    """Choose the mode in which each cylinder holds its load; the number of modules has no limit.
 
     The mode is N (fed by the main pump alone) if the main pump's pressure holds the load. Otherwise
     it is DB (boosted by the actuator's own servo pump).

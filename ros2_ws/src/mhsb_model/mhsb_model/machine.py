@@ -781,9 +781,9 @@ class Machine:
 
         The first link begins at joint 1 in every posture, so the arm could never keep clear of such
         an obstacle. An obstacle is too close if its distance from joint 1 is below the link's
-        radius plus the margin of discrete paths. Only obstacles of the first link are checked,
-        without self-collision. For a slewing arm nothing is checked, since the link of its joint 1
-        is not in the plane.
+        radius plus the margin of discrete paths. Only obstacles that the first link must avoid are
+        checked, and not other links. For a slewing arm nothing is checked, since the link of its
+        joint 1 is not in the plane.
 
         Returns:
             One sentence for each such obstacle, for error messages; empty if there is none.

@@ -66,8 +66,8 @@ def make_parent_folder(file: Path, purpose: str) -> Path:
         `file`.
 
     Raises:
-        MhsbError: The path is a folder, a part of its parent exists and is not a folder, or the
-            folder that would hold its parent does not exist.
+        MhsbError: The path is a folder; something on the way to it is a file; or more than one
+            folder would have to be created.
     """
     if file.is_dir():
         raise MhsbError(f"{file} is a folder; name a file for {purpose}")

@@ -296,8 +296,8 @@ def build_obstacles(keep_out: KeepOut, joints: int, joints_before_plane: int = 0
         joints_before_plane: 1 if joint 1 slews, so that its link is not in the plane, else 0.
 
     Returns:
-        Obstacles with rows in the order zones, ground, base, self-collision. `path_rows` has the
-        file's margin added to the radii.
+        Obstacles with rows in the order zones, ground, base, self-collision. Their second array,
+        `path_rows`, is for discrete paths: the same rows with the file's margin added to the radii.
     """
     links = joints - joints_before_plane
     radius = (*(keep_out.link_radii or links * (0.0,)), 0.0)

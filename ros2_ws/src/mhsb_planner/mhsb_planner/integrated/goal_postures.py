@@ -378,9 +378,9 @@ def _find_psi_ranges(
         m: Arrays of the machine.
         x: Tip position forward in the frame of the last three joints [m].
         z: Tip position upward in the frame of the last three joints [m].
-        between: Least and greatest admissible ψ in the same frame [rad]; ψ plus up to 2 turns in
-            either direction is admissible, too. If both angles are equal, each elbow branch gets
-            this ψ, even if it cannot reach the position. −inf and inf if ψ is free.
+        between: Least and greatest admissible ψ in the same frame [rad]; angles that differ by up
+            to 2 whole turns are admissible, too. −inf and inf if ψ is free. If both are equal, that
+            ψ is returned for each elbow branch without a check that it reaches the position.
         ranges: Written in place, shape (MAX_RANGES, 3): elbow branch (sign of the second-last
             joint's angle), least and greatest ψ [rad] of each range.
 

@@ -276,7 +276,7 @@ def warm_up(machine: Machine) -> None:
     """Compile all kernels of the integrated search, also those that only some requests need.
 
     Args:
-        machine: Arm without a slewing joint that the trial calls use. Its obstacles are ignored.
+        machine: Arm without a slewing joint, used for trial calls. Its obstacles are ignored.
     """
     task = _example_problem(machine)
     x, z = task.goals.tip
@@ -292,7 +292,7 @@ def warm_up_pricing(machine: Machine) -> None:
     """Compile the kernels that price a cylinder path or find goal postures.
 
     Args:
-        machine: Arm without a slewing joint that the trial calls use. Its obstacles are ignored.
+        machine: Arm without a slewing joint, used for trial calls. Its obstacles are ignored.
     """
     task = _example_problem(machine)
     task.price(_straight_line(task))
@@ -304,7 +304,7 @@ def warm_up_paths(machine: Machine) -> None:
     """Compile the kernels of the lower bound and of the conversion to a discrete path.
 
     Args:
-        machine: Arm without a slewing joint that the trial calls use. Its obstacles are ignored.
+        machine: Arm without a slewing joint, used for trial calls. Its obstacles are ignored.
     """
     task = _example_problem(machine)
     _ = task.lower_bound
@@ -317,7 +317,7 @@ def warm_up_lattice(machine: Machine) -> None:
     """Compile the kernels of the A* search over lattices of cylinder lengths.
 
     Args:
-        machine: Arm without a slewing joint that the trial calls use. Its obstacles are ignored.
+        machine: Arm without a slewing joint, used for trial calls. Its obstacles are ignored.
     """
     task = _example_problem(machine)
     lattice = anytime_search.create_lattice_search(
@@ -330,7 +330,7 @@ def warm_up_refinement(machine: Machine) -> None:
     """Compile the kernels that improve a cylinder path by local changes.
 
     Args:
-        machine: Arm without a slewing joint that the trial calls use. Its obstacles are ignored.
+        machine: Arm without a slewing joint, used for trial calls. Its obstacles are ignored.
     """
     task = _example_problem(machine)
     anytime_search.refine(

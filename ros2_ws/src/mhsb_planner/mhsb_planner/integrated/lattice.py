@@ -610,7 +610,8 @@ def _step_to_neighbour(
 
     Args:
         problem: Cost model, lattice and goals.
-        w: Working memory of the thread, overwritten; row 0 of its points is the expanded point.
+        w: Working memory of the thread. Row 0 of its points must hold the expanded point; the other
+            rows are overwritten.
         f: Open list and state records, changed in place.
         known: Data of the lattice points that the search has reached, changed in place.
         origin: The expanded state.

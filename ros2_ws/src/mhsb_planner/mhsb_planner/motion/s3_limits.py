@@ -213,8 +213,9 @@ def _measure_ends(
 
     Returns:
         Quantities at the beginnings and quantities at the ends, both of shape (limits, k) in the
-        order of `STATE_LIMITS`. Last, the largest quantity of a limit with TimeScaling.SPEED at the
-        ends of each interval, shape (k,) [-]; the interval is too fast if it exceeds 1.
+        order of `STATE_LIMITS`. A quantity is a share of its limit [-]. The third array, shape
+        (k,), has the largest quantity of each interval among limits that slowing lowers
+        (`TimeScaling.SPEED`). If it exceeds 1, the interval is too fast.
     """
     begin, end = np.empty((_LIMIT_COUNT, len(modes))), np.empty((_LIMIT_COUNT, len(modes)))
     scratch = np.empty(speed.shape[1])

@@ -503,8 +503,8 @@ def _enforce_lead_and_dwell(
         lead: Time by which each run begins earlier [s].
         dwell: Least length of runs and gaps [s].
         beside: State before interval `first`, and state from interval `last` on. With _ON, a run
-            that touches it counts as long enough. With _OFF, a gap that touches it stays a gap.
-            With _EDGE, runs and gaps that touch it are treated like all others.
+            that touches this end counts as long enough. With _OFF, a gap that touches this end is
+            not closed. With _EDGE, runs and gaps at this end are treated like all others.
     """
     before, after = beside
     since = math.inf

@@ -60,8 +60,8 @@ class StampOrder:
         - One publisher: its clock was set back, and `publisher_conflict` is cleared.
         - Several publishers: for `DECIDED_AFTER` after the step back, every stamp earlier than the
           latest one is `MIXED`. A second step back within this time sets `publisher_conflict`.
-          If there is no second one, a clock was set back: after this time, the next stamp that is
-          earlier than the latest one is `BACK`.
+          Without a second step back, a clock was set back. The first stamp after `DECIDED_AFTER`
+          that is earlier than the latest one is then `BACK`.
 
         The latest stamp is the greatest one since a clock was last set back. While
         `publisher_conflict` is set, every stamp earlier than the latest one is `MIXED`.

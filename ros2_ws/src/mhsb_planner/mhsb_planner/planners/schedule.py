@@ -134,9 +134,9 @@ def schedule_proposers(proposers: ProposerSet, progress: PlanProgress) -> Iterat
        over without a motion, the baselines have turns until there is one.
     4. The baselines have turns until each has ended.
 
-    The search without leakage has all its turns as soon as the integrated search has given a path
-    that takes less time than the slew. The motion then lasts as long as the slew on any path, so
-    leakage costs the same on each.
+    `proposers` may contain one more search, which prices no leakage. It has all its turns as soon
+    as the integrated search has given a path that takes less time than the slew. The motion then
+    lasts as long as the slew on any path, so leakage costs the same on each.
 
     Args:
         proposers: The proposers.

@@ -309,8 +309,9 @@ class PlanningLoop:
         """Fit the variants of a motion to its path, and keep each that beats the incumbent.
 
         The incumbent is the best plan so far. Variants are motions by other rules, such as faster
-        ramps (`list_variant_rules`). In each group, the first variant that becomes the incumbent
-        ends the trials. Its list of refused curves gets those of `motion`, too.
+        ramps (`list_variant_rules`). They come in groups. The first variant of a group that becomes
+        the incumbent ends the trials of that group. The curves that were refused for `motion` are
+        added to those of the variant.
 
         Args:
             proposal: Proposal with the path.

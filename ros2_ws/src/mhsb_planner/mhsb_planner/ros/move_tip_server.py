@@ -379,9 +379,9 @@ class MoveTipServer:
     def handle_plan_answer(self, request: PlanRequest, answer: Replan | Exception | None) -> bool:
         """Handle an answer of the planning worker if this server has requested the plan.
 
-        The answer ends the goal, or the goal is planned for again. Then planning for the next goal
-        with `plan_only` begins. If an exception occurs here, it is recorded as a fault, and the
-        goal is refused with `INTERNAL`.
+        The answer ends the goal, or the goal is planned for again. After that, planning begins for
+        the next goal whose request has `plan_only`. If an exception occurs here, it is recorded as
+        a fault, and the goal is refused with `INTERNAL`.
 
         Args:
             request: Request that was answered.

@@ -204,9 +204,9 @@ def compute_hydraulic_coefficients(m: MachineArrays, patterns: ModeArray) -> Hyd
     Returns:
         Pressures, leakages and the main pump's flow. For each cylinder and direction: the area, the
         valve drop, and the largest speed in each mode. For each combination: the boosted joints.
-        Three fields are 0, and the caller may replace them. `rest_speed` 0 means that held
-        cylinders never need boost. `other_oil` and `other_time` 0 mean that nothing moves besides
-        the n joints.
+        Three fields are 0, and the caller may replace them: `rest_speed` (piston speed up to which
+        a cylinder counts as held and may need boost), and `other_oil` and `other_time` (oil and
+        time that another motion needs, such as a slew).
     """
     n = len(m.cap_area)
     area = np.empty((n, 2))

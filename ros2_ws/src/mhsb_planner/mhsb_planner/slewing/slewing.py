@@ -111,7 +111,7 @@ def yield_carrying_postures(
 
 
 def _list_node_postures(graph: StepGraph) -> tuple[FloatArray, FloatArray]:
-    """List the postures in the posture table for all actuators in mode N, and their tip positions.
+    """List the table's postures of mode combination N, N, …, N, and their tip positions.
 
     Nodes without such a posture have no row in the result.
 
@@ -351,10 +351,10 @@ class SlewingPaths:
         """Yield planar paths through a via point at which the arm may slew without collision.
 
         Before the via point, zones are avoided at the slew angle of the start. After it they are
-        avoided at the slew angle of the goal. There are two rounds over at most
-        MAX_CARRYING_POSTURES via points. In the first round, the first path found to the via point
-        and from it is taken, in the second round the cheapest. Via points without a path are
-        skipped.
+        avoided at the slew angle of the goal. The via points are tips of at most
+        MAX_CARRYING_POSTURES postures of the table, and are tried in two rounds. In the first
+        round, the first path found to the via point and from it is taken, in the second round the
+        cheapest. Via points without a path are skipped.
 
         Args:
             planner: The planner itself, or a baseline (planner for comparison).

@@ -179,7 +179,7 @@ class PlannerComparer:
         return compute_supply_energies(self._planner.machine, self._leakproof, trajectory, schedule)
 
     def _plan_unboosted_motion(self, move: Move) -> Trajectory:
-        """Plan a move for a main pump at the highest boost pressure; no actuator needs boost.
+        """Plan a move as if the main pump had the highest boost pressure, so that none needs boost.
 
         Args:
             move: Start posture and goal.

@@ -223,8 +223,8 @@ class McapWalk:
         If the message indexes behind a damaged chunk are complete, they give the number of lost
         messages. Otherwise the number is None, which means unknown. Message indexes that do not fit
         an undamaged chunk are yielded as damage with 0 lost messages. If a chunk with the right
-        checksum begins among damaged indexes, the length of an index is wrong. The damage then ends
-        where that chunk begins.
+        checksum begins among damaged indexes, the length of an index is wrong. The index's damage
+        then ends where this chunk begins, not where the index's stated length ends.
 
         Args:
             found: A chunk record.

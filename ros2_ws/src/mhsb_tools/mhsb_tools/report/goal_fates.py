@@ -173,9 +173,9 @@ def find_unrecorded_goals(recording: Recording) -> tuple[TimedValue, ...]:
         recording: The recording.
 
     Returns:
-        The goals by their verdicts. Their times are those of their stamps if a stamp is at most
-        LONGEST_ANSWER_NS before the verdict, by the system clock or in ROS time. Otherwise they
-        are the verdict's times.
+        The goals, as their verdicts state them. The time of a goal is its stamp if this is at most
+        LONGEST_ANSWER_NS before the verdict, by the system clock or else in ROS time. Otherwise it
+        is the time of the verdict.
     """
     recorded = {each.value.stamp_ns for each in recording.goals}
     found = []

@@ -151,7 +151,8 @@ def _kind(kind: KindArguments, draws: DrawArguments) -> str:
 
     Args:
         kind: Options for the kind of study.
-        draws: Options for draws; a number of draws or a file of variations asks for draws.
+        draws: Options for random plants (draws); a number of draws or a file of variations asks for
+            them.
 
     Returns:
         `benchmark`, `faults`, `draws`, or `scenarios` if none of the others is asked for.
