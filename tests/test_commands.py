@@ -440,7 +440,7 @@ def test_an_arm_that_does_not_get_there_is_told_and_fails(start_fork, tmp_path):
     assert goal["goal_distance_mm"] > 100.0
 
 
-def test_a_run_is_not_lost_if_its_estimates_cannot_be_written(start_fork, tmp_path):
+def test_a_run_whose_estimates_cannot_be_written_is_refused_before_it_begins(start_fork, tmp_path):
     child = start_fork(
         *("mhsb_tools", "mhsb", "simulate", "--machine", "excavator_1to14", "--output", tmp_path),
         *("--goal", "0.5", "0.1", "1", "--estimates-file", "/proc/learnt.yaml"),
@@ -448,7 +448,7 @@ def test_a_run_is_not_lost_if_its_estimates_cannot_be_written(start_fork, tmp_pa
     assert child.wait(180) != 0
     assert "estimates file /proc/learnt.yaml: it cannot be written: " in child.output
     assert "Traceback" not in child.output
-    assert len(json.loads((tmp_path / "summary.json").read_text())["goals"]) == 1
+    assert not (tmp_path / "summary.json").exists()
 
 
 def test_an_interrupt_while_a_goal_is_on_its_way_tells_that_it_stays(start, arm):

@@ -605,7 +605,7 @@ class Simulation(Section):
     circuit_substeps: int = Field(
         ge=1, le=100, description="of the circuit in one of the mechanics [-]"
     )
-    start_posture: tuple[float, ...] = Field(
+    start_posture: tuple[Coordinate, ...] = Field(
         description="joint angles at the start [rad], extensions of telescopes [m]"
     )
 

@@ -1,11 +1,16 @@
 """The sentences of the simulate command."""
 
+import json
 from pathlib import Path
 
 import pytest
 
+from mhsb_control.estimates_file import EstimatesFileError
+from mhsb_tools.commands import simulate_command
 from mhsb_tools.commands.simulate_command import (
+    MethodArguments,
     SimulatedArmArguments,
+    ZoneArguments,
     as_text,
     compose_missed_sentence,
     describe_possible_causes,
@@ -78,3 +83,23 @@ def test_tip_errors_are_named_as_those_from_the_slowed_reference():
     assert "tip error 1.00 mm RMS, 2.50 mm at most, from the reference that the guard slows" in (
         as_text(summary)
     )
+
+
+def test_a_run_is_not_lost_if_its_estimates_can_no_longer_be_written(tmp_path, monkeypatch):
+    folder, write = tmp_path / "estimates", simulate_command.write
+    folder.mkdir()
+
+    def write_and_remove_folder(*content):
+        write(*content)
+        folder.rmdir()
+
+    monkeypatch.setattr(simulate_command, "write", write_and_remove_folder)
+    with pytest.raises(EstimatesFileError, match="cannot be written"):
+        simulate_command.simulate(
+            goal=((0.5, 0.1, 1.0),),
+            arm=SimulatedArmArguments(machine="excavator_1to14"),
+            method=MethodArguments(estimates_file=folder / "learnt.yaml"),
+            zones=ZoneArguments(),
+            output=tmp_path / "run",
+        )
+    assert len(json.loads((tmp_path / "run" / "summary.json").read_text())["goals"]) == 1
