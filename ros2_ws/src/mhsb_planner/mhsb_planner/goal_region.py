@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from mhsb_model.errors import suggest_unit_of_number
 from mhsb_model.types import FloatArray
 from mhsb_planner.errors import RequestError
 
@@ -270,7 +271,8 @@ def check_angle(psi: Angle) -> None:
     for angle in psi if isinstance(psi, tuple) else (psi,):
         if angle is not None and math.isfinite(angle) and abs(angle) > WIDEST_ANGLE:
             rule = f"must be from {-WIDEST_ANGLE:g} to {WIDEST_ANGLE:g} rad"
-            raise RequestError("goal_psi", psi, rule)
+            hint = suggest_unit_of_number(angle, "rad", -WIDEST_ANGLE, WIDEST_ANGLE)
+            raise RequestError("goal_psi", psi, rule + hint)
     if isinstance(psi, tuple):
         low, high = psi
         if not (math.isfinite(low) and math.isfinite(high) and low <= high):

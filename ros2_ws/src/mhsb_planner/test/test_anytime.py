@@ -143,14 +143,14 @@ def test_a_moving_start_has_its_first_motion_in_time_too(planner, looks):
         brake = brake_along(planner.machine, first.motion.trajectory, at)
         moving = first.motion.trajectory.sample(at)
 
-        def replanned(after, *arguments):
+        def replanned(after, **motion):
             deadline = looks.deadline_after(after)
-            return planner.plan(*arguments, options, deadline)
+            return planner.plan(options=options, deadline=deadline, **motion)
 
-        arguments = other, moving, modes, brake
-        free = replanned(math.inf, *arguments)
+        motion = {"goal": other, "start": moving, "modes": modes, "brake": brake}
+        free = replanned(math.inf, **motion)
         for after in (looks.count // 2, looks.count - 2):
-            plan = replanned(after, *arguments)
+            plan = replanned(after, **motion)
             assert looks.count <= after + LOOKS_TO_END
             assert plan.cost(options) >= 0.95 * free.cost(options)
 

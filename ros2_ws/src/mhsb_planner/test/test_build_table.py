@@ -72,7 +72,7 @@ def test_by_default_it_writes_where_the_planner_looks(machine, tmp_path, monkeyp
     ("arguments", "code", "sentence"),
     [
         (("--spacing", "-0.05"), 2, "spacing must be above 0 and at most 1.029 m"),
-        (("--jobs", "0"), 2, "--jobs: 0 is below 1"),
+        (("--jobs", "0"), 2, "--jobs must be from 1 to 4096 (is 0)"),
         (("--solver", "guess"), 2, "global"),
         (("--machine", "none.yaml"), 1, "none.yaml"),
         (("--output", "/dev/null/table.npz"), 1, "cannot be written"),

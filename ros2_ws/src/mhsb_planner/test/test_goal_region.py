@@ -91,6 +91,7 @@ def test_a_tip_outside_of_a_region_does_not_meet_it():
         (lambda: Segment(-1e308, 0.0), r"x must be at most 100 m"),
         (lambda: check_angle(1e300), r"goal_psi must be from -15 to 15 rad \(is 1e\+300\)"),
         (lambda: check_angle((-1e9, 0.0)), r"goal_psi must be from -15 to 15 rad"),
+        (lambda: check_angle(91.0), r"15 rad; in degrees\? 91 degrees are 1\.588 rad \(is 91\.0\)"),
     ],
 )
 def test_what_is_no_region_or_angle_is_refused_with_a_sentence(make, sentence):

@@ -39,9 +39,9 @@ def anew(planner, plan, at_ns, options, goal=GOAL):
     return planner.plan(
         goal,
         trajectory.sample(at_ns),
-        StartModes.read_from(plan.motion.schedule, at_ns),
-        brake_along(planner.machine, trajectory, at_ns),
-        options,
+        modes=StartModes.read_from(plan.motion.schedule, at_ns),
+        brake=brake_along(planner.machine, trajectory, at_ns),
+        options=options,
         remainder=extract_remainder(trajectory, at_ns),
     )
 

@@ -75,9 +75,9 @@ def test_a_piston_keeps_its_own_v_max_where_a_goal_changes_in_motion(planner, wo
     again = planner.plan(
         second,
         trajectory.sample(at_ns),
-        StartModes.read_from(schedule, at_ns),
-        brake_along(planner.machine, trajectory, at_ns),
-        options,
+        modes=StartModes.read_from(schedule, at_ns),
+        brake=brake_along(planner.machine, trajectory, at_ns),
+        options=options,
     ).motion
     measured = worst(again.trajectory, again.schedule, machine=planner.machine, v_max=True)
     assert measured["speed"] <= 1e-6
