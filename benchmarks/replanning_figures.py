@@ -23,7 +23,8 @@ PER_MS = 1e-6
 def compute_replanning_figures(recording: Recording) -> Summary:
     """Compute counts of goals, response times and jumps of the reference of online replanning.
 
-    All goals are taken to be feasible, whatever their verdicts say.
+    All goals are taken to be feasible, whatever their verdicts say. A goal whose message is not in
+    the recording does not count: it was sent before the run, to find out whether nodes answer.
 
     Args:
         recording: Recording of goals to all of which a path exists.
@@ -31,7 +32,7 @@ def compute_replanning_figures(recording: Recording) -> Summary:
     Returns:
         Numbers by name. Durations are given as `p50`, `p99` and `max`, each None without data.
 
-        - `goals`: Number of readable goals, the sum of `applied`, `superseded` and `lost`.
+        - `goals`: Number of these goals, the sum of `applied`, `superseded` and `lost`.
         - `retried`: Goals for which more than one plan was sent.
         - `deadline`: Goals refused or aborted because no plan could be sent in time.
         - `lead_ms`: Goal received to the instant at which its plan left the old one, by the
@@ -45,7 +46,9 @@ def compute_replanning_figures(recording: Recording) -> Summary:
         - `lost_because`: One sentence for each lost goal. Stopped goals count as lost: the
             benchmark stops none.
     """
-    fates = judge_recorded_goals(recording, all_feasible=True)
+    sent = {each.value.stamp_ns for each in recording.goals}
+    judged = judge_recorded_goals(recording, all_feasible=True)
+    fates = [each for each in judged if each.goal.stamp_ns in sent]
     number = {fate: sum(each.result is fate for each in fates) for fate in GoalResult}
     failed = [each for each in fates if each.result in (GoalResult.LOST, GoalResult.STOPPED)]
     executions = [each.execution for each in fates if each.execution]
