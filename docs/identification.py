@@ -174,6 +174,7 @@ class Objective:
         return value
 
     def _misfit(self, machine: Machine, cases: dict[str, PaperCase], limit: float) -> float:
+        """Compute the misfit of a machine, run by run, until it reaches `limit`."""
         asked = runs.settings(cases)
         if self._method == "published":
             asked = {name: replace(each, search="published") for name, each in asked.items()}
@@ -197,6 +198,7 @@ class Objective:
     def _write(
         self, x: FloatArray, content: dict[str, Any], initial_j3: tuple[float, float]
     ) -> None:
+        """Write the best machine so far and its numbers as YAML files, and print its misfit."""
         numbers = {"initial_j3": list(initial_j3), "changes": x.tolist()}
         self._out.mkdir(parents=True, exist_ok=True)
         for name, kept in (("machine", content), ("numbers", numbers)):

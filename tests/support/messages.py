@@ -21,25 +21,15 @@ def encode_trajectory(trajectory: Trajectory, joint_names: Sequence[str]) -> Joi
         trajectory: The trajectory.
         joint_names: Names of the n joints.
     """
-    return JointTrajectory(
-        header=Header(stamp=stamps.to_time(trajectory.stamp_ns)),
-        joint_names=list(joint_names),
-        points=[
-            JointTrajectoryPoint(
-                positions=array("d", position),
-                velocities=array("d", velocity),
-                accelerations=array("d", acceleration),
-                time_from_start=Duration(nanoseconds=int(offset)).to_msg(),
-            )
-            for offset, position, velocity, acceleration in zip(
-                trajectory.offset_ns,
-                trajectory.position,
-                trajectory.velocity,
-                trajectory.acceleration,
-                strict=True,
-            )
-        ],
-    )
+    points = [
+        JointTrajectoryPoint(
+            positions=array("d", position),
+            velocities=array("d", velocity),
+            accelerations=array("d", acceleration),
+        )
+        for position, velocity, acceleration in zip(*trajectory.points, strict=True)
+    ]
+    return _encode(trajectory, joint_names, points)
 
 
 def encode_schedule(schedule: ModeSchedule, actuator_names: Sequence[str]) -> JointTrajectory:
@@ -49,14 +39,15 @@ def encode_schedule(schedule: ModeSchedule, actuator_names: Sequence[str]) -> Jo
         schedule: The schedule.
         actuator_names: Names of the n actuators.
     """
-    return JointTrajectory(
-        header=Header(stamp=stamps.to_time(schedule.stamp_ns)),
-        joint_names=list(actuator_names),
-        points=[
-            JointTrajectoryPoint(
-                positions=array("d", modes),
-                time_from_start=Duration(nanoseconds=int(offset)).to_msg(),
-            )
-            for offset, modes in zip(schedule.offset_ns, schedule.modes, strict=True)
-        ],
-    )
+    points = [JointTrajectoryPoint(positions=array("d", modes)) for modes in schedule.modes]
+    return _encode(schedule, actuator_names, points)
+
+
+def _encode(
+    timed: Trajectory | ModeSchedule, names: Sequence[str], points: list[JointTrajectoryPoint]
+) -> JointTrajectory:
+    """Make the message of points, with stamp and offsets of a trajectory or schedule."""
+    for point, offset_ns in zip(points, timed.offset_ns, strict=True):
+        point.time_from_start = Duration(nanoseconds=int(offset_ns)).to_msg()
+    header = Header(stamp=stamps.to_time(timed.stamp_ns))
+    return JointTrajectory(header=header, joint_names=list(names), points=points)

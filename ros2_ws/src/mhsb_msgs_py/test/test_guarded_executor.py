@@ -204,10 +204,13 @@ def test_a_client_that_can_never_be_answered_is_given_up_and_others_are_served_m
 
 
 def test_a_guard_condition_and_a_timer_that_fail_are_recorded_each_time(frail):
+    for count in (1, 2):
+        frail.node.condition.trigger()
+        frail.until(lambda count=count: frail.node.faults.count == count)
     steady = NodeClock(clock_type=ClockType.STEADY_TIME)
-    frail.node.create_timer(0.01, frail.node.fail_at_once, clock=steady)
-    frail.node.condition.trigger()
+    timer = frail.node.create_timer(0.01, frail.node.fail_at_once, clock=steady)
     frail.until(lambda: frail.node.faults.count > 5)
+    assert not timer.is_canceled()
 
 
 def test_a_task_of_the_node_that_fails_is_recorded(frail):

@@ -51,7 +51,7 @@ def problems(machine, posture_within, count):
 
 
 def goal_at(machine, goal):
-    """As the only goal posture."""
+    """Return the description of a posture that is the only goal."""
     return describe_postures(machine.arrays, goal[None, :])
 
 

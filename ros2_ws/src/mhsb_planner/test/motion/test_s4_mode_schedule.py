@@ -14,6 +14,7 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory, standstill
 from mhsb_planner.motion.motion_profile import MotionProfile
 from mhsb_planner.motion.s4_mode_schedule import (
+    DEFAULT_SWITCHING_RULES,
     StartModes,
     SwitchingRules,
     compute_interval_modes,
@@ -37,7 +38,7 @@ def profile(seconds, speed, force=(LIGHT, LIGHT, LIGHT), inertia=(0.0, 0.0, 0.0)
     return time, MotionProfile(speeds, forces, np.zeros((len(time), 2)), inertias, 0.0 * speeds)
 
 
-def scheduled(machine, time, motion, start, preferred=None, rules=SwitchingRules()):  # noqa: B008
+def scheduled(machine, time, motion, start, preferred=None, rules=DEFAULT_SWITCHING_RULES):
     """The modes between the instants of a motion that ends in its holding modes."""
     hold = choose_holding_modes(machine, motion.force[-1])
     return compute_interval_modes(machine, time, motion, start, hold, preferred, rules)

@@ -246,7 +246,7 @@ HEALTHY_VALUES = {
     "servo_pumps": {"flow_ratio": 1.0, "runs_on": 0.0, "lag_ratio": 1.0},
     "sensors": {"dead": 0.0, "frozen": 0.0, "error": 0.0, "error_rate": 0.0},
 }
-"""What the fields that faults write hold in a healthy plant, by part."""
+"""Values in a healthy plant of all fields that a fault may write, by part of the plant."""
 
 FAULT_KINDS = {
     "main_pump": FaultKind(_list_no_places, "constants", {"main_pump_flow": 0.0}),
