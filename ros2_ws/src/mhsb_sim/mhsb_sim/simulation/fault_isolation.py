@@ -429,6 +429,7 @@ class DisagreeingValve:
             (arrays.rod_area, ROD_SENSOR, own["max_length"] - length, -1.0),
         )
         slack = ISOLATION_SETTINGS.valve_opening_tolerance * np.array([-1.0, 0.0, 1.0])
+        openings = opening[:, None, :] + slack[:, None]
         speeds = []
         for area, side, stroke, sign in chambers:
             capacity = (
@@ -436,12 +437,11 @@ class DisagreeingValve:
             ) / oil.bulk_modulus
             fed = np.maximum(pressure[:, LINE_SENSOR] - pressure[:, side], 0.0)
             emptied = np.maximum(pressure[:, side] - arrays.tank_pressure, 0.0)
-            for each in (opening[:, None, :] + slack[:, None]).reshape(-1, len(area)):
-                drop = np.where(sign * each > 0.0, fed, emptied)
-                flow = arrays.valve_coefficient * each * np.sqrt(drop)
-                speeds.append((flow - sign * capacity * rate[:, side]) / area)
-        explained = np.array(speeds)
-        lowest, highest = explained.min(axis=0), explained.max(axis=0)
+            drop = np.where(sign * openings > 0.0, fed, emptied)
+            flow = arrays.valve_coefficient * openings * np.sqrt(drop)
+            speeds.append((flow - sign * capacity * rate[:, side]) / area)
+        explained = np.concatenate(speeds)
+        lowest, highest = explained.min(axis=(0, 1)), explained.max(axis=(0, 1))
         return lowest - ISOLATION_SETTINGS.valve_gain_tolerance * np.abs(
             lowest
         ), highest + ISOLATION_SETTINGS.valve_gain_tolerance * np.abs(highest)
