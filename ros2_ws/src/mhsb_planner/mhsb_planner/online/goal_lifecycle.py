@@ -411,7 +411,7 @@ class GoalLifecycle:
         now = self._clock.steady_time()
         took, lost_pumps = now - request.requested_at, self.settings.lost_pumps_clause
         if not queue.is_valid(request, self._now_ns()):
-            queue.put_back(pending_goal)
+            self._plan_again(pending_goal)
         elif isinstance(answer, DeadlineError):
             self.horizon_estimator.add_first_motion(LATE_PLAN_FACTOR * took)
             self._handle_late_plan(request, Verdict.NOT_FOUND, f"{answer}{lost_pumps}")
@@ -419,7 +419,7 @@ class GoalLifecycle:
             self._accept_plan_end()
         elif isinstance(answer, MhsbError) and request.target is not pending_goal.goal:
             pending_goal.needs_exact_place = True
-            queue.put_back(pending_goal)
+            self._plan_again(pending_goal)
         elif isinstance(answer, MhsbError):
             code = find_verdict_code(answer)
             why = lost_pumps if code is Verdict.INFEASIBLE else ""
@@ -452,7 +452,7 @@ class GoalLifecycle:
         if replan.starts_from_rest:
             stamped = self._hand_over.stamp_from_rest(replan, pending_goal, self.settings, now_ns)
             if stamped is None:
-                self._queue.put_back(pending_goal)
+                self._plan_again(pending_goal)
                 return
             replan = stamped
         if now_ns >= replan.change_ns:
@@ -515,7 +515,23 @@ class GoalLifecycle:
         elif replan is not None:
             self._send_plan(request, replan, now)
         else:
+            self._plan_again(pending_goal)
+
+    def _plan_again(self, pending_goal: PendingGoal) -> None:
+        """Let a goal wait for a new plan, or end it as superseded if a newer goal waits.
+
+        A goal for which the arm executes a plan is not superseded. It ends when the arm takes a
+        plan for another goal. If the goal has ended already, nothing happens.
+
+        Args:
+            pending_goal: The goal.
+        """
+        if pending_goal.has_ended:
+            return
+        if self._queue.waiting is None:
             self._queue.put_back(pending_goal)
+        elif not self._is_being_executed(pending_goal):
+            self._reports.supersede(pending_goal)
 
     # --- Messages of the arm ---------------------------------------------------------------------
 
@@ -693,7 +709,7 @@ class GoalLifecycle:
             self._reports.report_end(self.execution.pending_goal, Outcome.ABORTED, sentence)
             self.execution = None
         for pending_goal in self._hand_over.forget():
-            self._queue.put_back(pending_goal)
+            self._plan_again(pending_goal)
 
     def _handle_confirmation(self, sent: UnconfirmedPlan) -> None:
         """Handle the arm's confirmation that it follows a command.
@@ -745,7 +761,8 @@ class GoalLifecycle:
 
         1. Its goal has ended: nothing happens.
         2. The reason is in `FINAL_REFUSALS`: the goal ends.
-        3. A newer goal waits: the goal ends as superseded.
+        3. A newer goal waits: the goal ends as superseded. If the arm executes an earlier plan for
+           it, this plan goes on.
         4. The plan starts from rest, the arm is still at its start, and no event has made the plan
            void: it gets a new stamp and is sent again.
         5. Otherwise a new plan for the goal is made, with a longer commit horizon (time until the
@@ -769,7 +786,7 @@ class GoalLifecycle:
         if reason in FINAL_REFUSALS:
             self._reports.end(pending_goal, FINAL_REFUSALS[reason], sentence)
         elif self._queue.waiting is not None:
-            self._reports.supersede(pending_goal)
+            self._plan_again(pending_goal)
         else:
             elsewhere = reason in (HandOverReason.JUMP, HandOverReason.RESET)
             valid = self._queue.is_valid(request, self._now_ns())
@@ -879,7 +896,7 @@ class GoalLifecycle:
             execution, self.execution = self.execution, None
         goal_after_stop = self._stop.finish(result, execution, self.settings.machine, self._reports)
         if goal_after_stop is not None:
-            self._queue.put_back(goal_after_stop)
+            self._plan_again(goal_after_stop)
 
     # --- Execution -------------------------------------------------------------------------------
 
@@ -933,7 +950,7 @@ class GoalLifecycle:
         at_exact_place = execution.target.is_at_same_position(pending_goal.goal)
         if not at_exact_place and not self._queue.stream.is_moving(now):
             pending_goal.needs_exact_place = True
-            self._queue.put_back(pending_goal)
+            self._plan_again(pending_goal)
 
     def _judge_execution(self) -> None:
         """End and report the execution of the plan in force if the arm's reports say it is over.

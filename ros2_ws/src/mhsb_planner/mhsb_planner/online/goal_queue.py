@@ -154,18 +154,11 @@ class GoalQueue:
         goal_clearance.check_tip_clearance(machine, goal.position)
 
     def put_back(self, pending_goal: PendingGoal) -> None:
-        """Let a goal wait for a new plan, or end it as superseded if a newer goal waits.
-
-        If the goal has ended, nothing happens.
+        """Let a goal wait for a new plan.
 
         Args:
             pending_goal: The goal. Its `waiting_since` is set to the present time.
         """
-        if pending_goal.has_ended:
-            return
-        if self.waiting is not None:
-            self._reports.supersede(pending_goal)
-            return
         pending_goal.waiting_since = self._clock.steady_time()
         self.waiting = pending_goal
 

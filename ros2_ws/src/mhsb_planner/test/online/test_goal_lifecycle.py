@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mhsb_model.arm_reports import HandOverReason
 from mhsb_model.circuit.dead_time import compute_dead_time
 from mhsb_model.goal import Goal
 from mhsb_model.obstacles.zones import Zones
@@ -202,6 +203,19 @@ def test_a_confirmation_that_comes_late_counts_all_the_same(world):
     assert world.execution_report(second).outcome is Outcome.REACHED
     assert world.execution_report(first).outcome is Outcome.REPLACED
     world.check_that_each_goal_was_answered_once()
+
+
+def test_a_plan_taken_late_goes_on_if_its_repetition_is_refused_while_a_newer_goal_waits(world):
+    world.lost = 2
+    first = world.send_goal(*UP)
+    world.pass_time_until(lambda: len(world.sent) == 2)
+    world.life.handle_plan_in_force(world.sent[0].stamp_ns)
+    newer = world.send_goal(*DOWN)
+    world.life.handle_plan_refusal(world.sent[1].stamp_ns, HandOverReason.LATE, "too late")
+    assert world.execution_reports(first) == []
+    assert world.life.execution.command is world.sent[0]
+    assert len(world.planned) == 2
+    assert world.planned[1].pending_goal.goal.stamp_ns == newer
 
 
 def test_a_plan_is_not_given_up_while_the_arm_is_silent(world):
