@@ -15,6 +15,7 @@ process began, as under `nohup`.
 from __future__ import annotations
 
 import ctypes
+import faulthandler
 import importlib
 import importlib.util
 import os
@@ -180,6 +181,24 @@ def grace_period(seconds: float = DEFAULT_GRACE_PERIOD) -> Iterator[None]:
         yield
     finally:
         _grace_periods.remove(seconds)
+
+
+@contextmanager
+def time_limit(seconds: float) -> Iterator[None]:
+    """Context manager that ends the process with code 1 if its block takes too long.
+
+    It also works while the block executes foreign code that keeps Python's lock (GIL), since the
+    limit is watched by a thread of the module faulthandler, which needs no lock.
+
+    Args:
+        seconds: Longest time of the block [s].
+    """
+    with open(os.devnull, "w") as nowhere:
+        faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
+        try:
+            yield
+        finally:
+            faulthandler.cancel_dump_traceback_later()
 
 
 @contextmanager

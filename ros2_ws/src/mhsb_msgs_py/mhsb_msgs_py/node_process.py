@@ -30,6 +30,12 @@ MAX_WAIT = 0.5
 A signal may come just before the executor begins to wait.
 """
 
+LONGEST_DESTRUCTION = 5.0
+"""Time in which a node must be destroyed, or its process ends with code 1 [s].
+
+Fast DDS 2.14 may wait for ever for the end of a callback if another participant leaves at the same
+moment. It keeps Python's lock meanwhile, so that no signal could end the process."""
+
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 """Environment variable with the path of Fast DDS's profile."""
 
@@ -152,10 +158,10 @@ def serve_node(
 ) -> Iterator[tuple[SingleThreadedExecutor, NodeType]]:
     """Make an executor and the node that it serves, as a context manager.
 
-    The caller spins the executor. At the end of the block, the node is destroyed and the executor
-    is shut down. A warning is logged for each parameter of the command line that the node does not
-    have. The executor is made before the node, since rclpy cannot make an executor after a
-    shutdown.
+    The caller spins the executor. At the end of the block, the node is destroyed within
+    `LONGEST_DESTRUCTION`, and the executor is shut down. A warning is logged for each parameter of
+    the command line that the node does not have. The executor is made before the node, since rclpy
+    cannot make an executor after a shutdown.
 
     Args:
         make_node: Function that makes the node.
@@ -181,7 +187,8 @@ def serve_node(
             executor.add_node(node)
             yield executor, node
         finally:
-            node.destroy_node()
+            with process.time_limit(LONGEST_DESTRUCTION):
+                node.destroy_node()
     finally:
         executor.shutdown()
 

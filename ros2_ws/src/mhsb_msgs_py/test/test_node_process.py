@@ -48,6 +48,18 @@ def test_a_signal_before_the_node_is_served_ends_it_just_as_well(start_process, 
     assert child.output == "ready as /idle\n"
 
 
+def test_a_node_whose_destruction_never_ends_and_keeps_pythons_lock_ends_all_the_same(
+    start_process, tmp_path
+):
+    script = tmp_path / "idle.py"
+    stuck = "    import ctypes; node.destroy_node = ctypes.PyDLL(None).pause\n    return node"
+    script.write_text(BODY.replace("    return node", stuck))
+    child = start_process(sys.executable, script)
+    child.wait_for("ready")
+    assert child.stop(signal.SIGTERM) == 1
+    assert child.output == "ready as /idle\n"
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

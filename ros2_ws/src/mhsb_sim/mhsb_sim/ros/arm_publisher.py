@@ -100,31 +100,30 @@ class ArmPublisher:
     def publish_due(self) -> bool:
         """Publish what is due after a step of the simulation.
 
-        Every STATE_PERIOD_NS, joint states, reference and actuator states are published, and /clock
-        if the node is its source. Every MODES_PERIOD_NS, the modes are published even if they have
-        not changed, and estimates if the servo has any. A new plan in force and new modes are
-        published at once.
+        Every STATE_PERIOD_NS, joint states, reference and actuator states are published, /clock if
+        the node is its source, and changes. Every MODES_PERIOD_NS, the modes are published even if
+        they have not changed, and estimates if the servo has any.
 
         Returns:
             True if joint states, reference and actuator states were published.
         """
         now_ns = self._simulator.time_ns
-        due = now_ns >= self._next_state_ns
-        if due:
-            self._next_state_ns += STATE_PERIOD_NS
-            self._publish_states(now_ns)
+        if now_ns < self._next_state_ns:
+            return False
+        self._next_state_ns += STATE_PERIOD_NS
+        self._publish_states(now_ns)
         if now_ns >= self._next_modes_ns:
             self._next_modes_ns += MODES_PERIOD_NS
             self._modes = None  # modes are published at this rate even if they do not change
             if learnt := self._simulator.estimates:
                 self._publish(topics.ESTIMATES, estimates.encode(learnt, now_ns))
         self.publish_changes()
-        return due
+        return True
 
     def publish_changes(self) -> None:
         """Publish the plan in force and the modes in force, each if it has changed.
 
-        After `restart` both are published.
+        The node calls this method after each of its callbacks. After `restart` both are published.
         """
         in_force_ns = self._arm.plan_stamp_ns
         if in_force_ns != self._in_force_ns:
