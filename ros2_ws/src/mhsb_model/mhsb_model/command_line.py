@@ -455,7 +455,7 @@ def _describe_bad_value(argument: Any, message: str, arguments: list[str]) -> st
     """Return a sentence that says which values an argument takes and what was given instead.
 
     The given value is the words after the argument's flag on the command line. If there are none,
-    it is the last word that tyro's message quotes.
+    it is the first list of words in tyro's message, or else the last word that this quotes.
 
     Args:
         argument: The argument, as tyro describes it.
@@ -465,8 +465,10 @@ def _describe_bad_value(argument: Any, message: str, arguments: list[str]) -> st
     Returns:
         The sentence. Each word is cut after MAX_QUOTED_WORD characters.
     """
-    quoted = re.findall(r"'([^']*)'", message)
-    given = _tokens_after(argument.lowered.name_or_flags, arguments) or quoted[-1:]
+    listed = re.search(r"\['[^]]*\]", message)
+    quoted = re.findall(r"'([^']*)'", listed.group() if listed else message)
+    given = _tokens_after(argument.lowered.name_or_flags, arguments)
+    given = given or (quoted if listed else quoted[-1:])
     shown = " ".join(
         f"{word[:MAX_QUOTED_WORD]}…" if word[MAX_QUOTED_WORD:] else word for word in given
     )

@@ -50,6 +50,16 @@ def send(x: tyro.conf.Positional[float], z: tyro.conf.Positional[float]) -> int:
     return 7
 
 
+def point(
+    place: Annotated[tuple[float, ...], tyro.conf.Positional, tyro.conf.arg(metavar="X Z [Y]")],
+) -> None:
+    """Point somewhere.
+
+    Args:
+        place: where [m]
+    """
+
+
 @dataclass(frozen=True)
 class Group:
     """Options of a group.
@@ -139,6 +149,8 @@ def test_negative_numbers_are_positional_values_and_the_exit_code_is_the_command
         (send, ["1"], "missing Z"),
         (send, ["a", "2"], "X takes NUMBER (horizontal [m]), not 'a'"),
         (send, ["inf", "2"], "X takes NUMBER (horizontal [m]), not 'inf'"),
+        (point, ["nan", "0.5"], "PLACE takes X Z [Y] (where [m]), not 'nan 0.5'"),
+        (point, ["0.5", "inf"], "PLACE takes X Z [Y] (where [m]), not '0.5 inf'"),
         (send, ["1", "2", "3"], "not an argument of this command: 3"),
     ],
 )

@@ -29,6 +29,13 @@ It is longer than the time for which a planner lets a goal wait. The first messa
 the planner is not connected yet.
 """
 
+DISCOVERY_TIME = 0.5
+"""Time to wait for other subscribers of goals after a planner is found [s].
+
+A planner is usually found after 0.1 s. On a busy machine a recorder is found later, and would not
+receive the goal.
+"""
+
 
 def _collect_node_names(endpoints: Iterable[TopicEndpointInfo]) -> set[tuple[str, str]]:
     """Return namespace and name of each node to which publishers or subscribers belong."""
@@ -77,7 +84,8 @@ class GoalSender(Node):
     def wait_for_planner(self, executor: SingleThreadedExecutor, timeout: float) -> bool:
         """Wait until a planner is found and all subscribers of goals are connected.
 
-        If no connection to a subscriber is possible, waiting for it ends after `SEND_AGAIN_AFTER`.
+        Other subscribers have `DISCOVERY_TIME` after that to be found. If no connection to a
+        subscriber is possible, waiting for it ends after `SEND_AGAIN_AFTER`.
 
         Args:
             executor: Executor that serves this node.
@@ -89,6 +97,7 @@ class GoalSender(Node):
         end = time.monotonic() + timeout
         if not spin_until(executor, lambda: self.is_matched, timeout):
             return False
+        spin_until(executor, lambda: False, DISCOVERY_TIME)
         left = min(max(0.0, end - time.monotonic()), SEND_AGAIN_AFTER)
         known = partial(self.count_subscribers, self._goals.topic_name)
         spin_until(executor, lambda: self.subscriber_count >= known(), left)

@@ -25,3 +25,26 @@ def test_a_recorder_beside_a_planner_that_is_not_ready_is_no_planner():
         finally:
             recorder.destroy_node()
             planner.destroy_node()
+
+
+def test_a_recorder_that_is_found_after_the_planner_receives_the_goal_too():
+    with run_command_node(GoalSender) as (executor, sender):
+        recorder, planner = Node("recorder"), Node("planner")
+        received = []
+        try:
+            planner.create_publisher(STATUS.message, STATUS.name, STATUS.qos)
+            planner.create_subscription(GOAL.message, GOAL.name, lambda _: None, GOAL.qos)
+            assert spin_until(executor, lambda: sender.is_matched, 10.0)
+
+            def subscribe() -> None:
+                timer.cancel()
+                recorder.create_subscription(GOAL.message, GOAL.name, received.append, GOAL.qos)
+
+            timer = sender.create_timer(0.1, subscribe)
+            executor.add_node(recorder)
+            assert sender.wait_for_planner(executor, 10.0)
+            sender.send(0.5, 0.5)
+            assert spin_until(executor, lambda: bool(received), 10.0)
+        finally:
+            recorder.destroy_node()
+            planner.destroy_node()
