@@ -11,6 +11,7 @@ import logging
 import multiprocessing
 import operator
 import os
+import signal
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import (
@@ -257,11 +258,16 @@ class _LocalExecutor(ThreadPoolExecutor):
         self._processes.close()
 
     def _start_process(self) -> None:
-        """Start a process for the calling thread. It replaces a process that has crashed."""
+        """Prepare a process for the calling thread. It replaces a process that has crashed.
+
+        The process starts with its first task. It inherits that this thread blocks SIGINT, which
+        would otherwise end it with a traceback while it imports or waits for a task.
+        """
         spawn = multiprocessing.get_context("spawn")
         process = ProcessPoolExecutor(
             1, spawn, initializer=_set_process_state, initargs=(self._shared,)
         )
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         self._own.process = self._processes.enter_context(process)
 
     def _perform_in_process(self, work: Callable[..., Result], *given: Any) -> Result:
@@ -339,7 +345,7 @@ def _set_process_state(shared: SharedState | None) -> None:
 
 
 def _perform_with_process_state(work: Callable[..., Result], *given: Any) -> Result:
-    """Execute a task with the shared state of this process.
+    """Execute a task with the shared state of this process; SIGINT can interrupt it.
 
     Args:
         work: Function of the task.
@@ -347,8 +353,15 @@ def _perform_with_process_state(work: Callable[..., Result], *given: Any) -> Res
 
     Returns:
         Result of the task.
+
+    Raises:
+        KeyboardInterrupt: SIGINT has come, also while the process imported or waited for the task.
     """
-    return perform(_process_state[0], work, *given)
+    try:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        return perform(_process_state[0], work, *given)
+    finally:
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 
 def _worker_count(jobs: int | None) -> int:

@@ -4,6 +4,7 @@ import multiprocessing
 import os
 import signal
 import subprocess
+import sys
 import time
 from contextlib import closing
 
@@ -17,6 +18,66 @@ from mhsb_planner.executor import (
     yield_results_of_ranges,
 )
 from mhsb_planner.posture.grid import list_grid_nodes
+
+INTERRUPTED_WHILE_ONE_IMPORTS = """
+import sys
+import time
+from mhsb_model.command_line import run
+from mhsb_planner.executor import create_executor, yield_results
+
+if __name__ != "__main__":
+    print("importing\\n", end="", flush=True)  # in one piece, as there are two
+    time.sleep(1.0)
+
+def study() -> int:
+    with create_executor(2) as pool:
+        return sum(yield_results([pool.submit(int, 1) for _ in range(2)]))
+
+if __name__ == "__main__":
+    sys.exit(run(study, name="study"))
+"""
+INTERRUPTED_WHILE_ONE_WAITS = """
+import sys
+import time
+from mhsb_model.command_line import run
+from mhsb_planner.executor import create_executor, yield_results
+
+def work() -> int:
+    time.sleep(1.0)
+    print("working", flush=True)
+    time.sleep(60.0)
+    return 0
+
+def study() -> int:
+    with create_executor(2) as pool:
+        return sum(yield_results([pool.submit(int, 1), pool.submit(work)]))
+
+if __name__ == "__main__":
+    sys.exit(run(study, name="study"))
+"""
+
+
+@pytest.mark.parametrize(
+    ("body", "moment"),
+    [
+        (INTERRUPTED_WHILE_ONE_IMPORTS, "importing"),
+        (INTERRUPTED_WHILE_ONE_WAITS, "working"),
+    ],
+)
+def test_an_interrupt_from_the_terminal_ends_all_processes_in_one_sentence(tmp_path, body, moment):
+    script = tmp_path / "study.py"
+    script.write_text(body)
+    command = [sys.executable, "-P", str(script)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        command, stdout=pipe, stderr=pipe, text=True, start_new_session=True
+    ) as study:
+        assert study.stdout is not None
+        assert study.stdout.readline() == f"{moment}\n"
+        os.killpg(study.pid, signal.SIGINT)
+        _, sentence = study.communicate(timeout=50)
+    assert sentence == "study: interrupted; no result was kept\n"
+    assert study.returncode == 130
 
 
 @pytest.mark.parametrize("jobs", [None, 1, 3])
