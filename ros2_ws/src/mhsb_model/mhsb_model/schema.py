@@ -27,6 +27,9 @@ MAX_COORDINATE, MAX_MASS, MAX_FLOW, MAX_PRESSURE = 1e4, 1e6, 1.0, 1e9
 The ranges leave two orders of magnitude around the values of machines from 0.1 kg to 1000 t. So a
 mistyped number is noticed. With all others, computations neither overflow nor divide by 0."""
 
+MAX_SUPPLY_PRESSURE = 5e7
+"""Largest pressure of the main pump and of a boosted supply line [Pa], above all common pumps."""
+
 NonNegative = Annotated[float, Field(ge=0)]
 Angle = Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)]
 Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE, le=MAX_COORDINATE)]
@@ -42,7 +45,6 @@ ValveFlow = Annotated[float, Field(ge=1e-10, le=0.1)]
 ValveDrop = Annotated[float, Field(ge=1, le=5e7)]
 PistonSpeed = Annotated[float, Field(ge=1e-4, le=1)]
 ValveName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
-ValveNumber = Annotated[float, Field(ge=-1e12, le=1e12)]
 Weight = Annotated[float, Field(ge=0, le=1e6)]
 """Weight of energy [1/J], time [1/s] or mode switches [-] in the cost of a plan."""
 
@@ -361,7 +363,7 @@ class Workspace(Section):
 class MainPump(Section):
     """Main pump (MP) at constant pressure that feeds all actuators."""
 
-    pressure: float = Field(ge=1e5, le=5e7, description="supply pressure P_S [Pa]")
+    pressure: float = Field(ge=1e5, le=MAX_SUPPLY_PRESSURE, description="supply pressure P_S [Pa]")
     max_flow: Flow = Field(le=0.1, description="[m³/s]")
 
 
@@ -378,7 +380,9 @@ class ServoPump(Section):
         exclude_if=lambda given: given == 0.0,
         description="from its outlet back to its inlet at 10 MPa, beside max_flow [m³/s]",
     )
-    max_boost_pressure: Pressure = Field(le=5e7, description="highest boosted supply pressure [Pa]")
+    max_boost_pressure: Pressure = Field(
+        le=MAX_SUPPLY_PRESSURE, description="highest boosted supply pressure [Pa]"
+    )
 
 
 ModulesUsed = Annotated[int, Field(ge=0, le=64)]
@@ -531,7 +535,7 @@ class CircuitDynamics(Section):
     friction_speed: float = Field(
         ge=1e-7, le=10, description="piston speed at which 3/4 of the Coulomb friction acts [m/s]"
     )
-    valves: dict[ValveName, dict[ValveName, ValveNumber]] = Field(
+    valves: dict[ValveName, dict[ValveName, Any]] = Field(
         default={},
         exclude_if=lambda given: not given,
         description="further valves: a section for each kind, which may be empty",
@@ -810,22 +814,31 @@ def _complete_booster_keys(content: Any) -> Any:
 
     Returns:
         If `hydraulics.modules.count` is 0, a copy with `BOOSTER_VALUES` for the keys left out, and
-        the main pump's pressure for `max_boost_pressure`. Otherwise, or if a section that this
-        needs is missing or no mapping, the content itself.
+        the main pump's pressure for `max_boost_pressure`. Otherwise the content itself. Sections
+        that are no mappings are kept, except that an empty one counts as left out for servo pumps.
     """
-    try:
-        oil = content["hydraulics"]
-        if oil["modules"]["count"] != 0:
-            return content
-        highest = {"max_boost_pressure": oil["main_pump"]["pressure"]}
-        oil = oil | {
-            "modules": BOOSTER_VALUES["modules"] | oil["modules"],
-            "servo_pump": highest | BOOSTER_VALUES["servo_pump"] | oil.get("servo_pump", {}),
-        }
-        circuit = BOOSTER_VALUES["circuit"] | content["circuit"]
-    except (KeyError, TypeError):
+    oil = _read_section(content, "hydraulics")
+    modules, pump = _read_section(oil, "modules"), oil.get("servo_pump")
+    if modules.get("count") != 0:
         return content
-    return content | {"hydraulics": oil, "circuit": circuit}
+    changed = {"modules": BOOSTER_VALUES["modules"] | modules}
+    if pump is None or isinstance(pump, dict):
+        try:
+            pressure = float(_read_section(oil, "main_pump")["pressure"])
+        except (KeyError, TypeError, ValueError):  # is a problem of the file by itself
+            pressure = MAX_SUPPLY_PRESSURE
+        highest = {"max_boost_pressure": min(max(1.0, pressure), MAX_SUPPLY_PRESSURE)}
+        changed["servo_pump"] = highest | BOOSTER_VALUES["servo_pump"] | (pump or {})
+    completed = content | {"hydraulics": oil | changed}
+    if isinstance(content.get("circuit"), dict):
+        completed["circuit"] = BOOSTER_VALUES["circuit"] | content["circuit"]
+    return completed
+
+
+def _read_section(content: Any, key: str) -> dict[str, Any]:
+    """Return a section of a mapping; empty if either of them is no mapping."""
+    section = content.get(key) if isinstance(content, dict) else None
+    return section if isinstance(section, dict) else {}
 
 
 class MachineConfig(Section):

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError
 from mhsb_model.files.config_files import find_config_file
+from mhsb_model.files.value_paths import set_value
 from mhsb_model.machine import load_machine
 from mhsb_model.obstacles.zones import Zones
 from mhsb_model.schema import BOOSTER_VALUES
@@ -148,6 +149,20 @@ def test_zones_are_given_by_any_two_corners_and_replace_those_of_the_file(machin
     assert len(machine.changed(zones=more).obstacles.names) == 4
     with pytest.raises(MachineFileError, match=r"x_min: 0\.7 m must be below x_max 0\.7 m"):
         machine.changed(zones=Zones(boxes=((0.7, 0.1, 0.7, 0.3),)))
+
+
+def test_swapped_limits_are_asked_about_and_nothing_else_is_said_of_the_joint(load):
+    def swap(content):
+        content["joints"][0]["limits"] = {"lower": 2.0, "upper": -1.5}
+        box = {"x_min": 0.8, "x_max": 0.9, "z_min": 0.7, "z_max": 0.6}
+        content["keep_out"] = {"boxes": [box]}
+
+    with pytest.raises(MachineFileError) as caught:
+        load(swap)
+    assert sorted(caught.value.problems) == [
+        "joints.0.limits.lower: 2 rad must be below upper -1.5 rad; swapped?",
+        "keep_out.boxes.0.z_min: 0.7 m must be below z_max 0.6 m; swapped?",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -319,6 +334,15 @@ def test_a_machine_without_boosters_needs_none_of_their_keys(load):
     assert again.planning_hash == arm.planning_hash
 
 
+def test_an_empty_section_of_servo_pumps_is_one_that_was_left_out(load):
+    def empty(content):
+        without_booster_keys(content, 0)
+        content["hydraulics"]["servo_pump"] = None
+
+    arm = load(empty)
+    assert arm.arrays.max_boost_pressure == arm.arrays.supply_pressure
+
+
 def test_a_machine_without_boosters_keeps_the_booster_values_that_its_file_has(load):
     arm = load(lambda content: content["hydraulics"]["modules"].update(count=0))
     pump, rail = arm.config.hydraulics.servo_pump, arm.config.circuit.rail_volume
@@ -326,6 +350,28 @@ def test_a_machine_without_boosters_keeps_the_booster_values_that_its_file_has(l
         BOOSTER_VALUES["servo_pump"]["max_flow"],
         BOOSTER_VALUES["circuit"]["rail_volume"],
     )
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "problem"),
+    [
+        ("hydraulics.main_pump.pressure", "high", "hydraulics.main_pump.pressure: must be a numb"),
+        ("hydraulics.main_pump.pressure", 6e7, "hydraulics.main_pump.pressure: must be at most"),
+        ("hydraulics.main_pump", None, "hydraulics.main_pump: must be a section"),
+        ("circuit", 3, "circuit: must be a section"),
+    ],
+)
+def test_a_machine_without_boosters_is_asked_for_none_of_their_keys_beside_another_problem(
+    load, key, value, problem
+):
+    def spoil(content):
+        without_booster_keys(content, 0)
+        set_value(content, key, value)
+
+    with pytest.raises(MachineFileError) as caught:
+        load(spoil)
+    assert len(caught.value.problems) == 1
+    assert caught.value.problems[0].startswith(problem)
 
 
 def test_a_machine_with_boosters_needs_all_their_keys(load):

@@ -266,6 +266,7 @@ def _check_start_posture(config: MachineConfig) -> list[str]:
         + suggest_unit_of_number(q, unit_of(joint), joint.limits.lower, joint.limits.upper)
         for j, (q, joint) in enumerate(zip(start, config.joints, strict=True))
         if not joint.limits.lower <= q <= joint.limits.upper
+        and joint.limits.lower < joint.limits.upper  # else `_joint_problems` says so
     ]
 
 
@@ -297,8 +298,16 @@ def _keep_out_problems(config: MachineConfig) -> list[str]:
         for axis in ("x", "y", "z"):
             low, high = (getattr(zone, f"{axis}_{end}", None) for end in ("min", "max"))
             if low is not None and high is not None and low >= high:
-                problems.append(f"{path}.{axis}_min: {low:g} m must be below {axis}_max {high:g} m")
+                problems.append(
+                    f"{path}.{axis}_min: {low:g} m must be below {axis}_max {high:g} m"
+                    + _ask_if_swapped(low, high)
+                )
     return problems
+
+
+def _ask_if_swapped(low: float, high: float) -> str:
+    """Return "; swapped?" if a lower limit is above its upper limit; empty if they are equal."""
+    return "; swapped?" if low > high else ""
 
 
 def _joint_problems(path: str, joint: AnyJoint) -> list[str]:
@@ -319,6 +328,7 @@ def _joint_problems(path: str, joint: AnyJoint) -> list[str]:
         problems.append(
             f"{path}.limits.lower: {joint.limits.lower:g} {unit} must be below "
             f"upper {joint.limits.upper:g} {unit}"
+            + _ask_if_swapped(joint.limits.lower, joint.limits.upper)
         )
     if joint.kind == "slew":
         return problems

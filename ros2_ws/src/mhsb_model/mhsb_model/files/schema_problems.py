@@ -133,7 +133,8 @@ def _describe_problem(item: Any, model: type[BaseModel]) -> str:
     if kind == "union_tag_not_found":
         return "is missing its kind; add one"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
-        return f"must be a section with the keys {', '.join(_list_keys(section))}{value}"
+        keys = ", ".join(_list_keys(section))
+        return f"must be a section {f'with the keys {keys}' if keys else '{}'}{value}"
     if kind == "string_pattern_mismatch":
         allowed = (field.description if field else "") or f"text like {context['pattern']}"
         return f"must be {allowed}{value}; change it"
