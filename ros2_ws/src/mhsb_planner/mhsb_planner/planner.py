@@ -248,7 +248,8 @@ class Planner:
 
         Problems of the start are joints beyond their limits and an obstacle that the arm touches.
         The payload is mentioned only in a NoPathError or FitError, and only if the arm cannot carry
-        it. A clause that the sentence contains already is not repeated.
+        it. Obstacles are named in a DeadlineError, since the goal may be out of reach only because
+        of them. A clause that the sentence contains already is not repeated.
 
         Args:
             error: The error, changed in place.
@@ -260,6 +261,8 @@ class Planner:
         remarks = [describe_start_problems(self.machine, start.position)]
         if isinstance(error, NoPathError | FitError):
             remarks.append(describe_overload(self.machine, self.graph.table, start.position))
+        if isinstance(error, DeadlineError) and (names := self.machine.obstacles.names):
+            remarks.append(f"all motions must keep clear of {', '.join(names)}")
         for remark in remarks:
             if remark and remark not in str(error):
                 error.args = (f"{error}; {remark}",)

@@ -1,5 +1,6 @@
 """Starts in which the arm should not be: named at once, and left without getting further in."""
 
+import re
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -135,6 +136,15 @@ def test_what_takes_too_long_from_such_a_start_names_the_joint_as_well(machine, 
             options=PlanOptions(planner="table"),
             deadline=Deadline.after(1e-4),
         )
+
+
+def test_what_takes_too_long_names_the_zones_that_may_be_the_cause(machine, table):
+    start = MotionState.at_rest(np.array([0.3, -1.4, -0.6]))
+    blocked = machine.changed(zones=Zones(circles=((0.6, 0.1, 0.1),)))
+    named = re.escape(f"; all motions must keep clear of {blocked.obstacles.names[0]}")
+    for arm, clause in ((machine, ""), (blocked, named)):
+        with pytest.raises(DeadlineError, match=rf"before the deadline{clause}$"):
+            Planner(arm, table).plan((0.55, 0.4), start, deadline=Deadline.after(0.0))
 
 
 def test_a_new_goal_on_the_way_back_leads_back_as_well(machine, table):
