@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mhsb_model.errors import ArgumentError
 from mhsb_model.files.output_folders import replace_file
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, IntArray
@@ -66,6 +67,10 @@ RC_PARAMETERS: dict[Any, Any] = {
 """matplotlib settings that are in force while a figure is made."""
 
 
+class FigureFormatError(ArgumentError):
+    """A picture has a format that cannot be written."""
+
+
 def rgb(text: str) -> tuple[float, float, float]:
     """Convert a colour `#rrggbb` to red, green and blue from 0 to 1."""
     red, green, blue = (int(text[k : k + 2], 16) / 255 for k in (1, 3, 5))
@@ -74,10 +79,11 @@ def rgb(text: str) -> tuple[float, float, float]:
 
 @contextmanager
 def open_figure(path: Path, height: float, width: float = FIGURE_WIDTH) -> Iterator[Figure]:
-    """Open a figure to draw on, as a context manager, and write it as PNG when the block ends.
+    """Open a figure to draw on, as a context manager, and write it when the block ends.
 
-    The file is first written beside the target under a temporary name, then renamed. So the target
-    is never incomplete. If the block raises, nothing is written, and the target stays as it was.
+    The suffix of the file chooses the format, such as `.png`, `.pdf` or `.svg`. The file is first
+    written beside the target under a temporary name, then renamed. So the target is never
+    incomplete. If the block raises, nothing is written, and the target stays as it was.
 
     Args:
         path: File to write; an existing file is replaced.
@@ -86,16 +92,26 @@ def open_figure(path: Path, height: float, width: float = FIGURE_WIDTH) -> Itera
 
     Yields:
         The empty figure, with `RC_PARAMETERS` in force.
+
+    Raises:
+        FigureFormatError: matplotlib has no format of this suffix. Nothing was drawn.
     """
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
     with mpl.rc_context(RC_PARAMETERS):
         figure = Figure(figsize=(width, height), layout="constrained")
+        suffix, known = (
+            path.suffix.lower().removeprefix("."),
+            figure.canvas.get_supported_filetypes(),
+        )
+        if suffix not in known:
+            formats = ", ".join(f".{each}" for each in sorted(known))
+            raise FigureFormatError(f"picture '{path}': must end in one of {formats}")
         yield figure
         figure.align_ylabels()
         with replace_file(path) as part:
-            figure.savefig(part, format="png")
+            figure.savefig(part, format=suffix)
 
 
 def draw_line(axes: Axes, x: FloatArray, y: FloatArray, **style: Any) -> None:

@@ -80,12 +80,16 @@ def draw_move_page(move: MoveRecord, file: Path) -> None:
 
 
 def plot_plan(plan: Plan, file: str | Path, title: str = "planned motion") -> None:
-    """Draw one page about a planned motion and write it as PNG.
+    """Draw one page about a planned motion and write it to a file.
 
     Args:
         plan: The plan.
-        file: PNG file to write. If drawing fails, no incomplete file is left.
+        file: File to write, such as `move.png` or `move.pdf`; its suffix chooses the format. If
+            drawing fails, no incomplete file is left.
         title: Title of the page.
+
+    Raises:
+        FigureFormatError: matplotlib has no format of this suffix.
     """
     goal = tuple(plan.machine.tip_in_base(plan.motion.trajectory.position[-1]).tolist())
     draw_move_page(move_of_plan(plan.machine, plan, goal, title), Path(file))

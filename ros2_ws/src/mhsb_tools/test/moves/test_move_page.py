@@ -9,7 +9,13 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from mhsb_model.figure_style import DOTS_PER_INCH, JOINT_COLORS, MODE_COLOR, PATH_COLOR
+from mhsb_model.figure_style import (
+    DOTS_PER_INCH,
+    JOINT_COLORS,
+    MODE_COLOR,
+    PATH_COLOR,
+    FigureFormatError,
+)
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import load_machine
 from mhsb_model.modes import Mode
@@ -55,6 +61,14 @@ def test_a_plan_is_drawn_without_further_inputs(machine, table, tmp_path):
     plan = Planner(machine, table).plan((0.55, 0.60), start)
     plot_plan(plan, str(tmp_path / "plan.png"))
     assert (tmp_path / "plan.png").read_bytes().startswith(b"\x89PNG")
+    plot_plan(plan, tmp_path / "plan.PDF")
+    assert (tmp_path / "plan.PDF").read_bytes().startswith(b"%PDF")
+    for name in ("plan.docx", "plan"):
+        with pytest.raises(
+            FigureFormatError, match=rf"{name}': must end in one of .*\.pdf, .*\.png"
+        ):
+            plot_plan(plan, tmp_path / name)
+        assert not (tmp_path / name).exists()
 
 
 def test_regions_have_a_legend_and_nothing_else_has_the_colours_of_boosted_modes(move):
