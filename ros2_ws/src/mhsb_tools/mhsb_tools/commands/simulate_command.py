@@ -145,8 +145,10 @@ def simulate(
         arm: The arm that planner and servo know, and the arm that is simulated.
         method: Planner and servo.
         zones: Keep-out zones.
-        output: Folder for samples.csv (100 Hz, SI units), summary.json and move.png: path, joints,
-            modes, operating regions, pressures and energy on one page.
+        output: Folder for samples.csv, summary.json and move.png: path, joints, modes, operating
+            regions, pressures and energy on one page. Columns of samples.csv, 100 lines a second:
+            time [s], positions, velocities and accelerations of joints [rad, m and seconds],
+            tip_error [m], modes (0 N, 1 DB, 2 SB), pressures [Pa], valve openings from -1 to 1.
         json_: Print one JSON object instead of text.
         audit: Also print where all energy and all oil went, and what the plans had expected; not
             together with --json, which has it all.
