@@ -8,7 +8,6 @@ taken, rclpy never frees the callback group again. This executor records each fa
 from __future__ import annotations
 
 import functools
-import re
 import warnings
 from collections.abc import Callable, Coroutine, Sequence
 from typing import Any
@@ -24,10 +23,11 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Task
 
-from mhsb_model.errors import suggest_name, suggest_unit_of_number
+from mhsb_model.errors import suggest_name
 from mhsb_msgs_py import stamps
 from mhsb_msgs_py.errors import MessageError
 from mhsb_msgs_py.faults import Faults, name_callback
+from mhsb_msgs_py.parameters import describe_passed_range
 
 MAX_EXECUTOR_FAULTS = 100
 """Number of faults of the executor itself in a row, without a served callback, that end the
@@ -53,9 +53,6 @@ A client may ask before the node has discovered that it listens for responses. R
 
 UNSENT_RESPONSE = "failed to send response"
 """Words of rclpy's warning that a client cannot receive a response yet."""
-
-UNIT_IN_DESCRIPTION = re.compile(r"\[([^]]+)\]")
-"""Unit in the description of a parameter, such as `[Pa]`."""
 
 Execution = Callable[[], Coroutine[Any, Any, None]]
 """Coroutine function that executes a callback whose input has been taken."""
@@ -366,11 +363,7 @@ def _find_unusable_parameter(node: Node, parameters: Sequence[Parameter]) -> str
             value, [limits] = parameter.value.double_value, described.floating_point_range
             least, greatest = limits.from_value, limits.to_value
             if not least <= value <= greatest:
-                units = UNIT_IN_DESCRIPTION.findall(described.description)
-                unit = units[-1] if units else ""
-                hint = suggest_unit_of_number(value, unit, least, greatest)
-                words = f"{least:g} to {greatest:g} {unit}".rstrip()
-                return f"{name} must be from {words} (is {value:g}){hint}"
+                return describe_passed_range(name, value, described.description, least, greatest)
     return ""
 
 

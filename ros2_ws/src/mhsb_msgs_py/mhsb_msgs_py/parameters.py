@@ -2,15 +2,53 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from mhsb_model.errors import ArgumentError, suggest_unit_of_number
 from mhsb_model.machine import Machine, load_machine
+
+UNIT_IN_DESCRIPTION = re.compile(r"\[([^]]+)\]")
+"""Unit in the description of a parameter, such as `[Pa]`."""
+
+VALUE_KINDS = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number with a decimal point",
+    str: "text",
+}
+"""Values that a parameter takes, by the type of its default; all others are arrays of numbers."""
+
+
+class ParameterValueError(ArgumentError):
+    """Error: a parameter cannot have the value that was given at the start of its node."""
+
+
+def describe_passed_range(name: str, value: float, text: str, least: float, greatest: float) -> str:
+    """Describe a number that is out of its parameter's range.
+
+    Args:
+        name: Name of the parameter.
+        value: The number.
+        text: Description of the parameter, which has the unit in brackets if there is one.
+        least: Smallest allowed number.
+        greatest: Largest allowed number.
+
+    Returns:
+        One sentence with range and unit, which suggests another unit if that may be meant.
+    """
+    units = UNIT_IN_DESCRIPTION.findall(text)
+    unit = units[-1] if units else ""
+    hint = suggest_unit_of_number(value, unit, least, greatest)
+    words = f"{least:g} to {greatest:g} {unit}".rstrip()
+    return f"{name} must be from {words} (is {value:g}){hint}"
 
 
 @dataclass(frozen=True)
@@ -47,7 +85,7 @@ class NodeParameter:
             The value that was given at the start of the node, else `default`.
 
         Raises:
-            ParameterException: The value that was given has another type than `default`, or is
+            ParameterValueError: The value that was given has another type than `default`, or is
                 outside `limits`.
         """
         descriptor = ParameterDescriptor(
@@ -61,10 +99,27 @@ class NodeParameter:
             least, greatest = self.limits
             limits = FloatingPointRange(from_value=least, to_value=greatest, step=0.0)
             descriptor.floating_point_range = [limits]
-        value = node.declare_parameter(self.name, self.default, descriptor).value
+        try:
+            value = node.declare_parameter(self.name, self.default, descriptor).value
+        except ParameterException as error:
+            reason = self._describe_refusal(node._parameter_overrides[self.name].value)
+            raise ParameterValueError(f"after --ros-args: {reason}") from error
         if self.may_be_empty and not value:
             node.set_parameters([Parameter(self.name, Parameter.Type.DOUBLE_ARRAY, [])])
         return value
+
+    def _describe_refusal(self, given: Any) -> str:
+        """Return one sentence on why rclpy has refused a value.
+
+        Args:
+            given: The value, of a wrong type or outside `limits`.
+        """
+        has_right_type = type(given) is type(self.default)
+        if self.limits is not None and has_right_type:
+            return describe_passed_range(self.name, given, self.text, *self.limits)
+        kind = VALUE_KINDS.get(type(self.default), "an array of numbers with decimal points")
+        is_whole = type(given) is int and type(self.default) is float
+        return f"{self.name} takes {kind} (is {given!r}){f'; give {given}.0' if is_whole else ''}"
 
 
 def declare_machine(node: Node) -> Machine:
