@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json as json_format
+import math
 from collections.abc import Sequence
 from typing import Annotated, Any
 
@@ -47,7 +48,7 @@ def echo(
         once: Print one message and end.
         timeout: How long to wait for a publisher [s]; with --once, the limit of the wait for a
             message, too.
-        json: Print each message as a JSON object on one line.
+        json: Print each message as a JSON object on one line; NaN and infinite numbers are null.
     """
     try:
         with run_command_node(lambda: Node("mhsb_echo")) as (executor, node):
@@ -93,7 +94,7 @@ def _print_messages(
         printed += 1
         content = to_plain(message)
         if as_json:
-            print(json_format.dumps(content), flush=True)
+            print(format_json(content), flush=True)
         else:
             print(yaml.safe_dump(content, sort_keys=False, allow_unicode=True) + "---", flush=True)
 
@@ -146,6 +147,27 @@ def _find_message_class(type_name: str) -> Any:
         return getattr(importlib.import_module(f"{package}.msg"), name)
     except (ModuleNotFoundError, AttributeError):
         raise TopicError(f"messages of type {type_name} are not installed here") from None
+
+
+def format_json(content: Any) -> str:
+    """Format plain content as JSON, which has no NaN and no infinite numbers.
+
+    Args:
+        content: Nested dicts and lists, as `to_plain` returns them.
+
+    Returns:
+        The text on one line. Numbers that are not finite are null.
+    """
+
+    def replace_non_finite(value: Any) -> Any:
+        """Return a copy of content in which None replaces numbers that are not finite."""
+        if isinstance(value, dict):
+            return {key: replace_non_finite(each) for key, each in value.items()}
+        if isinstance(value, list):
+            return [replace_non_finite(each) for each in value]
+        return None if isinstance(value, float) and not math.isfinite(value) else value
+
+    return json_format.dumps(replace_non_finite(content), allow_nan=False)
 
 
 def to_plain(value: Any) -> Any:

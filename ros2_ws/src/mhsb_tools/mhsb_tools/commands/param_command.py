@@ -18,7 +18,7 @@ from mhsb_model import command_line
 from mhsb_model.command_line import NumberRange
 from mhsb_model.errors import MhsbError, suggest_name
 from mhsb_msgs_py.node_process import run_command_node, spin_until
-from mhsb_tools.commands.echo_command import to_plain
+from mhsb_tools.commands.echo_command import format_json, to_plain
 
 NAN_SPELLING = re.compile(r"(?<![\w.])\.?nan\b", re.IGNORECASE)
 """Spellings of NaN in Python and YAML, such as `nan` and `.NaN`; JSON in Python has only `NaN`."""
@@ -48,7 +48,7 @@ def param(
         name: Name of the parameter.
         value: New value; an array is [0.65, 0.1, 0.9, 0.3].
         timeout: How long to wait for the node, and for each answer [s].
-        json: Print values, by name, as one JSON object.
+        json: Print values, by name, as one JSON object; NaN and infinite numbers are null.
     """
     given = [each for each in (name, value) if each is not None]
     words = {"list": "NODE", "get": "NODE NAME", "set": "NODE NAME VALUE"}[action]
@@ -61,7 +61,7 @@ def param(
         values = parameters.read(given[:1] or parameters.list_names())
         meanings = parameters.describe(list(values)) if action == "list" else {}
     if json:
-        print(json_format.dumps(values))
+        print(format_json(values))
     elif action == "list":
         for key, each in values.items():
             print(f"{key}: {_format(each)}" + (f"  # {meanings[key]}" if meanings[key] else ""))
