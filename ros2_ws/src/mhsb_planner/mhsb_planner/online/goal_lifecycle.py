@@ -33,7 +33,7 @@ from mhsb_planner.errors import DeadlineError
 from mhsb_planner.online.arm_state import ArmState
 from mhsb_planner.online.commit_horizon import LATE_PLAN_FACTOR, CommitHorizonEstimator
 from mhsb_planner.online.execution import Execution
-from mhsb_planner.online.goal_queue import GoalQueue
+from mhsb_planner.online.goal_queue import START_UP, GoalQueue
 from mhsb_planner.online.goal_reports import GoalReports
 from mhsb_planner.online.goal_states import GoalState
 from mhsb_planner.online.hand_over import LONGEST_WAIT, MAX_LATE_PLANS, HandOver
@@ -283,7 +283,8 @@ class GoalLifecycle:
         now, now_ns = self._clock.steady_time(), self._now_ns()
         if queue.must_wait(pending_goal, self._hand_over.is_ahead(now_ns)):
             return
-        if not self.arm_state.is_machine_known and self.arm_state.first_state_at < math.inf:
+        is_overdue = now - self.arm_state.first_state_at >= START_UP
+        if is_overdue and not self.arm_state.is_machine_known:
             self.handle_arm_machine(None)
         try:
             start = find_start_command(self.arm_state, now, now_ns)

@@ -24,14 +24,15 @@ from mhsb_planner.online.verdicts import find_verdict_code
 from mhsb_planner.search import goal_clearance
 
 FIRST_REPORT = 1.2
-"""Time after the arm's first state within which the arm reports its machine [s].
+"""Time after the arm's first state for which goals wait until the arm reports its machine [s].
 
 It reports the machine every second."""
 
 START_UP = 6.0
 """Time after the planner's start during which goals wait for the arm's first state [s].
 
-On a busy machine the discovery of a running arm takes seconds.
+For as long after this state, the planner does not warn that the arm does not report its machine. On
+a busy machine the discovery of a running arm, and of each of its topics, takes seconds.
 """
 
 

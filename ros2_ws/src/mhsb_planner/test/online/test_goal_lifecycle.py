@@ -635,3 +635,15 @@ def test_an_arm_that_tells_a_reference_is_given_time_to_tell_the_plan_in_force(w
     assert world.planned == []
     world.pass_time(0.01)
     assert len(world.planned) == 1
+
+
+@pytest.mark.parametrize(("seconds", "count"), [(2.0, 0), (8.0, 1)])
+def test_an_arm_is_not_said_to_be_silent_on_its_machine_before_it_had_time_to_report(
+    new_world, seconds, count
+):
+    world = new_world()
+    world.pass_time(seconds)
+    world.life.arm_state.is_machine_known = False
+    stamp = world.send_goal(*UP)
+    assert world.verdict(stamp).code is Verdict.OK
+    assert sum("does not report its machine" in each for each in world.warnings) == count
