@@ -146,9 +146,10 @@ def simulate(
         method: Planner and servo.
         zones: Keep-out zones.
         output: Folder for samples.csv, summary.json and move.png: path, joints, modes, operating
-            regions, pressures and energy on one page. Columns of samples.csv, 100 lines a second:
-            time [s], positions, velocities and accelerations of joints [rad, m and seconds],
-            tip_error [m], modes (0 N, 1 DB, 2 SB), pressures [Pa], valve openings from -1 to 1.
+            regions, pressures and energy on one page. Columns of samples.csv, every 10 ms: time
+            [s]; reference, position [rad or m], reference_velocity, velocity [rad/s or m/s] and
+            reference_acceleration [rad/s² or m/s²] of joints; tip_error [m]; modes (0 N, 1 DB, 2
+            SB); cap_pressure, rod_pressure, supply_pressure [Pa]; valve_opening (-1 to 1).
         json_: Print one JSON object instead of text.
         audit: Also print where all energy and all oil went, and what the plans had expected; not
             together with --json, which has it all.

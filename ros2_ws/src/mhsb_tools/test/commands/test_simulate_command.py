@@ -1,11 +1,13 @@
 """The sentences of the simulate command."""
 
 import json
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
 from mhsb_control.estimates_file import EstimatesFileError
+from mhsb_model.command_line import run
 from mhsb_tools.commands import simulate_command
 from mhsb_tools.commands.simulate_command import (
     MethodArguments,
@@ -15,7 +17,7 @@ from mhsb_tools.commands.simulate_command import (
     compose_missed_sentence,
     describe_possible_causes,
 )
-from mhsb_tools.study.headless import GoalRun, TimedGoal
+from mhsb_tools.study.headless import GoalRun, Samples, TimedGoal
 
 OTHER_ARM = (
     "; the arm that is simulated may ask more than plans and servo know of, --plant and --vary "
@@ -103,3 +105,14 @@ def test_a_run_is_not_lost_if_its_estimates_can_no_longer_be_written(tmp_path, m
             output=tmp_path / "run",
         )
     assert len(json.loads((tmp_path / "run" / "summary.json").read_text())["goals"]) == 1
+
+
+def test_the_help_names_the_columns_of_the_samples_with_their_units(capsys):
+    with pytest.raises(SystemExit):
+        run(simulate_command.simulate, ["--help"], name="simulate")
+    words = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    columns = words.partition("Columns of samples.csv")[2]
+    unitless = {"modes", "valve_opening"}
+    for column in fields(Samples):
+        after = columns.partition(f"{column.name}")[2]
+        assert after.partition("[" if column.name not in unitless else "(")[1], column.name
