@@ -22,7 +22,7 @@ from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.goal_region import Angle, angle_range
 from mhsb_planner.search.goal_clearance import check_tip_clearance, find_clear_postures
 from mhsb_planner.search.open_list import NO_STATE
-from mhsb_planner.search.s2_edge_costs import Edges, StepCostModel
+from mhsb_planner.search.s2_edge_costs import StepCostModel
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_step import (
     STEP_INADMISSIBLE,
@@ -71,8 +71,8 @@ class SearchGoal:
         postures: Descriptions of the admissible postures.
         first: Postures of group g are first[g] to first[g + 1] - 1, shape (groups + 1,).
         owner: Index of the posture in which a step of each combination ends, shape (groups,
-            patterns). Read-only like the graph's arrays, so that kernels are compiled once for
-            both.
+            patterns). This array and `first` are read-only like the graph's arrays, so that kernels
+            are compiled once for both.
     """
 
     tip: tuple[float, float]
@@ -165,7 +165,7 @@ def create_goal(
         first, owner = np.array([0, len(postures)]), owner.reshape(1, -1)
     find_clear_postures(machine, x, z, postures)  # only to raise; steps to unclear ones are barred
     described = describe_postures(machine.arrays, postures)
-    return SearchGoal((x, z), node, described, first, frozen(owner))
+    return SearchGoal((x, z), node, described, frozen(first), frozen(owner))
 
 
 def _create_goal_at_node(graph: StepGraph, x: float, z: float, node: int) -> SearchGoal:
@@ -192,7 +192,7 @@ def _create_goal_at_node(graph: StepGraph, x: float, z: float, node: int) -> Sea
     postures = Postures(*(values[first:last] for values in graph.postures))
     find_clear_postures(graph.machine, x, z, postures.posture)
     owner = layout.posture_of_state[node : node + 1] - first
-    return SearchGoal((x, z), node, postures, np.array([0, last - first]), frozen(owner))
+    return SearchGoal((x, z), node, postures, frozen(np.array([0, last - first])), frozen(owner))
 
 
 def find_postures_by_rule(
@@ -244,12 +244,11 @@ def compute_steps_from_start(
         One step for each reached node and admissible combination, with duration [s] and energies in
         both readings (`paper`, `series`) [J]. The steps to the goal have the state NO_STATE.
     """
-    to_grid = _price_steps_to_nodes(
-        graph.steps.cost_model, start.postures, graph.grid.cell_corners(*start.tip, rings)
-    )
+    cost_model, nodes = graph.steps.cost_model, graph.grid.cell_corners(*start.tip, rings)
+    to_grid = _compute_steps_to_nodes(cost_model, start.postures, nodes)
     if not graph.grid.share_cell(start.tip, goal.tip):
         return to_grid
-    direct = _compute_steps_to_goal(graph, start.postures, np.array([0]), goal)
+    direct = _compute_steps_to_goal(cost_model, start.postures, np.array([0]), goal)
     direct.origin[:] = NO_STATE
     return JoiningSteps(*(np.concatenate(pair) for pair in zip(to_grid, direct, strict=True)))
 
@@ -276,134 +275,65 @@ def compute_steps_to_goal(
     Raises:
         DeadlineError: The deadline passed.
     """
-    origins = _list_postures(
-        graph.layout.first_posture, np.sort(graph.grid.cell_corners(*goal.tip, rings))
-    )
+    nodes, first = np.sort(graph.grid.cell_corners(*goal.tip, rings)), graph.layout.first_posture
+    origins = _list_ranges(first[nodes], first[nodes + 1])
     if goal.node is not None and rings == 0:
         graph.steps.price(origins, deadline)
-        steps = _collect_steps_to_goal_node(
-            graph.steps.edges, len(graph.table.patterns), goal.node, origins, goal.owner[0]
-        )
+        steps = _collect_steps_to_goal_node(graph, goal, origins)
     else:
         parts = []
         for at in range(0, max(1, len(origins)), ORIGINS_AT_ONCE):
             deadline.check(JOIN_TASK)
             part = origins[at : at + ORIGINS_AT_ONCE]
-            parts.append(_compute_steps_to_goal(graph, graph.postures, part, goal))
+            parts.append(_compute_steps_to_goal(graph.steps.cost_model, graph.postures, part, goal))
         steps = JoiningSteps(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     deadline.check(JOIN_TASK)
-    return steps, _index_first_steps(steps.origin, len(graph.layout.posture))
+    count = np.bincount(steps.origin, minlength=len(graph.layout.posture))
+    return steps, np.append(0, np.cumsum(count))
 
 
-@kernel
-def _list_postures(first: IntArray, nodes: IntArray) -> IntArray:
-    """List all postures of some nodes.
-
-    Args:
-        first: Number of the first posture of each node, shape (nodes + 1,). Postures of node i are
-            first[i] to first[i + 1] - 1.
-        nodes: Indices of the nodes.
-
-    Returns:
-        Numbers of the postures, node by node in the order of `nodes`.
-    """
-    count = 0
-    for node in nodes:
-        count += first[node + 1] - first[node]
-    postures = np.empty(count, dtype=np.int64)
-    count = 0
-    for node in nodes:
-        for posture in range(first[node], first[node + 1]):
-            postures[count] = posture
-            count += 1
-    return postures
-
-
-@kernel
-def _index_first_steps(origin: IntArray, postures: int) -> IntArray:
-    """Compute the index of the first step of each posture in a sorted list of steps.
+def _list_ranges(first: IntArray, last: IntArray) -> IntArray:
+    """List the numbers of several ranges, one range after the other.
 
     Args:
-        origin: Posture that each step leaves, in ascending order, shape (steps,).
-        postures: Number of postures of the graph.
+        first: First number of each range, shape (ranges,).
+        last: Number after the last one of each range, shape (ranges,).
 
     Returns:
-        Array `first` of shape (postures + 1,). Steps of posture i are first[i] to first[i + 1] - 1.
+        The numbers first[0] to last[0] - 1, then those of the next range, and so on.
     """
-    first = np.zeros(postures + 1, dtype=np.int64)
-    for posture in origin:
-        first[posture + 1] += 1
-    for posture in range(postures):
-        first[posture + 1] += first[posture]
-    return first
+    count = last - first
+    return np.arange(count.sum()) + np.repeat(last - np.cumsum(count), count)
 
 
-@kernel
 def _collect_steps_to_goal_node(
-    edges: Edges, patterns: int, node: int, origins: IntArray, owner: IntArray
+    graph: StepGraph, goal: SearchGoal, origins: IntArray
 ) -> JoiningSteps:
     """Collect the graph's steps to one node, which is the goal of a search.
 
     Args:
-        edges: Steps of the graph; those that leave `origins` must be priced.
-        patterns: Number of mode combinations.
-        node: Index of the node that is the goal.
+        graph: Graph; its steps that leave `origins` must be priced.
+        goal: Goal of the search, which is a node.
         origins: Numbers of the graph's postures whose steps are examined. A node has one or more
             postures.
-        owner: For each mode combination the index of the goal posture in which a step of that
-            combination ends, shape (patterns,).
 
     Returns:
         Steps in the order of `origins`. The field `origin` is the number of the posture that is
         left, `end` the index of the goal posture, and `state` NO_STATE.
     """
-    room = 0
-    for i in origins:
-        room += edges.last[i] - edges.first[i]
-    origin, end = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.int64)
-    pattern, cost = np.empty(room, dtype=np.int64), np.empty((room, 3))
-    found = 0
-    for i in origins:
-        for e in range(edges.first[i], edges.last[i]):
-            if edges.state[e] // patterns == node:
-                origin[found], pattern[found] = i, edges.pattern[e]
-                end[found] = owner[pattern[found]]
-                copy_row(cost[found], edges.cost[e])
-                found += 1
-    nowhere = np.full(found, NO_STATE)
-    return JoiningSteps(origin[:found], nowhere, end[:found], pattern[:found], cost[:found])
+    edges = graph.steps.edges
+    first, last = edges.first[origins], edges.last[origins]
+    step, origin = _list_ranges(first, last), np.repeat(origins, last - first)
+    ends_at_goal = edges.state[step] // len(graph.table.patterns) == goal.node
+    step, origin = step[ends_at_goal], origin[ends_at_goal]
+    pattern, nowhere = edges.pattern[step], np.full(len(step), NO_STATE)
+    return JoiningSteps(origin, nowhere, goal.owner[0, pattern], pattern, edges.cost[step])
 
 
-def _compute_steps_to_goal(
-    graph: StepGraph, start: Postures, origins: IntArray, goal: SearchGoal
-) -> JoiningSteps:
-    """Compute the admissible steps to a goal, with the cost model of a graph.
-
-    Args:
-        graph: Graph; only its cost model `steps.cost_model` is read.
-        start: Descriptions of the postures that steps may leave.
-        origins: Rows of `start` for which steps are computed.
-        goal: Goal of the search.
-
-    Returns:
-        Steps in the order of `origins`. The field `origin` is the row of `start` that is left,
-        `end` the index of the goal posture, and `state` NO_STATE.
-    """
-    return _price_steps_to_goal(
-        graph.steps.cost_model, start, origins, goal.postures, goal.first, goal.owner
-    )
-
-
-@kernel
-def _price_steps_to_nodes(
+def _compute_steps_to_nodes(
     cost_model: StepCostModel, start: Postures, nodes: IntArray
 ) -> JoiningSteps:
     """Compute the admissible steps from one posture to given nodes of the graph.
-
-    A step is inadmissible if the tip leaves the workspace or the arm comes too near to an obstacle.
-    It is also inadmissible in a mode combination that does not boost a joint that needs boost.
-    Combinations that boost a joint without need are admissible only if the node has no other
-    admissible combination.
 
     Args:
         cost_model: Machine, obstacles, postures and states of the graph.
@@ -415,92 +345,99 @@ def _price_steps_to_nodes(
         `state` is the state that is reached (node · patterns + pattern). The fields `origin` and
         `end` are NO_STATE.
     """
-    m, obstacles, patterns = cost_model.machine, cost_model.obstacles, cost_model.patterns
-    layout, postures = cost_model.layout, cost_model.postures
-    scratch = create_step_buffers(patterns)
-    count = len(patterns)
-    state = np.empty(len(nodes) * count, dtype=np.int64)
-    cost = np.empty((len(nodes) * count, 3))
-    found = 0
-    for node in nodes:
-        first = layout.first_posture[node]
-        here = layout.first_posture[node + 1] - first
-        if here == 0:
-            continue
-        middle = np.empty((here, patterns.shape[1]))
-        compute_middle_forces(m, start.posture[0], postures.posture, first, middle)
-        mark_collisions(m, obstacles, start.posture[0], postures.posture, first, middle)
-        owner = layout.posture_of_state[node]
-        moves = NodeMoves(start, 0, postures, first, here, owner, middle)
-        status = price_steps_to_node(cost_model.circuit, patterns, moves, scratch)
-        if status == STEP_INADMISSIBLE:
-            continue
-        for p in range(count):
-            if scratch.status[p] == status:
-                state[found] = node * count + p
-                copy_row(cost[found], scratch.cost[p])
-                found += 1
-    nowhere = np.full(found, NO_STATE)
-    return JoiningSteps(nowhere, state[:found], nowhere.copy(), state[:found] % count, cost[:found])
+    layout = cost_model.layout
+    _, node, pattern, cost = _price_steps(
+        cost_model,
+        start,
+        np.array([0]),
+        nodes,
+        cost_model.postures,
+        layout.first_posture,
+        layout.posture_of_state,
+    )
+    nowhere = np.full(len(node), NO_STATE)
+    state = node * len(cost_model.patterns) + pattern
+    return JoiningSteps(nowhere, state, nowhere, pattern, cost)
 
 
-@kernel
-def _price_steps_to_goal(
-    cost_model: StepCostModel,
-    start: Postures,
-    origins: IntArray,
-    goal: Postures,
-    goal_first: IntArray,
-    goal_owner: IntArray,
+def _compute_steps_to_goal(
+    cost_model: StepCostModel, start: Postures, origins: IntArray, goal: SearchGoal
 ) -> JoiningSteps:
-    """Compute the admissible steps from given postures to each group of goal postures.
-
-    A step is inadmissible if the tip leaves the workspace or the arm comes too near to an obstacle.
-    It is also inadmissible in a mode combination that does not boost a joint that needs boost. A
-    group assigns a goal posture to each mode combination, and combinations may share a posture.
-    Combinations that boost a joint without need are admissible only if the group has no other
-    admissible combination.
+    """Compute the admissible steps from given postures to a goal.
 
     Args:
         cost_model: Machine, obstacles and mode combinations of the graph.
         start: Descriptions of the postures that steps may leave.
         origins: Rows of `start` for which steps are computed.
-        goal: Descriptions of the goal postures.
-        goal_first: Postures of group g are goal_first[g] to goal_first[g + 1] - 1, shape (groups +
-            1,).
-        goal_owner: Index of the goal posture of each group and combination, shape (groups,
-            patterns).
+        goal: Goal of the search.
 
     Returns:
-        Steps in the order of `origins`, and group by group for each origin. The field `origin` is
-        the row of `start` that is left, `end` the index of the goal posture, and `state` NO_STATE.
+        Steps in the order of `origins`. The field `origin` is the row of `start` that is left,
+        `end` the index of the goal posture, and `state` NO_STATE.
+    """
+    groups = np.arange(len(goal.owner))
+    origin, group, pattern, cost = _price_steps(
+        cost_model, start, origins, groups, goal.postures, goal.first, goal.owner
+    )
+    end, nowhere = goal.owner[group, pattern], np.full(len(group), NO_STATE)
+    return JoiningSteps(origin, nowhere, end, pattern, cost)
+
+
+@kernel
+def _price_steps(
+    cost_model: StepCostModel,
+    start: Postures,
+    origins: IntArray,
+    groups: IntArray,
+    end: Postures,
+    first: IntArray,
+    owner: IntArray,
+) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
+    """Compute the admissible steps from given postures to groups of postures.
+
+    A group assigns a posture to each mode combination, and combinations may share a posture. A node
+    is a group, and a goal has one or more. A step is inadmissible if the tip leaves the workspace
+    or the arm comes too near to an obstacle. It is also inadmissible in a mode combination that
+    does not boost a joint that needs boost. Combinations that boost a joint without need are
+    admissible only if the group has no other admissible combination.
+
+    Args:
+        cost_model: Machine, obstacles and mode combinations of the graph.
+        start: Descriptions of the postures that steps may leave.
+        origins: Rows of `start` for which steps are computed.
+        groups: Numbers of the groups to reach.
+        end: Descriptions of the postures of all groups.
+        first: Postures of group g are first[g] to first[g + 1] - 1, shape (all groups + 1,).
+        owner: Row of `end` for each group and combination, shape (all groups, patterns).
+
+    Returns:
+        Row of `start` that each step leaves, number of the group that it reaches, index of its mode
+        combination, and its cost, shape (steps, 3). The steps are in the order of `origins`, and
+        group by group for each origin. The columns of a cost are those of `JoiningSteps.cost`.
     """
     m, obstacles, patterns = cost_model.machine, cost_model.obstacles, cost_model.patterns
-    scratch = create_step_buffers(patterns)
-    count = len(patterns)
-    capacity = len(origins) * len(goal_owner) * count
+    scratch, count = create_step_buffers(patterns), len(patterns)
+    capacity = len(origins) * len(groups) * count
     origin = np.empty(capacity, dtype=np.int64)
-    end = np.empty(capacity, dtype=np.int64)
+    group = np.empty(capacity, dtype=np.int64)
     pattern = np.empty(capacity, dtype=np.int64)
     cost = np.empty((capacity, 3))
     found = 0
     for i in origins:
-        for g in range(len(goal_owner)):
-            first = goal_first[g]
-            here = goal_first[g + 1] - first
+        for g in groups:
+            here = first[g + 1] - first[g]
+            if here == 0:
+                continue
             middle = np.empty((here, patterns.shape[1]))
-            compute_middle_forces(m, start.posture[i], goal.posture, first, middle)
-            mark_collisions(m, obstacles, start.posture[i], goal.posture, first, middle)
-            moves = NodeMoves(start, i, goal, first, here, goal_owner[g], middle)
+            compute_middle_forces(m, start.posture[i], end.posture, first[g], middle)
+            mark_collisions(m, obstacles, start.posture[i], end.posture, first[g], middle)
+            moves = NodeMoves(start, i, end, first[g], here, owner[g], middle)
             status = price_steps_to_node(cost_model.circuit, patterns, moves, scratch)
             if status == STEP_INADMISSIBLE:
                 continue
             for p in range(count):
                 if scratch.status[p] == status:
-                    origin[found] = i
-                    end[found] = goal_owner[g, p]
-                    pattern[found] = p
+                    origin[found], group[found], pattern[found] = i, g, p
                     copy_row(cost[found], scratch.cost[p])
                     found += 1
-    nowhere = np.full(found, NO_STATE)
-    return JoiningSteps(origin[:found], nowhere, end[:found], pattern[:found], cost[:found])
+    return origin[:found], group[:found], pattern[:found], cost[:found]
