@@ -165,7 +165,6 @@ def _compute_held_coefficients(machine: Machine) -> HydraulicCoefficients:
     return circuit._replace(rest_speed=MAX_HELD_SPEED)
 
 
-@kernel
 def _count_switches(patterns: ModeArray, start_modes: ModeArray) -> IntArray:
     """Count the actuators that change their mode from one mode combination to another.
 
@@ -177,13 +176,8 @@ def _count_switches(patterns: ModeArray, start_modes: ModeArray) -> IntArray:
         Counts, shape (patterns + 1, patterns). Row: combination before; the last row stands for
         `start_modes`. Column: combination after.
     """
-    count = len(patterns)
-    switches = np.zeros((count + 1, count), dtype=np.int64)
-    for p in range(count):
-        for j in range(len(start_modes)):
-            for before in range(count):
-                switches[before, p] += patterns[before, j] != patterns[p, j]
-            switches[count, p] += start_modes[j] != patterns[p, j]
+    before = np.vstack([patterns, start_modes])
+    switches: IntArray = (before[:, None] != patterns).sum(axis=-1)
     return switches
 
 
@@ -212,6 +206,9 @@ class PathCostBuffers(NamedTuple):
         value: Least cost up to points 0 and 1 by mode combination of arrival, shape (2, patterns +
             1). The last column stands for the modes in force at the start.
         shortfall: Cost w₄ M of the priced piece, shape (patterns,).
+        parent: Best combination before the last piece of a path, for each combination of that
+            piece, shape (patterns,). The number of combinations stands for the modes in force at
+            the start of the path.
     """
 
     scratch: StepBuffers
@@ -220,6 +217,7 @@ class PathCostBuffers(NamedTuple):
     owner: IntArray
     value: FloatArray
     shortfall: FloatArray
+    parent: IntArray
 
 
 def new_path_cost_buffers(t: PathCostModel) -> PathCostBuffers:
@@ -242,6 +240,7 @@ def new_path_cost_buffers(t: PathCostModel) -> PathCostBuffers:
         owner,
         np.empty((2, count + 1)),
         np.zeros(count),
+        np.empty(count, dtype=np.int64),
     )
 
 
@@ -374,6 +373,30 @@ def piece_count(start: FloatArray, end: FloatArray, piece: float) -> int:
     return max(1, math.ceil(stroke / piece - 1e-9))
 
 
+@kernel
+def cut_into_pieces(via: FloatArray, piece: float) -> tuple[FloatArray, IntArray]:
+    """Cut each segment of a cylinder path into equal pieces of limited stroke.
+
+    Args:
+        via: Waypoints, shape (points, n) [m].
+        piece: Largest stroke of a cylinder within one piece [m].
+
+    Returns:
+        Cylinder lengths at the end of each piece, shape (pieces, n) [m], and the number of pieces
+        of each segment, shape (points - 1,).
+    """
+    count = np.empty(len(via) - 1, dtype=np.int64)
+    for s in range(len(count)):
+        count[s] = piece_count(via[s], via[s + 1], piece)
+    end, row = np.empty((count.sum(), via.shape[1])), 0
+    for s in range(len(count)):
+        for k in range(1, count[s] + 1):
+            for j in range(via.shape[1]):
+                end[row, j] = via[s, j] + (via[s + 1, j] - via[s, j]) * k / count[s]
+            row += 1
+    return end, count
+
+
 @kernel(borrows=True)
 def least_move_cost(t: PathCostModel, start: FloatArray, end: FloatArray) -> float:
     """Return the lower bound on the cost of any path between two vectors of cylinder lengths."""
@@ -392,7 +415,7 @@ def _piece_cost(t: PathCostModel, w: PathCostBuffers, p: int) -> float:
 
 
 @kernel(borrows=True)
-def _extend_by_piece(t: PathCostModel, w: PathCostBuffers, here: int, parent: IntArray) -> float:
+def _extend_by_piece(t: PathCostModel, w: PathCostBuffers, here: int) -> float:
     """Extend the least costs of a path by one piece, for each mode combination of arrival.
 
     The piece leads from w.points[here] to w.points[1 - here]. For each admissible combination p of
@@ -404,15 +427,12 @@ def _extend_by_piece(t: PathCostModel, w: PathCostBuffers, here: int, parent: In
     switches[o, p] is the number of mode switches from o to p. The weights of the cost are w₁ to w₄.
     E, T and M are the piece's energy, duration and manipulability loss. `value` is w.value[here],
     which is read. `after` is w.value[1 - here], which is written; inadmissible combinations get
-    inf.
+    inf. w.parent gets the best o for each admissible p; its other entries stay as they are.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
         w: Working memory of the thread, changed in place.
         here: Index of the piece's start in w.points, 0 or 1.
-        parent: Written in place, shape (patterns,): the best o for each admissible p. The value
-            `patterns`, one past the last combination, stands for the modes in force at the start of
-            the path. Other entries stay as they are.
 
     Returns:
         Least of after[p]; inf if the piece is inadmissible, and w.value is then unchanged.
@@ -432,7 +452,7 @@ def _extend_by_piece(t: PathCostModel, w: PathCostBuffers, here: int, parent: In
             arrived = value[o] + w_switch * t.switches[o, p]
             if arrived < best:
                 best = arrived
-                parent[p] = o
+                w.parent[p] = o
         after[p] = best + _piece_cost(t, w, p)
         least = min(least, after[p])
     return least
@@ -513,7 +533,6 @@ def continue_path(
     w: PathCostBuffers,
     via: FloatArray,
     limit: float,
-    parent: IntArray,
     rests_at_end: bool,
 ) -> float:
     """Add the cost of further waypoints to a cylinder path that ends at w.points[0].
@@ -529,8 +548,6 @@ def continue_path(
         via: Waypoints, shape (points, n) [m]; the first is the one at w.points[0].
         limit: The path is given up if its cost so far plus a lower bound on the rest of `via`
             reaches this cost.
-        parent: Written in place, shape (pieces, patterns): best combination before each piece, for
-            each combination of that piece. With a single row only the last piece's entries remain.
         rests_at_end: True if the arm rests at the last waypoint, so that the switches to the modes
             that hold it there count.
 
@@ -542,22 +559,17 @@ def continue_path(
     rest = 0.0
     for s in range(len(via) - 1):
         rest += least_move_cost(t, via[s], via[s + 1])
-    here, row = 0, 0
-    length = np.empty(via.shape[1])
-    least = 0.0
-    for s in range(len(via) - 1):
-        count = piece_count(via[s], via[s + 1], t.max_piece_stroke)
-        piece = least_move_cost(t, via[s], via[s + 1]) / count
-        for k in range(1, count + 1):
-            for j in range(len(length)):
-                length[j] = via[s, j] + (via[s + 1, j] - via[s, j]) * k / count
-            place_posture(t.machine, w.points, 1 - here, length, here)
-            least = _extend_by_piece(t, w, here, parent[row])
+    end, count = cut_into_pieces(via, t.max_piece_stroke)
+    here, row, least = 0, 0, 0.0
+    for s in range(len(count)):
+        piece = least_move_cost(t, via[s], via[s + 1]) / count[s]
+        for _ in range(count[s]):
+            place_posture(t.machine, w.points, 1 - here, end[row], here)
+            least = _extend_by_piece(t, w, here)
             rest -= piece
             if least + rest >= limit:
                 return math.inf
-            here = 1 - here
-            row = row + 1 if row + 1 < len(parent) else 0
+            here, row = 1 - here, row + 1
     if rests_at_end:
         least = _add_holding_switches(t, w, here)
         if least >= limit:
@@ -587,8 +599,7 @@ def price_path(
         The cost; inf if the path is inadmissible or its cost reaches the limit.
     """
     begin_path(t, w, via[0], start)
-    parent = np.empty((1, len(t.patterns)), dtype=np.int64)
-    return continue_path(t, w, via, limit, parent, True)
+    return continue_path(t, w, via, limit, True)
 
 
 @kernel
@@ -611,31 +622,24 @@ def compute_costs_to_go(
         (points, patterns). Inf means that no admissible sequence of modes continues from there. The
         first row is all inf, since it is not computed.
     """
-    pieces, patterns = 0, len(t.patterns)
-    for s in range(len(via) - 1):
-        pieces += piece_count(via[s], via[s + 1], t.max_piece_stroke)
-    cost = np.full((pieces, patterns), np.inf)
+    end, count = cut_into_pieces(via, t.max_piece_stroke)
+    patterns, here = len(t.patterns), 0
+    cost = np.full((len(end), patterns), np.inf)
     begin_path(t, w, via[0], start)
-    length = np.empty(via.shape[1])
-    here, row = 0, 0
-    for s in range(len(via) - 1):
-        count = piece_count(via[s], via[s + 1], t.max_piece_stroke)
-        for k in range(1, count + 1):
-            for j in range(len(length)):
-                length[j] = via[s, j] + (via[s + 1, j] - via[s, j]) * k / count
-            place_posture(t.machine, w.points, 1 - here, length, here)
-            status = price_piece(t, w, here)
-            for p in range(patterns):
-                if status != STEP_INADMISSIBLE and w.scratch.status[p] == status:
-                    cost[row, p] = _piece_cost(t, w, p)
-            here, row = 1 - here, row + 1
+    for row in range(len(end)):
+        place_posture(t.machine, w.points, 1 - here, end[row], here)
+        status = price_piece(t, w, here)
+        for p in range(patterns):
+            if status != STEP_INADMISSIBLE and w.scratch.status[p] == status:
+                cost[row, p] = _piece_cost(t, w, p)
+        here = 1 - here
     ahead = np.full((len(via), patterns), np.inf)
     for p in range(patterns):
-        count = count_switches_to_hold(t.machine, w.points.force[here], t.patterns[p])
-        ahead[-1, p] = t.weight[2] * count
-    after, before = ahead[-1].copy(), np.empty(patterns)
+        switches = count_switches_to_hold(t.machine, w.points.force[here], t.patterns[p])
+        ahead[-1, p] = t.weight[2] * switches
+    after, before, row = ahead[-1].copy(), np.empty(patterns), len(end)
     for s in range(len(via) - 2, 0, -1):
-        for _ in range(piece_count(via[s], via[s + 1], t.max_piece_stroke)):
+        for _ in range(count[s]):
             row -= 1
             before[:] = np.inf
             for p in range(patterns):
@@ -685,30 +689,25 @@ def compute_pieces(
         Fields of `PathPieces` in their order. If the path is inadmissible, the cost is inf and the
         arrays are undefined.
     """
-    pieces, patterns = 0, len(t.patterns)
-    for s in range(len(via) - 1):
-        pieces += piece_count(via[s], via[s + 1], t.max_piece_stroke)
+    end, _ = cut_into_pieces(via, t.max_piece_stroke)
+    pieces, patterns, here = len(end), len(t.patterns), 0
     parent = np.empty((pieces, patterns), dtype=np.int64)
     every, posture = np.empty((pieces, patterns, 3)), np.empty((pieces + 1, via.shape[1]))
     pattern, price = np.empty(pieces, dtype=np.int64), np.empty((pieces, 3))
-    tip, length = np.empty((pieces + 1, 2)), np.empty(via.shape[1])
+    tip = np.empty((pieces + 1, 2))
     begin_path(t, w, via[0], start)
     copy_row(posture[0], start)
     tip[0, 0], tip[0, 1] = tip_position(t.machine, start)
-    here, row = 0, 0
-    for s in range(len(via) - 1):
-        count = piece_count(via[s], via[s + 1], t.max_piece_stroke)
-        for k in range(1, count + 1):
-            for j in range(len(length)):
-                length[j] = via[s, j] + (via[s + 1, j] - via[s, j]) * k / count
-            place_posture(t.machine, w.points, 1 - here, length, here)
-            if _extend_by_piece(t, w, here, parent[row]) == math.inf:
-                return math.inf, tip, posture, pattern, price
-            for p in range(patterns):
-                copy_row(every[row, p], w.scratch.cost[p])
-            here, row = 1 - here, row + 1
-            copy_row(posture[row], w.points.posture[here])
-            tip[row, 0], tip[row, 1] = tip_position(t.machine, posture[row])
+    for row in range(pieces):
+        place_posture(t.machine, w.points, 1 - here, end[row], here)
+        if _extend_by_piece(t, w, here) == math.inf:
+            return math.inf, tip, posture, pattern, price
+        copy_row(parent[row], w.parent)
+        for p in range(patterns):
+            copy_row(every[row, p], w.scratch.cost[p])
+        here = 1 - here
+        copy_row(posture[row + 1], w.points.posture[here])
+        tip[row + 1, 0], tip[row + 1, 1] = tip_position(t.machine, posture[row + 1])
     cost = _add_holding_switches(t, w, here)
     pattern[-1] = np.argmin(w.value[here, :-1])
     for k in range(pieces - 1, -1, -1):

@@ -197,11 +197,10 @@ def sweep_waypoint(
     """
     points, via, free = w.points, path.waypoints, path.free
     n = via.shape[1]
-    parent = np.empty((1, len(t.patterns)), dtype=np.int64)
     if i == 1:
         begin_path(t, w, via[0], path.start)
     else:
-        continue_path(t, w, via[i - 2 : i], math.inf, parent, False)
+        continue_path(t, w, via[i - 2 : i], math.inf, False)
     # State of the dynamic programming at the previous waypoint, from which every trial begins.
     value, posture, force = w.value[0].copy(), points.posture[0].copy(), points.force[0].copy()
     kept = np.empty(n)
@@ -223,7 +222,7 @@ def sweep_waypoint(
                 copy_row(points.length[0], via[i - 1])
                 copy_row(points.force[0], force)
                 copy_row(w.value[0], value)
-                trial = continue_path(t, w, via[i - 1 : i + 2], cost - left, parent, last)
+                trial = continue_path(t, w, via[i - 1 : i + 2], cost - left, last)
                 if trial < math.inf and not last:
                     trial = np.min(w.value[0, :-1] + ahead[i + 1])
                 if trial < cost:

@@ -73,13 +73,13 @@ def test_what_is_behind_a_corner_and_what_is_ahead_add_up_to_the_whole(
     machine, terms_of, posture_within
 ):
     t = terms_of(machine)
-    w, parent = new_path_cost_buffers(t), np.empty((1, len(t.patterns)), dtype=np.int64)
+    w = new_path_cost_buffers(t)
     for seed in range(5):
         start, via, _, cost = random_route(machine, t, posture_within, seed)
         ahead = compute_costs_to_go(t, w, via, start)
         for i in range(1, len(via)):
             begin_path(t, w, via[0], start)
-            continue_path(t, w, via[: i + 1], np.inf, parent, False)
+            continue_path(t, w, via[: i + 1], np.inf, False)
             assert np.min(w.value[0, :-1] + ahead[i]) == pytest.approx(cost, rel=1e-12)
 
 
