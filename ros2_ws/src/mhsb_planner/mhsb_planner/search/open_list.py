@@ -266,6 +266,7 @@ def record_path_to(
     sift_up(f.states, f.heap, slot, target)
 
 
+@kernel
 def trace_path_to_goal(f: OpenList) -> IntArray:
     """Return the states of the path found, from the first after the start to the goal.
 
@@ -275,20 +276,7 @@ def trace_path_to_goal(f: OpenList) -> IntArray:
     Returns:
         State numbers in path order. The start has no number and is left out; the goal is last.
     """
-    return _trace_path_to(f.states, len(f.states) - 1)
-
-
-@kernel
-def _trace_path_to(states: Records[SearchState], state: int) -> IntArray:
-    """List the states of the best path from the start to a state.
-
-    Args:
-        states: Records of all states.
-        state: Number of the last state of the path.
-
-    Returns:
-        State numbers in path order, from the first after the start to `state`.
-    """
+    states, state = f.states, len(f.states) - 1
     before, count = state, 0
     while before != NO_STATE:
         before = states[before].parent

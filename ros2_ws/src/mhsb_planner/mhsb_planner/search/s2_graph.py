@@ -10,6 +10,7 @@ the table is kept, and a step is priced again when a search needs it.
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 
 import numpy as np
 
@@ -21,14 +22,13 @@ from mhsb_planner.posture.grid import Grid
 from mhsb_planner.posture.s1_global_search import find_postures_at
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.s2_edge_costs import (
-    CylinderForces,
     Edges,
     PricedSteps,
     StepCostModel,
     compute_move_forces,
     compute_posture_forces,
 )
-from mhsb_planner.search.s2_layout import Layout, create_layout
+from mhsb_planner.search.s2_layout import create_layout
 from mhsb_planner.search.s2_step import Postures, compute_hydraulic_coefficients, describe_postures
 
 PostureRule = Callable[[Machine, float, float, Deadline], FloatArray]
@@ -93,24 +93,19 @@ class StepGraph:
         machine: Machine,
         table: PostureTable,
         jobs: int | None = None,
-        template: StepGraph | None = None,
         posture_rule: PostureRule = find_largest_polytope_postures,
         grid: Grid | None = None,
         deadline: Deadline = NO_DEADLINE,
     ) -> None:
-        """Build the graph; without `template`, price all steps.
+        """Build the graph and price all steps.
 
-        Pricing a step means computing its duration and energies. Without `template` all steps are
-        priced in this call. With `template` a step is priced when a search needs it.
+        Pricing a step means computing its duration and energies.
 
         Args:
             machine: Machine that moves.
             table: Posture table of this machine, or of one that differs in quantities that
                 `Machine.changed` changes, such as the payload.
             jobs: Number of threads; None means one per processor.
-            template: Graph on the same table for a machine that differs in quantities that
-                `Machine.changed` changes. Everything that does not depend on them is taken from the
-                template, and `posture_rule` and `grid` are ignored. None computes everything.
             posture_rule: Rule by which the table's postures were chosen; it gives the postures at
                 points off the grid.
             grid: Grid of the table's nodes if it exists already; None builds it.
@@ -119,33 +114,34 @@ class StepGraph:
         Raises:
             DeadlineError: The deadline passed.
         """
-        self.machine = machine
         self.table = table
         self.jobs = jobs
-        self.posture_rule: PostureRule = template.posture_rule if template else posture_rule
-        self.grid: Grid = template.grid if template else grid or Grid(table.nodes, table.spacing)
-        self.layout: Layout = template.layout if template else create_layout(table, self.grid)
-        self.switches: IntArray = template.switches if template else self._count_switches()
-        arrays = machine.arrays
-        self._loads: CylinderForces = (
-            template._loads if template else compute_posture_forces(arrays, self.layout)
-        )
+        self.posture_rule = posture_rule
+        self.grid: Grid = grid or Grid(table.nodes, table.spacing)
+        self.layout = create_layout(table, self.grid)
+        self.switches: IntArray = self._count_switches()
+        self._loads = compute_posture_forces(machine.arrays, self.layout)
         deadline.check("the graph of all steps")
-        self._middle: CylinderForces = (
-            template._middle
-            if template
-            else compute_move_forces(arrays, self.layout, jobs, deadline)
-        )
-        self.circuit = compute_hydraulic_coefficients(arrays, table.patterns)
-        self.postures: Postures = (
-            template.postures if template else describe_postures(arrays, self.layout.posture)
-        )
+        self._middle = compute_move_forces(machine.arrays, self.layout, jobs, deadline)
+        self.postures: Postures = describe_postures(machine.arrays, self.layout.posture)
+        self._set_machine(machine, 0)
+        self.steps.price_all(deadline)
+
+    def _set_machine(self, machine: Machine, room: int) -> None:
+        """Set the machine and all that depends on what `Machine.changed` changes.
+
+        Args:
+            machine: Machine that moves.
+            room: Number of steps for which memory is reserved. No step is priced yet.
+        """
+        arrays, obstacles = machine.arrays, machine.obstacles.path_rows
+        self.machine = machine
+        self.circuit = compute_hydraulic_coefficients(arrays, self.table.patterns)
         force = self._loads.bare + arrays.payload * self._loads.for_each_kg
         self.postures = self.postures._replace(force=frozen(force))
-        obstacles = machine.obstacles.path_rows
         terms = StepCostModel(
             self.circuit,
-            table.patterns,
+            self.table.patterns,
             self.layout,
             self.postures,
             self._middle,
@@ -153,10 +149,7 @@ class StepGraph:
             obstacles,
             frozen(self._clearance(obstacles)),
         )
-        room = len(template.steps.edges.state) if template else 0
-        self.steps: PricedSteps = PricedSteps(terms, jobs, room)
-        if template is None:
-            self.steps.price_all(deadline)
+        self.steps = PricedSteps(terms, self.jobs, room)
 
     @property
     def edges(self) -> Edges:
@@ -200,7 +193,9 @@ class StepGraph:
             A graph that shares with this one what the change leaves as it is. Its steps are priced
             when they are needed.
         """
-        return StepGraph(machine, self.table, self.jobs, template=self)
+        changed = copy(self)
+        changed._set_machine(machine, len(self.steps.edges.state))
+        return changed
 
     def _clearance(self, obstacles: FloatArray) -> FloatArray:
         """Compute the clearance of each posture of the graph, beyond the margin.

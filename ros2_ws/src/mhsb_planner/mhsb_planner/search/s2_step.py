@@ -50,13 +50,12 @@ import numpy as np
 
 from mhsb_model import hydraulics
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.linkages.linkage import cylinder_length
+from mhsb_model.linkages.linkage import cylinder_lengths
 from mhsb_model.machine import Machine
 from mhsb_model.modes import BOOSTED_MODES, MODE_COUNT, RAIL_MODES, Mode
 from mhsb_model.obstacles.clearance import move_is_clear
-from mhsb_model.statics import piston_forces
+from mhsb_model.statics import piston_forces, piston_forces_in
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
 from mhsb_model.workspace import move_stays_in_workspace
 
@@ -96,29 +95,6 @@ class Postures(NamedTuple):
     force: FloatArray
 
 
-@kernel
-def _lengths_and_forces(m: MachineArrays, posture: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute the arrays of cylinder lengths and piston forces in several postures.
-
-    Args:
-        m: Arrays of the machine, with its payload.
-        posture: Joint positions, shape (count, n) [rad or m].
-
-    Returns:
-        Cylinder lengths [m] and piston forces, positive if they resist extension [N], both of shape
-        (count, n).
-    """
-    length = np.empty(posture.shape)
-    force = np.empty(posture.shape)
-    q = np.empty(posture.shape[1])
-    for i in range(len(posture)):
-        copy_row(q, posture[i])
-        piston_forces(m, q, force[i])
-        for j in range(len(q)):
-            length[i, j] = cylinder_length(m.linkage[j], q[j])
-    return length, force
-
-
 def describe_postures(m: MachineArrays, posture: FloatArray) -> Postures:
     """Describe several postures by cylinder lengths and by piston forces under gravity.
 
@@ -130,9 +106,10 @@ def describe_postures(m: MachineArrays, posture: FloatArray) -> Postures:
         Copy of the postures, with cylinder lengths [m] and piston forces, positive if they resist
         extension [N]. All are read-only, shape (count, n).
     """
-    posture = frozen(posture)
-    length, force = _lengths_and_forces(m, posture)
-    return Postures(posture, frozen(length), frozen(force))
+    own, force = np.array(posture, order="C"), np.empty(posture.shape)
+    piston_forces_in(m, own, force)
+    posture = frozen(own)
+    return Postures(posture, frozen(cylinder_lengths(m.linkage, posture)), frozen(force))
 
 
 class HydraulicCoefficients(NamedTuple):
