@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from tests.support.lower_bounds import energy_lower_bound
 
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.inverse_kinematics.tip_postures import (
@@ -23,7 +24,7 @@ from mhsb_planner.posture.s1_psi_intervals_3r import (
     find_feasible_intervals,
     solve_posture_at_psi,
 )
-from mhsb_planner.search.lower_bound import ENERGY_ONLY_WEIGHTS, energy_lower_bound
+from mhsb_planner.search.lower_bound import ENERGY_ONLY_WEIGHTS
 from mhsb_planner.search.s2_step import compute_hydraulic_coefficients
 
 START, GOAL = (0.55, -0.05), (0.60, 0.55)

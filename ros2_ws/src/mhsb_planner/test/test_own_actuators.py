@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.support.lower_bounds import energy_lower_bound
 
 from mhsb_model.braking import brake_along
 from mhsb_model.files.config_files import find_config_file
@@ -12,7 +13,6 @@ from mhsb_model.trajectory import MotionState
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planner import ENERGY_OPTIMAL, Planner, PlanOptions
 from mhsb_planner.posture.s1_global_search import build_posture_table, find_postures_at
-from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.s2_search import Weights
 
 KINDS = st.sampled_from(["table", "fixed", "integrated"])

@@ -48,7 +48,6 @@ from mhsb_planner.integrated.intervals import (
 from mhsb_planner.integrated.telescope_cells import enclose_with_telescopes
 from mhsb_planner.search.lower_bound import (
     ENERGY_ONLY_WEIGHTS,
-    add_other_motion,
     bound_cost_between,
     bound_costs_between,
 )
@@ -405,7 +404,7 @@ def bound_energy_to_goal(
     circuit = compute_hydraulic_coefficients(machine.arrays, machine.patterns)
     cost = CostFromStart(
         machine.arrays,
-        add_other_motion(circuit, *others),
+        circuit._replace(other_oil=others[0], other_time=others[1]),
         machine.cylinder_lengths(start),
         ENERGY_ONLY_WEIGHTS,
     )

@@ -21,12 +21,10 @@ import math
 import numpy as np
 
 from mhsb_model.kernels.kernel import kernel
-from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.types import FloatArray, frozen
 from mhsb_planner.search.s2_step import (
     HydraulicCoefficients,
-    compute_hydraulic_coefficients,
 )
 
 ENERGY_ONLY_WEIGHTS = frozen(np.array([1.0, 0.0]))
@@ -96,21 +94,6 @@ def bound_cost_to_nearest(
     return least
 
 
-def add_other_motion(c: HydraulicCoefficients, oil: float, time: float) -> HydraulicCoefficients:
-    """Return a copy of hydraulic coefficients with the oil and the time of other motions.
-
-    Args:
-        c: Hydraulic coefficients of the n joints; not changed.
-        oil: Oil for motions of other joints than the n joints, such as a slew [m³].
-        time: Least time that these other motions take [s].
-
-    Returns:
-        A copy of `c` with `other_oil` and `other_time` set. Lower bounds then include the other
-        motions; the costs of steps do not change.
-    """
-    return c._replace(other_oil=oil, other_time=time)
-
-
 @kernel
 def bound_costs_between(
     c: HydraulicCoefficients, start: FloatArray, goals: FloatArray, weight: FloatArray
@@ -131,20 +114,3 @@ def bound_costs_between(
     for k in range(len(goals)):
         least[k] = bound_cost_between(c, start, goals[k], weight)
     return least
-
-
-def energy_lower_bound(machine: Machine, start: FloatArray, goals: FloatArray) -> float:
-    """Compute the least lower bound on the energy from a posture to one of several postures.
-
-    Args:
-        machine: Machine with its payload and hydraulics.
-        start: Joint positions at the start, shape (n,) [rad or m].
-        goals: Joint positions of the goal postures, shape (goals, n) [rad or m].
-
-    Returns:
-        Least lower bound over the goal postures [J]. No plan to any of them needs less energy.
-    """
-    lengths = frozen(np.array([machine.cylinder_lengths(q) for q in goals]))
-    circuit = compute_hydraulic_coefficients(machine.arrays, machine.patterns)
-    begin = machine.cylinder_lengths(start)
-    return float(bound_costs_between(circuit, begin, lengths, ENERGY_ONLY_WEIGHTS).min())

@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from mhsb_model.types import FloatArray, ModeArray
+from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import (
     DeadlineError,
@@ -26,7 +26,7 @@ from mhsb_planner.errors import (
 from mhsb_planner.goal_region import Angle, is_goal_met
 from mhsb_planner.posture.s1_global_search import find_postures_at
 from mhsb_planner.search.discrete_path import DiscretePath
-from mhsb_planner.search.lower_bound import energy_lower_bound
+from mhsb_planner.search.lower_bound import ENERGY_ONLY_WEIGHTS, bound_costs_between
 from mhsb_planner.search.open_list import GOAL_FOUND, SEARCH_PAUSED
 from mhsb_planner.search.s2_astar import ExactSearch
 from mhsb_planner.search.s2_graph import StepGraph
@@ -280,4 +280,5 @@ def warm_up(graph: StepGraph) -> None:
             search(graph, PathQuery(start, table.patterns[0], (x, z), weights, goal_psi=psi))
     find_postures_at(machine, x, z)
     machine.postures(x, z, np.zeros(1))
-    energy_lower_bound(machine, start, start[None, :])
+    lengths = machine.cylinder_lengths(start)
+    bound_costs_between(graph.circuit, lengths, frozen(lengths[None, :]), ENERGY_ONLY_WEIGHTS)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.support.lower_bounds import energy_lower_bound
 
 from mhsb_model.holding import MAX_HELD_SPEED, choose_holding_modes
 from mhsb_model.hydraulics import compute_required_pressure
@@ -21,7 +22,6 @@ from mhsb_planner.integrated.cylinder_path import (
 )
 from mhsb_planner.posture.s1_polytope import compute_polytope_area
 from mhsb_planner.search.discrete_path import SearchStatistics
-from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.manipulability_loss import AreaTerm
 from mhsb_planner.search.s2_step import ENERGY_SERIES_COLUMN, compute_step_costs
 

@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from tests.support.lower_bounds import energy_lower_bound
 
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.inverse_kinematics.tip_postures import solve_posture
@@ -14,7 +15,6 @@ from mhsb_planner.integrated.ik_near_start import JOINT_SAMPLE_COUNT, add_postur
 from mhsb_planner.integrated.integrated_search import search
 from mhsb_planner.integrated.lower_bound import bound_energy_to_goal
 from mhsb_planner.planner import ENERGY_OPTIMAL
-from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.s2_search import PathQuery
 from mhsb_planner.search.s2_step import compute_hydraulic_coefficients
 

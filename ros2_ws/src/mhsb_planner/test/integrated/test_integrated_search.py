@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.support.lower_bounds import energy_lower_bound
 
 from mhsb_model.errors import OutOfWorkspaceError
 from mhsb_model.holding import MAX_HELD_SPEED, choose_holding_modes
@@ -14,7 +15,6 @@ from mhsb_planner.errors import DeadlineError, InfeasibleGoalError, NoPathError
 from mhsb_planner.integrated import anytime_search
 from mhsb_planner.integrated.integrated_search import IntegratedSearch, SearchLimits, search
 from mhsb_planner.integrated.lower_bound import bound_energy_to_goal
-from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.s2_search import PathQuery, Weights
 from mhsb_planner.search.s2_search import search as table_search
 from mhsb_planner.search.s2_step import compute_step_costs

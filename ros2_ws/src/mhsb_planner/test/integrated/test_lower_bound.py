@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.support.lower_bounds import energy_lower_bound
 
 from mhsb_model.types import frozen
 from mhsb_planner.errors import InfeasibleGoalError
 from mhsb_planner.integrated.goal_postures import sample_goal_postures
 from mhsb_planner.integrated.lower_bound import bound_cost_to_goals, enclose_cell
-from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.s2_step import compute_hydraulic_coefficients
 
 ENERGY = frozen([1.0, 0.0])

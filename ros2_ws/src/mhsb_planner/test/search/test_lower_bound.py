@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-
-from mhsb_planner.search.lower_bound import energy_lower_bound
+from tests.support.lower_bounds import energy_lower_bound
 
 START = np.array([0.2, -0.8, -0.3])
 

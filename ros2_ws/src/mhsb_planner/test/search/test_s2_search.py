@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
+from tests.support.lower_bounds import energy_lower_bound
 
 from mhsb_model.errors import OutOfWorkspaceError
 from mhsb_planner.deadline import Deadline
@@ -18,7 +19,6 @@ from mhsb_planner.errors import (
     RequestError,
 )
 from mhsb_planner.posture.s1_global_search import find_postures_at
-from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.open_list import NO_STATE
 from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_search import PathQuery, Weights, search

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.support.lower_bounds import energy_lower_bound
 
 from mhsb_model.machine import Machine, load_machine
-from mhsb_planner.search.lower_bound import energy_lower_bound
 from mhsb_planner.search.s2_step import compute_step_costs
 
 MACHINE = load_machine()
