@@ -256,7 +256,8 @@ class LatticePointData(NamedTuple):
         force: Piston forces at each row's point, shape (rows, n) [N]; NaN until they are computed.
         best: Cheapest state of each row's point so far, shape (rows,); NO_STATE if there is none.
         reached: Index of the goal posture at the end of the best path so far, shape (1,).
-        indices: Lattice indices of the point that is being expanded, shape (n,).
+        indices: Lattice indices of the point that is being expanded, and of the neighbour to which
+            a step is priced, shape (2, n).
     """
 
     row: IntArray
@@ -287,7 +288,7 @@ def create_point_data(lattice: Lattice, rows: int) -> LatticePointData:
         force=np.full((rows, len(lattice.shape)), np.nan),
         best=np.full(rows, NO_STATE),
         reached=np.full(1, NO_STATE),
-        indices=np.empty(len(lattice.shape), dtype=np.int64),
+        indices=np.empty((2, len(lattice.shape)), dtype=np.int64),
     )
 
 
@@ -320,18 +321,19 @@ def _load_point(
     The piston forces points.force[i] stay as they are.
 
     Args:
-        known: Data of the lattice points that the search has reached, one row for each point.
+        known: Data of the lattice points that the search has reached, one row for each point. The
+            lattice indices of the point are written to known.indices[i].
         lattice: The lattice.
         row: Row of the point in `known`.
         points: Postures with cylinder lengths and forces, changed in place.
-        i: Index of the posture to write.
+        i: Index of the posture to write: 0 for the point that is being expanded, 1 for a neighbour.
     """
-    rest = known.point[row]
+    rest, at = known.point[row], known.indices[i]
     for j in range(len(lattice.shape)):
-        at = rest // lattice.stride[j]
-        rest -= at * lattice.stride[j]
-        points.length[i, j] = lattice.length[j, at]
-        points.posture[i, j] = lattice.angle[j, at]
+        at[j] = rest // lattice.stride[j]
+        rest -= at[j] * lattice.stride[j]
+        points.length[i, j] = lattice.length[j, at[j]]
+        points.posture[i, j] = lattice.angle[j, at[j]]
 
 
 @kernel
@@ -675,8 +677,7 @@ def expand(
         neighbours of the next state. The caller must then add rows and call again.
     """
     t, lattice, goals = problem
-    patterns, n = len(t.patterns), len(lattice.shape)
-    at = known.indices
+    patterns, at = len(t.patterns), known.indices[0]
     state: int
     best: int
     for _ in range(limit):
@@ -698,10 +699,6 @@ def expand(
         f.counts[EXPANDED_COUNT] += 1
         _load_point(known, lattice, row, w.points, 0)
         _load_forces(t, known, row, w.points, 0)
-        rest = known.point[row]
-        for j in range(n):
-            at[j] = rest // lattice.stride[j]
-            rest -= at[j] * lattice.stride[j]
         for move in lattice.moves:
             point = _find_neighbour(lattice, at, move)
             if point != NO_STATE:
