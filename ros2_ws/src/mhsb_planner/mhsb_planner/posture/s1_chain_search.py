@@ -376,10 +376,8 @@ def find_largest_polytopes_of_chain(
             [m²/s²].
 
     Returns:
-        False if no posture is within joint limits; `posture` and `area` are then NaN.
+        False if no posture is within joint limits; `posture` and `area` then stay as they are.
     """
-    posture[:] = np.nan
-    area[:] = np.nan
     n = len(m.link_length)
     sample = np.empty((MAX_CLOSED_CHAINS, n))
     count = _sample_postures(m, x, z, sample)

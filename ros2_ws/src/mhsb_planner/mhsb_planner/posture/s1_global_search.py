@@ -344,10 +344,8 @@ def find_largest_polytopes_3r(
             [m²/s²].
 
     Returns:
-        False if no posture is within joint limits; `posture` and `area` are then NaN.
+        False if no posture is within joint limits; `posture` and `area` then stay as they are.
     """
-    posture[:] = np.nan
-    area[:] = np.nan
     samples = _sample_psi(m, (x, z))
     if len(samples.valid) == 0:
         return False
@@ -406,6 +404,7 @@ def find_largest_polytopes(
     Returns:
         False if no posture is within joint limits; `posture` and `area` are then NaN.
     """
+    posture[:] = area[:] = np.nan
     solve = find_largest_polytopes_3r if machine.is_3r else find_largest_polytopes_of_chain
     return bool(solve(machine.arrays, x, z, patterns, posture, area))
 
