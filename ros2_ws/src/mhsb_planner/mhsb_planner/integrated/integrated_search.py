@@ -145,7 +145,7 @@ class IntegratedSearch:
         return [path for path in self.paths() if path is not None][-1]
 
     def improve_path(self, via: FloatArray, spacings: tuple[float, ...]) -> DiscretePath | None:
-        """Improve a given cylinder path by local changes, towards this search's goal postures.
+        """Improve a given cylinder path by local changes, without any search for other paths.
 
         The goal posture nearest to the last waypoint counts as the path's end. The difference of
         the cylinder length that differs most is the distance.
@@ -239,37 +239,6 @@ def search(
         limits=effort,
     )
     return under_way.best_path()
-
-
-def improve_path(
-    machine: Machine,
-    query: PathQuery,
-    *,
-    via: FloatArray,
-    spacings: tuple[float, ...],
-    effort: SearchLimits,
-) -> DiscretePath | None:
-    """Improve a given cylinder path by local changes, without any search for other paths.
-
-    Args:
-        machine: The arm without a slewing joint.
-        query: Start, goal, cost weights and energy reading.
-        via: Waypoints (cylinder lengths) from the start to the goal, shape (points, n) [m]. The
-            last one has the cylinder lengths of a goal posture.
-        spacings: Lattice spacings, in the order of use [m]. The strides by which waypoints move are
-            shares of these.
-        effort: Limits on the effort for an arm of the paper's size; lengths are scaled to this arm.
-
-    Returns:
-        The improved path, or the given one if nothing improves it; None if the given path is
-        inadmissible.
-
-    Raises:
-        OutOfWorkspaceError: The goal is outside the workspace.
-        InfeasibleGoalError: No posture within joint limits reaches the goal.
-        ZoneError: The arm would be too near to an obstacle in every goal posture.
-    """
-    return IntegratedSearch(machine, query, limits=effort).improve_path(via, spacings)
 
 
 def warm_up(machine: Machine) -> None:

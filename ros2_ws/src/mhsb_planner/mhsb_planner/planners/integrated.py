@@ -35,7 +35,6 @@ from mhsb_planner.planners.table import TablePlanner
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.manipulability_loss import WITHOUT_AREA, AreaTerm, compute_area_along_path
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_search import PathQuery
 
 BASELINE_PLANNERS: tuple[PathPlanner, ...] = (TablePlanner(), FixedPlanner())
 """Planners that the integrated planner compares itself with, the faster first."""
@@ -181,19 +180,10 @@ def _create_search(
     Raises:
         MhsbError: No posture reaches the goal, or the deadline has passed.
     """
-    options = task.options
-    query = PathQuery(
-        task.departure,
-        task.modes.modes,
-        task.planar_goal,
-        options.weights,
-        options.energy_reading,
-        options.goal_psi,
-    )
     return IntegratedSearch(
         machine,
-        query,
-        goal_region=options.goal_region,
+        task.create_query(task.planar_goal),
+        goal_region=task.options.goal_region,
         area=area,
         counts_leakage=leaks,
         progress=progress,

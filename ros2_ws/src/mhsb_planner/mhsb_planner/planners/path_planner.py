@@ -20,7 +20,7 @@ from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.manipulability_loss import AreaTerm
 from mhsb_planner.search.s2_graph import StepGraph
-from mhsb_planner.search.s2_search import SAME_POINT
+from mhsb_planner.search.s2_search import SAME_POINT, PathQuery
 
 
 class SlewDemand(NamedTuple):
@@ -89,6 +89,18 @@ class PathRequest:
             machine.end_link_angle(self.departure),
             SAME_POINT,
             SAME_POINT,
+        )
+
+    def create_query(self, tip: tuple[float, float]) -> PathQuery:
+        """Create the query of a path from the departure to a tip position (x, z) [m]."""
+        options = self.options
+        return PathQuery(
+            self.departure,
+            self.modes.modes,
+            tip,
+            options.weights,
+            options.energy_reading,
+            options.goal_psi,
         )
 
     def energy_lower_bound(self, machine: Machine, most_cells: int = MAX_CELLS) -> float:

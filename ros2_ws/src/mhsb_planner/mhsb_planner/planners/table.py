@@ -118,17 +118,9 @@ def _search_path_to(
         MhsbError: There is no path, or none in time.
     """
     options = task.options
-    query = s2_search.PathQuery(
-        task.departure,
-        task.modes.modes,
-        tip,
-        options.weights,
-        options.energy_reading,
-        options.goal_psi,
-    )
     return s2_search.search(
         graph,
-        query,
+        task.create_query(tip),
         method=options.search,
         heuristic_scale=options.heuristic_scale,
         deadline=progress.search_deadline,

@@ -16,7 +16,7 @@ import numpy as np
 
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, ModeArray
-from mhsb_planner.integrated.integrated_search import SearchLimits, improve_path, search
+from mhsb_planner.integrated.integrated_search import IntegratedSearch, SearchLimits, search
 from mhsb_planner.integrated.lower_bound import bound_energy_to_goal
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.s2_search import PathQuery, Weights
@@ -97,8 +97,7 @@ def search_ground_truth(
         _, via = search_least_cost(machine, start, goal, weights, known, holding)
         if via is not None:
             spacings = tuple(machine.relative_size * spacing for spacing in REFINEMENT_SPACINGS)
-            path = improve_path(
-                machine, query, via=via, spacings=spacings, effort=EXHAUSTIVE_LIMITS
-            )
+            improving = IntegratedSearch(machine, query, limits=EXHAUSTIVE_LIMITS)
+            path = improving.improve_path(via, spacings)
             best = best if path is None else min(best, path, key=attrgetter("cost"))
     return best
