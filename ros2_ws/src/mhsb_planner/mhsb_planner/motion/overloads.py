@@ -12,14 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mhsb_model.arrays import MachineArrays
 from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import (
-    compute_required_pressure,
     compute_required_pressures,
     compute_sinking_speed,
 )
-from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.motion.motion_profile import MotionProfile
@@ -76,8 +73,6 @@ def find_overloads(
         greatest supply pressure that would hold the load [Pa]. Empty if there is none.
     """
     highest = machine.arrays.max_boost_pressure
-    if not _has_overload(machine.arrays, profile.speed, profile.force):
-        return ()
     pressure = compute_required_pressures(
         machine.arrays, profile.force, np.zeros(profile.force.shape)
     )
@@ -115,25 +110,3 @@ def _find_sinking_speed(machine: Machine, j: int, forces: FloatArray) -> float:
     if machine.config.circuit.lock_valve_opening > 0.0:
         return 0.0
     return max(abs(compute_sinking_speed(m, j, f, m.max_boost_pressure)) for f in forces.tolist())
-
-
-@kernel
-def _has_overload(m: MachineArrays, speed: FloatArray, force: FloatArray) -> bool:
-    """Return whether a cylinder rests under a load that the highest boost pressure cannot hold.
-
-    A cylinder rests if its speed is at most MAX_HELD_SPEED.
-
-    Args:
-        m: Arrays of the machine.
-        speed: Piston speeds, shape (k, n) [m/s].
-        force: Piston forces under gravity, shape (k, n) [N].
-
-    Returns:
-        True if there is such a cylinder at any instant.
-    """
-    for k in range(len(speed)):
-        for j in range(speed.shape[1]):
-            rests = abs(speed[k, j]) <= MAX_HELD_SPEED
-            if rests and compute_required_pressure(m, j, force[k, j], 0.0) > m.max_boost_pressure:
-                return True
-    return False

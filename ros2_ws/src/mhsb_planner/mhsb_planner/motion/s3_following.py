@@ -267,13 +267,9 @@ def compute_followed_path(
         `keeps_dynamic_limits` is False.
     """
     pistons = PistonPath.create(machine, path, scale)
-    tried = _iterate_slower_motions(pistons, ramp_factor, coast, last_ramp_factor)
-    motion = next(tried)
-    while not motion.keeps_dynamic_limits:
-        slowed = next(tried, None)
-        if slowed is None:
+    for motion in _iterate_slower_motions(pistons, ramp_factor, coast, last_ramp_factor):
+        if motion.keeps_dynamic_limits:
             break
-        motion = slowed
     return motion
 
 

@@ -159,6 +159,23 @@ def compute_steered_motion(
     return SteeredMotion(machine, start.position, length, speed, acceleration, jerk, phase, share)
 
 
+@kernel(inline="always")
+def _advance(x: float, v: float, a: float, jerk: float, t: float) -> tuple[float, float, float]:
+    """Compute the position, speed and acceleration of a piston after a time of constant jerk.
+
+    Args:
+        x: Position at the beginning [m].
+        v: Speed at the beginning [m/s].
+        a: Acceleration at the beginning [m/s²].
+        jerk: Jerk [m/s³].
+        t: Time [s].
+
+    Returns:
+        Position [m], speed [m/s] and acceleration [m/s²] at the end.
+    """
+    return x + t * (v + t * (0.5 * a + t * jerk / 6.0)), v + t * (a + 0.5 * t * jerk), a + t * jerk
+
+
 @kernel
 def _plan_speed_change(
     v0: float, a0: float, v1: float, a_max: float, j: float, jerk: FloatArray, phase: FloatArray
@@ -190,11 +207,8 @@ def _plan_speed_change(
     phase[0], phase[1], phase[2] = max(0.0, (peak - own) / j), flat, peak / j
     way, v, a, time = 0.0, v0, a0, 0.0
     for i in range(3):
-        t = phase[i]
-        way += t * (v + t * (0.5 * a + t * jerk[i] / 6.0))
-        v += t * (a + 0.5 * t * jerk[i])
-        a += t * jerk[i]
-        time += t
+        way, v, a = _advance(way, v, a, jerk[i], phase[i])
+        time += phase[i]
     return way, time
 
 
@@ -328,17 +342,12 @@ def _sample_pistons(
         xs, vs, as_, since, k = length[i], speed[i], acceleration[i], 0.0, 0
         for row in range(len(time)):
             while k < PISTON_PHASES and time[row] >= since + phase[i, k]:
-                t = phase[i, k]
-                xs += t * (vs + t * (0.5 * as_ + t * jerk[i, k] / 6.0))
-                vs += t * (as_ + 0.5 * t * jerk[i, k])
-                as_ += t * jerk[i, k]
-                since += t
+                xs, vs, as_ = _advance(xs, vs, as_, jerk[i, k], phase[i, k])
+                since += phase[i, k]
                 k += 1
             t = time[row] - since
             r = jerk[i, k] if k < PISTON_PHASES else 0.0
             if k == PISTON_PHASES:
                 t, vs, as_ = 0.0, 0.0, 0.0
-            x[row, i] = xs + t * (vs + t * (0.5 * as_ + t * r / 6.0))
-            v[row, i] = vs + t * (as_ + 0.5 * t * r)
-            a[row, i] = as_ + t * r
+            x[row, i], v[row, i], a[row, i] = _advance(xs, vs, as_, r, t)
     return x, v, a

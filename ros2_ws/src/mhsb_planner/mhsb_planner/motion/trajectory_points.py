@@ -75,6 +75,7 @@ def join_trajectories(lead_in: Trajectory, curve: Trajectory) -> Trajectory:
     )
 
 
+@kernel
 def choose_point_times(breaks: FloatArray) -> IntArray:
     """Choose the times of a trajectory's points on a curve.
 
@@ -87,23 +88,6 @@ def choose_point_times(breaks: FloatArray) -> IntArray:
     Returns:
         Times in ascending order, at most MAX_POINT_SPACING_NS apart [ns]. There are at least
         FEWEST_INTERVALS intervals.
-    """
-    return _divide_spans(breaks)
-
-
-@kernel
-def _divide_spans(breaks: FloatArray) -> IntArray:
-    """Choose the times of a trajectory's points on a curve: its breaks, and times between them.
-
-    The time between two breaks is divided into equal intervals. No interval is longer than
-    MAX_POINT_SPACING_NS, and there are at least FEWEST_INTERVALS in total. It is the kernel of
-    `choose_point_times`.
-
-    Args:
-        breaks: Times between which the curve is smooth, ascending from 0, shape (k,) [s].
-
-    Returns:
-        Times of the points in ascending order [ns].
     """
     at_ns = np.rint(breaks * SECOND_NS).astype(np.int64)
     spans = len(at_ns) - 1
