@@ -53,8 +53,7 @@ from mhsb_model.machine import Machine, load_machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.cases.moves import Move, yield_random_moves
-from mhsb_planner.motion.s4_mode_schedule import StartModes
-from mhsb_planner.motion.scheduled_motion import ScheduledMotion
+from mhsb_planner.motion.s4_mode_schedule import ScheduledMotion, StartModes
 from mhsb_planner.planner import ENERGY_OPTIMAL, Planner, PlanOptions, warm_up
 from mhsb_planner.posture import s1_judge, s1_slsqp
 from mhsb_planner.posture.s1_global_search import build_posture_table

@@ -78,8 +78,7 @@ from mhsb_planner.motion.s3_slowing import (
     spread_over_steps,
 )
 from mhsb_planner.motion.s3_state_to_rest import Steering
-from mhsb_planner.motion.s4_mode_schedule import N, StartModes
-from mhsb_planner.motion.scheduled_motion import ScheduledMotion
+from mhsb_planner.motion.s4_mode_schedule import N, ScheduledMotion, StartModes
 from mhsb_planner.motion.trajectory_points import join_trajectories, sample_curve
 from mhsb_planner.motion.via_check import describe_first_missed
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
@@ -361,7 +360,7 @@ def warm_up(machine: Machine) -> None:
     Args:
         machine: Machine that moves in the trial motions.
     """
-    path = _create_example_path(machine)
+    path = create_example_path(machine)
     start = MotionState.at_rest(path.posture[0])
     machine.tip_position(path.posture[0])  # read-only, as the ends of paths
     _fit_each(machine, path, start, [(None, None, FitRules())])
@@ -377,7 +376,7 @@ def warm_up_moving_starts(machine: Machine) -> None:
     Args:
         machine: Machine that moves in the trial motions.
     """
-    path = _create_example_path(machine)
+    path = create_example_path(machine)
     middle = path.posture[0]
     moving = MotionState(middle, 0.1 * middle, middle)
     machine.moment_arms(middle)
@@ -389,7 +388,7 @@ def warm_up_moving_starts(machine: Machine) -> None:
     _fit_each(machine, path, MotionState.at_rest(middle), ways)
 
 
-def _create_example_path(machine: Machine) -> DiscretePath:
+def create_example_path(machine: Machine) -> DiscretePath:
     """Create a short discrete path of one step in mode N, from the middle of the joint ranges.
 
     Args:
@@ -586,7 +585,8 @@ def _fit_candidate(
         position = trajectory.position[first:]
         if passed := _describe_passed_limit(machine, limits, candidate, position, rules):
             return passed
-        preferred = _get_preferred_modes(path, curve.node_time, trajectory, first)
+        time = trajectory.offset_ns / SECOND_NS
+        preferred = _assign_step_modes(path.modes, curve.node_time, time, first)
         scheduled = ScheduledMotion.create(machine, trajectory, modes, preferred, rules.switching)
         if not scheduled.keeps_dwell:
             return f"an actuator is switched twice within {rules.switching.min_dwell:g} s"
@@ -730,28 +730,6 @@ def _compute_uses(
             most = max(most, used[k - 1])
         before = share
     return used, most
-
-
-def _get_preferred_modes(
-    path: DiscretePath, node_time: FloatArray, trajectory: Trajectory, first: int
-) -> ModeArray:
-    """Return the discrete path's modes at the points of a trajectory.
-
-    After the path's last node the modes of its last step go on.
-
-    Args:
-        path: Discrete path. Only `modes` is read.
-        node_time: Planned time of each node, from the end of the lead-in (motion before the curve,
-            such as braking), shape (k + 1,) [s].
-        trajectory: Trajectory of m points.
-        first: Index of the point at which the lead-in ends. The points before it get mode N; 0
-            means no lead-in.
-
-    Returns:
-        Mode codes (N, DB, SB), shape (m, n).
-    """
-    time = trajectory.offset_ns / SECOND_NS
-    return _assign_step_modes(path.modes, node_time, time, first)
 
 
 @kernel

@@ -12,19 +12,21 @@ boosted if inertia takes more than half of the margin:
 
 Boost begins earlier than it is needed, since the servo pump has to raise the pressure first. The
 mode is SB if the flow of one servo pump is not enough, otherwise DB. A boost lasts at least the
-least time between two switches (dwell).
+least time between two switches (dwell). A trajectory that is too short for its switches gets a rest
+at its end.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from mhsb_model.arrays import MachineArrays
-from mhsb_model.holding import MAX_HELD_SPEED
+from mhsb_model.holding import MAX_HELD_SPEED, choose_stop_modes
 from mhsb_model.hydraulics import (
     compute_inertia_margin,
     compute_pressure_with_margin,
@@ -39,9 +41,10 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import LONG_AGO_NS, ModeSchedule
 from mhsb_model.modes import BOOSTED_MODES, Mode
-from mhsb_model.trajectory import SECOND_NS
+from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray, IntArray, ModeArray, frozen
-from mhsb_planner.motion.motion_profile import MotionProfile
+from mhsb_planner.motion.limits.module_budget import count_used_modules
+from mhsb_planner.motion.motion_profile import MotionProfile, compute_motion_profile
 from mhsb_planner.motion.s3_limits import repeats_previous_row
 
 NEED_FACTOR = 1.005
@@ -199,24 +202,103 @@ def keeps_dwell(
     return bool(_compute_shortest_run(time, modes, start.modes, start.age, hold) >= least)
 
 
-def create_schedule_of_intervals(
-    stamp_ns: int, offset_ns: IntArray, modes: ModeArray, hold: ModeArray
-) -> ModeSchedule:
-    """Create a mode schedule from the modes of successive intervals.
+@dataclass(frozen=True, eq=False)
+class ScheduledMotion:
+    """A trajectory of k points with its profile and its modes.
 
-    Equal modes of adjacent intervals become one row.
-
-    Args:
-        stamp_ns: Absolute time of the schedule's beginning [ns].
-        offset_ns: Limits of the intervals after the stamp, shape (k,) [ns].
-        modes: Mode codes of the intervals, shape (k - 1, n).
-        hold: Modes from the last limit on, shape (n,).
-
-    Returns:
-        The schedule; its last row holds `hold`.
+    Attributes:
+        trajectory: Joint trajectory.
+        profile: Profile (piston speeds and forces) at the points.
+        intervals: Mode codes between the points, shape (k - 1, n).
+        hold: Mode codes from the last point on, shape (n,).
+        keeps_dwell: True if every actuator keeps the least time between two switches.
     """
-    rows = np.append(_find_changes(modes), len(modes))
-    return ModeSchedule(stamp_ns, offset_ns[rows], np.vstack([modes, hold])[rows])
+
+    trajectory: Trajectory
+    profile: MotionProfile
+    intervals: ModeArray
+    hold: ModeArray
+    keeps_dwell: bool
+
+    @classmethod
+    def create(
+        cls,
+        machine: Machine,
+        trajectory: Trajectory,
+        start: StartModes,
+        preferred: ModeArray | None = None,
+        rules: SwitchingRules = DEFAULT_SWITCHING_RULES,
+    ) -> ScheduledMotion:
+        """Compute the modes of a trajectory, with a standstill at its end if switches need time.
+
+        If an actuator would be switched twice within `rules.min_dwell`, a standstill is added at
+        the trajectory's end. It lasts 2 `rules.min_dwell`, long enough for two switches.
+
+        Args:
+            machine: Machine with its hydraulics and modules.
+            trajectory: Joint trajectory.
+            start: Modes in force at the beginning, and time since each actuator's last switch.
+            preferred: Modes that the graph search (S2) chose around each point, shape (points, n).
+                Only SB has an effect: an actuator that needs boost then gets SB. None means no
+                preference.
+            rules: Rules for switching.
+
+        Returns:
+            Trajectory with its profile and its modes, and with the standstill if it was needed. Its
+            `keeps_dwell` may be False in spite of the standstill.
+        """
+        once = cls._create_without_rest(machine, trajectory, start, preferred, rules)
+        if once.keeps_dwell:
+            return once
+        rested = trajectory.with_rest(round(2 * rules.min_dwell * SECOND_NS))
+        if preferred is not None:
+            rest = len(rested.offset_ns) - len(preferred)
+            preferred = np.vstack([preferred, np.repeat(preferred[-1:], rest, axis=0)])
+        return cls._create_without_rest(machine, rested, start, preferred, rules)
+
+    @classmethod
+    def _create_without_rest(
+        cls,
+        machine: Machine,
+        trajectory: Trajectory,
+        start: StartModes,
+        preferred: ModeArray | None,
+        rules: SwitchingRules,
+    ) -> ScheduledMotion:
+        """Compute the modes of a trajectory that stays as it is.
+
+        Args:
+            machine: Machine with its hydraulics and modules.
+            trajectory: Joint trajectory.
+            start: Modes in force at the beginning, and time since each actuator's last switch.
+            preferred: Modes that the graph search (S2) chose around each point, shape (points, n).
+                Only SB has an effect: an actuator that needs boost then gets SB. None means no
+                preference.
+            rules: Rules for switching.
+
+        Returns:
+            Trajectory with its profile and its modes. Its `keeps_dwell` is False if an actuator is
+            switched twice within `rules.min_dwell`.
+        """
+        profile = compute_motion_profile(
+            machine, trajectory.position, trajectory.velocity, trajectory.acceleration
+        )
+        time = trajectory.offset_ns / SECOND_NS
+        hold = choose_stop_modes(machine, profile.force[-1], start.modes)
+        modes = compute_interval_modes(machine, time, profile, start, hold, preferred, rules)
+        kept = keeps_dwell(time, modes, start, hold, rules)
+        return cls(trajectory, profile, modes, hold, kept)
+
+    @cached_property
+    def schedule(self) -> ModeSchedule:
+        """Mode schedule of the trajectory, with its stamp.
+
+        Equal modes of adjacent intervals become one row. The last row holds `hold`.
+        """
+        offset, modes = self.trajectory.offset_ns, self.intervals
+        rows = np.append(_find_changes(modes), len(modes))
+        modes = np.vstack([modes, self.hold])
+        return ModeSchedule(self.trajectory.stamp_ns, offset[rows], modes[rows])
 
 
 @kernel
@@ -611,14 +693,14 @@ def _reduce_to_module_budget(
     """
     intervals, n = modes.shape
     for i in range(intervals):
-        while _count_modules(m, modes[i]) > m.module_count:
+        while count_used_modules(m, modes[i]) > m.module_count:
             loser = -1
             least = math.inf
             first = last = 0
             for j in range(n):
                 if modes[i, j] != SB or i < free[j]:
                     continue
-                a, b = _find_run_around(modes, i, j)
+                a, b = _extend_run(modes, i, i + 1, j, SB)
                 a = max(a, free[j])
                 peak = demand[a:b, j].max()
                 if peak < least and _keeps_dwell_after_change(time, modes, a, b, j, DB, dwell):
@@ -629,7 +711,7 @@ def _reduce_to_module_budget(
             for j in range(n):
                 if modes[i, j] != DB or i < free[j] or needed[i, j]:
                     continue
-                a, b = _find_run_around(modes, i, j)
+                a, b = _extend_run(modes, i, i + 1, j, DB)
                 first, last = i, i + 1
                 while first > max(a, free[j]) and not needed[first - 1, j]:
                     first -= 1
@@ -644,40 +726,24 @@ def _reduce_to_module_budget(
 
 
 @kernel
-def _count_modules(m: MachineArrays, modes: ModeArray) -> int:
-    """Count the booster modules that a mode combination needs.
-
-    Args:
-        m: Arrays of the machine.
-        modes: Mode code of each actuator, shape (n,).
-
-    Returns:
-        Number of booster modules.
-    """
-    used = 0
-    for mode in modes:
-        used += m.modules_per_mode[mode]
-    return used
-
-
-@kernel
-def _find_run_around(modes: ModeArray, i: int, j: int) -> tuple[int, int]:
-    """Find the run of equal modes of an actuator that contains an interval.
+def _extend_run(modes: ModeArray, first: int, last: int, j: int, mode: int) -> tuple[int, int]:
+    """Extend a range of intervals by the adjacent ones in which an actuator has a mode.
 
     Args:
         modes: Mode codes (N, DB, SB), shape (intervals, n).
-        i: Index of the interval.
+        first: Index of the range's first interval.
+        last: Index one after its last interval.
         j: Index of the actuator.
+        mode: Mode code of the adjacent intervals that are added.
 
     Returns:
-        Index of the run's first interval, and index one after its last interval.
+        Index of the first interval, and index one after the last interval.
     """
-    a, b = i, i + 1
-    while a > 0 and modes[a - 1, j] == modes[i, j]:
-        a -= 1
-    while b < len(modes) and modes[b, j] == modes[i, j]:
-        b += 1
-    return a, b
+    while first > 0 and modes[first - 1, j] == mode:
+        first -= 1
+    while last < len(modes) and modes[last, j] == mode:
+        last += 1
+    return first, last
 
 
 @kernel
@@ -702,20 +768,16 @@ def _keeps_dwell_after_change(
     Returns:
         True if the change keeps the least time between two switches.
     """
-    a, b = first, last
-    while a > 0 and modes[a - 1, j] == mode:
-        a -= 1
-    while b < len(modes) and modes[b, j] == mode:
-        b += 1
+    a, b = _extend_run(modes, first, last, j, mode)
     least = dwell - _ROUNDING
     if a > 0 and b < len(modes) and time[b] - time[a] < least:
         return False
     if a > 0:
-        c, _ = _find_run_around(modes, a - 1, j)
+        c, _ = _extend_run(modes, a - 1, a, j, modes[a - 1, j])
         if c > 0 and time[a] - time[c] < least:
             return False
     if b < len(modes):
-        _, c = _find_run_around(modes, b, j)
+        _, c = _extend_run(modes, b, b + 1, j, modes[b, j])
         if c < len(modes) and time[c] - time[b] < least:
             return False
     return True

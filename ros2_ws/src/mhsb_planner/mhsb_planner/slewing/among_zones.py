@@ -30,7 +30,8 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.machine import Machine
 from mhsb_model.obstacles.clearance import move_is_clear
 from mhsb_model.types import FloatArray, IntArray, frozen
-from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
+from mhsb_planner.motion.s3_trajectory import create_example_path
+from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.slewing.slew_distribution import compute_path_oil, compute_slew_stroke
 from mhsb_planner.slewing.turned_path import REST_STEP, SlewMotion, compute_even_turning
 
@@ -165,20 +166,7 @@ def warm_up(machine: Machine) -> None:
     Args:
         machine: Any machine.
     """
-    plane = machine.planar_arm
-    posture = np.tile(0.5 * (plane.arrays.joint_min + plane.arrays.joint_max), (2, 1))
-    modes, nothing = np.zeros((1, plane.joint_count), dtype=np.uint8), np.zeros(1)
-    path = DiscretePath(
-        tip=plane.tip_positions(posture),
-        posture=posture,
-        modes=modes,
-        duration=nothing,
-        energy=nothing,
-        energy_series=nothing,
-        cost=0.0,
-        start_modes=modes[0],
-        statistics=SearchStatistics(0, 0, 0.0),
-    )
+    path = create_example_path(machine.planar_arm)
     for turning in (find_clear_turning, find_quickest_turning):
         turning(machine.without_obstacles(), path, 0.0, 0.0)
 

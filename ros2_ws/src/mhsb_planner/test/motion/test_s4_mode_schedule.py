@@ -15,12 +15,12 @@ from mhsb_model.trajectory import SECOND_NS, Trajectory, standstill
 from mhsb_planner.motion.motion_profile import MotionProfile
 from mhsb_planner.motion.s4_mode_schedule import (
     DEFAULT_SWITCHING_RULES,
+    ScheduledMotion,
     StartModes,
     SwitchingRules,
     compute_interval_modes,
     keeps_dwell,
 )
-from mhsb_planner.motion.scheduled_motion import ScheduledMotion
 
 N, DB, SB = Mode.N, Mode.DB, Mode.SB
 LIGHT, HEAVY = 500.0, 3000.0  # N, against extension: below and above what P_S lifts

@@ -6,8 +6,7 @@ import pytest
 from mhsb_model.holding import choose_holding_modes
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, Trajectory, standstill
-from mhsb_planner.motion.s4_mode_schedule import StartModes
-from mhsb_planner.motion.scheduled_motion import ScheduledMotion
+from mhsb_planner.motion.s4_mode_schedule import ScheduledMotion, StartModes
 
 N, DB = Mode.N, Mode.DB
 STRETCHED, FOLDED = np.array([0.2, -0.4, -0.2]), np.array([0.6, -2.2, -0.6])

@@ -11,7 +11,25 @@ from __future__ import annotations
 
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.types import ModeArray
 from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit
+
+
+@kernel(inline="always")
+def count_used_modules(m: MachineArrays, modes: ModeArray) -> int:
+    """Count the booster modules that a mode combination uses.
+
+    Args:
+        m: Arrays of the machine.
+        modes: Mode code of each actuator, shape (n,).
+
+    Returns:
+        Number of booster modules.
+    """
+    used = 0
+    for mode in modes:
+        used += m.modules_per_mode[mode]
+    return used
 
 
 @kernel(inline="always")
@@ -25,10 +43,7 @@ def measure_module_excess(m: MachineArrays, state: LimitInputs) -> float:
     Returns:
         Difference; above 0 if the machine has too few modules.
     """
-    beyond = -m.module_count
-    for mode in state.modes:
-        beyond += m.modules_per_mode[mode]
-    return float(beyond)
+    return float(count_used_modules(m, state.modes) - m.module_count)
 
 
 MODULE_LIMIT = StateLimit(
