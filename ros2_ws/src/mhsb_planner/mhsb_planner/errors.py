@@ -96,14 +96,6 @@ class DeadlineError(MhsbError):
         super().__init__(f"{work} did not end before the deadline")
 
 
-class ExpansionLimitError(MhsbError):
-    """A search did not end within the number of states that it may expand."""
-
-    def __init__(self, limit: int) -> None:
-        """Compose the message; `limit` is the number of states that may be expanded."""
-        super().__init__(f"the search did not end within {limit} expanded states")
-
-
 class RequestError(ArgumentError):
     """A value in a planning request is out of its range.
 

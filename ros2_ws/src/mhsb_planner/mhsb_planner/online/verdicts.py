@@ -7,7 +7,6 @@ from mhsb_model.goal import Goal, format_position
 from mhsb_model.verdict import Verdict
 from mhsb_planner.errors import (
     DeadlineError,
-    ExpansionLimitError,
     InfeasibleGoalError,
     NoPathError,
     RequestError,
@@ -27,7 +26,6 @@ ERROR_VERDICTS: tuple[tuple[type[MhsbError], Verdict], ...] = (
     (FitError, Verdict.INFEASIBLE),
     (StartError, Verdict.INFEASIBLE),
     (DeadlineError, Verdict.DEADLINE),
-    (ExpansionLimitError, Verdict.DEADLINE),
     (TableError, Verdict.TABLE),
     (NoStateError, Verdict.NO_STATE),
     (MovingError, Verdict.MOVING),

@@ -68,7 +68,6 @@ class PlanOptions:
             at the start.
         search: Graph search of the table and fixed-joint planners, `exact` or `published`.
         heuristic_scale: Scale of the published search's heuristic [1/m].
-        max_expansions: Largest number of states that the graph search expands; None means no limit.
         period: Period of goals that follow each other, from one plan to the next [s]; 0 means that
             none follows.
         area_weight: Weight w₄ of the manipulability loss (`manipulability_loss`) [1/m]; 0 ignores
@@ -90,7 +89,6 @@ class PlanOptions:
     initial_j3: float | None = None
     search: SearchMethod = "exact"
     heuristic_scale: float = DEFAULT_HEURISTIC_SCALE
-    max_expansions: int | None = None
     period: float = 0.0
     area_weight: float = 0.0
 

@@ -124,5 +124,4 @@ def _search_path_to(
         method=options.search,
         heuristic_scale=options.heuristic_scale,
         deadline=progress.search_deadline,
-        max_expansions=options.max_expansions,
     )

@@ -18,7 +18,6 @@ from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import (
     DeadlineError,
-    ExpansionLimitError,
     InfeasibleGoalError,
     NoPathError,
     RequestError,
@@ -105,7 +104,6 @@ def search(
     method: SearchMethod = "exact",
     heuristic_scale: float = DEFAULT_HEURISTIC_SCALE,
     deadline: Deadline = NO_DEADLINE,
-    max_expansions: int | None = None,
 ) -> DiscretePath:
     """Search for a discrete path from a start posture to a tip position.
 
@@ -121,8 +119,6 @@ def search(
             miss it.
         heuristic_scale: Heuristic cost per distance to the goal, for `published` only [1/m].
         deadline: Instant at which an unfinished search is given up.
-        max_expansions: Number of states after which the search is given up, summed over all trials;
-            None means no limit.
 
     Returns:
         The path, the cheapest one if `method` is `exact`.
@@ -133,7 +129,6 @@ def search(
         ZoneError: The goal is too near to an obstacle.
         NoPathError: No path leads to the goal.
         DeadlineError: The deadline passed.
-        ExpansionLimitError: max_expansions was reached.
         RequestError: A weight, the posture or an option is invalid.
     """
     began, weights, goal_psi = time.perf_counter(), query.weights, query.goal_psi
@@ -149,13 +144,12 @@ def search(
         seconds = time.perf_counter() - began
         return DiscretePath.create_without_steps(np.array(start.tip), posture, modes, seconds)
     weight = np.array([weights.energy, weights.time, weights.switches], dtype=np.float64)
-    column, expanded = ENERGY_COLUMN[query.energy_reading], 0
+    column = ENERGY_COLUMN[query.energy_reading]
     for rings in NODE_RINGS:
         joined = Query.join(graph, start, modes, goal, weight, column, rings, deadline)
         under_way = _create_search(joined, method, heuristic_scale, deadline)
-        if _run_to_goal(under_way, deadline, max_expansions, expanded):
+        if _run_to_goal(under_way, deadline):
             return joined.assemble_path(under_way, time.perf_counter() - began)
-        expanded += under_way.expanded
     raise NoPathError(start.tip, goal.tip, graph.machine.obstacles.names)
 
 
@@ -185,61 +179,24 @@ def _create_search(query: Query, method: str, heuristic_scale: float, deadline: 
     raise RequestError("search method", method, f"must be one of {', '.join(SEARCH_METHODS)}")
 
 
-def _run_to_goal(
-    running_search: Search,
-    deadline: Deadline,
-    max_expansions: int | None,
-    expanded_before: int,
-) -> bool:
+def _run_to_goal(running_search: Search, deadline: Deadline) -> bool:
     """Run a search in portions until the goal is found or no state is left to expand.
 
     Args:
         running_search: Search to run or to continue.
         deadline: Instant at which the search is given up, checked between portions.
-        max_expansions: Limit on expanded states; None means no limit.
-        expanded_before: States expanded by earlier searches that count towards the limit.
 
     Returns:
         True if the goal was found, False if no state was left to expand.
 
     Raises:
         DeadlineError: The deadline passed.
-        ExpansionLimitError: max_expansions was reached.
     """
     for portion in deadline.portions(running_search.first_portion, running_search.portion):
-        status = running_search.expand(
-            _limit_portion(portion, running_search, max_expansions, expanded_before)
-        )
-        if status == GOAL_FOUND:
-            return True
+        status = running_search.expand(portion)
         if status != SEARCH_PAUSED:
-            return False
+            return status == GOAL_FOUND
     raise DeadlineError(SEARCH_TASK)
-
-
-def _limit_portion(
-    portion: int, running_search: Search, max_expansions: int | None, expanded_before: int
-) -> int:
-    """Return how many states may be expanded next within a limit on expanded states.
-
-    Args:
-        portion: Wanted number of states to expand next.
-        running_search: Search whose expanded states count.
-        max_expansions: Limit on expanded states; None leaves the portion as it is.
-        expanded_before: States expanded by earlier searches that count towards the limit.
-
-    Returns:
-        Number of states that may be expanded next, at least 1.
-
-    Raises:
-        ExpansionLimitError: The limit has been reached.
-    """
-    if max_expansions is None:
-        return portion
-    rest = max_expansions - expanded_before - running_search.expanded
-    if rest <= 0:
-        raise ExpansionLimitError(max_expansions)
-    return min(portion, rest)
 
 
 def _check_posture(graph: StepGraph, posture: FloatArray) -> FloatArray:
