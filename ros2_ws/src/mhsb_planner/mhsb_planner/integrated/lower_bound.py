@@ -3,8 +3,8 @@
 The bound is the minimum of `bound_cost_between` over the continuous set of goal postures. Branch
 and bound over the end-link angle ψ finds it. For a cell [a, b] of ψ and an elbow branch, interval
 arithmetic encloses the joint positions, and so the cylinder lengths, in a box. The lower bound on
-the cost of a move into the box is the bound of the cell. A cell is halved if its bound is below the
-least bound for a posture in the middle of any cell so far.
+the cost of a move into the box is the bound of the cell. The cell with the least bound is halved
+until this bound is close to the least bound for a posture in the middle of any cell so far.
 
 The tip is at distance R in direction φ, and u = ψ − φ. The wrist lies at distance D in direction φ
 + α. The angle between the upper arm and the line to the wrist is β:
@@ -70,9 +70,7 @@ FIRST_CELLS = 32
 telescopes the range of the last free coordinate is divided.
 """
 MAX_CELLS, MAX_CELLS_WITH_DEADLINE = 4000, 1000
-"""Largest number of cells that halving may add: without and with a deadline. It does not limit arms
-of three turning joints.
-"""
+"""Largest number of cells that halving may add: without and with a deadline."""
 
 
 @kernel
@@ -221,65 +219,13 @@ def _compute_cell_bounds(
 
 @kernel
 def _branch_and_bound(
-    cost: CostFromStart, tip: tuple[float, float], psi: Interval, best_sampled_bound: float
-) -> Interval:
-    """Compute a lower bound on the cost to every goal posture, for three turning joints only.
-
-    Depth-first branch and bound over intervals (cells) of the end-link angle ψ, on both elbow
-    branches. The result is the least bound of all cells that were not halved. A cell is halved
-    until one of three conditions holds:
-
-    - Its bound is at least (1 − BOUND_TOLERANCE) `best_sampled_bound`.
-    - It is narrower than MIN_CELL_WIDTH.
-    - Its bound is at least as large as the result so far.
-
-    Args:
-        cost: Machine, cylinder lengths at the start, and weights.
-        tip: Tip position (x, z) [m].
-        psi: Least and greatest ψ [rad].
-        best_sampled_bound: Least bound for a single goal posture that is known already, at any tip
-            position; inf means none. A small value ends the halving earlier.
-
-    Returns:
-        Lower bound on the cost [-], inf if no posture reaches the tip position. Then the least of
-        `best_sampled_bound` and the bounds for the middle postures of all cells.
-    """
-    work, cell = np.empty((5, len(cost.start))), np.empty((1, 2))
-    cells = [(0, 0.0, 0.0)]
-    cells.pop()
-    for elbow in (-1, 1):
-        for i in range(FIRST_CELLS):
-            width = (psi[1] - psi[0]) / FIRST_CELLS
-            cells.append((elbow, psi[0] + i * width, psi[0] + (i + 1) * width))
-    least = math.inf
-    while len(cells) > 0:
-        elbow, low, high = cells.pop()
-        cell[0, 0], cell[0, 1] = low, high
-        bound, middle = _compute_cell_bounds(cost, tip, elbow, cell, work)
-        if bound == math.inf:
-            continue
-        best_sampled_bound = min(best_sampled_bound, middle)
-        if (
-            bound >= (1.0 - BOUND_TOLERANCE) * best_sampled_bound
-            or high - low < MIN_CELL_WIDTH
-            or bound >= least
-        ):
-            least = min(least, bound)
-            continue
-        cells.append((elbow, low, 0.5 * (low + high)))
-        cells.append((elbow, 0.5 * (low + high), high))
-    return least, best_sampled_bound
-
-
-@kernel
-def _branch_and_bound_of_chain(
     cost: CostFromStart,
     tip: tuple[float, float],
     ranges: FloatArray,
     best_sampled_bound: float,
     most_cells: int,
 ) -> Interval:
-    """Compute a lower bound on the cost to every goal posture, for a chain of any kind.
+    """Compute a lower bound on the cost to every goal posture at a tip position.
 
     A cell holds an interval for each free coordinate. Best-first branch and bound halves the cell
     of the least bound along its widest side. It stops at a cell whose bound is at least (1 −
@@ -358,16 +304,13 @@ def bound_cost_to_goals(
         start: Cylinder lengths at the start, shape (n,) [m].
         goals: Goal postures, which give the tip positions and the range of the end-link angle ψ.
         weight: Weights of energy [1/J] and time [1/s], shape (2 or more,).
-        most_cells: Limit on the effort: largest number of cells that the branch and bound adds. It
-            has no effect for an arm of three turning joints.
+        most_cells: Limit on the effort: largest number of cells that the branch and bound adds.
 
     Returns:
         The bound [-]; inf if no posture reaches any of the tip positions.
     """
-    best_sampled_bound = math.inf
-    if not machine.is_3r:  # a known cost lets cells be closed earlier
-        bounds = bound_costs_between(circuit, start, goals.length, weight)
-        best_sampled_bound = float(bounds.min())
+    # A known cost lets cells be closed earlier.
+    best_sampled_bound = float(bound_costs_between(circuit, start, goals.length, weight).min())
     cost = CostFromStart(machine.arrays, circuit, start, weight)
     return _bound_cost_to_tips(
         machine, cost, goals.tips, goals.psi_range, best_sampled_bound, most_cells
@@ -395,8 +338,7 @@ def bound_energy_to_goal(
         region: Other admissible tip positions; None means the goal alone.
         others: Oil volume [m³] and least duration [s] that the slew needs for its part of the move;
             0 without a slew.
-        most_cells: Limit on the effort: largest number of cells that the branch and bound adds. It
-            has no effect for an arm of three turning joints.
+        most_cells: Limit on the effort: largest number of cells that the branch and bound adds.
 
     Returns:
         The bound [J]; inf if no posture reaches the goal.
@@ -430,20 +372,17 @@ def _bound_cost_to_tips(
         best_sampled_bound: Least bound to a single goal posture that is known already; inf means
             none. A small value ends the search earlier. The result is a lower bound with any value.
         most_cells: Limit on the effort for each tip position: largest number of cells that the
-            branch and bound adds. It has no effect for an arm of three turning joints.
+            branch and bound adds.
 
     Returns:
         The bound [-]; inf if no posture reaches any of the tip positions.
     """
-    psi, least = psi_range or (-math.pi, math.pi), math.inf
-    ranges = None if machine.is_3r else _free_coordinate_ranges(machine, psi)
+    ranges = _free_coordinate_ranges(machine, psi_range or (-math.pi, math.pi))
+    least = math.inf
     for tip in map(tuple, np.unique(tips, axis=0).tolist()):
-        if ranges is None:
-            here, best_sampled_bound = _branch_and_bound(cost, tip, psi, best_sampled_bound)
-        else:
-            here, best_sampled_bound = _branch_and_bound_of_chain(
-                cost, tip, ranges, best_sampled_bound, most_cells
-            )
+        here, best_sampled_bound = _branch_and_bound(
+            cost, tip, ranges, best_sampled_bound, most_cells
+        )
         least = min(least, here)
     return least
 
@@ -455,7 +394,7 @@ def _free_coordinate_ranges(machine: Machine, psi: Interval) -> FloatArray:
     are the positions of all joints but the last two turning ones; the range of ψ is then ignored.
 
     Args:
-        machine: The arm without a slewing joint; not an arm of three turning joints.
+        machine: The arm without a slewing joint.
         psi: Least and greatest ψ [rad].
 
     Returns:
