@@ -257,7 +257,7 @@ class LockStepWorld:
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._count = 0
         self._delay_told = self.now
-        self.life = GoalLifecycle(settings, replanner.make_braking_command, self, self)
+        self.life = GoalLifecycle(settings, replanner.make_braking_command, self)
         self.goals = 0
         self.pass_time(0.5)
 
@@ -524,13 +524,13 @@ class LockStepWorld:
         )
         if self.now >= self._delay_told + DELAY_PERIOD or not self.arm.delay_ns:
             self._delay_told = self.now
-            self.life.handle_plan_delay(self.arm.delay_ns)
+            self.life.arm_state.plan_delay_ns = self.arm.delay_ns
         if self.life.arm_state.plan_in_force_ns != in_force_ns:
             self._deliver_in_order(
                 "in_force", self.in_force_delay, lambda: self.life.handle_plan_in_force(in_force_ns)
             )
-        self.life.handle_modes(self.arm.command.schedule.modes_at(self.arm.time_ns))
-        self.life.handle_joint_state(self.arm.joint_state, self.arm.clock_ns)
+        self.life.arm_state.modes = self.arm.command.schedule.modes_at(self.arm.time_ns)
+        self.life.arm_state.add_measurement(self.arm.joint_state, self.now)
         self.life.handle_reference(self.arm.reference, self.arm.clock_ns)
         if self.second_lag:
             behind_ns = self.arm.clock_ns - round(self.second_lag * SECOND_NS)
@@ -544,7 +544,7 @@ class LockStepWorld:
             fault: Fault of the arm; empty if it is healthy.
             stop_ns: Clock time of the arm's last stop [ns].
         """
-        self.life.handle_arm_machine("")
+        self.life.state.store_arm_machine("")
         self.life.handle_arm_fault(fault)
         self.life.handle_arm_stop(stop_ns)
 

@@ -14,7 +14,7 @@ import pytest
 
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.errors import NoPathError
-from mhsb_planner.online.goal_queue import START_UP
+from mhsb_planner.online.goal_planning import START_UP
 from mhsb_planner.online.hand_over import LONGEST_WAIT
 from mhsb_planner.online.rest_detector import OLDEST_STATE
 from mhsb_planner.online.start_state import NoStateError

@@ -15,8 +15,8 @@ from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_model.verdict import Verdict
 from mhsb_planner.errors import NoPathError, ZoneError
 from mhsb_planner.motion.s3_trajectory import FitMethod
+from mhsb_planner.online.goal_reports import compose_acceptance_sentence, find_verdict_code
 from mhsb_planner.online.replanning import Replanner
-from mhsb_planner.online.verdicts import compose_acceptance_sentence, find_verdict_code
 from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions
 from mhsb_planner.search.s2_graph import StepGraph
 

@@ -22,18 +22,24 @@ NO_PLAN = 0
 
 
 @dataclass(frozen=True, eq=False)
-class StampedState:
-    """State of the arm, with the time of its stamp and the time of its receipt.
+class ReceivedState:
+    """State of the arm, with the time of its receipt.
 
     Attributes:
         state: Position, velocity and acceleration of all joints.
-        stamp_ns: Stamp of the message by the arm's clock [ns].
         received_at: Time of receipt by the steady clock [s].
     """
 
     state: MotionState
-    stamp_ns: int
     received_at: float
+
+    def is_fresh(self, steady_time: float) -> bool:
+        """Return whether the state was received at most `OLDEST_STATE` ago.
+
+        Args:
+            steady_time: Present time by the steady clock [s].
+        """
+        return steady_time - self.received_at <= OLDEST_STATE
 
 
 @dataclass
@@ -60,16 +66,15 @@ class ArmState:
         qos_mismatch: Sentence that names publishers whose quality of service does not match. Empty
             if there are none.
         machine_difference: Sentence on how the arm's machine file differs from the planner's. Empty
-            if they are equal.
-        is_machine_known: True if the arm has reported its machine, or turned out not to report it.
+            if they are equal, or if the arm turned out not to report its machine.
         first_state_at: Time of receipt of the first state by the steady clock [s]; infinite before.
         clock_estimator: Estimator of the arm's clock.
         rest_detector: Detector of a measured standstill.
     """
 
     joint_count: int
-    reference: StampedState | None = None
-    measured: StampedState | None = None
+    reference: ReceivedState | None = None
+    measured: ReceivedState | None = None
     plan_in_force_ns: int | None = None
     modes: ModeArray | None = None
     own_command: Command | None = None
@@ -77,8 +82,7 @@ class ArmState:
     plan_delay_ns: int = 0
     publisher_conflict: str = ""
     qos_mismatch: str = ""
-    machine_difference: str = ""
-    is_machine_known: bool = False
+    machine_difference: str | None = None
     first_state_at: float = math.inf
     clock_estimator: ArmClockEstimator = field(default_factory=ArmClockEstimator)
     rest_detector: RestDetector = field(default_factory=RestDetector)
@@ -109,20 +113,19 @@ class ArmState:
             steady_time: Time of receipt by the steady clock [s].
         """
         self.clock_estimator.add_stamp(stamp_ns, steady_time)
-        self.reference = StampedState(state, stamp_ns, steady_time)
+        self.reference = ReceivedState(state, steady_time)
         self.first_state_at = min(self.first_state_at, steady_time)
         if self.measured is None:
             self.rest_detector.add_measurement(state, steady_time)
 
-    def add_measurement(self, state: MotionState, stamp_ns: int, steady_time: float) -> None:
+    def add_measurement(self, state: MotionState, steady_time: float) -> None:
         """Store the measured state of the joints, and use it to detect rest.
 
         Args:
             state: Measured position and velocity of all joints; its acceleration is 0.
-            stamp_ns: Stamp by the arm's clock [ns]; it does not update the estimate of that clock.
             steady_time: Time of receipt by the steady clock [s].
         """
-        self.measured = StampedState(state, stamp_ns, steady_time)
+        self.measured = ReceivedState(state, steady_time)
         self.first_state_at = min(self.first_state_at, steady_time)
         self.rest_detector.add_measurement(state, steady_time)
 
@@ -147,12 +150,6 @@ class ArmState:
         now_ns = self.clock_estimator.extrapolate_ns(steady_time)
         return (min(now_ns, ros_ns) if silence > OLDEST_STATE else now_ns) - self.plan_delay_ns
 
-    def has_fresh_state(self, steady_time: float) -> bool:
-        """Return whether a reference or measurement was received at most `OLDEST_STATE` ago."""
-        return self.is_fresh(self.reference, steady_time) or self.is_fresh(
-            self.measured, steady_time
-        )
-
     def get_fresh_state(self, steady_time: float) -> MotionState | None:
         """Return the reference that the servo follows, or else the measured state.
 
@@ -164,15 +161,9 @@ class ArmState:
             received at most `OLDEST_STATE` ago, otherwise the measured state. None if both are
             older or missing.
         """
-        for heard in (self.reference, self.measured):
-            if heard is not None and self.is_fresh(heard, steady_time):
-                return heard.state
-        return None
-
-    @staticmethod
-    def is_fresh(stamped_state: StampedState | None, steady_time: float) -> bool:
-        """Return whether a state exists and was received at most `OLDEST_STATE` ago."""
-        return stamped_state is not None and steady_time - stamped_state.received_at <= OLDEST_STATE
+        received = (self.reference, self.measured)
+        fresh = (each.state for each in received if each and each.is_fresh(steady_time))
+        return next(fresh, None)
 
     @property
     def modes_in_force(self) -> ModeArray:

@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.circuit.dead_time import compute_dead_time, compute_settling_time
-from mhsb_model.command import Command
 from mhsb_model.goal import Goal
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_model.verdict import Outcome, PlanSummary, Verdict
+from mhsb_model.verdict import Outcome, Verdict
 from mhsb_planner.online.arm_state import NO_PLAN, ArmState
 from mhsb_planner.online.pending_goal import PendingGoal
+from mhsb_planner.online.replanning import Replan
 from mhsb_planner.online.settings import Settings
 
 EARLY_NS = 3 * SECOND_NS // 10
@@ -68,13 +68,10 @@ class Execution:
 
     Attributes:
         pending_goal: Record of the goal.
-        command: Command that the arm has confirmed.
-        target: Place to which the command leads: the goal, or a place a little ahead of a moving
-            goal.
-        plan: Summary of the command as the goal's verdict states it.
+        replan: Plan with the command that the arm has confirmed.
+        target: Place to which the plan leads: the goal, or a place a little ahead of a moving goal.
         settings: Settings of the plan. A later goal at the same place may take over the plan if its
             settings are the same object.
-        change_ns: Time at which the command leaves the previous command, in the time of plans [ns].
         dropped_since: Time at which the arm was first found to have dropped the plan [ns], and the
             result if no reason is reported. None while the arm follows the plan.
         distances: Times since the plan's end [ns] and distances of the measured tip from the goal
@@ -82,13 +79,16 @@ class Execution:
     """
 
     pending_goal: PendingGoal
-    command: Command
+    replan: Replan
     target: Goal
-    plan: PlanSummary
     settings: Settings
-    change_ns: int
     dropped_since: tuple[int, ExecutionResult] | None = None
     distances: deque[tuple[int, float]] = field(default_factory=deque)
+
+    @property
+    def ends_at_goal(self) -> bool:
+        """True if the plan ends at the goal, not a little beyond the place of a moving goal."""
+        return self.target.is_at_same_position(self.pending_goal.goal)
 
     def judge(
         self, machine: Machine, arm_state: ArmState, now_ns: int, *, is_last: bool = False
@@ -117,13 +117,13 @@ class Execution:
         Returns:
             Outcome, sentence and cause; None while the execution goes on.
         """
-        end_ns = self.command.trajectory.end_ns
+        end_ns = self.replan.command.trajectory.end_ns
         if arm_state.publisher_conflict:
             unknown = ExecutionResult(
                 Outcome.ABORTED, f"where the arm is is not known: {arm_state.publisher_conflict}"
             )
             return unknown if now_ns >= end_ns else None
-        if arm_state.plan_in_force_ns not in (None, NO_PLAN, self.command.stamp_ns):
+        if arm_state.plan_in_force_ns not in (None, NO_PLAN, self.replan.command.stamp_ns):
             return ExecutionResult(Outcome.REPLACED, "the arm follows another plan")
         if arm_state.plan_in_force_ns != NO_PLAN:
             self.dropped_since = None
@@ -165,7 +165,7 @@ class Execution:
             `STOPPED` if the reference of every joint is within `SAME_PLACE` of the plan's position
             at `now_ns`. `ABORTED` otherwise, or if there is no reference.
         """
-        planned = self.command.trajectory.sample(now_ns).position
+        planned = self.replan.command.trajectory.sample(now_ns).position
         heard = arm_state.reference
         if heard is not None and np.abs(heard.state.position - planned).max() < SAME_PLACE:
             return ExecutionResult(Outcome.STOPPED, "the arm was stopped before the goal")

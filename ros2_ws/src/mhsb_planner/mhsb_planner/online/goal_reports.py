@@ -1,7 +1,12 @@
-"""Reports on goals: one verdict for each, and one execution report for each accepted goal."""
+"""Reports on goals: one verdict for each, and one execution report for each accepted goal.
+
+A verdict has a code and a sentence, from the plan or from the error that planning raised.
+"""
 
 from __future__ import annotations
 
+from mhsb_model.errors import MhsbError, OutOfWorkspaceError
+from mhsb_model.goal import Goal, format_position
 from mhsb_model.verdict import (
     ExecutionReport,
     GoalVerdict,
@@ -10,8 +15,39 @@ from mhsb_model.verdict import (
     Report,
     Verdict,
 )
+from mhsb_planner.errors import (
+    DeadlineError,
+    InfeasibleGoalError,
+    NoPathError,
+    RequestError,
+    StartError,
+    TableError,
+    ZoneError,
+)
+from mhsb_planner.motion.s3_trajectory import FitError
 from mhsb_planner.online.pending_goal import PendingGoal
-from mhsb_planner.online.planner_io import Clock, PlannerIO
+from mhsb_planner.online.planner_io import PlannerIO
+from mhsb_planner.online.replanning import Replan
+from mhsb_planner.online.start_state import MovingError, NoStateError, OtherMachineError
+
+ERROR_VERDICTS: tuple[tuple[type[MhsbError], Verdict], ...] = (
+    (OutOfWorkspaceError, Verdict.OUT_OF_WORKSPACE),
+    (ZoneError, Verdict.ZONE),
+    (InfeasibleGoalError, Verdict.INFEASIBLE),
+    (NoPathError, Verdict.INFEASIBLE),
+    (FitError, Verdict.INFEASIBLE),
+    (StartError, Verdict.INFEASIBLE),
+    (DeadlineError, Verdict.DEADLINE),
+    (TableError, Verdict.TABLE),
+    (NoStateError, Verdict.NO_STATE),
+    (MovingError, Verdict.MOVING),
+    (OtherMachineError, Verdict.MACHINE),
+    (RequestError, Verdict.OPTIONS),
+)
+"""Types of errors with the verdict code of each. The first type that matches counts."""
+
+MIN_REPORTED_EXCESS = 0.005
+"""Least excess of a piston's speed over V_max that a verdict states, as a share of V_max [-]."""
 
 NEWER_GOAL = "a newer goal came before this one was planned"
 """Sentence on a goal that was superseded before it was planned."""
@@ -19,33 +55,80 @@ NEWER_GOAL = "a newer goal came before this one was planned"
 NEWER_GOAL_SENT = "a newer goal came before the arm had taken the plan"
 """Sentence on a goal that was superseded after a plan had been sent."""
 
-OUTCOME_OF_VERDICT = {Verdict.SUPERSEDED: Outcome.REPLACED, Verdict.STOPPED: Outcome.STOPPED}
+OUTCOME_OF_VERDICT = {
+    Verdict.AT_GOAL: Outcome.REACHED,
+    Verdict.SUPERSEDED: Outcome.REPLACED,
+    Verdict.STOPPED: Outcome.STOPPED,
+}
 """Outcome of the execution report by verdict code, for an accepted goal that ends early.
 
 For codes that are not listed, the outcome is `ABORTED`."""
 
 
+def find_verdict_code(error: MhsbError) -> Verdict:
+    """Return the verdict code of an error; `INTERNAL` if its type is not in `ERROR_VERDICTS`."""
+    return next(
+        (code for kind, code in ERROR_VERDICTS if isinstance(error, kind)), Verdict.INTERNAL
+    )
+
+
+def compose_acceptance_sentence(replan: Replan, goal: Goal) -> str:
+    """Compose the sentence of the verdict on an accepted goal.
+
+    It states the end of the tip's path and the duration. If the search ran out of time, it says so.
+    An excess of piston speed over V_max is stated if it is at least `MIN_REPORTED_EXCESS`. The
+    plan's warnings follow.
+
+    Args:
+        replan: The plan.
+        goal: The goal. Its place is stated if the plan's path has no steps.
+
+    Returns:
+        The sentence, without a full stop.
+    """
+    plan = replan.plan
+    end = plan.path.tip[-1].tolist() if plan.path.steps > 0 else goal.position
+    sentence = f"the tip goes to {format_position(end)} in {plan.duration:.1f} s"
+    if plan.path.statistics.out_of_time:
+        sentence += ", the best found within its lead"
+    excess = plan.motion.speed_excess
+    if excess >= MIN_REPORTED_EXCESS:
+        sentence += f", pistons up to {100 * excess:.2g} % faster than V_max"
+    return "; ".join([sentence, *plan.warnings])
+
+
+def compose_at_goal_verdict(goal: Goal, plan_ms: float) -> GoalVerdict:
+    """Compose the verdict on a goal at which the tip is already, with a plan of 0 J and 0 s.
+
+    Args:
+        goal: The goal.
+        plan_ms: Time from receipt of the goal to the verdict [ms].
+
+    Returns:
+        Verdict with the code `AT_GOAL`.
+    """
+    sentence = f"the tip is at {goal.position_text} already"
+    nothing = PlanSummary(0, 0.0, 0.0, 0.0, 0, plan_ms, 0.0)
+    return GoalVerdict.of(goal, Verdict.AT_GOAL, sentence, nothing)
+
+
 class GoalReports:
     """Sender of verdicts and execution reports. Goals that have ended get no further report."""
 
-    def __init__(self, clock: Clock, outbox: PlannerIO) -> None:
-        """Store the source of the present time, and the outbox that sends the reports."""
-        self._clock = clock
-        self._out = outbox
+    def __init__(self, outbox: PlannerIO) -> None:
+        """Store the outbox that sends the reports."""
+        self._outbox = outbox
 
-    def accept(
-        self, pending_goal: PendingGoal, code: Verdict, sentence: str, plan: PlanSummary
-    ) -> None:
+    def accept(self, pending_goal: PendingGoal, sentence: str, plan: PlanSummary) -> None:
         """Send the verdict that a goal is accepted, and set the goal's `has_verdict`.
 
         Args:
             pending_goal: The goal.
-            code: `OK` or `AT_GOAL`.
             sentence: The verdict in words.
             plan: Stamp, energies [J], duration [s] and planning times [ms] of the goal's plan.
         """
         pending_goal.has_verdict = True
-        self._report(pending_goal, GoalVerdict.of(pending_goal.goal, code, sentence, plan))
+        self._report(pending_goal, GoalVerdict.of(pending_goal.goal, Verdict.OK, sentence, plan))
 
     def report_at_goal(self, pending_goal: PendingGoal) -> None:
         """End a goal because the tip is at the goal already.
@@ -56,16 +139,10 @@ class GoalReports:
         Args:
             pending_goal: The goal; it is marked as ended.
         """
-        elapsed = 1e3 * (self._clock.steady_time() - pending_goal.received_at)
-        sentence = f"the tip is at {pending_goal.goal.position_text} already"
-        if pending_goal.has_verdict:
-            self.report_end(pending_goal, Outcome.REACHED, sentence)
-            return
-        nothing = PlanSummary(0, 0.0, 0.0, 0.0, 0, elapsed, 0.0)
-        self.accept(pending_goal, Verdict.AT_GOAL, sentence, nothing)
-        pending_goal.has_ended = True
+        elapsed = 1e3 * (self._outbox.steady_time() - pending_goal.received_at)
+        self.end(pending_goal, compose_at_goal_verdict(pending_goal.goal, elapsed))
 
-    def end(self, pending_goal: PendingGoal, code: Verdict, sentence: str) -> None:
+    def end(self, pending_goal: PendingGoal, verdict: GoalVerdict) -> None:
         """End a goal: with a verdict, or with an execution report if the goal was accepted before.
 
         If the goal has ended already, nothing happens. An accepted goal ends with the outcome in
@@ -74,16 +151,15 @@ class GoalReports:
 
         Args:
             pending_goal: The goal; it is marked as ended.
-            code: Code of the verdict.
-            sentence: Reason why the goal ends.
+            verdict: The verdict. An execution report repeats its sentence.
         """
         if pending_goal.has_verdict:
-            outcome = OUTCOME_OF_VERDICT.get(code, Outcome.ABORTED)
-            reason = code if outcome is Outcome.ABORTED else None
-            self.report_end(pending_goal, outcome, sentence, reason)
+            outcome = OUTCOME_OF_VERDICT.get(verdict.code, Outcome.ABORTED)
+            reason = verdict.code if outcome is Outcome.ABORTED else None
+            self.report_end(pending_goal, outcome, verdict.sentence, reason)
         elif not pending_goal.has_ended:
             pending_goal.has_ended = True
-            self._report(pending_goal, GoalVerdict.of(pending_goal.goal, code, sentence))
+            self._report(pending_goal, verdict)
 
     def supersede(self, pending_goal: PendingGoal) -> None:
         """End a goal as superseded, because a newer goal came before the arm took a plan for it.
@@ -92,7 +168,7 @@ class GoalReports:
             pending_goal: The older goal. An accepted one gets an execution report (`REPLACED`).
         """
         sentence = NEWER_GOAL_SENT if pending_goal.has_verdict else NEWER_GOAL
-        self.end(pending_goal, Verdict.SUPERSEDED, sentence)
+        self.end(pending_goal, GoalVerdict.of(pending_goal.goal, Verdict.SUPERSEDED, sentence))
 
     def report_end(
         self,
@@ -135,6 +211,6 @@ class GoalReports:
             report: Verdict or execution report.
         """
         try:
-            self._out.report(report)
+            self._outbox.report(report)
         finally:
             pending_goal.on_report(report)  # the action's client waits for it

@@ -116,9 +116,7 @@ class GoalStream:
             return False
         return now - self._received[-1].received_at <= STREAM_END_PERIODS * self.period
 
-    def extrapolate(
-        self, goal: Goal, age: float, commit_horizon: float, dead_time: float = 0.0
-    ) -> Goal:
+    def extrapolate(self, goal: Goal, age: float, commit_horizon: float, dead_time: float) -> Goal:
         """Extrapolate a moving goal to the place at which a plan for it should end.
 
         It is the place of the goal after three times: the commit horizon (time until the plan takes
@@ -126,17 +124,14 @@ class GoalStream:
         `MAX_LOOKAHEAD_TIME`.
 
         Args:
-            goal: Goal that was received last.
+            goal: Goal that was received last. At least three goals were received.
             age: Time since it was received [s].
             commit_horizon: Commit horizon, without the dead time [s].
             dead_time: Dead time of the machine [s].
 
         Returns:
-            The moved goal; `goal` itself if the stream's velocity is 0.
+            The moved goal.
         """
-        velocity = self.velocity
-        if not any(velocity):
-            return goal
         seconds = age + dead_time + min(commit_horizon + self.period, MAX_LOOKAHEAD_TIME)
-        pairs = zip(goal.position, velocity, strict=True)
+        pairs = zip(goal.position, self.velocity, strict=True)
         return goal.moved_to(tuple(along + seconds * rate for along, rate in pairs))

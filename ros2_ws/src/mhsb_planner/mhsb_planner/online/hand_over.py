@@ -7,19 +7,21 @@ the delay that speed scaling has caused.
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable
+
 from mhsb_model.arm_reports import HandOverReason
 from mhsb_model.circuit.dead_time import compute_dead_time
 from mhsb_model.command import Command
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_planner.online.arm_state import ArmState
 from mhsb_planner.online.commit_horizon import (
     LATE_PLAN_FACTOR,
     CommitHorizon,
     CommitHorizonEstimator,
 )
+from mhsb_planner.online.lifecycle_state import LifecycleState
 from mhsb_planner.online.pending_goal import PendingGoal
 from mhsb_planner.online.plan_request import UnconfirmedPlan
-from mhsb_planner.online.planner_io import Clock, PlannerIO
 from mhsb_planner.online.replanning import Replan
 from mhsb_planner.online.settings import Settings
 
@@ -32,9 +34,6 @@ CONFIRMATION_TIMEOUT = 0.1
 After it the plan counts as not taken, if the arm has sent a state since then.
 """
 
-AHEAD_NS = SECOND_NS // 10
-"""Largest time by which the last sent stamp may be ahead of the time of plans [ns]."""
-
 MAX_LATE_PLANS = 3
 """Number of plans that fail at the longest commit horizon before a goal is refused."""
 
@@ -43,76 +42,57 @@ SENT_COMMAND_CAPACITY = 16
 
 
 class HandOver:
-    """Record of sent commands until the arm confirms or refuses them.
+    """Hand-over of commands, from the choice of their stamp until the arm confirms or refuses them.
 
-    At most one command is unconfirmed. The lifecycle of goals sends a command with `send`. It
-    reports the arm's confirmation with `confirm`, and a refusal with `give_up`. It also calls
-    `give_up` if `is_overdue` returns True. It withdraws a plan with `revoke`. The other methods
-    choose stamps and commit horizons.
+    At most one command is unconfirmed. `send` sends it, and `confirm` and `give_up` end its
+    hand-over. The other methods choose stamps and commit horizons, or find sent commands.
 
     Attributes:
-        unconfirmed: Command that has been sent and not confirmed; None if there is none.
         horizon_estimator: Estimator of the commit horizon (time from a command's stamp until it
             leaves the previous command).
     """
 
-    def __init__(self, arm_state: ArmState, clock: Clock, outbox: PlannerIO) -> None:
+    def __init__(
+        self, state: LifecycleState, on_confirmed: Callable[[UnconfirmedPlan], None]
+    ) -> None:
         """Begin without a command.
 
         Args:
-            arm_state: Arm state. A confirmation writes its `own_command`.
-            clock: Source of the present time.
-            outbox: Sends commands.
+            state: State of the lifecycle. `unconfirmed` and the arm's `own_command` are written.
+            on_confirmed: Called at once with each command that is sent to an arm that does not
+                report which plan it executes. The arm is assumed to follow the command.
         """
-        self.unconfirmed: UnconfirmedPlan | None = None
         self.horizon_estimator = CommitHorizonEstimator()
-        self._arm_state = arm_state
-        self._clock = clock
-        self._outbox = outbox
-        self._sent_commands: dict[int, UnconfirmedPlan] = {}
-        self._last_stamp_ns = 0
-
-    @property
-    def goals(self) -> list[PendingGoal]:
-        """Goal of the unconfirmed plan (sent, without an answer) as a list of one element.
-
-        The list is empty if there is no such plan, or if the unconfirmed command only brakes.
-        """
-        request = None if self.unconfirmed is None else self.unconfirmed.request
-        return [] if request is None else [request.pending_goal]
+        self._state = state
+        self._on_confirmed = on_confirmed
+        self._sent_commands: deque[UnconfirmedPlan] = deque(maxlen=SENT_COMMAND_CAPACITY)
 
     # --- Stamps and commit horizons --------------------------------------------------------------
 
-    def choose_stamp(self, now_ns: int) -> int:
+    @property
+    def last_stamp_ns(self) -> int:
+        """Stamp of the command that was sent last [ns]; 0 if none was sent since a clock jump."""
+        return self._sent_commands[-1].command.stamp_ns if self._sent_commands else 0
+
+    def choose_stamp(self) -> int:
         """Return the earliest stamp for a new command.
 
-        Args:
-            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
-
         Returns:
-            `now_ns`, or the last stamp sent plus 1 ns if that is later [ns].
+            The time of plans, or the last stamp sent plus 1 ns if that is later [ns].
         """
-        return max(now_ns, self._last_stamp_ns + 1)
+        return max(self._state.now_ns, self.last_stamp_ns + 1)
 
-    def is_ahead(self, now_ns: int) -> bool:
-        """Return whether the last stamp sent is more than `AHEAD_NS` ahead of the time of plans.
-
-        Args:
-            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
-        """
-        return self._last_stamp_ns > now_ns + AHEAD_NS
-
-    def choose_horizon(self, pending_goal: PendingGoal, settings: Settings) -> CommitHorizon:
+    def choose_horizon(self, pending_goal: PendingGoal) -> CommitHorizon:
         """Choose the commit horizon (time until a new plan takes over) for a goal, in real time.
 
         Args:
             pending_goal: The goal. Its `horizon_factor` lengthens the horizon if earlier plans for
                 it came too late.
-            settings: Settings for all goals, which give bounds or a fixed horizon.
 
         Returns:
             Commit horizon by the steady clock, without the machine's dead time.
         """
+        settings = self._state.settings
         return self.horizon_estimator.choose_horizon(
             settings.lead_min,
             settings.lead_max,
@@ -120,23 +100,26 @@ class HandOver:
             pending_goal.horizon_factor,
         )
 
-    def choose_horizon_from_rest(self, commit_horizon: CommitHorizon, settings: Settings) -> float:
-        """Choose the commit horizon of a plan that starts from rest, in real time.
+    def choose_arm_horizon(self, pending_goal: PendingGoal, *, starts_from_rest: bool) -> float:
+        """Choose the commit horizon (time until a new plan takes over) for a goal, in arm time.
 
-        The commit horizon is the time from the stamp until the plan takes over. A plan from rest is
-        stamped when it is ready, so its horizon covers transport and confirmation only.
+        A plan from rest is stamped when it is ready. Its horizon therefore covers transport and
+        confirmation only, not planning.
 
         Args:
-            commit_horizon: Commit horizon that a plan for the goal would have in motion. Its
-                `transport_reserve` is read.
-            settings: Settings for all goals; `lead_min` is the lower bound of the result.
+            pending_goal: The goal. Its `horizon_factor` lengthens the horizon.
+            starts_from_rest: True if the previous command has ended.
 
         Returns:
-            Commit horizon by the steady clock, without the machine's dead time [s].
+            Commit horizon by the arm's clock, with the machine's dead time [s].
         """
-        return max(commit_horizon.transport_reserve, settings.lead_min)
+        horizon = self.choose_horizon(pending_goal)
+        seconds = horizon.total
+        if starts_from_rest:
+            seconds = max(horizon.transport_reserve, self._state.settings.lead_min)
+        return self._convert_horizon(seconds)
 
-    def choose_braking_horizon(self, tries: int, settings: Settings) -> float:
+    def choose_braking_horizon(self, tries: int) -> float:
         """Choose the commit horizon of a braking command: the time from stamp to braking.
 
         It is the estimated transport time times `LATE_PLAN_FACTOR`^`tries`. It is limited to
@@ -145,31 +128,29 @@ class HandOver:
 
         Args:
             tries: Number of braking commands of this stop that the arm has not taken.
-            settings: Settings for all goals.
 
         Returns:
             Commit horizon by the arm's clock [s].
         """
+        settings = self._state.settings
         wanted = LATE_PLAN_FACTOR**tries * self.horizon_estimator.transport_time
-        horizon = min(max(settings.lead_min, wanted), settings.lead_max)
-        return self.convert_horizon(horizon, settings)
+        return self._convert_horizon(min(max(settings.lead_min, wanted), settings.lead_max))
 
-    def convert_horizon(self, seconds: float, settings: Settings) -> float:
+    def _convert_horizon(self, seconds: float) -> float:
         """Convert a commit horizon from real time to the arm's clock, and add the dead time.
 
         The servo must know a new plan one dead time before the new plan leaves the plan in force.
 
         Args:
             seconds: Commit horizon in real time [s].
-            settings: Settings for all goals. Only `machine` is read.
 
         Returns:
             Commit horizon by the arm's clock [s].
         """
-        duration = self._arm_state.clock_estimator.convert_duration(seconds)
-        return duration + compute_dead_time(settings.machine)
+        duration = self._state.arm_state.clock_estimator.convert_duration(seconds)
+        return duration + compute_dead_time(self._state.settings.machine)
 
-    def lengthen_horizon(self, pending_goal: PendingGoal, settings: Settings) -> bool:
+    def lengthen_horizon(self, pending_goal: PendingGoal) -> bool:
         """Lengthen the commit horizon of a goal by `LATE_PLAN_FACTOR`, after a plan came too late.
 
         The commit horizon is the time until a new plan takes over. The method writes
@@ -177,64 +158,29 @@ class HandOver:
 
         Args:
             pending_goal: The goal.
-            settings: Settings for all goals.
 
         Returns:
             False if `MAX_LATE_PLANS` plans for the goal have failed at the longest horizon. True if
             another plan may be tried.
         """
-        is_longest = self.choose_horizon(pending_goal, settings).is_longest
+        is_longest = self.choose_horizon(pending_goal).is_longest
         pending_goal.late_plans_at_longest_horizon += is_longest
         pending_goal.horizon_factor *= LATE_PLAN_FACTOR
         return pending_goal.late_plans_at_longest_horizon < MAX_LATE_PLANS
 
-    def stamp_from_rest(
-        self, replan: Replan, pending_goal: PendingGoal, settings: Settings, now_ns: int
-    ) -> Replan | None:
-        """Return a copy of a plan from rest with a new stamp and a new commit horizon.
-
-        The stamp is `now_ns`, or the last stamp sent plus 1 ns if that is later. The commit horizon
-        (time from the stamp until the plan takes over) is chosen by goal and settings.
-
-        Args:
-            replan: The plan.
-            pending_goal: Its goal, for the commit horizon.
-            settings: Settings for all goals, which bound the commit horizon.
-            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
-
-        Returns:
-            The copy. None if the previous command still moves at the new stamp, because the arm's
-            clock was set back.
-        """
-        stamp_ns = self.choose_stamp(now_ns)
-        if not replan.may_begin_at(stamp_ns):
-            return None
-        horizon = self.choose_horizon_from_rest(
-            self.choose_horizon(pending_goal, settings), settings
-        )
-        return replan.with_stamp(stamp_ns, self.convert_horizon(horizon, settings))
-
     # --- From sending to the answer --------------------------------------------------------------
 
-    def send(self, sent: UnconfirmedPlan) -> bool:
+    def send(self, sent: UnconfirmedPlan) -> None:
         """Send a command, and store it as unconfirmed (without an answer of the arm).
-
-        The last `SENT_COMMAND_CAPACITY` commands are stored by their stamps.
 
         Args:
             sent: The command, with the times of its planning and sending and the request for it.
-
-        Returns:
-            True if the arm is of a kind that does not report which plan it executes. The caller
-            must then confirm the command at once.
         """
-        self._outbox.send(sent.command)
-        self._last_stamp_ns = sent.command.stamp_ns
-        self._sent_commands[sent.command.stamp_ns] = sent
-        while len(self._sent_commands) > SENT_COMMAND_CAPACITY:
-            self._sent_commands.pop(next(iter(self._sent_commands)))
-        self.unconfirmed = sent
-        return self._arm_state.plan_in_force_ns is None
+        self._state.outbox.send(sent.command)
+        self._sent_commands.append(sent)
+        self._state.unconfirmed = sent
+        if self._state.arm_state.plan_in_force_ns is None:
+            self._on_confirmed(sent)
 
     def find_new_confirmation(self, stamp_ns: int) -> UnconfirmedPlan | None:
         """Find the sent command that the arm has newly taken as its plan in force.
@@ -246,8 +192,9 @@ class HandOver:
             The command with this stamp. None if this planner did not send it, or if it was
             confirmed before.
         """
-        sent = self._sent_commands.get(stamp_ns)
-        return None if sent is None or sent.command is self._arm_state.own_command else sent
+        own = self._state.arm_state.own_command
+        sent_commands = (each for each in self._sent_commands if each.command is not own)
+        return next((each for each in sent_commands if each.command.stamp_ns == stamp_ns), None)
 
     def find_plan_of_command(self, command: Command, settings: Settings) -> Replan | None:
         """Find the plan from which a command was made, if it was made with given settings.
@@ -261,10 +208,10 @@ class HandOver:
             The plan. None if this planner did not send the command, if the command only brakes, or
             if the settings differ.
         """
-        sent = self._sent_commands.get(command.stamp_ns)
-        if sent is None or sent.command is not command or sent.request is None:
-            return None
-        return sent.replan if sent.request.settings is settings else None
+        for sent in self._sent_commands:
+            if sent.command is command and sent.request is not None:
+                return sent.replan if sent.request.settings is settings else None
+        return None
 
     def confirm(self, sent: UnconfirmedPlan) -> None:
         """Store that the arm follows a command.
@@ -276,18 +223,18 @@ class HandOver:
         Args:
             sent: The command.
         """
-        if self.unconfirmed is sent:
-            self.unconfirmed = None
-        self._arm_state.own_command = sent.command
-        if self._arm_state.plan_in_force_ns is not None:
-            self.horizon_estimator.add_transport_time(self._clock.steady_time() - sent.planned_at)
+        state = self._state
+        if state.unconfirmed is sent:
+            state.unconfirmed = None
+        state.arm_state.own_command = sent.command
+        if state.arm_state.plan_in_force_ns is not None:
+            self.horizon_estimator.add_transport_time(state.now - sent.planned_at)
 
-    def is_overdue(self, sent: UnconfirmedPlan, now_ns: int) -> bool:
+    def is_overdue(self, sent: UnconfirmedPlan) -> bool:
         """Return whether a sent command without an answer counts as not taken by the arm.
 
         Args:
             sent: The command.
-            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
 
         Returns:
             True if the command was sent more than `LONGEST_WAIT` ago in real time. Also True if two
@@ -296,11 +243,11 @@ class HandOver:
             which the command leaves the previous one. If the arm has been silent since the change,
             its confirmation may just be late.
         """
-        now, estimator = self._clock.steady_time(), self._arm_state.clock_estimator
+        now, estimator = self._state.now, self._state.arm_state.clock_estimator
         waited = now - sent.sent_at
         silence = estimator.convert_duration(estimator.time_since_last_stamp(now))
         grace = estimator.convert_duration(CONFIRMATION_TIMEOUT)
-        late = (now_ns - sent.change_ns) / SECOND_NS - silence
+        late = (self._state.now_ns - sent.change_ns) / SECOND_NS - silence
         return waited > LONGEST_WAIT or (late > grace and waited > CONFIRMATION_TIMEOUT)
 
     def give_up(self, sent: UnconfirmedPlan, reason: HandOverReason) -> None:
@@ -314,38 +261,23 @@ class HandOver:
             sent: The command. Only `planned_at` is read.
             reason: Reason code; `LATE` also if the arm gave no answer in time.
         """
-        self.unconfirmed = None
+        self._state.unconfirmed = None
         estimator = self.horizon_estimator
         if reason == HandOverReason.LATE:
-            waited = self._clock.steady_time() - sent.planned_at
+            waited = self._state.now - sent.planned_at
             estimator.add_transport_time(max(waited, LATE_PLAN_FACTOR * estimator.transport_time))
         elif reason == HandOverReason.STAMP:
-            self._arm_state.clock_estimator.keep_last_stamp_only()
-
-    def revoke(self) -> list[PendingGoal]:
-        """Mark the unconfirmed plan (sent, without an answer) as void: it is not wanted any more.
-
-        If the arm takes a void plan after all, the lifecycle of goals stops the arm.
-
-        Returns:
-            The plan's goal as a list of one element. The list is empty if there is no unconfirmed
-            plan, or if the unconfirmed command only brakes.
-        """
-        if self.unconfirmed is not None:
-            self.unconfirmed.is_void = True
-        return self.goals
+            self._state.arm_state.clock_estimator.keep_last_stamp_only()
 
     def forget(self) -> list[PendingGoal]:
         """Drop all commands and stamps after a clock jump.
 
         Returns:
             Goal of the unconfirmed plan (sent, without an answer) as a list of one element. The
-            list is empty in three cases: there is no such plan, the command only brakes, or
-            `revoke` has marked the plan as void.
+            list is empty in three cases: there is no such plan, the command only brakes, or the
+            plan is void.
         """
-        revoked = self.unconfirmed is not None and self.unconfirmed.is_void
-        goals = [] if revoked else self.goals
-        self.unconfirmed = None
+        sent, goals = self._state.unconfirmed, self._state.unconfirmed_goals
+        self._state.unconfirmed = None
         self._sent_commands.clear()
-        self._last_stamp_ns = 0
-        return goals
+        return [] if sent is not None and sent.is_void else goals

@@ -24,7 +24,7 @@ def ignore_report(report: Report) -> None:
     """Do nothing with a report; the default listener of a goal."""
 
 
-@dataclass
+@dataclass(eq=False)
 class PendingGoal:
     """Record of a goal from its receipt until it has ended.
 

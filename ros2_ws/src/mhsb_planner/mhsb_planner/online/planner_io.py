@@ -1,4 +1,4 @@
-"""Interfaces that the goal lifecycle needs: a clock, and an outbox for its decisions."""
+"""Interface that the goal lifecycle needs: clocks, and an outbox for its decisions."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from mhsb_model.verdict import Report
 from mhsb_planner.online.plan_request import PlanRequest
 
 
-class Clock(Protocol):
-    """Source of the present time."""
+class PlannerIO(Protocol):
+    """Clocks and outbox of the goal lifecycle: planning worker, arm, user and log."""
 
     def steady_time(self) -> float:
         """Return the present time by the steady clock of `deadline.now` [s]."""
@@ -20,10 +20,6 @@ class Clock(Protocol):
     def ros_ns(self) -> int:
         """Return the present time by the ROS clock [ns]."""
         ...
-
-
-class PlannerIO(Protocol):
-    """Outbox of the goal lifecycle: planning worker, arm, user and log."""
 
     def start_planning(self, request: PlanRequest) -> None:
         """Start to make a plan in the background.

@@ -47,7 +47,7 @@ class Progress:
             execution: Execution of the plan in force.
             now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
         """
-        command, change_ns = execution.command, execution.change_ns
+        command, change_ns = execution.replan.command, execution.replan.change_ns
         end_ns = command.trajectory.end_ns
         now_ns = min(max(now_ns, change_ns), end_ns)
         since_ns = change_ns if self._summed_ns is None else self._summed_ns

@@ -20,12 +20,12 @@ from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
-from mhsb_model.trajectory import SECOND_NS, Trajectory
+from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import Position
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.motion.s3_trajectory import fit_braking
 from mhsb_planner.motion.s4_mode_schedule import StartModes
-from mhsb_planner.online.command_joining import HandOverTimes, choose_hand_over_times, join_commands
+from mhsb_planner.online.command_joining import choose_hand_over_times, join_commands
 from mhsb_planner.online.commit_horizon import OFFLINE_LEAD
 from mhsb_planner.planner import PLANNER_KINDS, Plan, Planner, PlanOptions, warm_up
 from mhsb_planner.posture.s1_posture_table import PostureTable
@@ -40,8 +40,6 @@ class Replan:
         previous_command: Old command, which the new one replaces.
         plan: Plan from which the new command was made.
         change_ns: Absolute time at which the new command leaves the old one [ns].
-        starts_from_rest: True if the old command has ended at the stamp of the new one. The new one
-            may then also begin later.
         improvement_time: Time spent on improving the plan after its first feasible motion was found
             [s].
         via: Via points in `base_link` that the tip passes after the change [m].
@@ -51,23 +49,16 @@ class Replan:
     previous_command: Command
     plan: Plan
     change_ns: int
-    starts_from_rest: bool = False
     improvement_time: float = 0.0
     via: tuple[Position, ...] = ()
 
-    def may_begin_at(self, now_ns: int) -> bool:
-        """Return whether the new command may get a given time as its stamp.
+    @property
+    def starts_from_rest(self) -> bool:
+        """True if the old command has ended at the stamp of the new one, which may begin later."""
+        return self.previous_command.trajectory.end_ns <= self.command.stamp_ns
 
-        Args:
-            now_ns: New stamp, by the clock of the old stamp [ns].
-
-        Returns:
-            True if the plan starts from rest and the old command has ended at `now_ns`.
-        """
-        return self.starts_from_rest and self.previous_command.trajectory.end_ns <= now_ns
-
-    def with_stamp(self, now_ns: int, commit_horizon: float) -> Replan:
-        """Return a copy of this plan whose command begins at another time.
+    def with_stamp(self, now_ns: int, commit_horizon: float) -> Replan | None:
+        """Return a copy of this plan from rest whose command begins at another time.
 
         Args:
             now_ns: Earliest new stamp, by the clock of the old stamp [ns]. The new stamp may be a
@@ -75,14 +66,11 @@ class Replan:
             commit_horizon: Time from the stamp until the plan leaves the old command [s].
 
         Returns:
-            The copy, with new `command` and `change_ns`.
-
-        Raises:
-            ValueError: The plan does not start from rest, or the old command still moves at
-                `now_ns`.
+            The copy, with new `command` and `change_ns`. None if the old command still moves at
+            `now_ns`, because the arm's clock was set back.
         """
-        if not self.may_begin_at(now_ns):
-            raise ValueError("a plan that leaves a moving command cannot begin at another time")
+        if self.previous_command.trajectory.end_ns > now_ns:
+            return None
         times = choose_hand_over_times(
             self.previous_command, now_ns, round(commit_horizon * SECOND_NS)
         )
@@ -149,23 +137,23 @@ class Replanner:
         Raises:
             MhsbError: No plan could be made; `Planner.plan` lists the errors.
         """
+        machine = self._planner.machine
         times = choose_hand_over_times(in_force, now_ns, round(commit_horizon * SECOND_NS))
         start = in_force.trajectory.sample(times.change_ns)
         moving = bool(start.velocity.any() or start.acceleration.any())
-        if not moving and options.is_goal_reached(self._planner.machine, goal, start.position):
+        if not moving and options.is_goal_reached(machine, goal, start.position):
             return None
         plan = self._planner.plan(
             goal,
             start,
             modes=StartModes.read_from(in_force.schedule, times.change_ns),
-            brake=self._make_braking(in_force, times) if moving else None,
+            brake=brake_along(machine, in_force.trajectory, times.change_ns) if moving else None,
             options=options,
             deadline=deadline,
             remainder=extract_remainder(in_force.trajectory, times.change_ns) if moving else None,
         )
         command = join_commands(in_force, times, _create_command(plan))
-        from_rest = in_force.trajectory.end_ns <= times.stamp_ns
-        return Replan(command, in_force, plan, times.change_ns, from_rest, via=options.via)
+        return Replan(command, in_force, plan, times.change_ns, via=options.via)
 
     def make_braking_command(
         self, in_force: Command, now_ns: int, commit_horizon: float
@@ -182,15 +170,13 @@ class Replanner:
         Returns:
             The command, and the time at which it begins to brake, by the same clock [ns].
         """
+        machine = self._planner.machine
         times = choose_hand_over_times(in_force, now_ns, round(commit_horizon * SECOND_NS))
         modes = StartModes.read_from(in_force.schedule, times.change_ns)
-        motion = fit_braking(self._planner.machine, self._make_braking(in_force, times), modes)
+        brake = brake_along(machine, in_force.trajectory, times.change_ns)
+        motion = fit_braking(machine, brake, modes)
         new = Command(motion.trajectory, motion.schedule)
         return join_commands(in_force, times, new), times.change_ns
-
-    def _make_braking(self, in_force: Command, times: HandOverTimes) -> Trajectory:
-        """Compute the motion that brakes along a command's path, from `times.change_ns` on."""
-        return brake_along(self._planner.machine, in_force.trajectory, times.change_ns)
 
     def _run_example(self, kinds: Iterable[str]) -> Command:
         """Plan a move to a neighbouring workspace node, and plan it again while the arm moves.

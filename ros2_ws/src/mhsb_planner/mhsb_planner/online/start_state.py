@@ -76,15 +76,15 @@ def find_start_command(arm_state: ArmState, steady_time: float, now_ns: int) -> 
         raise OtherMachineError(arm_state.machine_difference)
     if arm_state.publisher_conflict:
         raise NoStateError(f"where the arm is is not known: {arm_state.publisher_conflict}")
-    own = arm_state.own_command
+    own, reference, measured = arm_state.own_command, arm_state.reference, arm_state.measured
     if own is not None and arm_state.plan_in_force_ns == own.stamp_ns:
         return own
-    if arm_state.reference is not None and arm_state.is_fresh(arm_state.reference, steady_time):
-        return _create_hold_at_reference(arm_state, arm_state.reference.state, now_ns)
+    if reference is not None and reference.is_fresh(steady_time):
+        return _create_hold_at_reference(arm_state, reference.state, now_ns)
     if arm_state.plan_in_force_ns is None and own is not None:
         return own
-    if arm_state.measured is not None and arm_state.is_fresh(arm_state.measured, steady_time):
-        return _create_hold_at_measurement(arm_state, arm_state.measured.state, now_ns)
+    if measured is not None and measured.is_fresh(steady_time):
+        return _create_hold_at_measurement(arm_state, measured.state, now_ns)
     raise NoStateError(mismatch=arm_state.qos_mismatch)
 
 

@@ -181,27 +181,6 @@ def find_obstacle_ahead(machine: Machine, in_force: Command, now_ns: int) -> str
     return None if contact is None else contact.name
 
 
-def describe_waiting(obstacle: str) -> str:
-    """Return a sentence that the arm will brake for an obstacle after its answer to the last plan.
-
-    Before this answer, the planner cannot brake the arm for the obstacle.
-
-    Args:
-        obstacle: Name of the obstacle across the motion in force.
-    """
-    return f"{obstacle} was set across the way; the arm brakes once it has answered the last plan"
-
-
-def describe_missing_braking(obstacle: str, ending: str) -> str:
-    """Return a sentence that the arm has taken no command that brakes for an obstacle.
-
-    Args:
-        obstacle: Name of the obstacle.
-        ending: Sentence on how the stop ended instead.
-    """
-    return f"the arm took no command that brakes for {obstacle}: {ending}"
-
-
 def make_braking_for_obstacle(
     machine: Machine, in_force: Command, now_ns: int, commit_horizon: float, since_ns: int
 ) -> ZoneStop:
@@ -256,15 +235,10 @@ def _generate_brakings(machine: Machine, in_force: Command, at_ns: int) -> Itera
     for brake in iterate_harder_brakings(machine, in_force.trajectory, at_ns):
         hard = fit_braking(machine, brake, modes)
         command = Command(hard.trajectory, hard.schedule)
-        if not _keeps_limits(machine, command):
+        broken = find_first_violation(machine, command.trajectory, command.schedule)
+        if broken is not None and broken.limit is not OBSTACLE_LIMIT:
             return
         yield command
-
-
-def _keeps_limits(machine: Machine, command: Command) -> bool:
-    """Return whether a command breaks no limit other than obstacles."""
-    broken = find_first_violation(machine, command.trajectory, command.schedule)
-    return broken is None or broken.limit is OBSTACLE_LIMIT
 
 
 def _compute_clearances(

@@ -29,15 +29,21 @@ from mhsb_model.verdict import GoalVerdict, Outcome, PlanSummary, Report, Verdic
 from mhsb_msgs_py import names, qos, stamps
 from mhsb_msgs_py.errors import GoalError, MessageError
 from mhsb_msgs_py.guarded_executor import get_faults
+from mhsb_planner import deadline
 from mhsb_planner.errors import DeadlineError
 from mhsb_planner.online.commit_horizon import LATE_PLAN_FACTOR
 from mhsb_planner.online.goal_lifecycle import GoalLifecycle
+from mhsb_planner.online.goal_reports import (
+    compose_acceptance_sentence,
+    compose_at_goal_verdict,
+    find_verdict_code,
+)
+from mhsb_planner.online.goal_states import GoalState
 from mhsb_planner.online.pending_goal import Adjustment, PendingGoal, summarize_plan
 from mhsb_planner.online.plan_request import PlanRequest
 from mhsb_planner.online.progress import Progress
 from mhsb_planner.online.replanning import Replan
 from mhsb_planner.online.settings import Settings
-from mhsb_planner.online.verdicts import compose_acceptance_sentence, find_verdict_code
 from mhsb_planner.ros import goal_options
 from mhsb_planner.ros.outbox import RosOutbox
 
@@ -164,8 +170,7 @@ class MoveTipServer:
 
         Args:
             action: Compiled action type MoveTip.
-            node: Planner node, which is also the clock. Its attribute `faults` records exceptions
-                in callbacks.
+            node: Planner node. Its attribute `faults` records exceptions in callbacks.
             machine: Machine of the node.
             decode_goal: Function that returns the goal of a pose message. It raises GoalError or
                 MessageError.
@@ -369,7 +374,9 @@ class MoveTipServer:
                 [-].
         """
         try:
-            request = self._lifecycle.build_trial_request(goal, adjust_settings, horizon_factor)
+            request = self._lifecycle.planning.build_trial_request(
+                goal, adjust_settings, horizon_factor
+            )
         except MhsbError as error:
             job.refuse(find_verdict_code(error), str(error))
         else:
@@ -421,7 +428,7 @@ class MoveTipServer:
         """
         in_hand, settings = request.pending_goal, request.settings
         longest = settings.lead_max + compute_dead_time(settings.machine)
-        elapsed = 1e3 * (self._node.steady_time() - in_hand.received_at)
+        elapsed = 1e3 * (deadline.now() - in_hand.received_at)
         again = request.commit_horizon < longest and in_hand.horizon_factor < MOST_STRETCHED
         if isinstance(answer, DeadlineError) and again:
             self._request_trial_plan(
@@ -440,9 +447,7 @@ class MoveTipServer:
         elif isinstance(answer, Exception):
             job.refuse(Verdict.INTERNAL, f"planning failed with {type(answer).__name__}")
         elif answer is None:
-            nothing = PlanSummary(0, 0.0, 0.0, 0.0, 0, elapsed, 0.0)
-            sentence = f"the tip is at {in_hand.goal.position_text} already"
-            job.take_report(GoalVerdict.of(in_hand.goal, Verdict.AT_GOAL, sentence, nothing))
+            job.take_report(compose_at_goal_verdict(in_hand.goal, elapsed))
         else:
             halves = self._outbox.encode_command(answer.command)
             job.result |= _collect_plan_fields(
@@ -466,16 +471,17 @@ class MoveTipServer:
         time and energy are updated only for the goal whose plan is in force. If there are many
         goals, only some of them get feedback in one call.
         """
-        now = self._node.steady_time()
+        now = deadline.now()
         if not self._jobs or now - self._feedback_sent_at < FEEDBACK_PERIOD:
             return
         self._feedback_sent_at = now
         life, view = self._lifecycle, self._lifecycle.arm_state
         for job in self._choose_goals_for_feedback():
-            execution, state = life.execution, "planning"
+            execution, state = life.state.execution, "planning"
             if execution is not None and execution.pending_goal is job.pending_goal:
-                job.progress.update(execution, view.get_plan_time_ns(now, self._node.ros_ns()))
-                state = "stopping" if life.is_stopping else "moving"
+                job.progress.update(execution, life.state.now_ns)
+                is_stopping = life.get_state(execution.pending_goal) is GoalState.STOPPING
+                state = "stopping" if is_stopping else "moving"
             job.handle.publish_feedback(
                 self._action.Feedback(
                     state=state,
@@ -500,7 +506,7 @@ class MoveTipServer:
         jobs = self._jobs
         if len(jobs) <= FEEDBACK_AT_ONCE:
             return list(jobs)
-        execution = self._lifecycle.execution
+        execution = self._lifecycle.state.execution
         executed = None if execution is None else execution.pending_goal
         under_way = [
             job for job in jobs if job.pending_goal is not None and job.pending_goal is executed

@@ -18,6 +18,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.verdict import GoalVerdict, Report
 from mhsb_msgs_py import endpoints, mode_schedule, names, plan_status, topics, trajectory
+from mhsb_planner import deadline
 from mhsb_planner.online.plan_request import PlanRequest
 from mhsb_planner.online.replanning import Replan, Replanner
 from mhsb_planner.ros import views
@@ -101,6 +102,16 @@ class RosOutbox:
     def close(self) -> None:
         """Wait for the plan that is being made, drop all other requests, and end the worker."""
         self._worker.shutdown(wait=True, cancel_futures=True)
+
+    # --- Clocks ----------------------------------------------------------------------------------
+
+    def steady_time(self) -> float:
+        """Return the present time by the steady clock [s]."""
+        return deadline.now()
+
+    def ros_ns(self) -> int:
+        """Return the present time by the ROS clock [ns]."""
+        return int(self._node.get_clock().now().nanoseconds)
 
     # --- Planning --------------------------------------------------------------------------------
 
@@ -203,12 +214,12 @@ class RosOutbox:
             arm: Machine with the zones to draw.
             command: Command to draw; None for obstacles alone.
         """
-        markers = views.make_markers(arm, command, self._prefix, self._now_ns())
+        markers = views.make_markers(arm, command, self._prefix, self.ros_ns())
         self.publish(topics.MARKERS, markers)
 
     def report(self, report: Report) -> None:
         """Publish a verdict or an execution report, and count the verdicts."""
-        self.publish(topics.PLAN_STATUS, plan_status.encode(report, self._now_ns()))
+        self.publish(topics.PLAN_STATUS, plan_status.encode(report, self.ros_ns()))
         self.verdict_count += isinstance(report, GoalVerdict)
 
     def warn(self, sentence: str) -> None:
@@ -305,7 +316,3 @@ class RosOutbox:
             *views.make_paths(self._machine, command, self._prefix),
             views.make_markers(arm, command, self._prefix, command.stamp_ns),
         )
-
-    def _now_ns(self) -> int:
-        """Return the present time by the ROS clock [ns]."""
-        return int(self._node.get_clock().now().nanoseconds)

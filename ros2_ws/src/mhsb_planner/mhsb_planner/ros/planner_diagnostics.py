@@ -53,7 +53,7 @@ def compose_diagnostics(
     if doubles:
         node.get_logger().warning(doubles, throttle_duration_sec=10.0)
     view = lifecycle.arm_state
-    known = view.has_fresh_state(steady_time)
+    known = view.get_fresh_state(steady_time) is not None
     warnings = "; ".join(filter(None, (doubles, faults.get_recent_fault())))
     status = DiagnosticStatus(
         level=bytes([Level.OK if known and not warnings else Level.WARN]),
@@ -63,7 +63,7 @@ def compose_diagnostics(
         values=[
             KeyValue(key="verdicts_given", value=str(outbox.verdict_count)),
             KeyValue(key="plan_in_force", value=_describe_plan_in_force(view)),
-            KeyValue(key="lead_s", value=f"{lifecycle.horizon_estimator.horizon:.4f}"),
+            KeyValue(key="lead_s", value=f"{lifecycle.hand_over.horizon_estimator.horizon:.4f}"),
             KeyValue(key="payload_kg", value=f"{payload:.3f}"),
             KeyValue(key="machine", value=machine.name),
             KeyValue(key="machine_hash", value=machine.planning_hash),

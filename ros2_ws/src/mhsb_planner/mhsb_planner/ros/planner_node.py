@@ -85,8 +85,6 @@ The arm is stopped if the callback of one of them fails repeatedly.
 class PlannerNode(Node):
     """Node that plans the arm's motion to goal poses, from rest and while the arm moves.
 
-    It is also the `Clock` of its goal lifecycle.
-
     Attributes:
         faults: Record of exceptions in the node's callbacks.
     """
@@ -126,7 +124,7 @@ class PlannerNode(Node):
         compute_energy_between(self._machine, example, example.stamp_ns, example.trajectory.end_ns)
         self._outbox.start(replanner, self._on_answers)
         self._lifecycle = GoalLifecycle(
-            self._settings, replanner.make_braking_command, self, self._outbox
+            self._settings, replanner.make_braking_command, self._outbox
         )
         self._make_interfaces()
         self._move_tip = self._serve_action()
@@ -203,20 +201,6 @@ class PlannerNode(Node):
                 f"Goals come by {topics.GOAL_POSE.name} all the same. ROS says: {error}"
             )
             return None
-
-    # --- Clock of the lifecycle ------------------------------------------------------------------
-
-    def steady_time(self) -> float:
-        """Return the present time by the steady clock [s]."""
-        return deadline.now()
-
-    def ros_ns(self) -> int:
-        """Return the present time by the ROS clock [ns]."""
-        return int(self.get_clock().now().nanoseconds)
-
-    def _on_clock_jump(self, jump: TimeJump) -> None:
-        """Report to the goal lifecycle that the ROS clock went back or was changed."""
-        self._lifecycle.handle_clock_jump("the clock went back or changed")
 
     # --- Parameters ------------------------------------------------------------------------------
 
@@ -324,14 +308,18 @@ class PlannerNode(Node):
         Raises:
             GoalError: No state of the arm was received in the last `OLDEST_STATE`.
         """
-        state = self._lifecycle.arm_state.get_fresh_state(self.steady_time())
+        state = self._lifecycle.arm_state.get_fresh_state(deadline.now())
         if state is None:
             raise GoalError(Verdict.NO_STATE, str(NoStateError()))
         tip = self._machine.convert_to_base(np.array([x, z]), float(state.position[0]))
         return tuple(tip.tolist())
 
+    def _on_clock_jump(self, jump: TimeJump) -> None:
+        """Report to the goal lifecycle that the ROS clock went back or was changed."""
+        self._lifecycle.handle_clock_jump("the clock went back or changed")
+
     def _on_joint_states(self, message: JointState) -> None:
-        """Decode a measured joint state and pass it to the goal lifecycle (state machine of goals).
+        """Decode a measured joint state and store it in the arm state.
 
         Args:
             message: Message of `joint_states`. If it cannot be used, it is logged and dropped.
@@ -342,7 +330,7 @@ class PlannerNode(Node):
             self._warn(f"joint_states are not used: {error}")
             return
         state = MotionState(sample.position, sample.velocity, 0 * sample.velocity)
-        self._lifecycle.handle_joint_state(state, sample.stamp_ns)
+        self._lifecycle.arm_state.add_measurement(state, deadline.now())
 
     def _on_reference(self, message: JointTrajectory) -> None:
         """Decode the reference, the state that the servo follows, and pass it to the lifecycle.
@@ -358,17 +346,17 @@ class PlannerNode(Node):
         self._lifecycle.handle_reference(heard.state, heard.stamp_ns)
 
     def _on_modes(self, message: UInt8MultiArray) -> None:
-        """Decode the modes in force and pass them to the goal lifecycle (state machine of goals).
+        """Decode the modes in force and store them in the arm state.
 
         Args:
             message: Message of `modes`. If it cannot be used, it is logged and dropped.
         """
         try:
-            modes = modes_in_force.decode(message, self._machine.joint_count)
+            self._lifecycle.arm_state.modes = modes_in_force.decode(
+                message, self._machine.joint_count
+            )
         except MessageError as error:
             self._warn(f"modes are not used: {error}")
-            return
-        self._lifecycle.handle_modes(modes)
 
     def _on_plan_in_force(self, message: Time) -> None:
         """Decode the stamp of the plan in force and pass it to the goal lifecycle.
@@ -409,12 +397,12 @@ class PlannerNode(Node):
                     (report.sim_time_ns - report.last_stop_ns) / SECOND_NS,
                     self._find_message_times(info)[1],
                 )
-                self._lifecycle.handle_arm_machine(
+                self._lifecycle.state.store_arm_machine(
                     self._machine.describe_difference(report.machine, report.machine_hash)
                     if report.machine_hash
                     else None
                 )
-                self._lifecycle.handle_plan_delay(round(report.plan_delay * SECOND_NS))
+                self._lifecycle.arm_state.plan_delay_ns = round(report.plan_delay * SECOND_NS)
                 if report.lost_servo_pumps != self._lost_pumps:
                     self._lost_pumps = report.lost_servo_pumps
                     self._take_settings()
@@ -458,7 +446,7 @@ class PlannerNode(Node):
         Args:
             info: rclpy's information on the message, which gives both by the system clocks.
         """
-        return find_message_times(info, self.steady_time(), time.time_ns())
+        return find_message_times(info, deadline.now(), time.time_ns())
 
     # --- Actions and outputs ---------------------------------------------------------------------
 
@@ -552,7 +540,7 @@ class PlannerNode(Node):
         self._lifecycle.arm_state.qos_mismatch = self._matching_subscriptions.problem
         message = planner_diagnostics.compose_diagnostics(
             self,
-            self.steady_time(),
+            deadline.now(),
             self._lifecycle,
             self._outbox,
             self._settings.machine.arrays.payload,

@@ -27,7 +27,7 @@ class Life(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
         self.world = type(self).new_world(lead_max=0.3)
-        self.base = self.world.life.settings
+        self.base = self.world.life.state.settings
         self.stops: list[int] = []
         self.asked_to_stop = 0
 

@@ -10,10 +10,11 @@ from mhsb_model.command import Command
 from mhsb_model.goal import Goal
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
-from mhsb_model.verdict import Outcome, PlanSummary, Verdict
-from mhsb_planner.online.arm_state import NO_PLAN, ArmState, StampedState
+from mhsb_model.verdict import Outcome, Verdict
+from mhsb_planner.online.arm_state import NO_PLAN, ArmState, ReceivedState
 from mhsb_planner.online.execution import STAY_TIME_NS, Execution
 from mhsb_planner.online.pending_goal import PendingGoal
+from mhsb_planner.online.replanning import Replan
 from mhsb_planner.online.settings import Settings
 from mhsb_planner.planner import PlanOptions
 
@@ -29,13 +30,13 @@ def ending(machine):
     trajectory = Trajectory(STAMP, [0, 5 * SECOND_NS], rows, 0 * rows, 0 * rows)
     command = Command(trajectory, ModeSchedule(STAMP, [0], [[0, 0, 0]]))
     x, z = machine.tip_position(END)
-    plan = PlanSummary(STAMP, 100.0, 90.0, 5.0, 0, 20.0, 80.0)
+    replan = Replan(command, command, plan=None, change_ns=0)
     settings = Settings(machine, PlanOptions(planner="table"))
     goal = Goal(1, x, z)
 
     def judge(view, now_ns, is_last=False, **changes):
         made_with = replace(settings, **changes)
-        execution = Execution(PendingGoal(goal, 0.0, 0.0, 0.0), command, goal, plan, made_with, 0)
+        execution = Execution(PendingGoal(goal, 0.0, 0.0, 0.0), replan, goal, made_with)
         executions.setdefault(made_with.reached_tolerance, execution)
         same = executions[made_with.reached_tolerance]
         return same.judge(made_with.machine, view, now_ns, is_last=is_last)
@@ -45,7 +46,7 @@ def ending(machine):
 
 
 def view(in_force: int | None, posture=START, fault="") -> ArmState:
-    state = StampedState(MotionState.at_rest(posture), STAMP, 0.0)
+    state = ReceivedState(MotionState.at_rest(posture), 0.0)
     return ArmState(3, reference=state, measured=state, plan_in_force_ns=in_force, fault=fault)
 
 

@@ -13,10 +13,11 @@ from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome, Verdict
 from mhsb_planner.online.arm_state import NO_PLAN
-from mhsb_planner.online.goal_queue import GoalQueue
+from mhsb_planner.online.arm_stops import ArmStops
+from mhsb_planner.online.goal_stream import GoalStream
+from mhsb_planner.online.pending_goal import keep_settings
 from mhsb_planner.online.rest_detector import REST_TIME
 from mhsb_planner.online.settings import Settings
-from mhsb_planner.online.stop_sequence import StopSequence
 from mhsb_planner.planner import PlanOptions
 
 UP, DOWN, OUT = (0.55, 0.60), (0.55, -0.60), (0.75, 0.55)
@@ -91,7 +92,7 @@ def test_goals_passed_over_are_superseded_and_the_newest_is_executed(world):
 def test_the_lead_counts_from_the_goals_arrival_to_the_change(world):
     first = under_way(world)
     lead_ms = world.verdict(world.send_goal(*DOWN)).plan.lead_ms
-    change_ns = world.life.execution and world.sent[-1]
+    change_ns = world.life.state.execution and world.sent[-1]
     assert change_ns is not None
     assert 1e3 * world.planning_time < lead_ms < 150.0
     assert world.verdict(first).plan.lead_ms > 0.0
@@ -131,6 +132,22 @@ def test_from_rest_a_lost_plan_is_only_stamped_anew(world):
     first, again = (command.trajectory for command in world.sent)
     np.testing.assert_array_equal(first.position[-500:], again.position[-500:])
     assert again.stamp_ns > first.stamp_ns
+
+
+def test_only_a_plan_from_rest_may_begin_later_and_not_before_the_motion_that_it_continues(world):
+    def rehearse():
+        request = world.life.planning.build_trial_request(Goal(1, *DOWN), keep_settings)
+        return request.make_plan(world.replanner)
+
+    resting = rehearse()
+    end_ns = resting.previous_command.trajectory.end_ns
+    assert resting.starts_from_rest
+    assert resting.with_stamp(end_ns - 1, 0.1) is None
+    again = resting.with_stamp(end_ns + SECOND_NS, 0.1)
+    assert again.command.stamp_ns == end_ns + SECOND_NS
+    assert again.change_ns - again.command.stamp_ns == SECOND_NS // 10
+    under_way(world)
+    assert not rehearse().starts_from_rest
 
 
 def test_a_refused_plan_replaces_nothing_and_the_arm_can_be_stopped_all_the_same(world):
@@ -213,7 +230,7 @@ def test_a_plan_taken_late_goes_on_if_its_repetition_is_refused_while_a_newer_go
     newer = world.send_goal(*DOWN)
     world.life.handle_plan_refusal(world.sent[1].stamp_ns, HandOverReason.LATE, "too late")
     assert world.execution_reports(first) == []
-    assert world.life.execution.command is world.sent[0]
+    assert world.life.state.execution.replan.command is world.sent[0]
     assert len(world.planned) == 2
     assert world.planned[1].pending_goal.goal.stamp_ns == newer
 
@@ -223,7 +240,7 @@ def test_a_plan_is_not_given_up_while_the_arm_is_silent(world):
     world.pass_time_until(lambda: world.sent)
     world.arm.frozen = True
     world.pass_time(0.5)
-    assert world.life.unconfirmed_command is world.sent[-1]
+    assert world.life.state.unconfirmed.command is world.sent[-1]
     world.arm.frozen = False
     assert world.execution_report(stamp).outcome is Outcome.REACHED
     assert len(world.sent) == 1
@@ -234,7 +251,7 @@ def test_the_lead_falls_again_when_load_ends(world):
         for k in range(goals):
             world.send_goal(0.6, 0.1 * (-1) ** k)
             world.pass_time(0.7)
-        return world.life.horizon_estimator.horizon
+        return world.life.hand_over.horizon_estimator.horizon
 
     idle = lead_after(20)
     world.transport = 0.08
@@ -255,7 +272,7 @@ def test_the_dead_time_of_a_machine_without_pressure_sensors_is_added(new_world)
     world = new_world(planning_budget=0.3)
     blind = {"imperfections.sensors.pressure": "none", "imperfections.computing_delay": 0.15}
     slow = world.machine.with_values(blind)
-    world.life.change_settings(replace(world.life.settings, machine=slow))
+    world.life.change_settings(replace(world.life.state.settings, machine=slow))
     dead = compute_dead_time(slow)
     assert dead > 0.15
     under_way(world)
@@ -268,17 +285,19 @@ def test_the_dead_time_of_a_machine_without_pressure_sensors_is_added(new_world)
 def test_a_moving_goal_is_extrapolated_in_real_time(new_world, monkeypatch):
     durations = []
 
-    def record(queue, pending_goal, horizon, dead_time):
+    def record(stream, goal, age, horizon, dead_time):
         durations.append((horizon, dead_time))
-        return pending_goal.goal, 0.0
+        return goal
 
-    monkeypatch.setattr(GoalQueue, "choose_target", record)
+    monkeypatch.setattr(GoalStream, "extrapolate", record)
     world = new_world(planning_budget=0.3)
     slow = world.machine.with_values({"imperfections.sensors.pressure": "none"})
-    world.life.change_settings(replace(world.life.settings, machine=slow))
+    world.life.change_settings(replace(world.life.state.settings, machine=slow))
     world.arm.clock_rate = 10.0
     world.pass_time(4.0)
-    world.send_goal(*DOWN)
+    for height in (0.10, 0.11, 0.12):
+        world.send_goal(0.55, height)
+        world.pass_time(0.05)
     assert durations[-1] == pytest.approx((0.3, compute_dead_time(slow) / 10.0), rel=1e-3)
 
 
@@ -288,7 +307,7 @@ def test_an_arm_that_runs_faster_is_given_its_own_time(world):
     under_way(world, seconds=0.1)
     second = world.send_goal(*DOWN)
     assert world.execution_report(second).outcome is Outcome.REACHED
-    assert world.planned[-1].commit_horizon > 5 * world.life.horizon_estimator.horizon
+    assert world.planned[-1].commit_horizon > 5 * world.life.hand_over.horizon_estimator.horizon
 
 
 @pytest.mark.parametrize(
@@ -484,8 +503,7 @@ def test_a_stop_of_long_ago_voids_no_goal_though_the_first_states_received_are_o
 
 
 def test_the_first_report_voids_no_goal_that_came_after_the_stop(world):
-    # It is asked neither to brake nor to send anything.
-    planner = StopSequence(world.life.arm_state, None, world, world, None)
+    planner = ArmStops(world.life.state)
     half_ago, now = world.arm.clock_ns - SECOND_NS // 2, world.steady_time()
     assert planner.find_void_time(half_ago, 0.5) == pytest.approx(now - 0.5, abs=0.01)
     assert planner.find_void_time(half_ago + 1, 0.5) > now
@@ -515,7 +533,7 @@ def test_a_goal_after_a_stop_goes_on_from_there(world):
 def test_a_plan_that_is_being_made_is_made_anew_with_new_settings(world):
     stamp = world.send_goal(*UP)
     world.pass_time(0.01)
-    old = world.life.settings
+    old = world.life.state.settings
     changed = Settings(old.machine.changed(payload=0.0), old.options)
     world.life.change_settings(changed)
     assert world.verdict(stamp).code is Verdict.OK
@@ -523,7 +541,7 @@ def test_a_plan_that_is_being_made_is_made_anew_with_new_settings(world):
 
 
 def test_a_goal_that_nothing_is_left_to_lift_to_is_refused_for_what_is_lost(world):
-    old = world.life.settings
+    old = world.life.state.settings
     without = old.machine.changed(module_count=0)
     world.life.change_settings(replace(old, machine=without, lost_servo_pumps=(1, 2, 3, 4)))
     verdict = world.verdict(world.send_goal(*STRETCHED))
@@ -567,7 +585,7 @@ def test_a_goal_after_a_clock_jump_does_not_wait_for_a_report_that_came_before_t
     second = world.send_goal(*DOWN)
     assert world.verdict(second).code is Verdict.OK
     assert world.now - began < 0.5
-    assert world.life.unconfirmed_command is world.sent[-1]  # silence is no confirmation
+    assert world.life.state.unconfirmed.command is world.sent[-1]  # silence is no confirmation
 
 
 def test_while_the_arm_reports_a_fault_goals_are_refused_with_its_sentence(world):
@@ -643,7 +661,7 @@ def test_an_arm_is_not_said_to_be_silent_on_its_machine_before_it_had_time_to_re
 ):
     world = new_world()
     world.pass_time(seconds)
-    world.life.arm_state.is_machine_known = False
+    world.life.arm_state.machine_difference = None
     stamp = world.send_goal(*UP)
     assert world.verdict(stamp).code is Verdict.OK
     assert sum("does not report its machine" in each for each in world.warnings) == count

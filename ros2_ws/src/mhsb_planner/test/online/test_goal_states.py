@@ -47,7 +47,7 @@ class Case:
     def answer(self, answer):
         """Answer the request that was made for the goal, or one that nobody waits for."""
         requests = self.world.planned
-        trial = self.life.build_trial_request
+        trial = self.life.planning.build_trial_request
         request = requests[-1] if requests else trial(self.goal.goal, keep_settings)
         self.life.handle_plan_answer(request, answer(request) if callable(answer) else answer)
 
@@ -89,10 +89,14 @@ class Case:
         motion = self.world.arm.command.trajectory
         x, z = self.world.machine.tip_position(motion.position[-1])
         zones = Zones(tip_circles=((float(x), float(z), 0.03),))
-        settings = self.life.settings
+        settings = self.life.state.settings
         changed = Settings(settings.machine.changed(zones=zones), settings.options)
         if self.world.arm.is_moving:
             self.life.change_settings(changed)
+
+    def change_payload(self):
+        settings = self.life.state.settings
+        self.life.change_settings(Settings(settings.machine.changed(payload=5.0), settings.options))
 
     def stay_in_motion(self):
         self.world.stop_arm = lambda on_answer: False
@@ -142,7 +146,9 @@ EVENTS = {
     "the arm reports a fault": lambda case: case.life.handle_arm_fault("a pump failed"),
     "the clock jumps": lambda case: case.life.handle_clock_jump("the clock went back"),
     "settings change": lambda case: case.life.change_settings(
-        Settings(case.life.settings.machine.changed(payload=5.0), case.life.settings.options)
+        Settings(
+            case.life.state.settings.machine.changed(payload=5.0), case.life.state.settings.options
+        )
     ),
 }
 

@@ -78,14 +78,14 @@ def test_settings_of_a_goals_own_hold_for_it_alone(world):
 
 
 def test_a_rehearsal_asks_for_what_a_goal_would_and_changes_nothing(world):
-    request = world.life.build_trial_request(Goal(1, *UP), keep_settings)
+    request = world.life.planning.build_trial_request(Goal(1, *UP), keep_settings)
     assert world.life.is_idle
     assert not world.planned
     rehearsed = request.make_plan(world.replanner)
     verdict = world.verdict(world.send_goal(*UP))
     assert rehearsed.plan.energy.paper == pytest.approx(verdict.plan.energy_j, rel=1e-9)
     with pytest.raises(MhsbError, match="workspace"):
-        world.life.build_trial_request(Goal(1, 3.0, 0.0), keep_settings)
+        world.life.planning.build_trial_request(Goal(1, 3.0, 0.0), keep_settings)
 
 
 def test_progress_grows_to_the_whole_and_its_energy_to_the_plans(world):
@@ -93,8 +93,8 @@ def test_progress_grows_to_the_whole_and_its_energy_to_the_plans(world):
     progress, shares = Progress(), []
     while len(told) < 2:
         world.pass_time(0.05)
-        if world.life.execution is not None:
-            progress.update(world.life.execution, world.arm.clock_ns)
+        if world.life.state.execution is not None:
+            progress.update(world.life.state.execution, world.arm.clock_ns)
             shares.append(progress.time_share)
     assert shares == sorted(shares)
     assert (progress.time_share, progress.time_left) == pytest.approx((1.0, 0.0), abs=0.02)

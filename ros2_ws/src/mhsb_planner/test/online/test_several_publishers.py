@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.verdict import Outcome, Verdict
-from mhsb_planner.online.stamp_order import (
+from mhsb_planner.online.arm_clock import (
     DECIDED_AFTER,
     SECOND_PUBLISHER_TIMEOUT,
     Order,

@@ -6,7 +6,7 @@ import pytest
 from mhsb_model.command import Command
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
-from mhsb_planner.online.arm_state import ArmState, StampedState
+from mhsb_planner.online.arm_state import ArmState, ReceivedState
 from mhsb_planner.online.start_state import MovingError, NoStateError, find_start_command
 
 NOW = 1000 * SECOND_NS
@@ -15,8 +15,8 @@ REST = MotionState.at_rest(np.array([0.1, -0.5, -0.2]))
 MOVING = MotionState(REST.position, np.array([0.0, 0.02, 0.0]), np.zeros(3))
 
 
-def heard(state: MotionState, age: float = 0.0) -> StampedState:
-    return StampedState(state, NOW, WALL - age)
+def heard(state: MotionState, age: float = 0.0) -> ReceivedState:
+    return ReceivedState(state, WALL - age)
 
 
 def own_command(stamp: int = NOW - SECOND_NS) -> Command:
@@ -69,7 +69,7 @@ def test_measured_joints_in_motion_are_not():
 
 def test_a_stale_state_is_no_state():
     view = ArmState(3, reference=heard(REST, 1.0), measured=heard(REST, 1.0))
-    assert not view.has_fresh_state(WALL)
+    assert view.get_fresh_state(WALL) is None
     with pytest.raises(NoStateError, match=r"in the last 0\.5 s"):
         find_start_command(view, WALL, NOW)
 

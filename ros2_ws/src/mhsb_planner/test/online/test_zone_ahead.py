@@ -178,7 +178,7 @@ def test_a_zone_set_while_a_plan_is_on_its_way_is_braked_for_when_that_is_answer
     first = under_way(world, *ASIDE, left=3.0)
     world.transport = 0.2
     second = world.send_goal(-1.4, 1.6, 0.4)
-    world.pass_time_until(lambda: world.life.unconfirmed_command is not None)
+    world.pass_time_until(lambda: world.life.state.unconfirmed is not None)
     settings = across(world, 0.6)
     world.life.change_settings(settings)
     assert world.warnings[-1].endswith("the arm brakes once it has answered the last plan")

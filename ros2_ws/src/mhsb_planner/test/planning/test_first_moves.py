@@ -22,8 +22,8 @@ from mhsb_planner.errors import (
     StartError,
     ZoneError,
 )
+from mhsb_planner.online.goal_reports import compose_acceptance_sentence, find_verdict_code
 from mhsb_planner.online.replanning import Replanner
-from mhsb_planner.online.verdicts import compose_acceptance_sentence, find_verdict_code
 from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions
 from mhsb_planner.planning.first_moves import START_NOISE
 from mhsb_planner.planning.start_problems import describe_limit_excess
