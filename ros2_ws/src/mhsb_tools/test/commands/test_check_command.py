@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from mhsb_control import load_machine
+from mhsb_control import REGISTERED_CONTROLLERS, load_machine
 from mhsb_model import command_line
 from mhsb_model.circuit.dead_time import compute_dead_time, compute_valve_lag
 from mhsb_model.obstacles.zones import Zones
@@ -209,10 +209,14 @@ def test_what_a_pole_leaves_is_counted_at_many_angles_of_the_slew(slewing_machin
 
 
 def test_it_names_the_controllers_that_suit_the_sensors(machine, run):
-    assert check.collect_facts(machine)["controllers"] == ["coordinated", "independent"]
+    names: dict[bool, list[str]] = {True: [], False: []}
+    for name, kind in REGISTERED_CONTROLLERS.items():
+        names[getattr(kind, "reads_pressures", True)].append(name)
+    assert check.collect_facts(machine)["controllers"] == names[True]
     code, output, errors = run("excavator_1to14")
     assert code == 0, errors
-    assert "controllers that suit its length sensors alone: lag_compensated\n" in output
+    suitable = ", ".join(names[False])
+    assert f"controllers that suit its length sensors alone: {suitable}\n" in output
 
 
 def test_a_valve_of_no_kind_and_a_wrong_key_of_a_valve_are_refused(tmp_path, machine, run):
