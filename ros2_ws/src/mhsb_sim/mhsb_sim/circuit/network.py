@@ -14,7 +14,8 @@ the tank (constant). Between them:
     line → p_A, p_B → tank                   its leakage past the lands of the spool
     manifold, each line, rail, p_A, p_B → tank    relief valves
     tank → p_A, tank → p_B                   anti-cavitation valves
-    further valves                           kinds of `valves.registry`, such as the rail's bleed
+    further valves                           kinds of `valves.registry`, such as the rail's bleed;
+                                             port valves are in series with the servo valve
 
 Module j feeds actuator j's line directly, or the rail if it is lent. Modules beyond the actuators
 feed the rail. An actuator in SB has its join valve open.
@@ -79,7 +80,10 @@ from mhsb_sim.circuit.quantities import (
 from mhsb_sim.circuit.valves.registry import (
     EnergyCounters,
     PlacedValves,
+    PortValves,
+    compute_port_opening,
     compute_valve_flow,
+    place_port_valves,
     place_valves,
 )
 from mhsb_sim.circuit.valves.valve_kind import CircuitSite
@@ -159,6 +163,7 @@ class Circuit(NamedTuple):
     actuators: Records[ActuatorState]  # [n]
     modules: Records[ModuleState]  # [m]
     valves: PlacedValves
+    port_valves: PortValves
     main_pump: FloatArray  # [1] m³/s, flow by the swash plate's position
     energy: Records[EnergyCounters]  # [1]
     counters: FloatArray  # [energies], the memory of `energy`
@@ -208,7 +213,8 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
     parts = describe_components(machine, substep)
     pressure = np.full(nodes, arrays.supply_pressure)
     pressure[-1] = arrays.tank_pressure
-    valves = place_valves(CircuitSite(machine, parts.constants))
+    site = CircuitSite(machine, parts.constants)
+    valves = place_valves(site)
     energy = create_records(EnergyCounters, 1)
     net_size = 3 + len(valves.records) + 4 * module_count + 15 * actuator_count
     return Circuit(
@@ -220,6 +226,7 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
         actuators=parts.actuators,
         modules=parts.modules,
         valves=valves,
+        port_valves=place_port_valves(site),
         main_pump=np.full(1, actuator_count * arrays.leakage_flow),
         energy=energy,
         counters=np.asarray(energy).view(np.float64),
@@ -470,13 +477,62 @@ def connect_servo_pumps(circuit: Circuit, count: int) -> int:
 
 
 @kernel(inline="always")
+def move_port_valves(circuit: Circuit) -> None:
+    """Advance the openings of the port valves by a substep, with the pressures before it.
+
+    Args:
+        circuit: The circuit. Writes openings and coefficients of `port_valves` in place.
+    """
+    pressure, ports = circuit.pressure, circuit.port_valves
+    tank = pressure[len(pressure) - 1]
+    for k in range(len(ports.records)):
+        valve = ports.records[k]
+        wanted = compute_port_opening(
+            valve.kind,
+            ports.numbers[k],
+            pressure[valve.chamber] - tank,
+            pressure[valve.pilot] - tank,
+        )
+        valve.opening = advance_first_order_lag(valve.opening, wanted, valve.decay)
+        ports.coefficient[valve.chamber] = valve.opening * valve.coefficient
+
+
+@kernel(inline="always")
+def combine_with_port_valve(circuit: Circuit, edge: float, chamber: int, outside: int) -> float:
+    """Return the flow coefficient of a metering edge and the port valve of its chamber in series.
+
+        k = k₁ k₂ / √(k₁² + k₂²)
+
+    Oil that flows into the chamber passes the port valve without loss: then k = k₁.
+
+    Args:
+        circuit: The circuit.
+        edge: Coefficient k₁ of the edge [m³/(s √Pa)].
+        chamber: Node of the chamber. Its port valve has the coefficient k₂; inf without one.
+        outside: Node at the other end of the edge.
+
+    Returns:
+        Coefficient k [m³/(s √Pa)]; 0 if edge or port valve is shut.
+
+    Source:
+        H. E. Merritt, Hydraulic Control Systems (orifices in series).
+    """
+    port = circuit.port_valves.coefficient[chamber]
+    if math.isinf(port) or circuit.pressure[chamber] <= circuit.pressure[outside]:
+        return edge
+    if edge <= 0.0 or port <= 0.0:
+        return 0.0
+    return edge * port / math.sqrt(edge * edge + port * port)
+
+
+@kernel(inline="always")
 def connect_lands(circuit: Circuit, j: int, count: int) -> int:
     """Add the leakage past the lands of a servo valve's spool to the elements of a substep.
 
     Two of the four lands have the overlap o − x, and two have o + x. o is the overlap of the
     centred spool, and x the spool position (−1 … 1). If the valves that isolate the chambers are
     shut, the oil flows from line to tank instead. It passes the two lands of each work port in
-    series.
+    series. A port valve that is shut lets no oil out of its chamber.
 
     Args:
         circuit: The circuit. Writes into `net` in place, and adds to `supply_flow` of the actuator.
@@ -506,6 +562,9 @@ def connect_lands(circuit: Circuit, j: int, count: int) -> int:
         (line, tank, actuator.isolated * 2.0 * extending * retracting / (extending + retracting)),
     ):
         flow = slope * (pressure[start] - pressure[end])
+        chamber, leaves = (end, flow < 0.0) if start == line else (start, flow > 0.0)
+        if leaves and circuit.port_valves.coefficient[chamber] == 0.0:
+            continue
         if start == line and end != tank:
             actuator.supply_flow += flow
         count = add_element(net, count, LEAKAGE_PATH, start, end, flow, slope)
@@ -553,10 +612,12 @@ def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
             locked = 1.0
     actuator.isolated = advance_first_order_lag(actuator.isolated, locked, c.switching_decay)
     k_edge = circuit.cylinders[j].valve_coefficient * abs(opening) * (1.0 - actuator.isolated)
-    flow, slope = compute_orifice_flow(k_edge, pressure[line] - pressure[fed], laminar)
+    k_inlet = combine_with_port_valve(circuit, k_edge, fed, line)
+    flow, slope = compute_orifice_flow(k_inlet, pressure[line] - pressure[fed], laminar)
     count = add_element(net, count, SERVO_VALVE, line, fed, flow, slope)
     actuator.supply_flow = flow
-    flow, slope = compute_orifice_flow(k_edge, pressure[emptied] - pressure[tank], laminar)
+    k_outlet = combine_with_port_valve(circuit, k_edge, emptied, tank)
+    flow, slope = compute_orifice_flow(k_outlet, pressure[emptied] - pressure[tank], laminar)
     count = add_element(net, count, SERVO_VALVE, emptied, tank, flow, slope)
 
     drop = pressure[line] - pressure[tank]
@@ -720,6 +781,7 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
         inflow[manifold] += mean_flow
         circuit.conductance[manifold, manifold] += mean_slope
         count = connect_servo_pumps(circuit, connect_supply(circuit, 0))
+        move_port_valves(circuit)
         for j in range(n):
             count = connect_actuator(circuit, j, count)
             displace_oil(circuit, j, length[j], speed[j])

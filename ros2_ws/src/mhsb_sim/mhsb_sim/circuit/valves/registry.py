@@ -1,7 +1,8 @@
 """Registry of the kinds of valves, and the valves that a machine has.
 
-A new kind is one module and three lines here: an import, its place in `VALVE_KINDS`, and its branch
-in `compute_valve_flow` with the index of that place.
+A new kind is one module and three lines here: an import, its place in `VALVE_KINDS` or
+`PORT_VALVE_KINDS`, and its branch in `compute_valve_flow` or `compute_port_opening` with the index
+of that place.
 """
 
 from __future__ import annotations
@@ -18,15 +19,22 @@ from mhsb_model.machine import Machine
 from mhsb_model.records import Record, Records, create_records
 from mhsb_model.types import FloatArray
 from mhsb_sim.circuit.quantities import CircuitEnergies
+from mhsb_sim.circuit.valves.counterbalance import (
+    COUNTERBALANCE,
+    compute_counterbalance_opening,
+)
 from mhsb_sim.circuit.valves.piston_seal import PISTON_SEAL, compute_seal_flow
 from mhsb_sim.circuit.valves.rail_bleed import RAIL_BLEED, compute_bleed_flow
-from mhsb_sim.circuit.valves.valve_kind import CircuitSite, ValveKind
+from mhsb_sim.circuit.valves.valve_kind import CircuitSite, PortValveKind, ValveKind
 
 VALVE_KINDS: tuple[ValveKind, ...] = (
     RAIL_BLEED,
     PISTON_SEAL,
 )
-"""Kinds of valves, in the order in which their flows are added."""
+"""Kinds of valves between two nodes, in the order in which their flows are added."""
+
+PORT_VALVE_KINDS: tuple[PortValveKind, ...] = (COUNTERBALANCE,)
+"""Kinds of valves between a chamber and the servo valve."""
 
 
 @kernel(inline="always")
@@ -46,6 +54,24 @@ def compute_valve_flow(kind: int, numbers: FloatArray, drop: float) -> tuple[flo
     if kind == 1:
         return compute_seal_flow(numbers, drop)
     return 0.0, 0.0
+
+
+@kernel(inline="always")
+def compute_port_opening(kind: int, numbers: FloatArray, chamber: float, pilot: float) -> float:
+    """Compute the opening to which a port valve of a registered kind moves.
+
+    Args:
+        kind: Index in `PORT_VALVE_KINDS`.
+        numbers: Numbers of the valve's equation.
+        chamber: Pressure of its chamber above tank pressure [Pa].
+        pilot: Pressure of its pilot above tank pressure [Pa].
+
+    Returns:
+        Opening, 0 … 1; 1 for an unknown index.
+    """
+    if kind == 0:
+        return compute_counterbalance_opening(numbers, chamber, pilot)
+    return 1.0
 
 
 class PlacedValve(Record):
@@ -81,6 +107,74 @@ class PlacedValves(NamedTuple):
 
     records: Records[PlacedValve]
     numbers: FloatArray
+
+
+class PlacedPortValve(Record):
+    """A valve between a chamber and the servo valve."""
+
+    kind: int
+    """Index in `PORT_VALVE_KINDS`."""
+    chamber: int
+    """Node of its chamber."""
+    pilot: int
+    """Node of its pilot."""
+    coefficient: float
+    """Flow coefficient of the fully open valve [m³/(s √Pa)]."""
+    decay: float
+    """Decay e^(−substep/τ) of the lag τ of its opening."""
+    opening: float
+    """Opening, 0 … 1."""
+
+
+class PortValves(NamedTuple):
+    """All port valves of a circuit, at most one for each chamber.
+
+    Attributes:
+        records: Kind, nodes, coefficient and opening of each of k valves.
+        numbers: Numbers of each valve's equation, float64[k, w].
+        coefficient: Present flow coefficient between each node and the servo valve, float64[nodes],
+            [m³/(s √Pa)]; inf without a port valve.
+    """
+
+    records: Records[PlacedPortValve]
+    numbers: FloatArray
+    coefficient: FloatArray
+
+
+def place_port_valves(site: CircuitSite) -> PortValves:
+    """Place the port valves whose sections the machine file has; all are shut.
+
+    Args:
+        site: Circuit of a machine.
+
+    Returns:
+        Records, numbers and coefficients of the valves.
+
+    Raises:
+        MachineFileError: The name of a section is no kind of valve, or a section has an unknown key
+            or a wrong value; or two kinds are at the same chamber.
+    """
+    sections = read_valve_sections(site.machine)
+    placed = [
+        (k, place)
+        for k, kind in enumerate(PORT_VALVE_KINDS)
+        if kind.name in sections
+        for place in kind.list_places(site, sections[kind.name])
+    ]
+    if len({place.chamber for _, place in placed}) < len(placed):
+        names = ", ".join(kind.name for kind in PORT_VALVE_KINDS if kind.name in sections)
+        problem = f"circuit.valves: one chamber has room for only one of {names}"
+        raise MachineFileError(site.machine.name, [problem])
+    records = create_records(PlacedPortValve, len(placed))
+    width = max((len(place.numbers) for _, place in placed), default=0)
+    numbers, coefficient = np.zeros((len(placed), width)), np.full(site.tank + 1, np.inf)
+    substep = float(site.constants["substep"][0])
+    for row, (k, place) in enumerate(placed):
+        decay = np.exp(-substep / place.lag)
+        records[row : row + 1] = (k, place.chamber, place.pilot, place.coefficient, decay, 0.0)
+        numbers[row, : len(place.numbers)] = place.numbers
+        coefficient[place.chamber] = 0.0
+    return PortValves(records, numbers, coefficient)
 
 
 def place_valves(site: CircuitSite) -> PlacedValves:
@@ -129,7 +223,8 @@ def read_valve_sections(machine: Machine) -> dict[str, Any]:
         MachineFileError: The name of a section is no kind of valve, or a section has an unknown key
             or a wrong value.
     """
-    schemas = {kind.name: kind.section for kind in VALVE_KINDS if kind.section is not None}
+    kinds: tuple[ValveKind | PortValveKind, ...] = (*VALVE_KINDS, *PORT_VALVE_KINDS)
+    schemas = {kind.name: kind.section for kind in kinds if kind.section is not None}
     sections, problems = {}, []
     for name, content in machine.config.circuit.valves.items():
         schema = schemas.get(name)

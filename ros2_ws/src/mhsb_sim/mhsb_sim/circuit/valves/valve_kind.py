@@ -1,4 +1,8 @@
-"""Declaration of a kind of valve: its numbers, its places in the circuit and its flow."""
+"""Declaration of a kind of valve: its numbers, its places in the circuit and its equation.
+
+A valve is between two nodes (`ValveKind`), or at a chamber in series with the servo valve
+(`PortValveKind`).
+"""
 
 from __future__ import annotations
 
@@ -60,6 +64,21 @@ class ValvePlace(NamedTuple):
     """Numbers of its flow equation, as its kernel takes them."""
 
 
+class PortValvePlace(NamedTuple):
+    """One valve between a cylinder's chamber and the servo valve."""
+
+    chamber: int
+    """Node of the chamber."""
+    pilot: int
+    """Node whose pressure pilots the valve."""
+    coefficient: float
+    """Flow coefficient of the fully open valve [m³/(s √Pa)]."""
+    lag: float
+    """Time constant of its opening [s]."""
+    numbers: Sequence[float]
+    """Numbers of its equation, as its kernel takes them."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ValveKind:
     """Kind of valve whose flow depends on its pressure drop alone.
@@ -78,3 +97,25 @@ class ValveKind:
     section: type[Section] | None = None
     list_places: Callable[[CircuitSite, Any], list[ValvePlace]]
     compute_flow: Callable[[FloatArray, float], tuple[float, float]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PortValveKind:
+    """Kind of valve that oil passes on its way from a chamber to the servo valve.
+
+    Oil flows into the chamber past it, through a check valve without loss. Its own loss counts as
+    that of the servo valve.
+
+    Attributes:
+        name: Name of its section in `circuit.valves` of a machine file.
+        section: Schema of that section, with unit and range of each key.
+        list_places: Function that returns all valves of this kind. It takes the circuit, and the
+            section of the machine file.
+        compute_opening: Kernel (numbers, chamber pressure, pilot pressure) that returns the opening
+            to which the valve moves, 0 … 1. Pressures are those above tank pressure [Pa].
+    """
+
+    name: str
+    section: type[Section]
+    list_places: Callable[[CircuitSite, Any], list[PortValvePlace]]
+    compute_opening: Callable[[FloatArray, float, float], float]

@@ -11,7 +11,9 @@ from mhsb_model.schema import Section
 from mhsb_sim.circuit.valves import registry
 from mhsb_sim.circuit.valves.piston_seal import PISTON_SEAL
 from mhsb_sim.circuit.valves.registry import (
+    PORT_VALVE_KINDS,
     VALVE_KINDS,
+    compute_port_opening,
     compute_valve_flow,
     read_valve_sections,
 )
@@ -50,3 +52,11 @@ def test_a_section_has_texts_truth_values_and_lists_where_its_kind_declares_them
         seal = {"piston_seal": {"leakage_flow": value}}
         with pytest.raises(MachineFileError, match=r"piston_seal\.leakage_flow: must be"):
             read_valve_sections(machine.with_values({"circuit.valves": seal}))
+
+
+def test_each_port_valve_has_a_branch_with_its_place_and_another_index_is_open():
+    for chamber, pilot in ((0.0, 0.0), (3e6, 1e5)):
+        for k, kind in enumerate(PORT_VALVE_KINDS):
+            opening = compute_port_opening(k, NUMBERS, chamber, pilot)
+            assert opening == kind.compute_opening(NUMBERS, chamber, pilot)
+        assert compute_port_opening(len(PORT_VALVE_KINDS), NUMBERS, chamber, pilot) == 1.0
