@@ -2,9 +2,10 @@
 
     python examples/04_own_planner.py
 
-A path planner yields discrete paths. Smooth motion, modes over time and energy are computed from
-them as for any other planner (docs/planners.md#to-add-one).
+Smooth motion, modes over time and energy follow from its paths (docs/planners.md#to-add-one).
 """
+
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -12,19 +13,22 @@ from mhsb_model import MotionState, load_machine
 from mhsb_planner import Planner, PlanOptions, load_or_build_table
 from mhsb_planner.errors import NoPathError
 from mhsb_planner.integrated.goal_postures import sample_goal_postures
-from mhsb_planner.planners.path_planner import PathProposal
+from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
 from mhsb_planner.planners.priced_path import price_path
 from mhsb_planner.planners.registry import REGISTERED_PLANNERS
+from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath
+from mhsb_planner.search.s2_graph import StepGraph
 
 
-class StraightPlanner:
+class StraightPlanner(PathPlanner):
     """Turns all joints evenly to each of the three goal postures with the shortest strokes."""
 
     name, summary = "straight", "turns all joints evenly to a near goal posture"
-    trajectory, weighs_area, baselines, takes = "followed", False, (), ()
 
-    def paths(self, graph, task, progress):
+    def paths(
+        self, graph: StepGraph, task: PathRequest, progress: PlanProgress
+    ) -> Iterator[PathProposal]:
         """Yield a path to each of these goal postures that has one."""
         machine, options, start = graph.machine, task.options, task.departure
         tip, modes = machine.tip_position(start), task.modes.modes
@@ -35,22 +39,19 @@ class StraightPlanner:
         goals = sample_goal_postures(machine, *task.planar_goal, psi, region=region)
         stroke = np.abs(goals.length - machine.cylinder_lengths(start)).max(axis=1)
         found = False
-        for k in np.argsort(stroke)[:3]:
-            posture = np.linspace(start, goals.posture[k], 41)
-            path = price_path(machine, task, posture, progress)
-            if path is not None:
+        for posture in goals.posture[np.argsort(stroke)[:3]]:
+            if path := price_path(machine, task, np.linspace(start, posture, 41), progress):
                 found = True
                 yield PathProposal(path)
         if not found:
             raise NoPathError(tip, task.goal)
 
-    def warm_up(self, graph):
+    def warm_up(self, graph: StepGraph) -> None:
         """Call the kernels of `paths`, except those of steps, which are called for all planners."""
         sample_goal_postures(graph.machine, *graph.machine.tip_position(graph.layout.posture[0]))
 
 
 REGISTERED_PLANNERS[StraightPlanner.name] = StraightPlanner()
-
 machine = load_machine()
 planner = Planner(machine, load_or_build_table(machine))
 start = MotionState.at_rest(machine.config.simulation.start_posture)

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mhsb_model.errors import ArgumentError, MhsbError, suggest_unit
-from mhsb_model.types import Position
+from mhsb_model.types import FloatArray, Position
 
 
-def place_text(position: Position) -> str:
+def place_text(position: Position | FloatArray) -> str:
     """Return a position as text for a sentence, such as "(0.55, 0.6) m"."""
     return f"({', '.join(f'{value:.4g}' for value in position)}) m"
 
@@ -58,7 +58,9 @@ class ZoneError(MhsbError):
 class NoPathError(MhsbError):
     """Start and goal have feasible postures, but no sequence of admissible steps connects them."""
 
-    def __init__(self, start: Position, goal: Position, among: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, start: Position | FloatArray, goal: Position, among: tuple[str, ...] = ()
+    ) -> None:
         """Compose the message.
 
         Args:

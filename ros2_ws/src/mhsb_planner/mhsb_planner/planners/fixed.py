@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
 from mhsb_planner.planners.table import yield_graph_paths
 from mhsb_planner.progress import PlanProgress
@@ -12,15 +11,13 @@ from mhsb_planner.search import fixed_j3
 from mhsb_planner.search.s2_graph import StepGraph
 
 
-class FixedPlanner:
+class FixedPlanner(PathPlanner):
     """Planner that keeps joint 3 at its start angle, and searches a graph built for that angle."""
 
     name = "fixed"
     summary = "keeps joint 3 and changes it by 1 degree at a time where the others have no solution"
-    trajectory: TrajectoryKind = "polynomial"
-    weighs_area = False
-    baselines: tuple[PathPlanner, ...] = ()
-    takes: tuple[str, ...] = ("search", "heuristic_scale", "initial_j3")
+    trajectory = "polynomial"
+    takes = ("search", "heuristic_scale", "initial_j3")
 
     def paths(
         self, graph: StepGraph, task: PathRequest, progress: PlanProgress

@@ -17,7 +17,6 @@ from functools import partial
 from mhsb_model.machine import Machine
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.integrated.integrated_search import IntegratedSearch
-from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planners.fixed import FixedPlanner
 from mhsb_planner.planners.path_planner import (
     PathPlanner,
@@ -40,15 +39,13 @@ BASELINE_PLANNERS: tuple[PathPlanner, ...] = (TablePlanner(), FixedPlanner())
 """Planners that the integrated planner compares itself with, the faster first."""
 
 
-class IntegratedPlanner:
+class IntegratedPlanner(PathPlanner):
     """Planner over the space of cylinder lengths that compares its motion with baselines."""
 
     name = "integrated"
     summary = "decides postures together with path and modes"
-    trajectory: TrajectoryKind = "followed"
     weighs_area = True
-    baselines: tuple[PathPlanner, ...] = BASELINE_PLANNERS
-    takes: tuple[str, ...] = ()
+    baselines = BASELINE_PLANNERS
 
     def paths(
         self, graph: StepGraph, task: PathRequest, progress: PlanProgress

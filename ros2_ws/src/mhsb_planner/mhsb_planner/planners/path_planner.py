@@ -165,11 +165,13 @@ class PathProposal(NamedTuple):
 class PathPlanner(Protocol):
     """Interface of a planner, which proposes paths; the planning loop fits motions to them.
 
+    A planner derives from it and inherits the values of the attributes that it does not need.
+
     Attributes:
         name: Name by which requests choose it.
         summary: Clause for messages that says where the postures come from; it follows the name.
         trajectory: Method by which the trajectory stage (S3) makes motions, if the options name
-            none.
+            none: "followed" (along the path) or "polynomial".
         weighs_area: Whether the area weight w₄ may be above 0.
         baselines: Other planners whose motions are compared with its own, the fastest first.
         takes: Names of the options that this planner uses but some others do not, from `search`,
@@ -178,10 +180,10 @@ class PathPlanner(Protocol):
 
     name: str
     summary: str
-    trajectory: TrajectoryKind
-    weighs_area: bool
-    baselines: tuple[PathPlanner, ...]
-    takes: tuple[str, ...]
+    trajectory: TrajectoryKind = "followed"
+    weighs_area: bool = False
+    baselines: tuple[PathPlanner, ...] = ()
+    takes: tuple[str, ...] = ()
 
     def paths(
         self, graph: StepGraph, task: PathRequest, progress: PlanProgress
@@ -205,7 +207,13 @@ class PathPlanner(Protocol):
         """
 
     def warm_up(self, graph: StepGraph) -> None:
-        """Compile the kernels of this planner by short trial calls."""
+        """Compile the kernels of this planner by short trial calls; do nothing if it has none.
+
+        Kernels of `price_path` and `compute_step_costs` are compiled for all planners.
+
+        Args:
+            graph: The machine, its posture table, and the steps between the table's postures.
+        """
 
 
 def propose_in_both_ways(

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from mhsb_model.errors import MhsbError
 from mhsb_planner.errors import DeadlineError
 from mhsb_planner.goal_region import tip_positions
-from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search import s2_search
@@ -15,15 +14,13 @@ from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.s2_graph import StepGraph
 
 
-class TablePlanner:
+class TablePlanner(PathPlanner):
     """Planner that searches path and modes in the graph of the posture table."""
 
     name = "table"
     summary = "takes the postures of the posture table"
-    trajectory: TrajectoryKind = "polynomial"
-    weighs_area = False
-    baselines: tuple[PathPlanner, ...] = ()
-    takes: tuple[str, ...] = ("search", "heuristic_scale")
+    trajectory = "polynomial"
+    takes = ("search", "heuristic_scale")
 
     def paths(
         self, graph: StepGraph, task: PathRequest, progress: PlanProgress
