@@ -1,4 +1,4 @@
-"""Writes the pages that follow from the code: parameters, machine file, states of a goal.
+"""Writes the pages that follow from the code: parameters, machine file, interfaces, goal states.
 
     python docs/reference.py
 
@@ -7,13 +7,16 @@ A test compares them with what they would be now.
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, get_args, get_origin
 
+import griffe
 import rclpy
+from pydantic import TypeAdapter
 from rclpy.node import Node
 
 from mhsb_control.registry import MachineConfigWithGains
@@ -21,7 +24,7 @@ from mhsb_model import schema
 from mhsb_msgs_py import parameters
 from mhsb_planner.online.goal_states import GOAL_TRANSITIONS, GoalState, Transition
 from mhsb_planner.ros import planner_parameters
-from mhsb_sim.circuit.valves.registry import VALVE_KINDS
+from mhsb_sim.circuit.valves.registry import PORT_VALVE_KINDS, VALVE_KINDS
 from mhsb_sim.ros import sim_parameters
 
 FOLDER = Path(__file__).resolve().parent
@@ -97,7 +100,7 @@ def _parameter_row(node: Node, name: str) -> str:
 def machine_file_page() -> str:
     """Every key of a machine file, with range, unit and meaning."""
     chapters = [*_sections("", MachineConfigWithGains)]
-    for kind in VALVE_KINDS:
+    for kind in (*VALVE_KINDS, *PORT_VALVE_KINDS):
         if kind.section is not None:
             chapters += _sections(f"circuit.valves.{kind.name}", kind.section)
     sections = "\n\n".join(dict.fromkeys(chapters))
@@ -224,6 +227,175 @@ def _transition(transition: Transition | None) -> str:
     return ", ".join(filter(None, (report, state, transition.action)))
 
 
+# --- Interfaces of parts that a user adds --------------------------------------------------------
+
+INTERFACES: dict[str, tuple[str, ...]] = {
+    "For all": (
+        "mhsb_model.machine.Machine: config arrays joint_count patterns tip_position tip_positions "
+        "end_link_angle jacobian postures cylinder_lengths moment_arms piston_forces mass_matrix "
+        "clearance changed with_values",
+        "mhsb_model.arrays.MachineArrays: joint_min joint_max linkage cap_area rod_area payload "
+        "supply_pressure tank_pressure main_pump_flow servo_pump_flow valve_coefficient "
+        "leakage_flow max_piston_speed",
+        "mhsb_model.trajectory.MotionState: position velocity acceleration at_rest",
+    ),
+    "For a planner": (
+        "mhsb_planner.planners.path_planner.PathPlanner",
+        "mhsb_planner.planners.path_planner.PathRequest: goal planar_goal start departure modes "
+        "options begins_at_goal",
+        "mhsb_planner.motion.s4_mode_schedule.StartModes: modes age",
+        "mhsb_planner.planners.options.PlanOptions: weights energy_reading goal_psi goal_region "
+        "trajectory initial_j3 search heuristic_scale area_weight",
+        "mhsb_planner.search.s2_graph.StepGraph: machine table layout",
+        "mhsb_planner.progress.PlanProgress: has_motion search_deadline",
+        "mhsb_planner.deadline.Deadline: check remaining has_passed",
+        "mhsb_planner.integrated.goal_postures.sample_goal_postures",
+        "mhsb_planner.integrated.goal_postures.GoalPostures: tip tips posture length",
+        "mhsb_model.linkages.linkage.find_joint_angle",
+        "mhsb_planner.planners.priced_path.price_path",
+        "mhsb_planner.search.s2_step.compute_step_costs",
+        "mhsb_planner.search.s2_step.StepCosts",
+        "mhsb_planner.search.discrete_path.DiscretePath: tip posture modes duration energy "
+        "energy_series cost start_modes statistics create_without_steps",
+        "mhsb_planner.search.discrete_path.SearchStatistics: expanded generated seconds",
+        "mhsb_planner.planners.path_planner.PathProposal",
+        "mhsb_planner.errors.NoPathError",
+    ),
+    "For a controller": (
+        "mhsb_control.controller.Controller: gains_section usual_error preview __init__ estimates "
+        "update",
+        "mhsb_control.controller.ServoSignals",
+        "mhsb_control.controller.ActuatorReadings",
+        "mhsb_model.circuit.components.Components",
+        "mhsb_model.circuit.quantities.ActuatorState: valve_command join_command",
+        "mhsb_model.circuit.quantities.ModuleState: flow_command to_rail_command flow",
+        "mhsb_model.circuit.quantities.CylinderConstants",
+        "mhsb_model.arm_reports.Estimate",
+        "mhsb_control.natural_frequency.find_joint_frequency_ranges",
+        "mhsb_model.hydraulics.compute_extension_speed",
+        "mhsb_model.hydraulics.compute_retraction_speed",
+    ),
+    "For a valve": (
+        "mhsb_sim.circuit.valves.valve_kind.ValveKind",
+        "mhsb_sim.circuit.valves.valve_kind.ValvePlace",
+        "mhsb_sim.circuit.valves.valve_kind.PortValveKind",
+        "mhsb_sim.circuit.valves.valve_kind.PortValvePlace",
+        "mhsb_sim.circuit.valves.valve_kind.CircuitSite",
+        "mhsb_model.circuit.elements.compute_orifice_flow",
+        "mhsb_model.circuit.elements.compute_check_valve_flow",
+        "mhsb_model.circuit.elements.compute_relief_valve_flow",
+        "mhsb_model.circuit.quantities.CircuitConstants: laminar_pressure tank_pressure "
+        "supply_pressure substep",
+    ),
+}
+"""Classes and functions of each chapter; after a colon the members that are listed, else all."""
+
+
+def interfaces_page() -> str:
+    """Return the page of the objects that planners, controllers and valves get and return."""
+    chapters = []
+    for title, entries in INTERFACES.items():
+        chapters.append(f"## {title}")
+        chapters += [_interface(*entry.partition(": ")[::2]) for entry in entries]
+    text, ranges = "\n\n".join(chapters), "\n".join(_key_types())
+    return f"""# What do planners, controllers and valves get and return?
+
+{GENERATED}
+[Extending](extending.md) says how to write and register them. n is the number of joints, which is
+that of actuators. The [Python interface](api/model.md) has all other classes and functions.
+
+## Types of keys
+
+A key of a machine file, such as a gain, takes its range from one of these types of
+`mhsb_model.schema`, or from a `Field` of pydantic.
+
+| name | values |
+|---|---|
+{ranges}
+
+{text}
+"""
+
+
+def _key_types() -> Iterator[str]:
+    """Yield the row of each type of a number in the machine file."""
+    for name, kind in vars(schema).items():
+        if get_origin(kind) is Annotated and get_args(kind)[0] is float:
+            yield f"| `{name}` | {_values(TypeAdapter(kind).json_schema())} |"
+
+
+def _interface(name: str, members: str) -> str:
+    """Return the chapter of a class or a function: its module, its docstring and its parts.
+
+    Args:
+        name: Full name.
+        members: Names of the members of a class that are listed, apart by blanks; empty for all
+            public ones.
+    """
+    place, _, own = name.rpartition(".")
+    file = importlib.import_module(place).__file__ or ""
+    options = {"returns_multiple_items": False, "warnings": False}
+    module = griffe.visit(
+        place, Path(file), Path(file).read_text(), docstring_parser="google",
+        docstring_options=options,
+    )  # fmt: skip
+    found = module[own]
+    text, rows = _docstring(found)
+    title = own
+    if found.is_function:
+        title = _call(found)
+    elif list(found.members) == ["__init__"]:
+        title, rows = _call(found["__init__"], own), _docstring(found["__init__"])[1]
+    else:
+        wanted = members.split() or [*rows, *(n for n in found.members if not n.startswith("_"))]
+        rows = {each: rows.get(each) or _member_row(found[each]) for each in dict.fromkeys(wanted)}
+    header = "| name | type | meaning |\n|---|---|---|\n"
+    return f"### `{title}`\n\n`{place}`. {text}\n\n{header}" + "\n".join(rows.values())
+
+
+def _member_row(member: Any) -> str:
+    """Return the row of an attribute, a property or a method of a class."""
+    text, rows = _docstring(member)
+    if not member.is_function:
+        return f"| `{member.name}` | {_type(member.annotation)} | {text} |"
+    arguments = (row.split(" | ", 2) for row in rows.values())
+    meanings = " ".join(f"{name[2:]}: {meaning[:-2]}" for name, _, meaning in arguments)
+    return f"| `{_call(member)}` | {_type(member.returns)} | {f'{text} {meanings}'.strip()} |"
+
+
+def _docstring(found: Any) -> tuple[str, dict[str, str]]:
+    """Return a docstring without examples, and the rows of its arguments or attributes by name."""
+    text, rows = [], {}
+    for section in found.docstring.parsed if found.docstring else ():
+        value, kind = section.value, section.kind.value
+        if kind == "text" and not text:
+            text.append(_cell(value.partition("\n\n")[0]))
+        elif kind in ("attributes", "parameters"):
+            for each in value:
+                cells = f"{_type(each.annotation)} | {_cell(each.description)}"
+                rows[each.name] = f"| `{each.name}` | {cells} |"
+        elif kind == "returns":
+            text.append(f"Returns: {_cell(value[0].description)}")
+        elif kind == "raises":
+            text += [f"Raises `{each.annotation}`: {_cell(each.description)}" for each in value]
+    return " ".join(text), rows
+
+
+def _call(function: Any, name: str = "") -> str:
+    """Return a call of a function: its name, and its arguments with their defaults."""
+    arguments = (
+        each.name if each.default is None else f"{each.name}={each.default}"
+        for each in function.parameters
+        if each.name not in ("self", "cls")
+    )
+    return f"{name or function.name}({', '.join(arguments)})"
+
+
+def _type(annotation: Any) -> str:
+    """Return the cell of a type; empty if there is none."""
+    return f"`{_cell(str(annotation))}`" if annotation is not None else ""
+
+
 # --- Text ----------------------------------------------------------------------------------------
 
 
@@ -252,6 +424,7 @@ PAGES = {
     "parameters.md": parameters_page,
     "machine_file.md": machine_file_page,
     "goal_states.md": goal_states_page,
+    "interfaces.md": interfaces_page,
 }
 
 

@@ -84,7 +84,9 @@ def test_modules_that_pages_name_exist():
             assert exists(name) or name.endswith(".yaml"), f"{page.name}: {name}"
 
 
-@pytest.mark.parametrize("page", ["parameters.md", "machine_file.md", "goal_states.md"])
+@pytest.mark.parametrize(
+    "page", ["parameters.md", "machine_file.md", "goal_states.md", "interfaces.md"]
+)
 def test_a_page_that_follows_from_the_code_is_what_the_code_says(page, ros_domain):
     written = script(DOCS / "reference.py").PAGES[page]()
     told = f"the page {page} is not what the code says; run: python docs/reference.py"
@@ -133,6 +135,14 @@ def test_that_planner_tries_further_goal_postures_and_names_what_it_did_not_find
     monkeypatch.setitem(own_planner, "price_path", lambda *path: None)
     with pytest.raises(NoPathError):
         plan_straight(own_planner, own_planner["start"])
+
+
+def test_a_planner_passes_the_test_that_its_page_shows(own_planner):
+    page = (DOCS / "planners.md").read_text()
+    shown: dict = {}
+    exec(page.partition('title="test_straight.py"\n')[2].partition("```")[0], shown)
+    [test] = (function for name, function in shown.items() if name.startswith("test_"))
+    test(own_planner["machine"], own_planner["planner"].graph.table)
 
 
 def test_the_lines_of_the_readme_plan_when_they_are_pasted(tmp_path, monkeypatch):

@@ -10,9 +10,19 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-SECTIONS = (ROOT / "docs" / "extending.md").read_text().split("\n## ")
+RECIPE_PAGE = (ROOT / "docs" / "extending.md").read_text()
+SECTIONS = RECIPE_PAGE.split("\n## ")
 BLOCK = re.compile(r'^```(python|diff) title="(\S+)"\n(.*?)^```', re.MULTILINE | re.DOTALL)
 RECIPES = {section.partition("\n")[0]: BLOCK.findall(section) for section in SECTIONS}
+
+
+EXCERPT = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def test_excerpts_are_lines_of_a_shipped_valve():
+    [excerpt] = EXCERPT.findall(RECIPE_PAGE)
+    shipped = ROOT / "ros2_ws/src/mhsb_sim/mhsb_sim/circuit/valves/counterbalance.py"
+    assert excerpt in shipped.read_text()
 
 
 def add_lines(text: str, changes: str) -> str:
