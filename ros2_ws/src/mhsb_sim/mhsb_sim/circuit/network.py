@@ -80,10 +80,8 @@ from mhsb_sim.circuit.quantities import (
 from mhsb_sim.circuit.valves.registry import (
     EnergyCounters,
     PlacedValves,
-    PortValves,
     compute_port_opening,
     compute_valve_flow,
-    place_port_valves,
     place_valves,
 )
 from mhsb_sim.circuit.valves.valve_kind import CircuitSite
@@ -163,14 +161,13 @@ class Circuit(NamedTuple):
     actuators: Records[ActuatorState]  # [n]
     modules: Records[ModuleState]  # [m]
     valves: PlacedValves
-    port_valves: PortValves
     main_pump: FloatArray  # [1] m³/s, flow by the swash plate's position
     energy: Records[EnergyCounters]  # [1]
     counters: FloatArray  # [energies], the memory of `energy`
     volume: Records[CircuitVolumes]  # [1]
     net: Records[CircuitElement]  # […], working memory like the next two
     conductance: FloatArray  # [nodes, nodes]
-    nodes: FloatArray  # [3, nodes]: inflow, capacity C, and C as used in the substep
+    nodes: FloatArray  # [4, nodes]: inflow, capacity C, C as used, coefficient of the port valve
 
     def advance(self, length: FloatArray, speed: FloatArray, substeps: int) -> None:
         """Advance the circuit in place by some substeps, with given piston motion.
@@ -213,8 +210,7 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
     parts = describe_components(machine, substep)
     pressure = np.full(nodes, arrays.supply_pressure)
     pressure[-1] = arrays.tank_pressure
-    site = CircuitSite(machine, parts.constants)
-    valves = place_valves(site)
+    valves = place_valves(CircuitSite(machine, parts.constants))
     energy = create_records(EnergyCounters, 1)
     net_size = 3 + len(valves.records) + 4 * module_count + 15 * actuator_count
     return Circuit(
@@ -226,14 +222,13 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
         actuators=parts.actuators,
         modules=parts.modules,
         valves=valves,
-        port_valves=place_port_valves(site),
         main_pump=np.full(1, actuator_count * arrays.leakage_flow),
         energy=energy,
         counters=np.asarray(energy).view(np.float64),
         volume=create_records(CircuitVolumes, 1),
         net=create_records(CircuitElement, net_size),
         conductance=np.zeros((nodes, nodes)),
-        nodes=np.zeros((3, nodes)),
+        nodes=np.vstack([np.zeros((3, nodes)), np.full(nodes, np.inf)]),
     )
 
 
@@ -389,11 +384,32 @@ def update_friction(
 
 
 @kernel(inline="always")
+def move_port_valve(circuit: Circuit, k: int) -> None:
+    """Advance the opening of a port valve by a substep, with the pressures before it.
+
+    Args:
+        circuit: The circuit. Writes the opening into `valves`, and the coefficient of the chamber
+            into `nodes`, in place.
+        k: Index of the valve in `valves`.
+    """
+    valve, pressure = circuit.valves.records[k], circuit.pressure
+    tank = pressure[len(pressure) - 1]
+    wanted = compute_port_opening(
+        valve.kind,
+        circuit.valves.numbers[k],
+        pressure[valve.start] - tank,
+        pressure[valve.end] - tank,
+    )
+    valve.opening = advance_first_order_lag(valve.opening, wanted, valve.decay)
+    circuit.nodes[3, valve.start] = valve.opening * valve.coefficient
+
+
+@kernel(inline="always")
 def connect_supply(circuit: Circuit, count: int) -> int:
     """Add the elements between manifold, rail and tank to the list of elements.
 
     These are the check valve of the rail and two relief valves. The valves of all registered kinds
-    (`valves.registry`) are added, too, wherever they are in the circuit.
+    (`valves.registry`) are added, too, wherever they are in the circuit. Port valves are moved.
 
     Args:
         circuit: The circuit. Writes into `net` (the list of elements) in place.
@@ -410,6 +426,9 @@ def connect_supply(circuit: Circuit, count: int) -> int:
     count = add_element(net, count, CHECK_VALVE, manifold, rail, flow, slope)
     for k in range(len(circuit.valves.records)):
         valve, numbers = circuit.valves.records[k], circuit.valves.numbers[k]
+        if valve.counter < 0:
+            move_port_valve(circuit, k)
+            continue
         drop = pressure[valve.start] - pressure[valve.end]
         flow, slope = compute_valve_flow(valve.kind, numbers, drop)
         kind = FIRST_VALVE + valve.counter
@@ -477,27 +496,6 @@ def connect_servo_pumps(circuit: Circuit, count: int) -> int:
 
 
 @kernel(inline="always")
-def move_port_valves(circuit: Circuit) -> None:
-    """Advance the openings of the port valves by a substep, with the pressures before it.
-
-    Args:
-        circuit: The circuit. Writes openings and coefficients of `port_valves` in place.
-    """
-    pressure, ports = circuit.pressure, circuit.port_valves
-    tank = pressure[len(pressure) - 1]
-    for k in range(len(ports.records)):
-        valve = ports.records[k]
-        wanted = compute_port_opening(
-            valve.kind,
-            ports.numbers[k],
-            pressure[valve.chamber] - tank,
-            pressure[valve.pilot] - tank,
-        )
-        valve.opening = advance_first_order_lag(valve.opening, wanted, valve.decay)
-        ports.coefficient[valve.chamber] = valve.opening * valve.coefficient
-
-
-@kernel(inline="always")
 def combine_with_port_valve(circuit: Circuit, edge: float, chamber: int, outside: int) -> float:
     """Return the flow coefficient of a metering edge and the port valve of its chamber in series.
 
@@ -517,7 +515,7 @@ def combine_with_port_valve(circuit: Circuit, edge: float, chamber: int, outside
     Source:
         H. E. Merritt, Hydraulic Control Systems (orifices in series).
     """
-    port = circuit.port_valves.coefficient[chamber]
+    port = circuit.nodes[3, chamber]
     if math.isinf(port) or circuit.pressure[chamber] <= circuit.pressure[outside]:
         return edge
     if edge <= 0.0 or port <= 0.0:
@@ -563,7 +561,7 @@ def connect_lands(circuit: Circuit, j: int, count: int) -> int:
     ):
         flow = slope * (pressure[start] - pressure[end])
         chamber, leaves = (end, flow < 0.0) if start == line else (start, flow > 0.0)
-        if leaves and circuit.port_valves.coefficient[chamber] == 0.0:
+        if leaves and circuit.nodes[3, chamber] == 0.0:
             continue
         if start == line and end != tank:
             actuator.supply_flow += flow
@@ -781,7 +779,6 @@ def advance(circuit: Circuit, length: FloatArray, speed: FloatArray, substeps: i
         inflow[manifold] += mean_flow
         circuit.conductance[manifold, manifold] += mean_slope
         count = connect_servo_pumps(circuit, connect_supply(circuit, 0))
-        move_port_valves(circuit)
         for j in range(n):
             count = connect_actuator(circuit, j, count)
             displace_oil(circuit, j, length[j], speed[j])

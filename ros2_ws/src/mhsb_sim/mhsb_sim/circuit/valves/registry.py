@@ -7,6 +7,8 @@ of that place.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,16 +77,22 @@ def compute_port_opening(kind: int, numbers: FloatArray, chamber: float, pilot: 
 
 
 class PlacedValve(Record):
-    """A valve between two nodes."""
+    """A valve between two nodes, or a port valve."""
 
     kind: int
-    """Index in `VALVE_KINDS`."""
+    """Index in `VALVE_KINDS`; of a port valve, in `PORT_VALVE_KINDS`."""
     start: int
-    """Node from which its flow is counted."""
+    """Node from which its flow is counted; chamber of a port valve."""
     end: int
-    """Node to which its flow is counted."""
+    """Node to which its flow is counted; pilot of a port valve."""
     counter: int
-    """Index of its energy counter among the fields of `EnergyCounters`."""
+    """Index of its energy counter among the fields of `EnergyCounters`; −1 of a port valve."""
+    coefficient: float
+    """Flow coefficient of a port valve that is fully open [m³/(s √Pa)]."""
+    decay: float
+    """Decay e^(−substep/τ) of the lag τ of a port valve."""
+    opening: float
+    """Opening of a port valve, 0 … 1."""
 
 
 class EnergyCounters(CircuitEnergies):
@@ -109,79 +117,11 @@ class PlacedValves(NamedTuple):
     numbers: FloatArray
 
 
-class PlacedPortValve(Record):
-    """A valve between a chamber and the servo valve."""
-
-    kind: int
-    """Index in `PORT_VALVE_KINDS`."""
-    chamber: int
-    """Node of its chamber."""
-    pilot: int
-    """Node of its pilot."""
-    coefficient: float
-    """Flow coefficient of the fully open valve [m³/(s √Pa)]."""
-    decay: float
-    """Decay e^(−substep/τ) of the lag τ of its opening."""
-    opening: float
-    """Opening, 0 … 1."""
-
-
-class PortValves(NamedTuple):
-    """All port valves of a circuit, at most one for each chamber.
-
-    Attributes:
-        records: Kind, nodes, coefficient and opening of each of k valves.
-        numbers: Numbers of each valve's equation, float64[k, w].
-        coefficient: Present flow coefficient between each node and the servo valve, float64[nodes],
-            [m³/(s √Pa)]; inf without a port valve.
-    """
-
-    records: Records[PlacedPortValve]
-    numbers: FloatArray
-    coefficient: FloatArray
-
-
-def place_port_valves(site: CircuitSite) -> PortValves:
-    """Place the port valves whose sections the machine file has; all are shut.
-
-    Args:
-        site: Circuit of a machine.
-
-    Returns:
-        Records, numbers and coefficients of the valves.
-
-    Raises:
-        MachineFileError: The name of a section is no kind of valve, or a section has an unknown key
-            or a wrong value; or two kinds are at the same chamber.
-    """
-    sections = read_valve_sections(site.machine)
-    placed = [
-        (k, place)
-        for k, kind in enumerate(PORT_VALVE_KINDS)
-        if kind.name in sections
-        for place in kind.list_places(site, sections[kind.name])
-    ]
-    if len({place.chamber for _, place in placed}) < len(placed):
-        names = ", ".join(kind.name for kind in PORT_VALVE_KINDS if kind.name in sections)
-        problem = f"circuit.valves: one chamber has room for only one of {names}"
-        raise MachineFileError(site.machine.name, [problem])
-    records = create_records(PlacedPortValve, len(placed))
-    width = max((len(place.numbers) for _, place in placed), default=0)
-    numbers, coefficient = np.zeros((len(placed), width)), np.full(site.tank + 1, np.inf)
-    substep = float(site.constants["substep"][0])
-    for row, (k, place) in enumerate(placed):
-        decay = np.exp(-substep / place.lag)
-        records[row : row + 1] = (k, place.chamber, place.pilot, place.coefficient, decay, 0.0)
-        numbers[row, : len(place.numbers)] = place.numbers
-        coefficient[place.chamber] = 0.0
-    return PortValves(records, numbers, coefficient)
-
-
 def place_valves(site: CircuitSite) -> PlacedValves:
-    """Place the valves of all registered kinds in a circuit, in the order of `VALVE_KINDS`.
+    """Place the valves of all registered kinds in a circuit, in the order of the registries.
 
     A kind without a section is always placed. A kind with a section is placed only if the machine
-    file has it in `circuit.valves`.
+    file has it in `circuit.valves`. Port valves are shut at first.
 
     Args:
         site: Circuit of a machine.
@@ -191,21 +131,30 @@ def place_valves(site: CircuitSite) -> PlacedValves:
 
     Raises:
         MachineFileError: The name of a section is no kind of valve, or a section has an unknown key
-            or a wrong value.
+            or a wrong value; or two port valves are at the same chamber.
     """
     sections = read_valve_sections(site.machine)
     names = list(EnergyCounters.__annotations__)
-    placed = [
-        (k, names.index(kind.name), place)
+    placed: list[tuple[tuple, Sequence[float]]] = [
+        ((k, place.start, place.end, names.index(kind.name), 0.0, 0.0, 0.0), place.numbers)
         for k, kind in enumerate(VALVE_KINDS)
         if kind.section is None or kind.name in sections
         for place in kind.list_places(site, sections.get(kind.name))
     ]
+    substep, chambers = float(site.constants["substep"][0]), set()
+    for k, kind in enumerate(PORT_VALVE_KINDS):
+        for port in kind.list_places(site, sections[kind.name]) if kind.name in sections else ():
+            if port.chamber in chambers:
+                problem = f"circuit.valves.{kind.name}: a chamber has a port valve of another kind"
+                raise MachineFileError(site.machine.name, [problem])
+            chambers.add(port.chamber)
+            state = port.coefficient, math.exp(-substep / port.lag), 0.0
+            placed.append(((k, port.chamber, port.pilot, -1, *state), port.numbers))
     records = create_records(PlacedValve, len(placed))
-    numbers = np.zeros((len(placed), max(len(place.numbers) for _, _, place in placed)))
-    for row, (k, counter, place) in enumerate(placed):
-        records[row : row + 1] = (k, place.start, place.end, counter)
-        numbers[row, : len(place.numbers)] = place.numbers
+    numbers = np.zeros((len(placed), max(len(own) for _, own in placed)))
+    for row, (record, own) in enumerate(placed):
+        records[row : row + 1] = record
+        numbers[row, : len(own)] = own
     return PlacedValves(records, numbers)
 
 

@@ -1,5 +1,7 @@
 """Counterbalance valves, by themselves and in series with the servo valve."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -8,7 +10,8 @@ from mhsb_control.registry import load_machine
 from mhsb_model.errors import MachineFileError
 from mhsb_sim.circuit.audit import compute_energy_gap, compute_volume_gap
 from mhsb_sim.circuit.network import build_circuit, set_rest_pressures
-from mhsb_sim.circuit.valves.counterbalance import compute_counterbalance_opening
+from mhsb_sim.circuit.valves import registry
+from mhsb_sim.circuit.valves.counterbalance import COUNTERBALANCE, compute_counterbalance_opening
 
 START = np.array([0.3, -1.4, -1.5])
 SPEED = 0.006
@@ -69,7 +72,7 @@ def test_the_pressures_of_a_load_that_is_let_down_are_those_of_two_orifices_in_s
 
     cap = brentq(find_excess, m.tank_pressure + 1.0, 5e7)
     np.testing.assert_allclose(circuit.pressure[:2], (cap, rod), rtol=1e-3)
-    assert 0.1 < circuit.port_valves.records["opening"][0] < 0.9
+    assert 0.1 < circuit.valves.records["opening"][-6] < 0.9
     _, without, _ = make_circuit(None)
     without.actuators["valve_command"][0] = COMMAND
     for _ in range(200):
@@ -98,3 +101,13 @@ def test_a_load_that_it_holds_does_not_sink_through_the_lands_of_the_servo_valve
 def test_a_section_without_a_setting_is_refused_by_its_path():
     with pytest.raises(MachineFileError, match=r"circuit\.valves\.counterbalance\.setting"):
         make_circuit({"pilot_ratio": 3.0})
+
+
+def test_two_kinds_at_one_chamber_are_refused(monkeypatch):
+    other = dataclasses.replace(COUNTERBALANCE, name="other")
+    monkeypatch.setattr(registry, "PORT_VALVE_KINDS", (COUNTERBALANCE, other))
+    machine = load_machine().with_values(
+        {"circuit.valves": {"counterbalance": VALVE, "other": VALVE}}
+    )
+    with pytest.raises(MachineFileError, match="other: a chamber has a port valve of another kind"):
+        build_circuit(machine, STEP)
