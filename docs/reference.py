@@ -275,6 +275,11 @@ INTERFACES: dict[str, tuple[str, ...]] = {
         "mhsb_model.hydraulics.compute_extension_speed",
         "mhsb_model.hydraulics.compute_retraction_speed",
     ),
+    "For a limit": (
+        "mhsb_planner.motion.limits.limit.LimitInputs",
+        "mhsb_planner.motion.limits.limit.Limit",
+        "mhsb_planner.motion.limits.limit.StateLimit",
+    ),
     "For a valve": (
         "mhsb_sim.circuit.valves.valve_kind.ValveKind",
         "mhsb_sim.circuit.valves.valve_kind.ValvePlace",
@@ -298,7 +303,7 @@ def interfaces_page() -> str:
         chapters.append(f"## {title}")
         chapters += [_interface(*entry.partition(": ")[::2]) for entry in entries]
     text, ranges = "\n\n".join(chapters), "\n".join(_key_types())
-    return f"""# What do planners, controllers and valves get and return?
+    return f"""# What do planners, controllers, limits and valves get and return?
 
 {GENERATED}
 [Extending](extending.md) says how to write and register them. n is the number of joints, which is

@@ -96,7 +96,7 @@ class PlacedValve(Record):
 
 
 class EnergyCounters(CircuitEnergies):
-    """Counters of energy [J], with one for each kind of valve."""
+    """Counters of energy [J], with one for each kind in `VALVE_KINDS`."""
 
 
 EnergyCounters.__annotations__ = CircuitEnergies.__annotations__ | {
