@@ -53,7 +53,7 @@ def _list_places(site: CircuitSite, section: Counterbalance) -> list[PortValvePl
     ]
 
 
-COUNTERBALANCE = PortValveKind(
+COUNTERBALANCE_VALVE = PortValveKind(
     name="counterbalance",
     section=Counterbalance,
     list_places=_list_places,

@@ -22,7 +22,7 @@ from mhsb_model.records import Record, Records, create_records
 from mhsb_model.types import FloatArray
 from mhsb_sim.circuit.quantities import CircuitEnergies
 from mhsb_sim.circuit.valves.counterbalance import (
-    COUNTERBALANCE,
+    COUNTERBALANCE_VALVE,
     compute_counterbalance_opening,
 )
 from mhsb_sim.circuit.valves.piston_seal import PISTON_SEAL, compute_seal_flow
@@ -35,7 +35,7 @@ VALVE_KINDS: tuple[ValveKind, ...] = (
 )
 """Kinds of valves between two nodes, in the order in which their flows are added."""
 
-PORT_VALVE_KINDS: tuple[PortValveKind, ...] = (COUNTERBALANCE,)
+PORT_VALVE_KINDS: tuple[PortValveKind, ...] = (COUNTERBALANCE_VALVE,)
 """Kinds of valves between a chamber and the servo valve."""
 
 

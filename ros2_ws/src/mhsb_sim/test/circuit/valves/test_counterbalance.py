@@ -11,7 +11,10 @@ from mhsb_model.errors import MachineFileError
 from mhsb_sim.circuit.audit import compute_energy_gap, compute_volume_gap
 from mhsb_sim.circuit.network import build_circuit, set_rest_pressures
 from mhsb_sim.circuit.valves import registry
-from mhsb_sim.circuit.valves.counterbalance import COUNTERBALANCE, compute_counterbalance_opening
+from mhsb_sim.circuit.valves.counterbalance import (
+    COUNTERBALANCE_VALVE,
+    compute_counterbalance_opening,
+)
 
 START = np.array([0.3, -1.4, -1.5])
 SPEED = 0.006
@@ -104,8 +107,8 @@ def test_a_section_without_a_setting_is_refused_by_its_path():
 
 
 def test_two_kinds_at_one_chamber_are_refused(monkeypatch):
-    other = dataclasses.replace(COUNTERBALANCE, name="other")
-    monkeypatch.setattr(registry, "PORT_VALVE_KINDS", (COUNTERBALANCE, other))
+    other = dataclasses.replace(COUNTERBALANCE_VALVE, name="other")
+    monkeypatch.setattr(registry, "PORT_VALVE_KINDS", (COUNTERBALANCE_VALVE, other))
     machine = load_machine().with_values(
         {"circuit.valves": {"counterbalance": VALVE, "other": VALVE}}
     )
