@@ -667,6 +667,31 @@ class Sensors(Section):
 class Imperfections(Section):
     """Imperfections of real machines. Each one is off if it is left out."""
 
+    angle_noise: float | None = Field(
+        default=None,
+        ge=0,
+        le=1,
+        exclude_if=lambda given: given is None,
+        description="of each reading of a joint, standard deviation [rad], of telescopes [m]; that "
+        "of the class when left out",
+    )
+    angle_offset: float | None = Field(
+        default=None,
+        ge=0,
+        le=1,
+        exclude_if=lambda given: given is None,
+        description="of joints' readings at the start, standard deviation among sensors [rad], of "
+        "telescopes [m]; that of the class when left out",
+    )
+    angle_drift: float | None = Field(
+        default=None,
+        ge=0,
+        le=0.1,
+        exclude_if=lambda given: given is None,
+        description="of joints' readings, standard deviation among sensors [rad/s], of telescopes "
+        "[m/s]; that of the class when left out",
+    )
+
     valve_overlap: float = Field(
         default=0.0, ge=0, le=0.5, description="of a spool, share of its stroke [-]"
     )

@@ -20,7 +20,7 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
 from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, ArmSample, Finding
-from mhsb_sim.simulation.sensors import Sensed, compute_length_noise
+from mhsb_sim.simulation.sensors import Sensed, compute_length_errors
 
 WATCH_PERIOD = WATCH_PERIOD_NS / SECOND_NS
 """Time between two samples [s]."""
@@ -232,7 +232,7 @@ def compute_frozen_length_time(machine: Machine, limit: float) -> float:
         smallest n for which the stroke exceeds `limit`, and one watch period. It is infinite if the
         sensors have no noise, since supervision does not examine them.
     """
-    if not compute_length_noise(machine).any():
+    if not compute_length_errors(machine).noise.any():
         return math.inf
     rate = machine.config.imperfections.sensors.rate
     period = max(1.0 / rate if rate else 0.0, WATCH_PERIOD)

@@ -12,13 +12,15 @@ its resolution r is an angle [rad], while o, d and w are lengths of the cylinder
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from mhsb_model.circuit.constants import compute_full_pump_flow
 from mhsb_model.machine import Machine
 from mhsb_model.records import Record, Records, create_records
+from mhsb_model.schema import Sensors
 from mhsb_model.types import FloatArray, ModeArray
 
 
@@ -99,19 +101,28 @@ class SensorClass:
 
     Attributes:
         noise: Standard deviation of a reading; None for the value of the machine file.
-        resolution: Resolution of a reading; for a length sensor, resolution of the joint angle
-            [rad].
+        resolution: Resolution of a reading.
         offset: Standard deviation of the offset among sensors.
         drift: Standard deviation of the drift among sensors, per second.
-        of_angle: True for a length sensor whose noise, offset and drift are given for the joint
-            angle [rad]. The joint's longest moment arm converts them to lengths.
+
+    Values of length sensors are those of the joint angle [rad]. The joint's longest moment arm
+    converts noise, offset and drift to lengths.
     """
 
     noise: float | None = None
     resolution: float = 0.0
     offset: float = 0.0
     drift: float = 0.0
-    of_angle: bool = False
+
+    def scale(self, file_noise: float, unit: float = 1.0) -> tuple[float, float, float, float]:
+        """Return noise, resolution, offset and drift in another unit.
+
+        Args:
+            file_noise: Noise of the machine file, which counts if the class has none.
+            unit: Value of one unit of the class in the other unit.
+        """
+        noise = file_noise if self.noise is None else self.noise
+        return unit * noise, unit * self.resolution, unit * self.offset, unit * self.drift
 
 
 LENGTH_CLASSES = {
@@ -119,7 +130,7 @@ LENGTH_CLASSES = {
     "encoder_16_bit": SensorClass(resolution=2.0 * math.pi / 2**16),
     "encoder_13_bit": SensorClass(resolution=2.0 * math.pi / 2**13),
     # inertial sensors on the links: 0.1 degrees after their filter, 0.5 degrees a minute
-    "imu": SensorClass(noise=math.radians(0.1), drift=math.radians(0.5) / 60.0, of_angle=True),
+    "imu": SensorClass(noise=math.radians(0.1), drift=math.radians(0.5) / 60.0),
 }
 """Classes of length sensors by the names of the machine file."""
 PRESSURE_CLASSES = {
@@ -139,15 +150,54 @@ PUMP_SPEED = {
 """Classes of pump speed sensors by the names of the machine file, in shares of full speed."""
 
 
-def compute_length_noise(machine: Machine) -> FloatArray:
-    """Return the standard deviation of the noise of each length sensor, float64[n], [m].
+class LengthErrors(NamedTuple):
+    """Standard deviations of the errors of n length sensors, float64[n] each.
+
+    Attributes:
+        noise: Noise of a reading [m].
+        offset: Offset at the start [m].
+        drift: Change of the offset [m/s].
+    """
+
+    noise: FloatArray
+    offset: FloatArray
+    drift: FloatArray
+
+
+def select_length_class(fitted: Sensors) -> SensorClass:
+    """Return the class of the length sensors, with the deviations that the file names itself.
+
+    Args:
+        fitted: Sensors of the machine file.
+    """
+    own = {
+        "noise": fitted.angle_noise,
+        "offset": fitted.angle_offset,
+        "drift": fitted.angle_drift,
+    }
+    named = {name: value for name, value in own.items() if value is not None}
+    return replace(LENGTH_CLASSES[fitted.length], **named)
+
+
+def compute_length_errors(machine: Machine) -> LengthErrors:
+    """Compute the standard deviations of the errors of a machine's length sensors.
+
+        σ_L = σ_q max |r|
+
+    σ_q is the deviation for the joint angle, and r the moment arm of the joint. Noise that neither
+    the class of the sensors nor the file gives for angles is `servo.length_noise`.
 
     Args:
         machine: The machine; its file names the class of its length sensors.
     """
-    kind = LENGTH_CLASSES[machine.config.imperfections.sensors.length]
-    noise = machine.config.servo.length_noise if kind.noise is None else kind.noise
-    return noise * (machine.longest_moment_arms if kind.of_angle else np.ones(machine.joint_count))
+    kind, arms = (
+        select_length_class(machine.config.imperfections.sensors),
+        machine.longest_moment_arms,
+    )
+    noise = np.full(machine.joint_count, machine.config.servo.length_noise)
+    if kind.noise is not None:
+        noise = kind.noise * arms
+    return LengthErrors(noise, kind.offset * arms, kind.drift * arms)
 
 
 def build_channels(
@@ -171,27 +221,24 @@ def build_channels(
         float64[4 n + 1 + m], [m, Pa or m³/s].
     """
     n, m = machine.joint_count, machine.arrays.module_count
-    config = machine.config.servo
     fitted = machine.config.imperfections.sensors
-    full = compute_full_pump_flow(machine)
-    lengths = LENGTH_CLASSES[fitted.length]
-    length_unit = machine.longest_moment_arms if lengths.of_angle else 1.0
+    lengths, full = compute_length_errors(machine), compute_full_pump_flow(machine)
+    pressure = PRESSURE_CLASSES[fitted.pressure].scale(machine.config.servo.pressure_noise)
     kinds = (
-        (n, lengths, config.length_noise, length_unit),
-        (3 * n + 1, PRESSURE_CLASSES[fitted.pressure], config.pressure_noise, 1.0),
-        (m, PUMP_SPEED[fitted.pump_speed], 0.0, full),
+        (n, lengths.noise, select_length_class(fitted).resolution, lengths.offset, lengths.drift),
+        (3 * n + 1, *pressure),
+        (m, *PUMP_SPEED[fitted.pump_speed].scale(0.0, full)),
     )
-    channels, noise, first = (
+    channels, noises, first = (
         create_records(SensorChannel, 4 * n + 1 + m),
         np.zeros(4 * n + 1 + m),
         0,
     )
-    for count, kind, of_file, unit in kinds:
+    for count, noise, resolution, offset, drift in kinds:
         own = slice(first, first + count)
-        noise[own] = unit * (of_file if kind.noise is None else kind.noise)
-        channels["resolution"][own] = unit * kind.resolution
-        channels["offset"][own] = unit * kind.offset * random.standard_normal(count)
-        drift = unit * kind.drift * random.standard_normal(count)
-        channels["drift"][own] = drift * period
+        noises[own] = noise
+        channels["resolution"][own] = resolution
+        channels["offset"][own] = offset * random.standard_normal(count)
+        channels["drift"][own] = drift * random.standard_normal(count) * period
         first += count
-    return channels, noise
+    return channels, noises

@@ -76,6 +76,39 @@ def test_inertial_sensors_err_by_angles(machine: Machine) -> None:
     np.testing.assert_allclose(np.degrees(a_minute.std(axis=0) / arms), 0.5, rtol=0.15)
 
 
+def test_a_file_may_name_the_deviations_of_its_angles(machine: Machine) -> None:
+    own = {"angle_noise": 2e-3, "angle_offset": 1e-2, "angle_drift": 3e-4}
+    plant = with_sensors(machine, "encoder_13_bit", "file", "exact").with_values(
+        {f"imperfections.sensors.{key}": value for key, value in own.items()}
+    )
+    n, draws, period = machine.joint_count, 400, 0.02
+    channels, noise = zip(
+        *(build_channels(plant, np.random.default_rng(seed), period) for seed in range(draws)),
+        strict=True,
+    )
+    a = machine.arrays
+    angles = np.linspace(a.joint_min, a.joint_max, 2001)
+    lengths = np.array([machine.cylinder_lengths(q) for q in angles])
+    arms = np.abs(np.diff(lengths, axis=0) / np.diff(angles, axis=0)).max(axis=0)
+    np.testing.assert_allclose(noise[0][:n] / arms, 2e-3, rtol=1e-3)
+    offsets, drifts = (
+        np.array([each[key][:n] for each in channels]).std(axis=0) / arms
+        for key in ("offset", "drift")
+    )
+    np.testing.assert_allclose(offsets, 1e-2, rtol=0.15)
+    np.testing.assert_allclose(drifts, 3e-4 * period, rtol=0.15)
+    np.testing.assert_allclose(channels[0]["resolution"][:n], 2.0 * np.pi / 2**13)
+
+
+def test_noise_of_length_sensors_may_be_left_out_of_a_class(machine: Machine) -> None:
+    silent = with_sensors(machine, "imu", "file", "exact").with_values(
+        {"imperfections.sensors.angle_noise": 0.0}
+    )
+    channels, noise = build_channels(silent, np.random.default_rng(0), 0.02)
+    assert not noise[: machine.joint_count].any()
+    assert channels["drift"][: machine.joint_count].all()
+
+
 def test_a_sensor_keeps_its_offset_with_the_seed(machine: Machine) -> None:
     plant = with_sensors(machine, "file", "industrial", "exact")
     one, same, other = (

@@ -29,6 +29,7 @@ from mhsb_planner.posture.grid import list_grid_nodes
 from mhsb_sim.circuit.valves.registry import read_valve_sections
 from mhsb_sim.simulation.fault_detection import SupervisionLimits
 from mhsb_sim.simulation.fault_isolation import compute_frozen_length_time
+from mhsb_sim.simulation.sensors import select_length_class
 from mhsb_tools.commands.machine_doubts import list_doubts
 from mhsb_tools.moves.operating_regions import OperatingRegions
 from mhsb_tools.moves.workspace_drawing import draw_workspace_picture
@@ -175,15 +176,21 @@ def _length_sensor_facts(machine: Machine) -> dict[str, Any]:
 
         - class: name in the machine file
         - rate_hz: readings in a second
+        - noise_rad, offset_rad, drift_rad_s: standard deviations of the joint angle; noise is None
+          if the file gives it for lengths
         - frozen_found_s: longest time in which the simulator's supervision finds a frozen sensor,
           with its default limits, while the fastest piston moves at V_max; None if it does not
     """
     sensors = machine.config.imperfections.sensors
     _, limit = SupervisionLimits.for_controller(default_controller(machine)).frozen_length
     time = compute_frozen_length_time(machine, limit)
+    kind = select_length_class(sensors)
     return {
         "class": sensors.length,
         "rate_hz": sensors.rate or 1.0 / machine.config.simulation.step,
+        "noise_rad": kind.noise,
+        "offset_rad": kind.offset,
+        "drift_rad_s": kind.drift,
         "frozen_found_s": time if math.isfinite(time) else None,
     }
 
@@ -203,7 +210,19 @@ def _sensor_and_valve_lines(sensors: dict[str, Any], dead_bands: list[float]) ->
     found = "a frozen one is not found by its readings, since they have no noise"
     if time is not None:
         found = f"at V_max a frozen one is found within {1e3 * time:.0f} ms"
-    lines = [f"length sensors '{sensors['class']}' read at {sensors['rate_hz']:g} Hz; {found}"]
+    errors = [
+        f"{math.degrees(unit * value):g}° {words}"
+        for value, unit, words in (
+            (sensors["noise_rad"], 1.0, "of noise"),
+            (sensors["offset_rad"], 1.0, "of offset"),
+            (sensors["drift_rad_s"], 60.0, "a minute of drift"),
+        )
+        if value
+    ]
+    having = f" with {', '.join(errors)}" if errors else ""
+    lines = [
+        f"length sensors '{sensors['class']}' read at {sensors['rate_hz']:g} Hz{having}; {found}"
+    ]
     if any(dead_bands):
         extending, retracting = (f"{100.0 * each:g} %" for each in dead_bands)
         lines.append(

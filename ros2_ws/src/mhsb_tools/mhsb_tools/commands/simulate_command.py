@@ -29,6 +29,7 @@ from mhsb_model.command_line import JsonFlag, OptionalFile, Seed
 from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.goal import format_position
 from mhsb_model.machine import Machine
+from mhsb_model.schema import Sensors
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion.energy import Energy, compute_energy_of_states
@@ -40,7 +41,7 @@ from mhsb_planner.result_files import write_json
 from mhsb_sim.circuit.audit import compute_energy_gap, compute_volume_gap, sum_energy_by_source
 from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.simulation.plant_files import load_plant
-from mhsb_sim.simulation.sensors import LENGTH_CLASSES
+from mhsb_sim.simulation.sensors import select_length_class
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.commands.plan_arguments import POSITION_RANGE, OptionalPayload, change_machine
 from mhsb_tools.commands.zone_arguments import ZoneArguments
@@ -203,7 +204,7 @@ def simulate(
         get_controller_class(simulator.controller_name), LearningController
     ) and not all(each.known for each in simulator.estimates)
     causes = describe_possible_causes(
-        arm, method.estimates_file, plant.config.imperfections.sensors.length, is_learning
+        arm, method.estimates_file, plant.config.imperfections.sensors, is_learning
     )
     for result in missed:
         print(
@@ -268,14 +269,14 @@ def is_missed(result: GoalRun) -> bool:
 
 
 def describe_possible_causes(
-    arm: SimulatedArmArguments, estimates_file: Path | None, sensors: str, is_learning: bool
+    arm: SimulatedArmArguments, estimates_file: Path | None, sensors: Sensors, is_learning: bool
 ) -> str:
     """Describe possible causes of goals that a run has missed.
 
     Args:
         arm: Options for the arm that is simulated.
         estimates_file: Estimates file of the run; None without one.
-        sensors: Class of the simulated length sensors.
+        sensors: The simulated sensors.
         is_learning: Whether the servo learns its valves, and some estimate is not yet known.
 
     Returns:
@@ -283,10 +284,13 @@ def describe_possible_causes(
         sensors do not drift, and the servo has learnt its valves.
     """
     causes = []
-    if drift := LENGTH_CLASSES[sensors].drift:
+    if drift := select_length_class(sensors).drift:
+        own = sensors.angle_drift is not None
+        remedy = "with a smaller angle_drift" if own else "such as encoder_13_bit"
         causes.append(
-            f"its length sensors '{sensors}' drift by some {math.degrees(60.0 * drift):g}° a "
-            "minute, which the servo cannot see: fit others, such as encoder_13_bit"
+            f"its length sensors '{sensors.length}' drift by some "
+            f"{math.degrees(60.0 * drift):g}° a minute, which the servo cannot see: fit others, "
+            f"{remedy}"
         )
     if is_learning:
         file = (

@@ -247,6 +247,28 @@ def test_the_report_says_how_soon_a_frozen_sensor_is_found(rate, speed, millisec
     assert check.collect_facts(quiet)["length_sensors"]["frozen_found_s"] is None
 
 
+@pytest.mark.parametrize(
+    ("sensors", "errors"),
+    [
+        ({"length": "imu"}, " with 0.1° of noise, 0.5° a minute of drift"),
+        (
+            {"length": "imu", "angle_noise": 0.0, "angle_drift": np.radians(0.2) / 60.0},
+            " with 0.2° a minute of drift",
+        ),
+        (
+            {"angle_noise": np.radians(0.3), "angle_offset": np.radians(1.0)},
+            " with 0.3° of noise, 1° of offset",
+        ),
+        ({"length": "encoder_13_bit"}, ""),
+    ],
+)
+def test_the_report_gives_noise_offset_and_drift_of_angles(machine, sensors, errors):
+    keys = {f"imperfections.sensors.{key}": value for key, value in sensors.items()}
+    text = "\n".join(check.format_report(machine.with_values(keys)))
+    kind = sensors.get("length", "file")
+    assert f"length sensors '{kind}' read at 1000 Hz{errors}; " in text
+
+
 def test_the_report_names_dead_bands(machine):
     assert "dead bands" not in "\n".join(check.format_report(machine))
     text = "\n".join(check.format_report(load_machine("excavator_1to14")))

@@ -1,6 +1,7 @@
 """The sentences of the simulate command."""
 
 import json
+import math
 from dataclasses import fields
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 
 from mhsb_control.estimates_file import EstimatesFileError
 from mhsb_model.command_line import run
+from mhsb_model.schema import Sensors
 from mhsb_tools.commands import simulate_command
 from mhsb_tools.commands.simulate_command import (
     MethodArguments,
@@ -28,20 +30,20 @@ OTHER_ARM = (
 @pytest.mark.parametrize(
     ("arm", "file", "sensors", "is_learning", "causes"),
     [
-        (SimulatedArmArguments(), None, "file", False, ""),
-        (SimulatedArmArguments(vary=("payload=2",)), None, "file", False, OTHER_ARM),
-        (SimulatedArmArguments(plant=Path("old.yaml")), None, "file", False, OTHER_ARM),
+        (SimulatedArmArguments(), None, {"length": "file"}, False, ""),
+        (SimulatedArmArguments(vary=("payload=2",)), None, {"length": "file"}, False, OTHER_ARM),
+        (SimulatedArmArguments(plant=Path("old.yaml")), None, {"length": "file"}, False, OTHER_ARM),
         (
             SimulatedArmArguments(),
             None,
-            "file",
+            {"length": "file"},
             True,
             "; the servo is still learning its valves: run again with --estimates-file FILE, twice",
         ),
         (
             SimulatedArmArguments(vary=("payload=2",)),
             Path("learnt.yaml"),
-            "file",
+            {"length": "file"},
             True,
             "; the servo is still learning its valves: run again with the same --estimates-file "
             f"learnt.yaml{OTHER_ARM}",
@@ -49,17 +51,26 @@ OTHER_ARM = (
         (
             SimulatedArmArguments(),
             Path("learnt.yaml"),
-            "imu",
+            {"length": "imu"},
             False,
             "; its length sensors 'imu' drift by some 0.5° a minute, which the servo cannot see: "
             "fit others, such as encoder_13_bit",
+        ),
+        (
+            SimulatedArmArguments(),
+            Path("learnt.yaml"),
+            {"length": "imu", "angle_drift": math.radians(2.0) / 60.0},
+            False,
+            "; its length sensors 'imu' drift by some 2° a minute, which the servo cannot see: "
+            "fit others, with a smaller angle_drift",
         ),
     ],
 )
 def test_the_causes_of_a_missed_goal_are_those_that_the_run_can_have(
     arm, file, sensors, is_learning, causes
 ):
-    assert describe_possible_causes(arm, file, sensors, is_learning) == causes
+    fitted = Sensors.model_validate(sensors)
+    assert describe_possible_causes(arm, file, fitted, is_learning) == causes
 
 
 @pytest.mark.parametrize(("count", "times"), [(0, "0 times"), (1, "once"), (2, "2 times")])
