@@ -12,10 +12,11 @@ difference:
 
     p(v) = ½ (v/V)^(1/γ) + ½ v/V,    b(v) = ½ (v/V)^(1/γ) − ½ v/V
 
-The initial covariance P₀ says how the real curve may differ from p: by a dead band, a gain, an
-exponent, and single knots.
+If the machine file declares a table of the valve's curve, p is that curve with its dead band, and b
+is 0. The initial covariance P₀ says how the real curve may differ from p: by a dead band, a gain,
+an exponent, and single knots.
 
-    P₀ = σ_d² 1 1ᵀ + σ_g² p pᵀ + b bᵀ + (σ_b c)² I,    c = V_max/V
+    P₀ = σ_d² 1 1ᵀ + σ_g² (p − p(0)) (p − p(0))ᵀ + b bᵀ + (σ_b c)² I,    c = V_max/V
 
 So one pair moves the whole curve. The covariance returns to P₀ with the time constant
 of forgetting, so that it neither vanishes nor grows. Precision is relative to c, the share of the
@@ -147,13 +148,21 @@ class InverseCurve:
             value.
     """
 
-    def __init__(self, full_speed: float, max_speed: float, settings: ResponseSettings) -> None:
-        """Build the mean of the two assumed curves, without a dead band.
+    def __init__(
+        self,
+        full_speed: float,
+        max_speed: float,
+        settings: ResponseSettings,
+        declared: FloatArray | None = None,
+    ) -> None:
+        """Build the declared curve, or the mean of the two assumed curves without a dead band.
 
         Args:
             full_speed: Assumed speed at the full command [m/s].
             max_speed: Speed limit of the actuator, which scales the knots [m/s].
             settings: Tuned numbers.
+            declared: Commands at the knots by the table of the machine file, not decreasing,
+                float64[k]; None without a table.
         """
         self._settings = settings
         self.speeds: FloatArray = SPEED_KNOTS * max_speed
@@ -161,11 +170,15 @@ class InverseCurve:
         bent = straight ** (1.0 / settings.max_exponent)
         half = 0.5 * (bent - straight)
         self.commands: FloatArray = straight + half
-        self._unit = max_speed / full_speed
         self._min_steps = settings.min_slope_ratio * np.diff(straight)
+        if declared is not None:
+            self.commands, half = declared, np.zeros(len(declared))
+            self._keep_increasing()
+        self._unit = max_speed / full_speed
+        driving = self.commands - self.commands[0]
         self._prior = (
             settings.dead_band_deviation**2
-            + settings.gain_deviation**2 * np.outer(self.commands, self.commands)
+            + settings.gain_deviation**2 * np.outer(driving, driving)
             + np.outer(half, half)
             + (settings.bend_deviation * self._unit) ** 2 * np.eye(len(self.speeds))
         )

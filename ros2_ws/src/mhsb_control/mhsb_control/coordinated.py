@@ -56,7 +56,11 @@ from mhsb_control.valve_estimate import (
     shift_opening,
 )
 from mhsb_model.arm_reports import Estimate
-from mhsb_model.circuit.elements import compute_null_leakage, compute_orifice_flow
+from mhsb_model.circuit.elements import (
+    compute_metering_flow,
+    compute_null_leakage,
+    compute_orifice_flow,
+)
 from mhsb_model.circuit.quantities import ActuatorState, CircuitConstants, CylinderConstants
 from mhsb_model.hydraulics import inlet_area, load_pressure
 from mhsb_model.kernels.bound_kernel import bind_kernel
@@ -391,8 +395,9 @@ def compute_speed_gain(
         cap_drop, rod_drop = line - cap_pressure, rod_pressure - c.tank_pressure
     else:
         cap_drop, rod_drop = cap_pressure - c.tank_pressure, line - rod_pressure
-    cap_flow, cap_slope = compute_orifice_flow(k, max(cap_drop, 0.0), c.laminar_pressure)
-    rod_flow, rod_slope = compute_orifice_flow(k, max(rod_drop, 0.0), c.laminar_pressure)
+    laminar, kept = c.laminar_pressure, c.compensated_drop
+    cap_flow, cap_slope = compute_metering_flow(k, max(cap_drop, 0.0), laminar, kept)
+    rod_flow, rod_slope = compute_metering_flow(k, max(rod_drop, 0.0), laminar, kept)
     gain = cap_gain * max(cap_flow, smallest) + rod_gain * max(rod_flow, smallest)
     decay = cap_gain * cap_gain * cap_slope + rod_gain * rod_gain * rod_slope
     return gain / axis.stiffness, decay / axis.stiffness

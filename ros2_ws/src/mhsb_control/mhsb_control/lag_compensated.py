@@ -39,7 +39,12 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from mhsb_control.actuator_response import DelayEstimate, InverseCurve, ResponseSettings
+from mhsb_control.actuator_response import (
+    SPEED_KNOTS,
+    DelayEstimate,
+    InverseCurve,
+    ResponseSettings,
+)
 from mhsb_control.cascade import joins_rail
 from mhsb_control.controller import REFERENCE_POINTS, ServoSignals
 from mhsb_control.estimates_file import ActuatorResponse
@@ -58,6 +63,7 @@ from mhsb_model.schema import (
     DEFAULT_EXPECTED_DELAY,
     ExpectedDelay,
     Gain,
+    Imperfections,
     NonNegative,
     Section,
 )
@@ -170,6 +176,7 @@ class LagCompensatedAxis:
         settings: LagCompensationSettings = LagCompensationSettings(),
         ends: tuple[float, float] = (-math.inf, math.inf),
         frequency: float = math.inf,
+        declared: tuple[FloatArray | None, FloatArray | None] = (None, None),
     ) -> None:
         """Build the law without past commands and lengths.
 
@@ -183,6 +190,8 @@ class LagCompensatedAxis:
             ends: Two lengths of the cylinder [m]. Below the first, nothing is learnt while the
                 piston retracts. Above the second, nothing is learnt while the piston extends.
             frequency: Lowest natural frequency of the joint on the oil of its cylinder [rad/s].
+            declared: Commands at the knots of both curves by the machine file's table, float64[k];
+                None without a table.
         """
         self._ends = ends
         self._gains, self._settings, self._max_speed = gains, settings, max_speed
@@ -196,7 +205,10 @@ class LagCompensatedAxis:
         self._window = max(oscillation, self._brief)
         driven = settings.response.min_driven_ratio * self._brief / self._window  # by equal strokes
         response = replace(settings.response, min_driven_ratio=driven)
-        self.curves = tuple(InverseCurve(v, max_speed, response) for v in full_speeds)
+        self.curves = tuple(
+            InverseCurve(v, max_speed, response, commands)
+            for v, commands in zip(full_speeds, declared, strict=True)
+        )
         longest = settings.response.max_delay
         settling = max(settings.standing_delays * longest, settings.settling_time)
         kept = max(2.0 * longest, longest + settling)
@@ -373,6 +385,35 @@ class LagCompensatedAxis:
             curve.raise_dead_band(float(np.abs(since).min()), 1.0 / self._brief)
 
 
+def compute_declared_commands(
+    valves: Imperfections, max_speed: float, full_speeds: tuple[float, float]
+) -> tuple[FloatArray | None, FloatArray | None]:
+    """Compute the commands for the speeds of a curve's knots by the table of the machine file.
+
+        u = o + (1 − o) T⁻¹(v/V)^(1/n)
+
+    o is the overlap, T the table, n the exponent of the opening, and V the speed at the full
+    command. A speed beyond V has the command 1.
+
+    Args:
+        valves: Section `imperfections` of the machine file.
+        max_speed: Speed limit of the actuator, which scales the knots [m/s].
+        full_speeds: Assumed piston speeds at the full command, extending and retracting [m/s].
+
+    Returns:
+        Commands for extension and retraction, float64[k] each; None without a table.
+    """
+    found: list[FloatArray | None] = []
+    for curve, overlap, fastest in zip(valves.curves, valves.overlaps, full_speeds, strict=True):
+        if curve is None:
+            found.append(None)
+            continue
+        strokes, openings = np.array(curve).T
+        stroke = np.interp(SPEED_KNOTS * max_speed / fastest, openings, strokes)
+        found.append(overlap + (1.0 - overlap) * stroke ** (1.0 / valves.valve_exponent))
+    return found[0], found[1]
+
+
 class LagCompensatedController:
     """Controller that sends commands ahead by the delay of the machine, without pressure sensors.
 
@@ -395,9 +436,10 @@ class LagCompensatedController:
     def __init__(self, machine: Machine, signals: ServoSignals, gains: LagCompensatedGains) -> None:
         """Build the control law of each actuator.
 
-        Each law starts with a straight curve of piston speed over command, from the valve data of
-        the machine file. At the full command, an unloaded piston is assumed, and the main pump's
-        pressure as supply.
+        Each law starts with a curve of piston speed over command from the valve data of the machine
+        file, and with the dead band and the bend of a declared table (`compute_declared_commands`).
+        At the full command, an unloaded piston is assumed, and the main pump's pressure as supply.
+        With pressure compensators, the speed is at most that of the compensated flow.
 
         Args:
             machine: The machine as declared in its file (the real one may differ).
@@ -412,14 +454,17 @@ class LagCompensatedController:
         self._spacing = self.preview / PREVIEW_POINT
         supply, tank = arrays.supply_pressure, arrays.tank_pressure
         frequencies, _ = find_joint_frequency_ranges(machine)
+        largest_drop = machine.config.hydraulics.valve.largest_drop
         self.axes = []
         for j in range(machine.joint_count):
             valve = arrays.valve_coefficient[j], arrays.cap_area[j], arrays.rod_area[j]
+            compensated = math.sqrt(largest_drop) * valve[0] / valve[1]
             full_speeds = (
-                compute_extension_speed(*valve, supply, tank, 0.0),
-                compute_retraction_speed(*valve, supply, tank, 0.0),
+                min(compute_extension_speed(*valve, supply, tank, 0.0), compensated),
+                min(compute_retraction_speed(*valve, supply, tank, 0.0), compensated),
             )
             fastest, period = float(arrays.max_piston_speed[j]), self._steps * step
+            declared = compute_declared_commands(machine.config.imperfections, fastest, full_speeds)
             shortest, longest = (
                 float(signals.circuit.cylinders[end][j]) for end in ("min_length", "max_length")
             )
@@ -428,7 +473,7 @@ class LagCompensatedController:
             frequency = float(frequencies[j])
             self.axes.append(
                 LagCompensatedAxis(
-                    full_speeds, fastest, period, gains, self.settings, ends, frequency
+                    full_speeds, fastest, period, gains, self.settings, ends, frequency, declared
                 )
             )
 

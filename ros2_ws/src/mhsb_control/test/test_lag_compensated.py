@@ -392,6 +392,83 @@ def test_it_reads_the_reference_ahead_by_its_delay():
         assert speed == pytest.approx(moment_arm(row, q) * 0.6 * time, abs=1e-12)
 
 
+TABLE = ((0.0, 0.0), (0.3, 0.1), (0.6, 0.8), (1.0, 1.0))
+
+
+def test_a_declared_curve_is_the_first_estimate():
+    machine = load_machine("excavator_1to14").with_values(
+        {
+            "imperfections.valve_curve": TABLE,
+            "imperfections.valve_curve_retracting": ((0.0, 0.0), (1.0, 1.0)),
+            "imperfections.valve_overlap": 0.2,
+            "imperfections.valve_overlap_retracting": 0.3,
+            "imperfections.valve_exponent": 1.0,
+        }
+    )
+    m, axis = (
+        machine.arrays,
+        make_controller("lag_compensated", machine, build_signals(machine)).axes[0],
+    )
+    k, cap, rod = m.valve_coefficient[0], m.cap_area[0], m.rod_area[0]
+    root = math.sqrt(cap**3 + rod**3)
+    full = (
+        k * math.sqrt(cap * m.supply_pressure - rod * m.tank_pressure) / root,
+        k * math.sqrt(rod * m.supply_pressure - cap * m.tank_pressure) / root,
+    )
+    speeds = axis.curves[0].speeds[1:-1]
+    for curve, overlap, straight in zip(axis.curves, (0.2, 0.3), (False, True), strict=True):
+        share = speeds / full[int(straight)]
+        stroke = share if straight else np.interp(share, *np.array(TABLE).T[::-1])
+        found = [curve.command_at(speed) for speed in speeds]
+        assert found == pytest.approx(overlap + (1.0 - overlap) * stroke, abs=1e-12)
+        assert curve.command_at(0.0) == pytest.approx(overlap)
+        assert curve.known_speed == 0.0
+
+
+def test_an_axis_with_a_declared_curve_follows_before_it_has_learnt():
+    valve, errors = Valve((0.3, 0.35), FULL_SPEEDS, 1.6, 0.1, 0.05, 100.0), []
+    for is_declared in (False, True):
+        axis = build_axis(valve)
+        if is_declared:
+            axis = LagCompensatedAxis(
+                FULL_SPEEDS,
+                MAX_SPEED,
+                0.01,
+                LagCompensatedGains(),
+                declared=tuple(
+                    np.array([valve.command(v, side) for v in axis.curves[side].speeds])
+                    for side in (0, 1)
+                ),
+            )
+        axis.delay.delay = valve.delay + valve.lag
+        law, length, spool, off = follow(axis, 0.02), 0.0, 0.0, []
+        under_way = [0.0] * round(valve.delay / 0.01)
+        for step in range(400):
+            under_way.append(law(RESOLUTION * round(length / RESOLUTION), step * 0.01))
+            spool += (under_way.pop(0) - spool) * (1.0 - math.exp(-0.01 / valve.lag))
+            length += valve.speed(spool) * 0.01
+            off.append(length - to_and_fro((step + 1) * 0.01, 0.02)[0])
+        errors.append(1e3 * float(np.sqrt(np.mean(np.square(off)))))
+    assert errors[1] < 1.5
+    assert errors[1] < 0.2 * errors[0]
+
+
+def test_compensated_valves_limit_the_assumed_full_speed():
+    kept = 2e5
+    machine = load_machine("excavator_1to14").with_values(
+        {"hydraulics.valve.compensated_drop": kept, "imperfections.valve_curve": [[0, 0], [1, 1]]}
+    )
+    m = machine.arrays
+    controller = make_controller("lag_compensated", machine, build_signals(machine))
+    for j, axis in enumerate(controller.axes):
+        full = m.valve_coefficient[j] * math.sqrt(kept) / m.cap_area[j]
+        speed = 0.5 * m.max_piston_speed[j]
+        for curve, overlap in zip(axis.curves, (0.2, 0.3), strict=True):
+            opening = (speed / full) ** (1.0 / 1.3)
+            wanted = overlap + (1.0 - overlap) * opening
+            assert curve.command_at(speed) == pytest.approx(wanted, rel=0.03)  # between knots
+
+
 def test_pumps_deliver_what_the_pistons_take():
     machine = load_machine()
     signals = build_signals(machine)

@@ -143,7 +143,11 @@ def make_machine_arrays(config: MachineConfig) -> MachineArrays:
     """Convert a configuration into the flat arrays that kernels take.
 
     If joint 1 slews, its link is the platform. In the plane this link has no length, mass and
-    inertia. Each actuator's V_max is the smaller of its own and the common one.
+    inertia. Each actuator's V_max is the smallest of its own, the common one, and the speed of a
+    fully open valve with pressure compensators. Their edges pass at most K √Δp_k, and the cap side
+    takes the larger flow in both directions:
+
+        v ≤ K √Δp_k / A
 
     Args:
         config: Content of the machine file.
@@ -159,7 +163,12 @@ def make_machine_arrays(config: MachineConfig) -> MachineArrays:
         collect_actuator_values(config, name)
         for name in ("rated_flow", "rated_pressure_drop_per_land")
     )
-    fastest = collect_actuator_values(config, "max_piston_speed")
+    fastest = np.minimum(
+        np.minimum(
+            collect_actuator_values(config, "max_piston_speed"), config.motion.max_piston_speed
+        ),
+        rated_flow * np.sqrt(oil.valve.largest_drop / drop) / area[:, 0],
+    )
 
     def collect_link_values(name: str) -> FloatArray:
         """Return one property of every link, such as its mass; 0 for a slewing platform.
@@ -206,7 +215,7 @@ def make_machine_arrays(config: MachineConfig) -> MachineArrays:
         leakage_flow=leakage,
         land_leakage=land_leakage,
         external_leakage=0.0,
-        max_piston_speed=frozen(np.minimum(fastest, config.motion.max_piston_speed)),
+        max_piston_speed=frozen(fastest),
         max_piston_acceleration=config.motion.max_piston_acceleration,
         max_piston_jerk=config.motion.max_piston_jerk,
     )

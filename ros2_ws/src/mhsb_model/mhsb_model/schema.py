@@ -44,6 +44,8 @@ Gain = Annotated[float, Field(ge=1e-4, le=1e4)]
 ValveFlow = Annotated[float, Field(ge=1e-10, le=0.1)]
 ValveDrop = Annotated[float, Field(ge=1, le=5e7)]
 PistonSpeed = Annotated[float, Field(ge=1e-4, le=1)]
+ValveCurve = tuple[tuple[float, float], ...]
+"""Curve of a valve: pairs (share of the stroke beyond the overlap, share of the full opening)."""
 ValveName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
 Weight = Annotated[float, Field(ge=0, le=1e6)]
 """Weight of energy [1/J], time [1/s] or mode switches [-] in the cost of a plan."""
@@ -411,6 +413,17 @@ class Valve(Section):
         description="share of leakage_flow that passes the work ports, over the lands of the "
         "spool; loads then sink through a closed valve [-]",
     )
+    compensated_drop: ValveDrop | None = Field(
+        default=None,
+        exclude_if=lambda given: given is None,
+        description="largest drop over one edge, which pressure compensators keep, so that the "
+        "flow does not depend on the load [Pa]; without compensators when left out",
+    )
+
+    @property
+    def largest_drop(self) -> float:
+        """Largest pressure drop over one metering edge [Pa]; inf without compensators."""
+        return math.inf if self.compensated_drop is None else self.compensated_drop
 
 
 class Hydraulics(Section):
@@ -653,6 +666,30 @@ class Sensors(Section):
         description="encoders round joint angles; inertial sensors have 0.1° of noise and drift by "
         "0.5° a minute (standard deviations), which no servo corrects",
     )
+    angle_noise: float | None = Field(
+        default=None,
+        ge=0,
+        le=1,
+        exclude_if=lambda given: given is None,
+        description="of each reading of a joint, standard deviation, in m for telescopes; that of "
+        "the class when left out [rad]",
+    )
+    angle_offset: float | None = Field(
+        default=None,
+        ge=0,
+        le=1,
+        exclude_if=lambda given: given is None,
+        description="of joints' readings at the start, standard deviation among sensors, in m for "
+        "telescopes; that of the class when left out [rad]",
+    )
+    angle_drift: float | None = Field(
+        default=None,
+        ge=0,
+        le=0.1,
+        exclude_if=lambda given: given is None,
+        description="of joints' readings, standard deviation among sensors, in m/s for telescopes; "
+        "that of the class when left out [rad/s]",
+    )
     pressure: Literal["file", "laboratory", "industrial", "none"] = "file"
     pump_speed: Literal["exact", "resolver"] = "exact"
     rate: float | None = Field(
@@ -666,31 +703,6 @@ class Sensors(Section):
 
 class Imperfections(Section):
     """Imperfections of real machines. Each one is off if it is left out."""
-
-    angle_noise: float | None = Field(
-        default=None,
-        ge=0,
-        le=1,
-        exclude_if=lambda given: given is None,
-        description="of each reading of a joint, standard deviation [rad], of telescopes [m]; that "
-        "of the class when left out",
-    )
-    angle_offset: float | None = Field(
-        default=None,
-        ge=0,
-        le=1,
-        exclude_if=lambda given: given is None,
-        description="of joints' readings at the start, standard deviation among sensors [rad], of "
-        "telescopes [m]; that of the class when left out",
-    )
-    angle_drift: float | None = Field(
-        default=None,
-        ge=0,
-        le=0.1,
-        exclude_if=lambda given: given is None,
-        description="of joints' readings, standard deviation among sensors [rad/s], of telescopes "
-        "[m/s]; that of the class when left out",
-    )
 
     valve_overlap: float = Field(
         default=0.0, ge=0, le=0.5, description="of a spool, share of its stroke [-]"
@@ -708,6 +720,21 @@ class Imperfections(Section):
         le=3,
         exclude_if=lambda given: given == 1.0,
         description="of the opening over the stroke beyond the overlap [-]",
+    )
+    valve_curve: ValveCurve | None = Field(
+        default=None,
+        min_length=2,
+        max_length=64,
+        exclude_if=lambda given: given is None,
+        description="pairs [share of the stroke beyond the overlap, share of the full opening] "
+        "from [0, 0] to [1, 1], both rising; a straight line when left out [-]",
+    )
+    valve_curve_retracting: ValveCurve | None = Field(
+        default=None,
+        min_length=2,
+        max_length=64,
+        exclude_if=lambda given: given is None,
+        description="of spools that retract the piston; valve_curve when left out [-]",
     )
     valve_hysteresis: float = Field(
         default=0.0, ge=0, le=0.5, description="of a spool, width as a share of its stroke [-]"
@@ -734,6 +761,11 @@ class Imperfections(Section):
         """Overlap of a spool that extends and of one that retracts, shares of its stroke."""
         retracting = self.valve_overlap_retracting
         return self.valve_overlap, self.valve_overlap if retracting is None else retracting
+
+    @property
+    def curves(self) -> tuple[ValveCurve | None, ValveCurve | None]:
+        """Curve of a spool that extends and of one that retracts; None for a straight line."""
+        return self.valve_curve, self.valve_curve_retracting or self.valve_curve
 
 
 HoldsFor = Literal["arm", "tip"]

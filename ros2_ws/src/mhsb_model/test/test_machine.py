@@ -288,6 +288,72 @@ def test_kinds_of_joints_that_there_are_not_are_refused_by_name(load):
     assert problem.startswith("joints.2.kind: 'screw' is not one of revolute, prismatic, slew")
 
 
+@pytest.mark.parametrize(
+    ("curve", "problem"),
+    [
+        (
+            [[0, 0], [0.5, 0.6], [0.5, 0.8], [1, 1]],
+            "[0.5, 0.8] does not lie above [0.5, 0.6] in both",
+        ),
+        (
+            [[0, 0], [0.5, 0.6], [0.7, 0.6], [1, 1]],
+            "[0.7, 0.6] does not lie above [0.5, 0.6] in both",
+        ),
+        ([[0.2, 0], [1, 1]], "it goes from [0.2, 0.0] to [1.0, 1.0]"),
+        ([[0, 0], [63, 95]], "it goes from [0.0, 0.0] to [63.0, 95.0]"),
+    ],
+)
+@pytest.mark.parametrize("key", ["valve_curve", "valve_curve_retracting"])
+def test_a_curve_of_a_valve_that_does_not_rise_from_0_to_1_is_refused(key, curve, problem):
+    with pytest.raises(MachineFileError) as refused:
+        load_machine().with_values({f"imperfections.{key}": curve})
+    [told] = refused.value.problems
+    assert told == (
+        f"imperfections.{key}: pairs [stroke beyond the overlap, opening] must rise from [0, 0] to "
+        f"[1, 1], and {problem}; give both as shares, in rising order"
+    )
+
+
+def test_a_curve_with_one_point_or_three_numbers_in_a_point_is_refused():
+    for curve in ([[0, 0]], [[0, 0, 0], [1, 1, 1]]):
+        with pytest.raises(MachineFileError, match=r"imperfections\.valve_curve"):
+            load_machine().with_values({"imperfections.valve_curve": curve})
+
+
+def test_a_retracting_spool_has_the_common_curve_unless_it_has_its_own():
+    common, own = ((0.0, 0.0), (0.4, 0.2), (1.0, 1.0)), ((0.0, 0.0), (0.5, 0.8), (1.0, 1.0))
+    machine = load_machine()
+    assert machine.config.imperfections.curves == (None, None)
+    one = machine.with_values({"imperfections.valve_curve": common})
+    assert one.config.imperfections.curves == (common, common)
+    two = one.with_values({"imperfections.valve_curve_retracting": own})
+    assert two.config.imperfections.curves == (common, own)
+    three = machine.with_values({"imperfections.valve_curve_retracting": own})
+    assert three.config.imperfections.curves == (None, own)
+
+
+def test_compensated_valves_limit_the_planned_speed_of_both_directions():
+    machine = load_machine()
+    m, rated = machine.arrays, machine.config.hydraulics.valve
+    kept = 2e2  # Pa
+    slow = machine.with_values({"hydraulics.valve.compensated_drop": kept})
+    root = np.sqrt(kept / rated.rated_pressure_drop_per_land)
+    np.testing.assert_allclose(
+        slow.arrays.max_piston_speed, rated.rated_flow * root / m.cap_area, rtol=1e-12
+    )
+    assert np.all(slow.arrays.max_piston_speed < m.max_piston_speed)
+    usual = machine.with_values({"hydraulics.valve.compensated_drop": 7e5})
+    assert np.array_equal(usual.arrays.max_piston_speed, m.max_piston_speed)
+    assert usual.planning_hash != machine.planning_hash
+
+
+def test_new_keys_of_valves_and_sensors_are_left_out_of_a_file_without_them():
+    content = load_machine().config.model_dump(mode="json")
+    assert "compensated_drop" not in content["hydraulics"]["valve"]
+    assert not any("curve" in key for key in content["imperfections"])
+    assert not any("angle" in key for key in content["imperfections"]["sensors"])
+
+
 def test_a_joint_without_its_kind_and_useless_kept_joints_are_told_at_once(load):
     def spoil(content):
         version_2(content)

@@ -51,6 +51,72 @@ def test_each_direction_has_its_dead_band_and_a_bent_curve(machine, direction):
     assert opening == pytest.approx(direction * (0.2 / (1.0 - dead)) ** 1.3)
 
 
+CURVE = ((0.0, 0.0), (0.3, 0.05), (0.6, 0.7), (1.0, 1.0))
+RETRACTING = ((0.0, 0.0), (0.5, 0.9), (1.0, 1.0))
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_the_speed_of_a_piston_follows_the_declared_curve(machine, direction):
+    """An edge kept at one drop passes K y S(Δp); the cap side's edge limits both directions.
+
+    The boom's load resists extension. The loads of arm and bucket resist retraction here.
+    """
+    kept, laminar = 2e5, machine.config.circuit.laminar_pressure
+    plant = machine.with_values(
+        {
+            "imperfections.valve_curve": CURVE,
+            "imperfections.valve_curve_retracting": RETRACTING,
+            "imperfections.valve_exponent": 1.0,
+            "hydraulics.valve.compensated_drop": kept,
+            "hydraulics.valve.leakage_flow": 0.0,
+        }
+    )
+    dead = machine.config.imperfections.overlaps[int(direction < 0.0)]
+    m, curve = machine.arrays, CURVE if direction > 0.0 else RETRACTING
+    flow = m.valve_coefficient * kept / (kept**2 + laminar**2) ** 0.25
+    for share in (0.2, 0.45):
+        command = direction * (dead + share * (1.0 - dead))
+        simulator = Simulator(machine, "lag_compensated", plant=plant)
+        speed = hold_commands(simulator, command, 1.0)
+        opening = np.interp(share, *zip(*curve, strict=True))
+        resists = slice(0, 1) if direction > 0.0 else slice(1, 3)
+        expected = direction * flow * opening / m.cap_area
+        np.testing.assert_allclose(speed[resists], expected[resists], rtol=0.03)
+
+
+@pytest.mark.parametrize("payload", [0.1, 0.6])
+def test_compensated_valves_move_every_load_at_one_speed(machine, payload):
+    kept, laminar = 2e5, machine.config.circuit.laminar_pressure
+    plants = [
+        machine.with_values({"payload.mass": payload, **own})
+        for own in ({"hydraulics.valve.compensated_drop": kept}, {})
+    ]
+    opening = (0.2 / 0.8) ** 1.3
+    compensated, plain = (
+        hold_commands(Simulator(machine, "lag_compensated", plant=plant), 0.4, 1.0)
+        for plant in plants
+    )
+    m = machine.arrays
+    flow = m.valve_coefficient[0] * kept / (kept**2 + laminar**2) ** 0.25
+    assert compensated[0] == pytest.approx(flow * opening / m.cap_area[0], rel=0.03)
+    assert plain[0] > 1.5 * compensated[0]
+
+
+def test_a_straight_curve_and_a_compensator_that_never_throttles_change_nothing(machine):
+    own = {
+        "imperfections.valve_curve": ((0.0, 0.0), (1.0, 1.0)),
+        "hydraulics.valve.compensated_drop": 4e7,
+    }
+    states = []
+    for plant in (machine, machine.with_values(own)):
+        simulator = Simulator(machine, plant=plant)
+        motion = build_motion(simulator.reference.position, 0)
+        simulator.set_plan(motion, ModeSchedule(0, np.array([0]), simulator.modes[None, :]))
+        simulator.advance(6.0)
+        states.append((simulator.joint_state.position, simulator.actuator_states.cap_pressure))
+    np.testing.assert_array_equal(*(np.concatenate(each) for each in states))
+
+
 def test_a_command_acts_after_the_delay_and_the_lag(machine):
     simulator = Simulator(machine, "lag_compensated")
     simulator._control = lambda: None

@@ -19,7 +19,7 @@ from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.records import Records, create_records
 from mhsb_model.schema import Linkage, Motor
-from mhsb_model.types import IntArray
+from mhsb_model.types import FloatArray, IntArray
 
 RATED_BLEED_PRESSURE = 1e7
 """Pressure drop at which the machine file states the flow of the rail's bleed valve [Pa]."""
@@ -74,6 +74,24 @@ def build_cylinders(machine: Machine) -> Records[CylinderConstants]:
 def _list_linkages(machine: Machine) -> list[Linkage]:
     """Return the linkage of each joint, in joint order."""
     return [joint.linkage for joint in machine.config.joints]
+
+
+def build_valve_curves(machine: Machine) -> FloatArray:
+    """Build the curves of the valves, as `elements.apply_valve_curve` takes them.
+
+    Args:
+        machine: Machine whose file describes the circuit.
+
+    Returns:
+        Curves of spools that extend and that retract, float64[2, 2, k]. Row 0 of each has the
+        shares of the stroke beyond the overlap, and row 1 the shares of the full opening. The
+        shorter curve is filled up with (1, 1). A straight line has the points (0, 0) and (1, 1).
+    """
+    curves = [curve or ((0.0, 0.0), (1.0, 1.0)) for curve in machine.config.imperfections.curves]
+    table = np.ones((2, max(map(len, curves)), 2))
+    for own, curve in zip(table, curves, strict=True):
+        own[: len(curve)] = curve
+    return np.ascontiguousarray(table.transpose(0, 2, 1))
 
 
 def build_actuators(machine: Machine) -> Records[ActuatorState]:
@@ -294,6 +312,7 @@ def _compute_servo_valve_constants(
         "valve_overlap": real.overlaps[0],
         "valve_overlap_retracting": real.overlaps[1],
         "valve_exponent": real.valve_exponent,
+        "compensated_drop": valve.largest_drop,
         "valve_hysteresis": real.valve_hysteresis,
         "spool_rate": real.spool_rate or math.inf,
         "spool_00": spool[0],

@@ -15,6 +15,7 @@ import math
 
 from mhsb_model.circuit.quantities import CircuitConstants, CylinderConstants
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.types import FloatArray
 
 
 @kernel(inline="always")
@@ -323,6 +324,61 @@ def compute_valve_opening(spool: float, overlap: float, exponent: float = 1.0) -
     if exponent != 1.0:
         opening = math.copysign(abs(opening) ** exponent, opening)
     return opening
+
+
+@kernel(inline="always")
+def apply_valve_curve(opening: float, curve: FloatArray) -> float:
+    """Bend the opening of a valve by the curve that its machine file declares.
+
+    The curve is piecewise linear. With points (ξ_i, y_i) and ξ_i ≤ |ξ| ≤ ξ_(i+1):
+
+        sign(ξ) (y_i + (|ξ| − ξ_i) (y_(i+1) − y_i)/(ξ_(i+1) − ξ_i))
+
+    Args:
+        opening: Opening ξ of a valve with a straight curve, −1 … 1 (`compute_valve_opening`).
+        curve: Shares ξ_i of the stroke beyond the overlap in row 0, shares y_i of the full opening
+            in row 1, float64[2, k]. Both rise from 0 to 1.
+
+    Returns:
+        Signed opening, −1 … 1.
+    """
+    size, last = abs(opening), curve.shape[1] - 1
+    i = 0
+    while i < last - 1 and curve[0, i + 1] < size:
+        i += 1
+    left, right, low, high = curve[0, i], curve[0, i + 1], curve[1, i], curve[1, i + 1]
+    share = min((size - left) / (right - left), 1.0)
+    return math.copysign(low + share * (high - low), opening)
+
+
+@kernel(inline="always")
+def compute_metering_flow(
+    k: float, drop: float, laminar: float, compensated: float
+) -> tuple[float, float]:
+    """Compute the flow through a metering edge with a pressure compensator.
+
+        Q = k S(min(Δp, Δp_k)),   S(Δp) = Δp/(Δp² + Δp_c²)^¼
+
+    A compensator in series with the edge throttles as soon as the drop over the edge would exceed
+    Δp_k. It takes what is left of the drop, so that the flow depends on the opening alone. Below
+    Δp_k the compensator is fully open, and has no drop.
+
+    Args:
+        k: Flow coefficient of the edge at its present opening [m³/(s √Pa)].
+        drop: Pressure drop Δp over edge and compensator, of either sign [Pa].
+        laminar: Pressure drop Δp_c below which the flow is laminar [Pa].
+        compensated: Drop Δp_k that the compensator keeps [Pa]; inf without a compensator.
+
+    Returns:
+        Flow Q [m³/s] and slope dQ/dΔp [m³/(s Pa)], which is 0 while the compensator throttles.
+
+    Source:
+        HAWE D 7700-5 (load-sensing directional spool valves); Hopsan, PressureCompensatingValve.
+    """
+    if drop > compensated:
+        flow, _ = compute_orifice_flow(k, compensated, laminar)
+        return flow, 0.0
+    return compute_orifice_flow(k, drop, laminar)
 
 
 @kernel(inline="always")

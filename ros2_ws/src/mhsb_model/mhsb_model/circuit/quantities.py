@@ -121,6 +121,8 @@ class CircuitConstants(Record):
     """Overlap of the retracting side, a share of the spool's stroke."""
     valve_exponent: float
     """Exponent of the opening over the stroke beyond the overlap."""
+    compensated_drop: float
+    """Largest pressure drop over a metering edge [Pa]; inf without pressure compensators."""
     valve_hysteresis: float
     """Hysteresis of a servo valve, a share of its spool's stroke."""
     spool_rate: float

@@ -2,8 +2,10 @@
 
 A matched servo valve (with equal metering edges) fills the inlet chamber as fast as the other
 chamber empties, but only up to a certain load. That load does not depend on the piston speed
-(`hydraulics.cavitates`). Such loads are not a limit of a motion: the anti-cavitation valves fill
-the chamber from the tank. The servo has less stiffness during that time.
+(`hydraulics.cavitates`). Pressure compensators keep the drop over each edge, and the chamber then
+fills no faster than with this drop as supply pressure. Such loads are not a limit of a motion: the
+anti-cavitation valves fill the chamber from the tank. The servo has less stiffness during that
+time.
 """
 
 from __future__ import annotations
@@ -61,9 +63,12 @@ def find_cavitating(
     Returns:
         True if the load empties the inlet chamber, bool[k, n], aligned with `force`.
     """
-    m = machine.arrays
-    empty = cavitates(m.cap_area, m.rod_area, m.supply_pressure, m.tank_pressure, force, speed)
-    return empty & (np.abs(speed) > least_speed)
+    m, largest_drop = machine.arrays, machine.config.hydraulics.valve.largest_drop
+    filling = min(m.supply_pressure, largest_drop)
+    empty = cavitates(m.cap_area, m.rod_area, filling, m.tank_pressure, force, speed)
+    # retracting, a compensated edge to the tank lets no more oil out than the inlet takes
+    fills = (speed < 0.0) & (largest_drop <= filling * (m.cap_area / m.rod_area) ** 2)
+    return empty & ~fills & (np.abs(speed) > least_speed)
 
 
 def summarize_cavitation(

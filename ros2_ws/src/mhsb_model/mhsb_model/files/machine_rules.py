@@ -6,6 +6,8 @@ reported. A broken rule is one string, `path: sentence`, with the path of the va
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from mhsb_model.errors import suggest_unit_of_number
 from mhsb_model.schema import JOINT_KINDS, AnyJoint, MachineConfig, Section, unit_of
 
@@ -21,7 +23,7 @@ def check_machine_rules(config: MachineConfig) -> list[str]:
     """
     problems = _workspace_problems(config) + _hydraulic_problems(config)
     problems += _check_start_posture(config) + _keep_out_problems(config) + _zone_problems(config)
-    problems += _version_problems(config)
+    problems += _version_problems(config) + _check_valve_curves(config)
     problems += _check_kept_joints(config) + _telescope_problems(config) + _slew_problems(config)
     for index, joint in enumerate(config.joints):
         problems += _joint_problems(f"joints.{index}", joint)
@@ -96,6 +98,37 @@ def _version_problems(config: MachineConfig) -> list[str]:
         for index, joint in enumerate(config.joints)
         if config.schema_version > 1 and "kind" not in joint.model_fields_set
     ]
+
+
+def _check_valve_curves(config: MachineConfig) -> list[str]:
+    """Check that the curves of the valves rise from (0, 0) to (1, 1).
+
+    Both columns must increase from each point to the next. The curve then has an inverse.
+
+    Args:
+        config: Content of a machine file.
+
+    Returns:
+        One string `path: sentence` for each curve that breaks the rule, with its first such point.
+    """
+    real, problems = config.imperfections, []
+    for name in ("valve_curve", "valve_curve_retracting"):
+        curve = getattr(real, name)
+        if curve is None:
+            continue
+        steps = enumerate(pairwise(curve))
+        flat = next((k for k, (a, b) in steps if a[0] >= b[0] or a[1] >= b[1]), None)
+        if flat is not None:
+            what = f"{list(curve[flat + 1])} does not lie above {list(curve[flat])} in both"
+        elif curve[0] != (0.0, 0.0) or curve[-1] != (1.0, 1.0):
+            what = f"it goes from {list(curve[0])} to {list(curve[-1])}"
+        else:
+            continue
+        problems.append(
+            f"imperfections.{name}: pairs [stroke beyond the overlap, opening] must rise from "
+            f"[0, 0] to [1, 1], and {what}; give both as shares, in rising order"
+        )
+    return problems
 
 
 def _check_kept_joints(config: MachineConfig) -> list[str]:

@@ -161,6 +161,25 @@ def test_a_spool_with_hysteresis_goes_round_a_loop_as_wide_as_its_play() -> None
     assert math.isnan(elements.follow_with_backlash(0.3, math.nan, width))
 
 
+@given(st.floats(-1.0, 1.0))
+def test_a_valve_follows_its_declared_curve(opening: float) -> None:
+    curve = np.array([[0.0, 0.2, 0.7, 1.0, 1.0], [0.0, 0.05, 0.95, 1.0, 1.0]])  # filled up with 1
+    expected = math.copysign(np.interp(abs(opening), *curve), opening)
+    assert elements.apply_valve_curve(opening, curve) == pytest.approx(expected, abs=1e-15)
+
+
+@given(drops, st.floats(1e4, 5e6))
+def test_a_compensated_edge_passes_no_more_than_at_its_kept_drop(drop: float, kept: float) -> None:
+    k = 1.8e-8
+    flow, slope = elements.compute_metering_flow(k, drop, DP_LAMINAR, kept)
+    assert flow == pytest.approx(
+        k * min(drop, kept) / (min(drop, kept) ** 2 + DP_LAMINAR**2) ** 0.25
+    )
+    assert slope == (0.0 if drop > kept else elements.compute_orifice_flow(k, drop, DP_LAMINAR)[1])
+    plain = elements.compute_orifice_flow(k, drop, DP_LAMINAR)
+    assert elements.compute_metering_flow(k, drop, DP_LAMINAR, math.inf) == plain
+
+
 def test_a_valve_with_overlap_opens_beyond_it_and_gives_its_rated_flow_at_full_stroke() -> None:
     assert elements.compute_valve_opening(0.02, 0.03) == 0.0
     assert elements.compute_valve_opening(-0.515, 0.03) == pytest.approx(-0.5)

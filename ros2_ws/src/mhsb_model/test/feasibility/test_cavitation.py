@@ -32,6 +32,24 @@ def test_loads_beyond_the_two_limits_empty_the_inlet_at_any_speed(machine):
     assert not find_cavitating(machine, force, np.full((2, 3), 1e-4), least_speed=2e-4).any()
 
 
+def test_compensators_let_a_pulled_chamber_run_empty_and_keep_a_pushed_one_filled(machine):
+    kept = 5e5
+    plant = machine.with_values({"hydraulics.valve.compensated_drop": kept})
+    m = machine.arrays
+    cap, rod, tank = m.cap_area[0], m.rod_area[0], m.tank_pressure
+    # extending with an empty cap side: (a/A)² of the kept drop over the edge to the tank
+    pulled = -rod * (tank + kept * (rod / cap) ** 2)
+    force = np.array([[pulled - 1, pulled + 1, 0.0], [1e5, 1e5, 1e5]])
+    found = find_cavitating(plant, force, np.array([[0.01] * 3, [-0.01] * 3]))
+    assert found.tolist() == [[True, False, False], [False] * 3]
+    large = machine.with_values({"hydraulics.valve.compensated_drop": 2.0 * m.supply_pressure})
+    same = np.array([[-934.0, -932.0, 0.0], [3365.0, 3363.0, 0.0]])
+    speed = np.array([[0.01] * 3, [-0.01] * 3])
+    assert np.array_equal(
+        find_cavitating(large, same, speed), find_cavitating(machine, same, speed)
+    )
+
+
 def test_it_is_told_of_which_actuator_when_for_how_long_and_by_what_load(machine):
     pulled, _ = limits(machine)
     time = np.array([0.0, 0.5, 1.0, 1.5, 2.0])

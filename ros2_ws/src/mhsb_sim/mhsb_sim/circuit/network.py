@@ -32,11 +32,13 @@ from typing import NamedTuple
 import numpy as np
 
 from mhsb_model.circuit.components import describe_components
+from mhsb_model.circuit.constants import build_valve_curves
 from mhsb_model.circuit.elements import (
     advance_bristle_deflection,
     advance_first_order_lag,
     advance_pressure_and_cavity,
     advance_servo_pump_flow,
+    apply_valve_curve,
     compute_accumulator_capacity,
     compute_air_factor,
     compute_chamber_volumes,
@@ -44,6 +46,7 @@ from mhsb_model.circuit.elements import (
     compute_friction_force,
     compute_land_conductance,
     compute_main_pump_flow,
+    compute_metering_flow,
     compute_orifice_flow,
     compute_pump_filling,
     compute_relief_valve_flow,
@@ -159,6 +162,7 @@ class Circuit(NamedTuple):
     pressure: FloatArray  # [3 n + 3] Pa, in the order of the nodes
     cavity: FloatArray  # [3 n + 3] m³ of vapour at each node
     actuators: Records[ActuatorState]  # [n]
+    valve_curves: FloatArray  # [2, 2, k] extending and retracting: stroke, opening
     modules: Records[ModuleState]  # [m]
     valves: PlacedValves
     main_pump: FloatArray  # [1] m³/s, flow by the swash plate's position
@@ -220,6 +224,7 @@ def build_circuit(machine: Machine, substep: float) -> Circuit:
         pressure=pressure,
         cavity=np.zeros(nodes),
         actuators=parts.actuators,
+        valve_curves=build_valve_curves(machine),
         modules=parts.modules,
         valves=valves,
         main_pump=np.full(1, actuator_count * arrays.leakage_flow),
@@ -501,7 +506,8 @@ def combine_with_port_valve(circuit: Circuit, edge: float, chamber: int, outside
 
         k = k₁ k₂ / √(k₁² + k₂²)
 
-    Oil that flows into the chamber passes the port valve without loss: then k = k₁.
+    Oil that flows into the chamber passes the port valve without loss: then k = k₁. A compensator
+    that keeps a drop Δp_k over the edge throttles above Δp_k (k₁/k)².
 
     Args:
         circuit: The circuit.
@@ -600,6 +606,8 @@ def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
     # The servo valve: line to one chamber, the other chamber to tank.
     overlap = c.valve_overlap if actuator.spool >= 0.0 else c.valve_overlap_retracting
     opening = compute_valve_opening(actuator.spool, overlap, c.valve_exponent)
+    if circuit.valve_curves.shape[2] > 2:
+        opening = apply_valve_curve(opening, circuit.valve_curves[0 if opening >= 0.0 else 1])
     fed, emptied = (a, b) if opening >= 0.0 else (b, a)
     locked = actuator.isolating_command
     if c.lock_valve_opening > 0.0:
@@ -610,12 +618,14 @@ def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
             locked = 1.0
     actuator.isolated = advance_first_order_lag(actuator.isolated, locked, c.switching_decay)
     k_edge = circuit.cylinders[j].valve_coefficient * abs(opening) * (1.0 - actuator.isolated)
-    k_inlet = combine_with_port_valve(circuit, k_edge, fed, line)
-    flow, slope = compute_orifice_flow(k_inlet, pressure[line] - pressure[fed], laminar)
+    k = combine_with_port_valve(circuit, k_edge, fed, line)
+    kept = c.compensated_drop * (k_edge / k) ** 2 if k > 0.0 else math.inf
+    flow, slope = compute_metering_flow(k, pressure[line] - pressure[fed], laminar, kept)
     count = add_element(net, count, SERVO_VALVE, line, fed, flow, slope)
     actuator.supply_flow = flow
-    k_outlet = combine_with_port_valve(circuit, k_edge, emptied, tank)
-    flow, slope = compute_orifice_flow(k_outlet, pressure[emptied] - pressure[tank], laminar)
+    k = combine_with_port_valve(circuit, k_edge, emptied, tank)
+    kept = c.compensated_drop * (k_edge / k) ** 2 if k > 0.0 else math.inf
+    flow, slope = compute_metering_flow(k, pressure[emptied] - pressure[tank], laminar, kept)
     count = add_element(net, count, SERVO_VALVE, emptied, tank, flow, slope)
 
     drop = pressure[line] - pressure[tank]

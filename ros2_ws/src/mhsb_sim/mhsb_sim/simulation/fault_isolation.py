@@ -438,6 +438,7 @@ class DisagreeingValve:
             fed = np.maximum(pressure[:, LINE_SENSOR] - pressure[:, side], 0.0)
             emptied = np.maximum(pressure[:, side] - arrays.tank_pressure, 0.0)
             drop = np.where(sign * openings > 0.0, fed, emptied)
+            drop = np.minimum(drop, self._machine.config.hydraulics.valve.largest_drop)
             flow = arrays.valve_coefficient * openings * np.sqrt(drop)
             speeds.append((flow - sign * capacity * rate[:, side]) / area)
         explained = np.concatenate(speeds)

@@ -44,6 +44,9 @@ only.
 SLEW_SAMPLES = 72
 """Number of slew angles at which zones are tested; 5° apart if the arm turns all the way."""
 
+FLOW_SHARES = (0.1, 0.5, 0.9)
+"""Shares of the full flow at which the commands of a declared curve are given [-]."""
+
 SLEW_DRIVES = ("rack_and_pinion", "motor")
 """Kinds of linkage that drive a slewing joint, which carries no gravity load."""
 
@@ -96,6 +99,8 @@ def collect_facts(machine: Machine) -> dict[str, Any]:
         - pressure_sensors: whether the machine has pressure sensors
         - length_sensors: their class, rate, and the time in which a frozen one is found
         - dead_bands: valve openings below which no oil flows, extending and retracting [-]
+        - valve_curves: tables of the openings, extending and retracting; None for a straight line
+        - compensated_drop_pa: largest drop over one edge of a valve; None without compensators
         - workspace: counts of grid points that are held, need boost, or cannot be held
         - doubts: sentences on values with which the machine cannot work
         - keep_out: counts of grid points that stay reachable beside the obstacles; missing if the
@@ -113,6 +118,8 @@ def collect_facts(machine: Machine) -> dict[str, Any]:
         "pressure_sensors": measures_pressures(machine),
         "length_sensors": _length_sensor_facts(machine),
         "dead_bands": list(machine.config.imperfections.overlaps),
+        "valve_curves": list(machine.config.imperfections.curves),
+        "compensated_drop_pa": machine.config.hydraulics.valve.compensated_drop,
         "workspace": points,
     }
     if machine.obstacles.names:
@@ -129,11 +136,11 @@ def format_report(machine: Machine) -> list[str]:
 
     Returns:
         Lines without line breaks: name, table of joints, pumps and booster modules, values that the
-        file gives to one actuator only, suitable controllers, length sensors, dead bands, the dead
-        time of a machine without pressure sensors, a delay of commands that is not compensated, and
-        counts of workspace points. If the machine has obstacles, the count of points that remain
-        reachable follows. The last lines are warnings, see `machine_doubts`. Angles are in degrees,
-        pressures in MPa and flows in L/min.
+        file gives to one actuator only, suitable controllers, length sensors, dead bands, curves
+        and compensators of the valves, the dead time of a machine without pressure sensors, a delay
+        of commands that is not compensated, and counts of workspace points. If the machine has
+        obstacles, the count of points that remain reachable follows. The last lines are warnings,
+        see `machine_doubts`. Angles are in degrees, pressures in MPa and flows in L/min.
     """
     found = collect_facts(machine)
     lines = [
@@ -145,6 +152,7 @@ def format_report(machine: Machine) -> list[str]:
     sensors = "pressure sensors" if found["pressure_sensors"] else "length sensors alone"
     lines.append(f"controllers that suit its {sensors}: {', '.join(found['controllers'])}")
     lines += _sensor_and_valve_lines(found["length_sensors"], found["dead_bands"])
+    lines += _curve_and_compensator_lines(machine)
     if dead_time := compute_dead_time(machine):
         lines.append(
             f"its servo needs a plan {1e3 * dead_time:.0f} ms ahead: computing delay and valve lag "
@@ -228,6 +236,41 @@ def _sensor_and_valve_lines(sensors: dict[str, Any], dead_bands: list[float]) ->
         lines.append(
             f"dead bands of the valves: {extending} of the stroke extending, {retracting} "
             "retracting"
+        )
+    return lines
+
+
+def _curve_and_compensator_lines(machine: Machine) -> list[str]:
+    """Format the valves' declared curves and pressure compensators as one line of text each.
+
+    Args:
+        machine: The arm.
+
+    Returns:
+        A line on the commands for a tenth, a half and nine tenths of the full flow, dead bands
+        included, if a curve is declared. A line on the compensators if there are any. It has the
+        piston speed of each actuator with a fully open valve.
+    """
+    real, valve, lines = machine.config.imperfections, machine.config.hydraulics.valve, []
+    for curve, overlap, direction in zip(
+        real.curves, real.overlaps, ("extending", "retracting"), strict=True
+    ):
+        if curve is not None:
+            strokes, openings = np.array(curve).T
+            stroke = np.interp(FLOW_SHARES, openings, strokes) ** (1.0 / real.valve_exponent)
+            commands = ", ".join(f"{100 * each:.0f}" for each in overlap + (1 - overlap) * stroke)
+            shares = ", ".join(f"{100 * each:.0f}" for each in FLOW_SHARES)
+            lines.append(
+                f"curve of the valves, {direction}: {shares} % of the flow at {commands} % of the "
+                "command"
+            )
+    if valve.compensated_drop is not None:
+        m = machine.arrays
+        full = m.valve_coefficient * math.sqrt(valve.compensated_drop) / m.cap_area
+        speeds = ", ".join(f"{1e3 * each:.0f}" for each in full)
+        lines.append(
+            f"pressure compensators keep {valve.compensated_drop / 1e6:g} MPa over each edge of "
+            f"the valves: at full command pistons move at {speeds} mm/s with every load"
         )
     return lines
 
