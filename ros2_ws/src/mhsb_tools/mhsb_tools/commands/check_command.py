@@ -219,7 +219,7 @@ def _sensor_and_valve_lines(sensors: dict[str, Any], dead_bands: list[float]) ->
     if time is not None:
         found = f"at V_max a frozen one is found within {1e3 * time:.0f} ms"
     errors = [
-        f"{math.degrees(unit * value):g}° {words}"
+        f"{math.degrees(unit * value):.2g}° {words}"
         for value, unit, words in (
             (sensors["noise_rad"], 1.0, "of noise"),
             (sensors["offset_rad"], 1.0, "of offset"),
