@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -27,6 +28,7 @@ from mhsb_planner.integrated.cylinder_path import (
     PathPieces,
     compute_pieces,
     cost_model,
+    count_switches_to_hold,
     to_discrete_path,
     without_leakage_cost,
 )
@@ -188,7 +190,7 @@ class IntegratedSearch:
         if pieces is None:
             found = compute_pieces(self._terms, task.buffers, best.waypoints, task.start)
             pieces = PathPieces(*found)
-        return to_discrete_path(
+        path = to_discrete_path(
             self._terms,
             pieces,
             best.cost if leaks else pieces.cost,
@@ -197,6 +199,9 @@ class IntegratedSearch:
                 work.expanded, work.priced, self._elapsed, task.progress.search_deadline.has_passed
             ),
         )
+        force, modes = task.machine.piston_forces(path.posture[-1]), path.modes[-1]
+        holding = count_switches_to_hold(task.machine.arrays, force, modes)
+        return replace(path, holding_switches=holding)
 
 
 def search(

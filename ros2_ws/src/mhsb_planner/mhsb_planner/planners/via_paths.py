@@ -148,8 +148,8 @@ def plan_leg(
 def join_paths(legs: Sequence[DiscretePath]) -> DiscretePath:
     """Join successive paths to one path.
 
-    Costs and search statistics are summed up, but `out_of_time` becomes False. The start modes are
-    those of the first path.
+    Costs, holding switches and search statistics are summed up, but `out_of_time` becomes False.
+    The start modes are those of the first path.
 
     Args:
         legs: The paths in order. Each begins in the posture and in the modes in which the one
@@ -193,4 +193,5 @@ def join_paths(legs: Sequence[DiscretePath]) -> DiscretePath:
             sum(leg.statistics.generated for leg in legs),
             sum(leg.statistics.seconds for leg in legs),
         ),
+        holding_switches=sum(leg.holding_switches for leg in legs),
     )

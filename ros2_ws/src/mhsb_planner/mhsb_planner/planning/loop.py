@@ -236,7 +236,8 @@ class PlanningLoop:
                 steers if one curve must lead from there to the goal.
         """
         path, options, best = proposal.path, self._task.options, self._best
-        estimate = path.cost - options.weights.switches * path.switches
+        switches = path.switches + path.holding_switches
+        estimate = path.cost - options.weights.switches * switches
         if best is not None and MIN_MOTION_COST_RATIO * estimate > best.cost(options):
             self._log(proposal, ProposalOutcome.SKIPPED)
             return

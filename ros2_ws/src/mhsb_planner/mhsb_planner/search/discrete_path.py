@@ -43,11 +43,12 @@ class DiscretePath:
         duration: Duration of each step, shape (k,) [s].
         energy: Energy of each step under the energy reading `paper`, shape (k,) [J].
         energy_series: Energy of each step under the energy reading `series`, shape (k,) [J].
-        cost: Total cost w₁ Σ E + w₂ Σ T + w₃ switches [-]. The switches into the first step count.
-            The term w₄ M is added if the manipulability loss M has a weight. The integrated search
-            also counts the switches to the modes that hold the arm at the end.
+        cost: Total cost w₁ Σ E + w₂ Σ T + w₃ (`switches` + `holding_switches`) [-]. The term w₄ M
+            is added if the manipulability loss M has a weight.
         start_modes: Modes in force before the first step, shape (n,).
         statistics: Effort of the search.
+        holding_switches: Number of switches after the last step, to the modes that hold the arm at
+            rest, as far as `cost` counts them. Only the integrated search counts them.
     """
 
     tip: FloatArray
@@ -59,6 +60,7 @@ class DiscretePath:
     cost: float
     start_modes: ModeArray
     statistics: SearchStatistics
+    holding_switches: int = 0
 
     def __post_init__(self) -> None:
         """Convert all arrays to read-only arrays of their types."""

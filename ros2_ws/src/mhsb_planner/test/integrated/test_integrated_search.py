@@ -63,7 +63,8 @@ def test_a_path_consists_of_possible_steps_and_costs_what_it_says(arm, posture_w
         check_possible(arm, path, start, goal)
         cost = weights.energy * path.energy.sum() + weights.time * path.duration.sum()
         hold = choose_holding_modes(arm, arm.piston_forces(path.posture[-1]))
-        switches = path.switches + np.count_nonzero(path.modes[-1] != hold)
+        assert path.holding_switches == np.count_nonzero(path.modes[-1] != hold)
+        switches = path.switches + path.holding_switches
         assert path.cost == pytest.approx(cost + weights.switches * switches, rel=1e-9)
 
 

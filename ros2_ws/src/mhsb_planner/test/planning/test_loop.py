@@ -1,0 +1,79 @@
+"""The planning loop, with scripted proposals and motions, without any hydraulics."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from mhsb_planner.deadline import NO_DEADLINE
+from mhsb_planner.motion.energy import Energy
+from mhsb_planner.motion.s3_trajectory import FitMethod
+from mhsb_planner.plan_log import PlanLog
+from mhsb_planner.planners.options import PlanOptions
+from mhsb_planner.planners.path_planner import PathProposal
+from mhsb_planner.planning import loop as loop_module
+from mhsb_planner.planning.loop import PlanningLoop
+from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
+from mhsb_planner.search.manipulability_loss import WITHOUT_AREA
+from mhsb_planner.search.s2_search import Weights
+
+OPTIONS = PlanOptions(planner="integrated", weights=Weights(1.0, 0.0, 10.0))
+
+
+def path_of(energy, holding_switches=0):
+    """A path of one step in N; its cost counts switches that hold the arm at the end."""
+    return DiscretePath(
+        tip=np.zeros((2, 2)),
+        posture=np.zeros((2, 3)),
+        modes=np.zeros((1, 3), dtype=np.uint8),
+        duration=np.ones(1),
+        energy=np.array([energy]),
+        energy_series=np.array([energy]),
+        cost=energy + OPTIONS.weights.switches * holding_switches,
+        start_modes=np.zeros(3, dtype=np.uint8),
+        statistics=SearchStatistics(0, 0, 0.0),
+        holding_switches=holding_switches,
+    )
+
+
+def motion_along(machine, path, *_):
+    """A motion with the path's energy that never switches a mode."""
+    energy = float(path.energy.sum())
+    return SimpleNamespace(
+        trajectory=SimpleNamespace(duration_ns=10**9),
+        schedule=SimpleNamespace(switch_count=0),
+        energy=Energy(energy, energy, 0.0, 0.0, 0.0, 0.0, 0.0),
+        method=FitMethod.RAMPED,
+        stretch=1.0,
+        speed_excess=0.0,
+        refused=(),
+    )
+
+
+@pytest.fixture
+def loop(monkeypatch):
+    """A loop whose motions cost what their paths cost without mode switches."""
+    monkeypatch.setattr(loop_module, "fit_trajectory", motion_along)
+    monkeypatch.setattr(loop_module, "list_variant_rules", lambda *_, **__: [])
+    monkeypatch.setattr(loop_module, "find_cavitations", lambda *_: ())
+    task = SimpleNamespace(options=OPTIONS, start=None, modes=None, brake=None, area=WITHOUT_AREA)
+    return PlanningLoop(None, task, NO_DEADLINE, PlanLog())
+
+
+def proposals(*paths):
+    """Proposals of paths."""
+    return [PathProposal(path, proposer="scripted") for path in paths]
+
+
+def test_switches_after_the_last_step_are_no_reason_to_skip_a_path(loop):
+    dear, cheap = path_of(100.0), path_of(80.0, holding_switches=3)
+    plan = loop.choose_best(proposals(dear, cheap))
+    assert plan.path.cost == cheap.cost
+    assert [each.outcome for each in plan.log.entries] == ["taken", "taken"]
+
+
+def test_a_path_that_costs_more_than_the_incumbent_without_its_switches_is_skipped(loop):
+    dear, cheap = path_of(100.0, holding_switches=3), path_of(80.0)
+    plan = loop.choose_best(proposals(cheap, dear))
+    assert plan.path.cost == cheap.cost
+    assert [each.outcome for each in plan.log.entries] == ["taken", "skipped"]
