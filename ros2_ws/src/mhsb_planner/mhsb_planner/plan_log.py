@@ -33,6 +33,9 @@ class ProposalOutcome(StrEnum):
     NO_PATH = "no path"
     """The proposer found no path, or no further one."""
 
+    FAILED = "failed"
+    """An error ended the planner after there was a motion, which is kept."""
+
 
 @dataclass(frozen=True)
 class LogEntry:
@@ -92,6 +95,24 @@ class PlanLog:
         entry = LogEntry(time, proposer, outcome, path_cost, motion, motion_cost, reason)
         self.entries.append(entry)
 
+    def add_failure(
+        self,
+        proposer: str,
+        error: Exception,
+        outcome: ProposalOutcome = ProposalOutcome.NO_PATH,
+    ) -> None:
+        """Append an entry on an error, unless this proposer has an entry with the same reason.
+
+        Args:
+            proposer: Name of the proposer in the log.
+            error: The error. The type of an error that is no `MhsbError` is part of the reason.
+            outcome: NO_PATH or FAILED.
+        """
+        expected = isinstance(error, MhsbError)
+        reason = str(error) if expected else f"{type(error).__name__}: {error}"
+        if not any((each.proposer, each.reason) == (proposer, reason) for each in self.entries):
+            self.add(proposer, outcome, reason=reason)
+
     @contextmanager
     def record_failure(self, proposer: str) -> Iterator[None]:
         """Suppress an `MhsbError` in the `with` block, and log it as NO_PATH (context manager).
@@ -104,7 +125,7 @@ class PlanLog:
         try:
             yield
         except MhsbError as error:
-            self.add(proposer, ProposalOutcome.NO_PATH, reason=str(error))
+            self.add_failure(proposer, error)
 
     def __str__(self) -> str:
         """Return the entries as a text table: a header, then one line for each entry."""

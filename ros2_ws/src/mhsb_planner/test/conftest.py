@@ -10,6 +10,7 @@ from mhsb_model.linkages.linkage import moment_arm
 from mhsb_model.machine import Machine
 from mhsb_planner import deadline as deadlines
 from mhsb_planner.deadline import Deadline
+from mhsb_planner.plan_log import PlanLog, ProposalOutcome
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
@@ -41,6 +42,25 @@ def looks(monkeypatch: pytest.MonkeyPatch) -> Looks:
     looks = Looks()
     monkeypatch.setattr(deadlines, "now", looks)
     return looks
+
+
+@pytest.fixture
+def planner_may_fail() -> None:
+    """Lets an error end a planner after its first motion, which otherwise fails the test."""
+
+
+@pytest.fixture(autouse=True)
+def no_planner_fails(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A planner that an error ends after its first motion fails the test, though a plan is made."""
+    if "planner_may_fail" in request.fixturenames:
+        return
+    add = PlanLog.add
+
+    def add_unless_failed(self, proposer, outcome, *values, **named):
+        assert outcome is not ProposalOutcome.FAILED, (proposer, named)
+        add(self, proposer, outcome, *values, **named)
+
+    monkeypatch.setattr(PlanLog, "add", add_unless_failed)
 
 
 @pytest.fixture(scope="session")

@@ -276,7 +276,7 @@ class GoalPlanning:
         If an event has made the plan void (`epoch` has changed), or if the plan in force has
         changed, the goal is planned for again. Otherwise the answer decides:
 
-        - A plan: it is sent.
+        - A plan: it is sent. An error that ended its planner is logged.
         - None: the arm is at the goal already, and the goal ends.
         - `DeadlineError`: the goal is planned for again with a longer commit horizon (time until a
           new plan takes over). It is refused after `MAX_LATE_PLANS` tries at the longest horizon.
@@ -316,6 +316,7 @@ class GoalPlanning:
             self._state.reports.report_at_goal(pending_goal)
         else:
             self._hand_over.horizon_estimator.add_first_motion(took - answer.improvement_time)
+            state.reports.warn_of_failed_planner(answer.plan.log)
             self._send_plan(request, answer)
 
     def _is_valid(self, request: PlanRequest) -> bool:

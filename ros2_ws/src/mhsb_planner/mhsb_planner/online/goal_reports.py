@@ -29,6 +29,7 @@ from mhsb_planner.online.pending_goal import PendingGoal
 from mhsb_planner.online.planner_io import PlannerIO
 from mhsb_planner.online.replanning import Replan
 from mhsb_planner.online.start_state import MovingError, NoStateError, OtherMachineError
+from mhsb_planner.plan_log import PlanLog, ProposalOutcome
 
 ERROR_VERDICTS: tuple[tuple[type[MhsbError], Verdict], ...] = (
     (OutOfWorkspaceError, Verdict.OUT_OF_WORKSPACE),
@@ -113,11 +114,29 @@ def compose_at_goal_verdict(goal: Goal, plan_ms: float) -> GoalVerdict:
 
 
 class GoalReports:
-    """Sender of verdicts and execution reports. Goals that have ended get no further report."""
+    """Sender of verdicts, execution reports and warnings of planners that failed.
+
+    Goals that have ended get no further report.
+    """
 
     def __init__(self, outbox: PlannerIO) -> None:
         """Store the outbox that sends the reports."""
         self._outbox = outbox
+        self._last_failure = ""
+
+    def warn_of_failed_planner(self, log: PlanLog) -> None:
+        """Warn of an error that ended a planner after its first motion.
+
+        An error that was the last one already is not repeated.
+
+        Args:
+            log: Log of a plan.
+        """
+        for entry in log.entries:
+            sentence = f"planner {entry.proposer} failed after its first motion: {entry.reason}"
+            if entry.outcome == ProposalOutcome.FAILED and sentence != self._last_failure:
+                self._last_failure = sentence
+                self._outbox.warn(sentence)
 
     def accept(self, pending_goal: PendingGoal, sentence: str, plan: PlanSummary) -> None:
         """Send the verdict that a goal is accepted, and set the goal's `has_verdict`.

@@ -38,6 +38,9 @@ class SlewDemand(NamedTuple):
 NOTHING_ELSE = SlewDemand(0.0, 0.0)
 """Slew demand of an arm that does not slew, or need not."""
 
+UNEXPLAINED_END = "a planner that gives no path must say why"
+"""Sentence of the ValueError for a planner that proposes nothing and raises nothing."""
+
 
 @dataclass(frozen=True, eq=False)
 class PathRequest:

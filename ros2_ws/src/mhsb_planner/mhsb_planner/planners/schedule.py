@@ -12,7 +12,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from mhsb_model.errors import MhsbError
-from mhsb_planner.plan_log import ProposalOutcome
 from mhsb_planner.planners.path_planner import PathProposal
 from mhsb_planner.progress import PlanProgress
 
@@ -97,7 +96,7 @@ def take_turns(
         try:
             proposal = proposer.propose()
         except MhsbError as error:
-            progress.log.add(proposer.name, ProposalOutcome.NO_PATH, reason=str(error))
+            progress.log.add_failure(proposer.name, error)
             if proposer is main:
                 raise
             continue

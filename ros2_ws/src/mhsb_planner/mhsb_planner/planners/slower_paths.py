@@ -32,7 +32,7 @@ def yield_paths_at_falling_speeds(
     Lower speeds are tried if there is no path, because slower steps need less pressure. If there is
     one, they are tried as long as slower motions may be cheaper (`progress.min_speed_factor`). The
     factors of SPEED_FACTORS are tried one after the other until the deadline of the search. An
-    error at a lower speed is only logged.
+    error at a lower speed is only logged, and so is a `NoPathError` after a path.
 
     Args:
         planner: The planner.
@@ -55,6 +55,7 @@ def yield_paths_at_falling_speeds(
             yield proposal._replace(proposer=proposal.proposer or planner.name)
     except NoPathError as error:
         refused = error
+        progress.log.add_failure(planner.name, error)
     for factor in SPEED_FACTORS:
         is_needed = factor > progress.min_speed_factor if has_path else refused is not None
         if not is_needed or progress.search_deadline.has_passed:

@@ -10,11 +10,17 @@ import numpy as np
 
 from mhsb_model.machine import Machine
 from mhsb_planner.motion.resting import insert_rests
-from mhsb_planner.planners.path_planner import PathPlanner, PathProposal, PathRequest
+from mhsb_planner.planners.path_planner import (
+    UNEXPLAINED_END,
+    PathPlanner,
+    PathProposal,
+    PathRequest,
+)
 from mhsb_planner.planners.slower_paths import yield_paths_at_falling_speeds
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
 from mhsb_planner.search.s2_graph import StepGraph
+from mhsb_planner.search.s2_search import SEARCH_TASK
 
 
 class PathSource(Protocol):
@@ -139,9 +145,14 @@ def plan_leg(
 
     Raises:
         MhsbError: There is no path; the error is the source's.
+        DeadlineError: The source gave no path before the deadline of the search.
+        ValueError: The source proposed nothing and raised nothing, which is a fault of the planner.
     """
     found = (candidate.path for candidate in source.paths(task, progress))
-    first = next(found)
+    first = next(found, None)
+    if first is None:
+        progress.search_deadline.check(SEARCH_TASK)
+        raise ValueError(UNEXPLAINED_END)
     return min([first, *found], key=lambda path: path.cost) if cheapest else first
 
 

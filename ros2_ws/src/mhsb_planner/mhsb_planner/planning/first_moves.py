@@ -23,7 +23,6 @@ from mhsb_planner.errors import DeadlineError, StartError
 from mhsb_planner.motion.limits.joint_range import JOINT_TOLERANCE, joint_excess
 from mhsb_planner.motion.resting import insert_rests
 from mhsb_planner.motion.s4_mode_schedule import StartModes
-from mhsb_planner.plan_log import ProposalOutcome
 from mhsb_planner.planners.path_planner import PathProposal, PathRequest
 from mhsb_planner.planners.priced_path import price_path
 from mhsb_planner.planners.via_paths import PathSource, join_paths, paths_through_via_points
@@ -117,6 +116,7 @@ def paths_from_anywhere(
                 own.deadline = progress.deadline
     except MhsbError as error:
         refused = error
+        progress.log.add_failure(task.options.planner, error)
     if not progress.has_motion and not progress.search_deadline.has_passed:
         with progress.log.record_failure(FIRST_MOVE):
             yield from _paths_over_first_moves(machine, source, table, task, progress)
@@ -184,7 +184,7 @@ def _paths_over_first_moves(
             raise
         except MhsbError as error:
             refused = refused or error
-            progress.log.add(FIRST_MOVE, ProposalOutcome.NO_PATH, reason=str(error))
+            progress.log.add_failure(FIRST_MOVE, error)
         if progress.has_motion:
             return
     if refused is not None:

@@ -7,7 +7,7 @@ or it is a polynomial between the path's ends. The cheapest plan so far is the i
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from time import perf_counter
 from types import MappingProxyType
@@ -17,7 +17,7 @@ from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import Trajectory, standstill
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
-from mhsb_planner.errors import DeadlineError
+from mhsb_planner.errors import DeadlineError, NoPathError
 from mhsb_planner.motion.cavitation import find_cavitations
 from mhsb_planner.motion.s3_state_to_rest import Steering
 from mhsb_planner.motion.s3_trajectory import (
@@ -31,7 +31,7 @@ from mhsb_planner.motion.s3_trajectory import (
 )
 from mhsb_planner.plan import Plan
 from mhsb_planner.plan_log import PlanLog, ProposalOutcome
-from mhsb_planner.planners.path_planner import PathProposal, PathRequest
+from mhsb_planner.planners.path_planner import UNEXPLAINED_END, PathProposal, PathRequest
 from mhsb_planner.planning.motion_rules import (
     describe_rules,
     fit_rules,
@@ -155,7 +155,7 @@ class PlanningLoop:
         """Fit motions to proposed paths, and return the plan with the cheapest motion.
 
         An error of a proposer, or the deadline, ends the loop. The error is raised only if there is
-        no motion; otherwise the incumbent is returned.
+        no motion; otherwise it is logged, and the incumbent is returned.
 
         Args:
             proposals: Path proposals, requested one after the other.
@@ -167,13 +167,13 @@ class PlanningLoop:
         Raises:
             FitError: No path has a motion within the limits. The error is that of the first path.
             DeadlineError: The time was up before there was a motion.
-            MhsbError: A proposer has failed, and there is no motion.
+            Exception: A proposer has failed, and there is no motion; the error is the proposer's.
             ValueError: The planner proposed nothing and raised nothing, which is a fault of the
                 planner.
         """
         in_time = True
         try:
-            for proposal in proposals:
+            for proposal in self._yield_until_failure(proposals):
                 self._charge_time("comparison" if proposal.for_comparison else "search")
                 self._consider(proposal)
             self._try_postponed_variants()
@@ -184,6 +184,7 @@ class PlanningLoop:
         except MhsbError as error:
             if self._best is None:
                 raise self._cut_short or error from None
+            self._log_failure(error)
         self._charge_time("search")
         if self._best is None:
             raise self._no_motion_error()
@@ -198,6 +199,38 @@ class PlanningLoop:
             log=self.progress.log,
         )
 
+    def _yield_until_failure(self, proposals: Iterable[PathProposal]) -> Iterator[PathProposal]:
+        """Yield proposals until their source ends; log its error if there is a motion.
+
+        Args:
+            proposals: Path proposals, requested one after the other.
+
+        Yields:
+            The proposals.
+
+        Raises:
+            DeadlineError: The source had no more time.
+            Exception: The source has failed, and there is no motion.
+        """
+        try:
+            yield from proposals
+        except Exception as error:  # a planner of a user's own may raise errors of any type
+            if self._best is None:
+                raise
+            self._log_failure(error)
+            if isinstance(error, DeadlineError):
+                raise
+
+    def _log_failure(self, error: Exception) -> None:
+        """Log an error that ended the planner after there was a motion.
+
+        Args:
+            error: The error. Its outcome is NO_PATH if the planner only found no further path.
+        """
+        has_ended = isinstance(error, NoPathError | DeadlineError)
+        outcome = ProposalOutcome.NO_PATH if has_ended else ProposalOutcome.FAILED
+        self.progress.log.add_failure(self._task.options.planner, error, outcome)
+
     def _no_motion_error(self) -> Exception:
         """Return the error that explains why no path has a motion.
 
@@ -208,8 +241,7 @@ class PlanningLoop:
         """
         if self._cut_short is None and self.progress.search_deadline.has_passed:
             return DeadlineError("making motions of paths")
-        unsaid = ValueError("a planner that gives no path must say why")
-        return self._cut_short or self._refused or unsaid
+        return self._cut_short or self._refused or ValueError(UNEXPLAINED_END)
 
     def _consider(self, proposal: PathProposal) -> None:
         """Fit one motion to a path and, if it is promising, its variants; keep the best of all.

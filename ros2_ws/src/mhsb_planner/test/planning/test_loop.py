@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mhsb_planner.deadline import NO_DEADLINE
+from mhsb_planner.errors import NoPathError, RequestError
 from mhsb_planner.motion.energy import Energy
 from mhsb_planner.motion.s3_trajectory import FitMethod
 from mhsb_planner.plan_log import PlanLog
@@ -18,6 +19,12 @@ from mhsb_planner.search.manipulability_loss import WITHOUT_AREA
 from mhsb_planner.search.s2_search import Weights
 
 OPTIONS = PlanOptions(planner="integrated", weights=Weights(1.0, 0.0, 10.0))
+ERRORS = [
+    (NoPathError((0.0, 0.0), (1.0, 1.0)), "no path", "no sequence of admissible steps"),
+    (RequestError("speed", 1, "must be 2"), "failed", "speed must be 2 (is 1)"),
+    (ZeroDivisionError("division by zero"), "failed", "ZeroDivisionError: division by zero"),
+]
+"""Errors of a planner, with outcome and reason in the log."""
 
 
 def path_of(energy, holding_switches=0):
@@ -60,9 +67,12 @@ def loop(monkeypatch):
     return PlanningLoop(None, task, NO_DEADLINE, PlanLog())
 
 
-def proposals(*paths):
-    """Proposals of paths."""
-    return [PathProposal(path, proposer="scripted") for path in paths]
+def proposals(*steps):
+    """Proposals of paths; an error among them is raised."""
+    for step in steps:
+        if isinstance(step, Exception):
+            raise step
+        yield PathProposal(step, proposer="scripted")
 
 
 def test_switches_after_the_last_step_are_no_reason_to_skip_a_path(loop):
@@ -77,3 +87,22 @@ def test_a_path_that_costs_more_than_the_incumbent_without_its_switches_is_skipp
     plan = loop.choose_best(proposals(cheap, dear))
     assert plan.path.cost == cheap.cost
     assert [each.outcome for each in plan.log.entries] == ["taken", "skipped"]
+
+
+@pytest.mark.usefixtures("planner_may_fail")
+@pytest.mark.parametrize(("error", "outcome", "reason"), ERRORS)
+def test_an_error_after_the_first_motion_keeps_the_motion_and_is_logged(
+    loop, error, outcome, reason
+):
+    plan = loop.choose_best(proposals(path_of(100.0), error))
+    assert plan.path.cost == 100.0
+    taken, failed = plan.log.entries
+    assert taken.outcome == "taken"
+    assert (failed.proposer, failed.outcome) == ("integrated", outcome)
+    assert reason in failed.reason
+
+
+@pytest.mark.parametrize("error", [each for each, *_ in ERRORS])
+def test_an_error_before_the_first_motion_is_raised(loop, error):
+    with pytest.raises(type(error)):
+        loop.choose_best(proposals(error))
