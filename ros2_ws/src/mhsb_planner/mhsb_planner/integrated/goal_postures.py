@@ -24,6 +24,7 @@ from mhsb_model.inverse_kinematics.tip_postures import (
     transform_tip_to_outer_frame,
     write_inner_angles,
 )
+from mhsb_model.kernels.copying import copy_row
 from mhsb_model.kernels.kernel import kernel
 from mhsb_model.linkages.linkage import cylinder_lengths
 from mhsb_model.machine import Machine
@@ -361,14 +362,20 @@ def _tabulate_postures(
                 if not solve_posture_at_psi(m, ahead, up, psi, np.int64(ranges[i, 0]), q):
                     continue
                 if count == len(table):
-                    table = np.concatenate((table, np.empty_like(table)))
-                table[count, :n], table[count, n] = q, ranges[i, 0]
-                table[count, n + 1 :], table[count, -1] = q[: n - 2], psi + heading
+                    short, table = table, np.empty((2 * count, 2 * n - 1))
+                    for row in range(count):
+                        copy_row(table[row], short[row])
+                for j in range(n):
+                    table[count, j] = q[j]
+                table[count, n] = ranges[i, 0]
+                for j in range(n - 3):
+                    table[count, n + 1 + j] = q[j]
+                table[count, 2 * n - 2] = psi + heading
                 count += 1
     return table[:count]
 
 
-@kernel
+@kernel(inline="always")
 def _find_psi_ranges(
     m: MachineArrays, x: float, z: float, between: tuple[float, float], ranges: FloatArray
 ) -> int:

@@ -101,7 +101,7 @@ def _elbow_offset_range(low: float, high: float, l1: float, l2: float) -> Interv
     return min(a, b), most
 
 
-@kernel
+@kernel(inline="always")
 def enclose_cell(
     m: MachineArrays, tip: tuple[float, float], elbow: int, cell: FloatArray, box: FloatArray
 ) -> bool:

@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.kernels.sorting import sort_in_place
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray, as_frozen
 from mhsb_planner.motion.piston_motion import convert_to_joints
@@ -168,16 +169,18 @@ def _find_breaks(
     """
     inner, count, end = np.empty(4 * len(at)), 0, RAMP_TIME_STEP
     for i in range(len(at)):
-        if np.abs(change[i]).max() > SPEED_ROUNDING:
+        largest = 0.0
+        for each in change[i]:
+            largest = max(largest, abs(each))
+        if largest > SPEED_ROUNDING:
             for since in (0.0, blend[i], rise[i], rise[i] + blend[i]):
                 inner[count] = at[i] + since
                 count += 1
             end = max(end, at[i] + rise[i] + blend[i])
-    inner = inner[:count]
-    inner.sort()
+    sort_in_place(inner, count)
     kept, apart = np.zeros(count + 2), (1.0 - 1e-6) * RAMP_TIME_STEP
     last = 0
-    for time in inner:
+    for time in inner[:count]:
         if kept[last] + apart <= time <= end - apart:
             last += 1
             kept[last] = time

@@ -183,7 +183,9 @@ def _search_first_contact(
         positive if the approach is only too close.
     """
     leeway = compute_leeway(m, rows, position[0], START_LEEWAY)
-    inside = np.any(leeway > 0.0)
+    inside = False
+    for each in leeway:
+        inside = inside or each > 0.0
     n = position.shape[1]
     q = np.empty(n)
     free, needed = 0.0, 0.0  # distance until the next check; least clearance there [m]
@@ -199,9 +201,10 @@ def _search_first_contact(
                 q[j], _, _ = quintic_hermite(since, h, start, end)
             if inside:  # an obstacle that has been left may not be entered again
                 still = compute_leeway(m, rows, q, START_LEEWAY)
+                inside = False
                 for k in range(len(leeway)):
                     leeway[k] = leeway[k] if still[k] > 0.0 else 0.0
-                inside = np.any(leeway > 0.0)
+                    inside = inside or leeway[k] > 0.0
             distance, nearest = clearance(m, rows, q, leeway)
             shortest = speed * CLOSEST_LOOKS
             if distance < max(needed, 0.5 * shortest):

@@ -392,7 +392,8 @@ def _choose_interval_modes(
                 shared[i] = on[i] and (start[j] == SB if i < free[j] else sharing[i])
             beside = (_ON if start[j] == SB else _OFF, _OFF)
             _enforce_lead_and_dwell(time, shared, free[j], intervals, 0.0, dwell, beside)
-            on |= shared
+            for i in range(intervals):
+                on[i] = on[i] or shared[i]
             _enforce_lead_and_dwell(time, on, free[j], intervals, ahead, dwell, boost_beside)
         for i in range(free[j], intervals):
             shared[i] = on[i] and sharing[i]

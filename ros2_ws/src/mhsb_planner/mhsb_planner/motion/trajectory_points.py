@@ -89,12 +89,15 @@ def choose_point_times(breaks: FloatArray) -> IntArray:
         Times in ascending order, at most MAX_POINT_SPACING_NS apart [ns]. There are at least
         FEWEST_INTERVALS intervals.
     """
-    at_ns = np.rint(breaks * SECOND_NS).astype(np.int64)
-    spans = len(at_ns) - 1
+    at_ns, spans = np.empty(len(breaks), dtype=np.int64), len(breaks) - 1
+    for i in range(len(breaks)):
+        at_ns[i] = np.int64(np.rint(breaks[i] * SECOND_NS))
     parts, fewest = np.empty(spans, dtype=np.int64), -(-FEWEST_INTERVALS // spans)
+    intervals = 0
     for i in range(spans):
         parts[i] = max(-(-(at_ns[i + 1] - at_ns[i]) // MAX_POINT_SPACING_NS), fewest)
-    times, k = np.empty(parts.sum() + 1, dtype=np.int64), 0
+        intervals += parts[i]
+    times, k = np.empty(intervals + 1, dtype=np.int64), 0
     for i in range(spans):
         step = (at_ns[i + 1] - at_ns[i]) / parts[i]
         for part in range(parts[i]):

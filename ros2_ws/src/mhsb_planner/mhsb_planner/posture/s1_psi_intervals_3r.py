@@ -18,6 +18,7 @@ import numpy as np
 from mhsb_model.arrays import MachineArrays
 from mhsb_model.inverse_kinematics.closed_form_3r import is_within_limits, solve_last_three_joints
 from mhsb_model.kernels.kernel import kernel
+from mhsb_model.kernels.sorting import sort_in_place
 from mhsb_model.types import FloatArray
 
 MAX_CRITICAL = 16
@@ -53,7 +54,7 @@ def solve_posture_at_psi(
     return solve_last_three_joints(m, x, z, psi, elbow, q) and is_within_limits(m, q)
 
 
-@kernel
+@kernel(borrows=True)
 def _append_angle_pair(found: FloatArray, count: int, center: float, cosine: float) -> int:
     """Append the two angles center ± acos(cosine) to a list, if they exist.
 
@@ -75,7 +76,7 @@ def _append_angle_pair(found: FloatArray, count: int, center: float, cosine: flo
     return count + 2
 
 
-@kernel
+@kernel(borrows=True)
 def _find_critical_angles(m: MachineArrays, x: float, z: float, found: FloatArray) -> int:
     """Find all end-link angles ψ at which a posture of the last three joints may become infeasible.
 
@@ -134,7 +135,7 @@ def _find_critical_angles(m: MachineArrays, x: float, z: float, found: FloatArra
     for i in range(count):
         turns = math.floor((found[i] + math.pi) / (2.0 * math.pi))
         found[i] -= 2.0 * math.pi * turns
-    found[:count].sort()
+    sort_in_place(found, count)
     return count
 
 

@@ -1,0 +1,29 @@
+"""Sorting inside kernels.
+
+Numba's own `ndarray.sort` is compiled anew with each kernel that calls it. That takes a second,
+longer than most kernels take.
+"""
+
+from __future__ import annotations
+
+from mhsb_model.kernels.kernel import kernel
+from mhsb_model.types import FloatArray
+
+
+@kernel(borrows=True)
+def sort_in_place(values: FloatArray, count: int) -> None:
+    """Sort the first values of an array in ascending order, by insertion.
+
+    The time grows with the square of the number of values, or with the number itself if they are
+    nearly sorted.
+
+    Args:
+        values: Values without NaN, shape (count or more,), changed in place.
+        count: Number of values to sort.
+    """
+    for i in range(1, count):
+        value, k = values[i], i
+        while k > 0 and values[k - 1] > value:
+            values[k] = values[k - 1]
+            k -= 1
+        values[k] = value
