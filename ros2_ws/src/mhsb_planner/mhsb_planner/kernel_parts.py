@@ -2,8 +2,9 @@
 
 A kernel (a function compiled by numba) is compiled for types of arguments, not for their values.
 Calls with the default machine therefore serve for all machines. The parts that take longest come
-first. The last parts use kernels of earlier parts. The graph search comes soon after the step
-costs, because one process then makes the step graph for both. `mhsb plan` compiles only the parts
+first. The last parts use kernels of earlier parts. On two processors the goal checks come between
+motion and graph search, so that the process with the step costs takes up the graph search. It then
+makes the step graph for both. `mhsb plan` compiles only the parts
 that its planner needs, a planner node compiles all of them.
 """
 
@@ -145,9 +146,9 @@ def list_parts_for_rest(planner: str) -> tuple[str, ...]:
         Import paths ("module:function") in the order in which the parts are started.
     """
     return (
-        *_name_parts(compile_step_costs, compile_motion, compile_graph_search),
+        *_name_parts(compile_step_costs, compile_motion, compile_goal_checks, compile_graph_search),
         *_PATH_PARTS.get(planner, ()),
-        *_name_parts(compile_polytope_areas, compile_goal_checks),
+        *_name_parts(compile_polytope_areas),
     )
 
 
