@@ -19,7 +19,7 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import BoolArray, FloatArray
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True, reads=True)
 def get_turn_angle(turns: BoolArray, q: FloatArray, j: int) -> float:
     """Return the angle by which joint j turns its link in the plane.
 
@@ -35,7 +35,7 @@ def get_turn_angle(turns: BoolArray, q: FloatArray, j: int) -> float:
     return q[j] if turns[j] else 0.0
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True, reads=True)
 def add_extension(slides: BoolArray, retracted_length: FloatArray, q: FloatArray, j: int) -> float:
     """Return a length along link j, with the extension of its joint if that slides.
 
@@ -72,7 +72,7 @@ def compute_radian_equivalents(m: MachineArrays) -> FloatArray:
     return radian
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, reads=True)
 def bound_displacement(
     m: MachineArrays, start: FloatArray, end: FloatArray, turn: float, j: int
 ) -> float:
@@ -104,7 +104,7 @@ def bound_displacement(
     return (length + max(0.0, slid)) * abs(turn) + abs(slid)
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, reads=True)
 def tip_position(m: MachineArrays, q: FloatArray) -> tuple[float, float]:
     """Compute the position of the tip in the arm's plane.
 
@@ -165,7 +165,7 @@ def end_link_angle(m: MachineArrays, q: FloatArray) -> float:
     return angle
 
 
-@kernel
+@kernel(reads=True)
 def joint_positions(m: MachineArrays, q: FloatArray) -> FloatArray:
     """Compute the positions of all joints and of the tip in the arm's plane.
 

@@ -86,7 +86,7 @@ def replace_payload(c: Chain, payload: float) -> Chain:
     )
 
 
-@kernel
+@kernel(borrows=True)
 def compute_link_directions(
     turns: BoolArray, q: FloatArray, cosine: FloatArray, sine: FloatArray
 ) -> None:
@@ -106,7 +106,7 @@ def compute_link_directions(
         cosine[j], sine[j] = math.cos(angle), math.sin(angle)
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def compute_chain_gravity_torques(
     c: Chain, q: FloatArray, cosine: FloatArray, sine: FloatArray, torque: FloatArray
 ) -> None:
@@ -139,7 +139,7 @@ def compute_chain_gravity_torques(
         torque[0] = 0.0
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def _add_link_moment(
     c: Chain, q: FloatArray, j: int, cosine: float, moment: float, mass: float
 ) -> tuple[float, float]:
@@ -171,7 +171,7 @@ MOTION_WORK = INERTIA_WORK + 2
 """Number of rows of the scratch array `work` that `compute_motion_torques` needs."""
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def compute_inertia_torques(
     c: Chain,
     motion: JointMotion,
@@ -242,7 +242,7 @@ def compute_inertia_torques(
         _add_slew_torques(c, motion, cosine, sine, work, torque)
 
 
-@kernel
+@kernel(borrows=True)
 def _add_slew_torques(
     c: Chain,
     motion: JointMotion,
@@ -302,7 +302,7 @@ def _add_slew_torques(
         torque[j] += cosine[j] * inwards if c.slides[j] else moment
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def compute_motion_torques(
     c: Chain,
     q: FloatArray,

@@ -45,7 +45,7 @@ COSINE_TOLERANCE = 1e-12
 """Excess of a cosine over ±1 that counts as rounding of a triangle that is stretched out."""
 
 
-@kernel
+@kernel(borrows=True)
 def transform_tip_to_outer_frame(
     link_length: FloatArray, x: float, z: float, q: FloatArray
 ) -> tuple[float, float, float]:
@@ -423,7 +423,7 @@ def find_closing_joints(m: MachineArrays) -> tuple[int, int]:
     return i, j
 
 
-@kernel(inline="always", borrows=True)  # inlined, since passing `m` costs more than the call
+@kernel(borrows=True, forceinline=True)  # inlined, since passing `m` costs more than the call
 def solve_posture_with_held_joints(
     m: MachineArrays,
     x: float,

@@ -65,15 +65,15 @@ class KernelType(types.Dispatcher):
             kernel: Instance of `Kernel` that is called.
         """
         super().__init__(kernel.inner.dispatcher)
-        self._inner = kernel.inner
+        self._inner, self._reads = kernel.inner, kernel.reads
 
     def get_call_type(self, context: Any, args: tuple, kws: dict) -> Any:
         """Resolve a call by another kernel, and compile the called version if necessary.
 
         Numba calls this method as a hook. A version is the kernel compiled for one combination of
         argument types. The value of a constant argument is ignored, so that one version serves all
-        values. The version is compiled with low optimization, since it is optimized again in its
-        caller.
+        values. If the kernel only reads, all arrays count as read-only. The version is compiled
+        with low optimization, since it is optimized again in its caller.
 
         Args:
             context: Numba's typing context.
@@ -84,6 +84,8 @@ class KernelType(types.Dispatcher):
             Numba signature of the version.
         """
         plain = tuple(map(types.unliteral, args))
+        if self._reads:
+            plain = tuple(map(_as_read_only, plain))
         named = {name: types.unliteral(kind) for name, kind in kws.items()}
         resolve = super().get_call_type
         if plain in self.dispatcher.signatures:
@@ -93,6 +95,11 @@ class KernelType(types.Dispatcher):
 
 
 register_model(KernelType)(models.OpaqueModel)
+
+
+def _as_read_only(kind: Any) -> Any:
+    """Return the numba type of read-only arrays if a type is that of arrays, else the type."""
+    return kind.copy(readonly=True) if isinstance(kind, types.Array) else kind
 
 
 @cache

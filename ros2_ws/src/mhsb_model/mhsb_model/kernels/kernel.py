@@ -21,14 +21,18 @@ _making = Lock()
 class Kernel:
     """Function that is compiled at its first call, by Python or by another kernel."""
 
-    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+    def __init__(
+        self, function: Callable[..., Any], options: dict[str, Any], *, reads: bool = False
+    ) -> None:
         """Wrap a function without importing numba or compiling anything.
 
         Args:
             function: Python function, whose name and docstring the kernel takes over.
             options: Options of `numba.njit`.
+            reads: True if the function writes to no argument.
         """
         update_wrapper(self, function)
+        self.reads = reads
         self.py_func = function
         self.targetoptions = options
         self._run: Callable[..., Any] = self._run_first
@@ -117,6 +121,7 @@ def kernel(
     *,
     plain: bool = False,
     borrows: bool = False,
+    reads: bool = False,
     **options: Any,
 ) -> Any:
     """Decorate a function so that numba compiles it at its first call.
@@ -130,11 +135,14 @@ def kernel(
         borrows: Promise that the function only works on existing arrays: it creates and returns no
             array, and calls no kernel that returns one. Numba then does not count references to
             arrays, which saves 0.7 µs for a call with a tuple of fifty arrays.
+        reads: Promise that the function writes to no argument and returns none. Other kernels then
+            share one version of it for writable and read-only arrays.
         **options: Further options of `numba.njit`.
 
     Returns:
         The `Kernel`, or the decorator if `function` is None.
     """
     if function is None:
-        return partial(kernel, plain=plain, borrows=borrows, **options)
-    return (PlainKernel if plain else Kernel)(function, {**options, "_nrt": not borrows})
+        return partial(kernel, plain=plain, borrows=borrows, reads=reads, **options)
+    kind = PlainKernel if plain else Kernel
+    return kind(function, {**options, "_nrt": not borrows}, reads=reads)

@@ -107,7 +107,7 @@ def cos_transmission_angles(row: FloatArray, angles: FloatArray) -> FloatArray:
     return found
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True, reads=True)
 def _child_pin(row: FloatArray, cosine: float, sine: float) -> tuple[float, float]:
     """Return the position of a four-bar's pin on the child link, turned by the joint angle q.
 
@@ -122,7 +122,7 @@ def _child_pin(row: FloatArray, cosine: float, sine: float) -> tuple[float, floa
     return row[8] * cosine - row[9] * sine, row[8] * sine + row[9] * cosine
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True, reads=True)
 def evaluate_four_bar(
     row: FloatArray, cosine: float, sine: float
 ) -> tuple[float, float, float, float, float]:

@@ -58,7 +58,7 @@ def build_linkage_row(linkage: Linkage, lower: float = 0.0) -> FloatArray:
     return row
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True, reads=True)
 def evaluate_linkage(linkage: FloatArray, q: float) -> tuple[float, float, float]:
     """Compute cylinder length, moment arm and the slope of the moment arm at a joint position.
 
@@ -75,7 +75,7 @@ def evaluate_linkage(linkage: FloatArray, q: float) -> tuple[float, float, float
     return evaluate_linkage_at_cosine(linkage, math.cos(q), math.sin(q))
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True, reads=True)
 def evaluate_linkage_at_cosine(
     linkage: FloatArray, cosine: float, sine: float
 ) -> tuple[float, float, float]:
@@ -98,7 +98,7 @@ def evaluate_linkage_at_cosine(
     return slider_crank.evaluate_slider_crank(linkage, cosine, sine)
 
 
-@kernel
+@kernel(borrows=True, reads=True)
 def cylinder_length(linkage: FloatArray, q: float) -> float:
     """Return the cylinder length L between the pins [m] at a joint position q [rad or m]."""
     return evaluate_linkage(linkage, q)[0]
@@ -122,7 +122,7 @@ def cylinder_lengths(linkages: FloatArray, postures: FloatArray) -> FloatArray:
     return lengths
 
 
-@kernel
+@kernel(borrows=True, reads=True)
 def moment_arm(linkage: FloatArray, q: float) -> float:
     """Return the moment arm r = dL/dq [m] at a joint position q [rad or m]; 1 for a telescope."""
     return evaluate_linkage(linkage, q)[1]
@@ -146,7 +146,7 @@ def evaluate_linkage_at_angles(linkage: FloatArray, angles: FloatArray) -> Float
     return found
 
 
-@kernel
+@kernel(borrows=True, reads=True)
 def find_joint_angle(
     linkage: FloatArray, length: float, lower: float, upper: float, guess: float
 ) -> float:

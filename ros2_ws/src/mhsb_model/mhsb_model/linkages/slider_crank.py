@@ -39,7 +39,7 @@ def list_row_numbers(linkage: SliderCrank) -> list[float]:
     return [u * u + v * v, u * v * math.cos(ahead), u * v * math.sin(ahead)]
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True, reads=True)
 def evaluate_slider_crank(
     row: FloatArray, cosine: float, sine: float
 ) -> tuple[float, float, float]:

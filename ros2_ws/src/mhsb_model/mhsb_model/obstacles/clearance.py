@@ -217,7 +217,7 @@ def segment_to_segment(one: LineSegment, other: LineSegment) -> float:
     )
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def _get_link_line(joint: FloatArray, k: int) -> LineSegment:
     """Return the line of a link in the arm's plane, from its joint to the next joint or the tip.
 
@@ -228,7 +228,7 @@ def _get_link_line(joint: FloatArray, k: int) -> LineSegment:
     return LineSegment(joint[k, 0], joint[k, 1], joint[k + 1, 0], joint[k + 1, 1])
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def _get_box(rows: FloatArray, k: int) -> BoxInPlane:
     """Return the box that a row of the obstacle table describes.
 
@@ -239,7 +239,7 @@ def _get_box(rows: FloatArray, k: int) -> BoxInPlane:
     return BoxInPlane(rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5])
 
 
-@kernel
+@kernel(borrows=True, reads=True)
 def row_clearance(
     m: MachineArrays, rows: FloatArray, k: int, q: FloatArray, joint: FloatArray
 ) -> float:
@@ -279,7 +279,7 @@ def row_clearance(
     return segment_to_segment(link, _get_link_line(joint, int(rows[k, SHAPE_COLUMN]))) - radius
 
 
-@kernel
+@kernel(borrows=True)
 def point_clearance(rows: FloatArray, k: int, x: float, z: float) -> float:
     """Compute the clearance of a point in the arm's plane from one obstacle.
 
@@ -302,7 +302,7 @@ def point_clearance(rows: FloatArray, k: int, x: float, z: float) -> float:
     return distance - rows[k, RADIUS_COLUMN]
 
 
-@kernel
+@kernel(borrows=True)
 def tip_clearance(rows: FloatArray, links: int, x: float, z: float) -> tuple[float, int]:
     """Compute the least clearance of the tip from the boxes and circles in the arm's plane.
 
@@ -335,7 +335,7 @@ def tip_clearance(rows: FloatArray, links: int, x: float, z: float) -> tuple[flo
     return least, nearest
 
 
-@kernel
+@kernel(borrows=True)
 def tip_clearance_in_space(
     rows: FloatArray, links: int, x: float, y: float, z: float
 ) -> tuple[float, int]:
@@ -367,7 +367,7 @@ def tip_clearance_in_space(
     return least, nearest
 
 
-@kernel
+@kernel(reads=True)
 def clearance(
     m: MachineArrays, rows: FloatArray, q: FloatArray, leeway: FloatArray
 ) -> tuple[float, int]:
@@ -421,7 +421,7 @@ def clearances(
     return least, nearest
 
 
-@kernel
+@kernel(reads=True)
 def compute_leeway(
     m: MachineArrays, rows: FloatArray, q: FloatArray, required: float
 ) -> FloatArray:
@@ -446,7 +446,7 @@ def compute_leeway(
     return leeway
 
 
-@kernel(borrows=True)
+@kernel(inline="always")
 def bound_reach(m: MachineArrays, start: FloatArray, end: FloatArray) -> float:
     """Return an upper bound on the distance of any link from the slew's axis during a move.
 
@@ -472,7 +472,7 @@ def bound_reach(m: MachineArrays, start: FloatArray, end: FloatArray) -> float:
     return reach
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, reads=True)
 def bound_travel(
     m: MachineArrays, start: FloatArray, end: FloatArray, along_cylinders: bool
 ) -> float:
@@ -505,7 +505,7 @@ def bound_travel(
     return farthest
 
 
-@kernel(borrows=True)
+@kernel(inline="always")
 def _write_midpoint(
     m: MachineArrays, start: FloatArray, end: FloatArray, along_cylinders: bool, middle: FloatArray
 ) -> None:

@@ -276,7 +276,7 @@ def _workspace_excess(m: MachineArrays, posture: FloatArray) -> float:
     return compute_workspace_excess(m, x, z)
 
 
-@kernel(borrows=True)
+@kernel(inline="always")
 def _leaves_workspace(m: MachineArrays, points: Postures, here: int) -> bool:
     """Return whether the tip leaves the workspace between points[here] and points[1 - here].
 
@@ -354,7 +354,7 @@ def price_piece(t: PathCostModel, w: PathCostBuffers, here: int) -> int:
     return status
 
 
-@kernel
+@kernel(borrows=True)
 def piece_count(start: FloatArray, end: FloatArray, piece: float) -> int:
     """Return the number of equal pieces into which a straight move of the cylinders is cut.
 
@@ -397,13 +397,13 @@ def cut_into_pieces(via: FloatArray, piece: float) -> tuple[FloatArray, IntArray
     return end, count
 
 
-@kernel(borrows=True)
+@kernel(inline="always")
 def least_move_cost(t: PathCostModel, start: FloatArray, end: FloatArray) -> float:
     """Return the lower bound on the cost of any path between two vectors of cylinder lengths."""
     return bound_cost_between(t.circuit, start, end, t.weight)
 
 
-@kernel(borrows=True)
+@kernel(inline="always")
 def _piece_cost(t: PathCostModel, w: PathCostBuffers, p: int) -> float:
     """Return w₁ E + w₂ T + w₄ M of the piece that was priced last, in mode combination p."""
     cost = w.scratch.cost
@@ -414,7 +414,7 @@ def _piece_cost(t: PathCostModel, w: PathCostBuffers, p: int) -> float:
     )
 
 
-@kernel(borrows=True)
+@kernel(inline="always")
 def _extend_by_piece(t: PathCostModel, w: PathCostBuffers, here: int) -> float:
     """Extend the least costs of a path by one piece, for each mode combination of arrival.
 
@@ -481,7 +481,7 @@ def count_switches_to_hold(m: MachineArrays, force: FloatArray, modes: ModeArray
     return count
 
 
-@kernel(borrows=True)
+@kernel(inline="always")
 def _add_holding_switches(t: PathCostModel, w: PathCostBuffers, at: int) -> float:
     """Add the cost of the switches to the modes that hold the arm at rest at w.points[at].
 
@@ -504,7 +504,7 @@ def _add_holding_switches(t: PathCostModel, w: PathCostBuffers, at: int) -> floa
     return least
 
 
-@kernel
+@kernel(inline="always")
 def begin_path(
     t: PathCostModel, w: PathCostBuffers, length: FloatArray, posture: FloatArray
 ) -> None:
@@ -527,7 +527,7 @@ def begin_path(
     w.value[0, -1] = 0.0
 
 
-@kernel
+@kernel(borrows=True)
 def continue_path(
     t: PathCostModel,
     w: PathCostBuffers,

@@ -202,7 +202,7 @@ def wrist_direction_range(low: float, high: float, radius: Interval, link: float
     return min(one[0], other[0]), max(one[1], other[1])
 
 
-@kernel
+@kernel(borrows=True)
 def enclose_lengths(m: MachineArrays, j: int, low: float, high: float, box: FloatArray) -> bool:
     """Compute the range of cylinder length j for an interval of its joint's positions.
 

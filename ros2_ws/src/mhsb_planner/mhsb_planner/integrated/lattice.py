@@ -336,7 +336,7 @@ def _load_point(
         points.posture[i, j] = lattice.angle[j, at[j]]
 
 
-@kernel
+@kernel(inline="always")
 def _load_forces(
     t: PathCostModel, known: LatticePointData, row: int, points: Postures, i: int
 ) -> None:
@@ -377,7 +377,7 @@ def _add_row(known: LatticePointData, point: int) -> int:
     return row
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def _find_neighbour(lattice: Lattice, at: IntArray, move: IntArray) -> int:
     """Return the number of a neighbour of a lattice point.
 
@@ -398,7 +398,7 @@ def _find_neighbour(lattice: Lattice, at: IntArray, move: IntArray) -> int:
     return point
 
 
-@kernel(borrows=True)
+@kernel(inline="always")
 def _is_around(lattice: Lattice, at: IntArray, goal: FloatArray) -> bool:
     """Return whether a goal posture lies within one lattice step of a lattice point.
 
@@ -562,7 +562,7 @@ def _price_step_to(
     return gained
 
 
-@kernel(borrows=True)
+@kernel(inline="always")
 def _step_to_goal(
     problem: LatticeProblem,
     w: PathCostBuffers,
@@ -593,7 +593,7 @@ def _step_to_goal(
         known.reached[0] = k
 
 
-@kernel(borrows=True)
+@kernel(inline="always")
 def _step_to_neighbour(
     problem: LatticeProblem,
     w: PathCostBuffers,

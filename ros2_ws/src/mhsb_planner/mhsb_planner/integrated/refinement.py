@@ -131,7 +131,7 @@ def sweep_waypoints(
     return cost
 
 
-@kernel
+@kernel(inline="always")
 def compute_goal_lengths(
     t: PathCostModel, tip: tuple[float, float], elbow: int, free: FloatArray, length: FloatArray
 ) -> bool:
@@ -237,7 +237,7 @@ def sweep_waypoint(
     return cost
 
 
-@kernel(borrows=True)
+@kernel(inline="always")
 def _turn_goal(free: FloatArray, turn: FloatArray, k: int, sign: float) -> bool:
     """Change the free coordinates of the goal posture by their strides, in direction k.
 
@@ -264,7 +264,7 @@ def _turn_goal(free: FloatArray, turn: FloatArray, k: int, sign: float) -> bool:
     return moved
 
 
-@kernel(borrows=True)
+@kernel(inline="always")
 def _move_waypoint(m: MachineArrays, corner: FloatArray, j: int, stroke: float) -> bool:
     """Change the length of cylinder j at a waypoint by a stroke, within the cylinder's range.
 

@@ -390,7 +390,7 @@ def _integrate_power(
     return energy
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def _compute_powers(
     m: MachineArrays,
     speed: FloatArray,

@@ -68,7 +68,7 @@ _PROVEN_BELOW = tuple(each.proven_below for each in STATE_LIMITS)
 _CLEAR_BELOW = tuple(each.clear_below for each in STATE_LIMITS)
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def repeats_previous_row(modes: ModeArray, k: int) -> bool:
     """Return whether the modes of a row equal the modes of the row before.
 
@@ -174,7 +174,7 @@ def _fill_states(m: MachineArrays, motion: LimitInputs, values: FloatArray) -> N
         _store_column(values, k, measure_limits(m, select_instant(motion, k, k)))
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def _store_column(values: FloatArray, k: int, column: tuple[float, ...]) -> None:
     """Write the quantities of all limits at one instant into column k of `values`.
 
@@ -244,12 +244,14 @@ def _fill_ends(m: MachineArrays, motion: LimitInputs, begin: FloatArray, end: Fl
         end: Quantities at the ends, shape (limits, k). Written in place.
     """
     for k in range(len(motion.modes)):
+        first = 0
         if repeats_previous_row(motion.modes, k):
+            first = 1
             for i in range(_LIMIT_COUNT):
                 begin[i, k] = end[i, k - 1]
-        else:
-            _store_column(begin, k, measure_limits(m, select_instant(motion, k, k)))
-        _store_column(end, k, measure_limits(m, select_instant(motion, k + 1, k)))
+        for side in range(first, 2):
+            into = begin if side == 0 else end
+            _store_column(into, k, measure_limits(m, select_instant(motion, k + side, k)))
 
 
 class EndValues(NamedTuple):
@@ -447,7 +449,7 @@ def _find_unproven_intervals(
     return rows[:count]
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def _bound_parabola(begin: float, middle: float, end: float) -> float:
     """Compute an upper bound on a quantity that varies nearly as a parabola over an interval.
 

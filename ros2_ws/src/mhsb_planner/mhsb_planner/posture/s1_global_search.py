@@ -142,7 +142,7 @@ def _compute_area_inputs(
     return True
 
 
-@kernel
+@kernel(inline="always")
 def _maximise_in_interval(
     m: MachineArrays,
     tip: tuple[float, float],
@@ -224,7 +224,7 @@ class _PsiSamples(NamedTuple):
     limit: FloatArray
 
 
-@kernel
+@kernel(inline="always")
 def _sample_psi(m: MachineArrays, tip: tuple[float, float]) -> _PsiSamples:
     """Sample the end-link angle ψ in all its feasible intervals at a tip position.
 
@@ -260,7 +260,7 @@ def _sample_psi(m: MachineArrays, tip: tuple[float, float]) -> _PsiSamples:
     return _PsiSamples(interval[:intervals], first, posture, valid, cross, limit)
 
 
-@kernel
+@kernel(borrows=True)
 def _find_largest_sample(samples: _PsiSamples, value: FloatArray, q: FloatArray) -> float:
     """Find the sample with the largest velocity-polytope area.
 
@@ -290,7 +290,7 @@ def _find_largest_sample(samples: _PsiSamples, value: FloatArray, q: FloatArray)
     return best
 
 
-@kernel
+@kernel(borrows=True)
 def _compute_drop(value: FloatArray, s: int, first: int, last: int) -> float:
     """Compute the drop of the area from a sample that is a local maximum to its lower neighbour.
 

@@ -113,7 +113,7 @@ def compute_tip_columns(m: MachineArrays, q: FloatArray) -> FloatArray:
     return columns
 
 
-@kernel
+@kernel(borrows=True)
 def compute_cross_products(columns: FloatArray, cross: FloatArray) -> None:
     """Compute the cross products of the tip velocities of all pairs of joints.
 
@@ -140,7 +140,7 @@ def compute_cross_products(columns: FloatArray, cross: FloatArray) -> None:
             cross[j, i] = -cross[i, j]
 
 
-@kernel
+@kernel(borrows=True, reads=True)
 def compute_area_from_limits(
     cross: FloatArray, scale: FloatArray, limit: FloatArray, pattern: ModeArray, flow: float
 ) -> float:

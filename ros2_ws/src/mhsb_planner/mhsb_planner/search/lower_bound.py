@@ -33,7 +33,7 @@ ENERGY_ONLY_WEIGHTS = frozen(np.array([1.0, 0.0]))
 """
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, reads=True)
 def bound_cost_between(
     c: HydraulicCoefficients, start: FloatArray, goal: FloatArray, weight: FloatArray
 ) -> float:

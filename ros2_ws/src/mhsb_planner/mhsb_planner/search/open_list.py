@@ -24,7 +24,7 @@ NOT_IN_HEAP = -1
 """Value of `place` for a state that is not in the heap."""
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def _precedes(states: Records[SearchState], a: int, b: int) -> bool:
     """Return whether state a precedes state b in the heap order.
 
@@ -46,7 +46,7 @@ def _precedes(states: Records[SearchState], a: int, b: int) -> bool:
     return a < b
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def sift_up(states: Records[SearchState], heap: IntArray, i: int, state: int) -> None:
     """Insert a state into the heap, or move a state whose estimate has decreased to its place.
 
@@ -71,7 +71,7 @@ def sift_up(states: Records[SearchState], heap: IntArray, i: int, state: int) ->
     states[state].place = i
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def pop(states: Records[SearchState], heap: IntArray, size: int) -> int:
     """Remove the first state of a heap of `size` states, without counting.
 
@@ -219,7 +219,7 @@ def enlarge_open_list(f: OpenList) -> OpenList:
     return wider
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def pop_first_state(f: OpenList) -> int:
     """Remove the open state with the least estimate, and update the count of open states.
 
@@ -236,7 +236,7 @@ def pop_first_state(f: OpenList) -> int:
     return state
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def record_path_to(
     f: OpenList, target: int, state: int, steps: int, cost: float, lower_bound: float
 ) -> None:

@@ -117,7 +117,7 @@ class LeavingSteps(NamedTuple):
     last: int
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def _is_dominated(
     cost: float, depth: int, states: Records[SearchState], other: int, switching: float
 ) -> bool:
@@ -221,7 +221,7 @@ def expand(
     return SEARCH_PAUSED
 
 
-@kernel(borrows=True)
+@kernel(inline="always")
 def _add_edges(cost_model: StepCostModel, edges: Edges, posture: int, buffers: StepBuffers) -> bool:
     """Price the steps that leave a posture and append them to the graph's edges.
 

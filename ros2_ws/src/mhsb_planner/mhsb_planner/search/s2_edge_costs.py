@@ -172,7 +172,7 @@ def price_steps(
     return found
 
 
-@kernel(borrows=True)
+@kernel(inline="always")
 def _mark_collisions(t: StepCostModel, i: int, first: int, count: int, middle: FloatArray) -> None:
     """Mark the moves to the postures of a node on which the arm comes too near to an obstacle.
 

@@ -291,7 +291,7 @@ MOVE_WIDTH = 7
 """Number of columns of one joint's part of a move."""
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def _is_loaded(move: FloatArray) -> bool:
     """Return whether a joint moves, or must be held in boost, during a move.
 

@@ -35,7 +35,7 @@ CLEAR_PRESSURE = 0.999
 The rest of the pressure is enough for the valve at the lowest speeds."""
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def measure_holding_pressure(m: MachineArrays, state: LimitInputs) -> float:
     """Return the largest ratio of holding pressure to available pressure over all cylinders [-].
 

@@ -20,7 +20,7 @@ JOINT_TOLERANCE = 1e-6
 """Distance beyond a joint limit that counts as rounding of table and interpolation [rad or m]."""
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def measure_joint_excess(m: MachineArrays, state: LimitInputs) -> float:
     """Return the largest distance of a joint beyond its limits [rad or m].
 

@@ -15,7 +15,7 @@ from mhsb_model.types import ModeArray
 from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def count_used_modules(m: MachineArrays, modes: ModeArray) -> int:
     """Count the booster modules that a mode combination uses.
 
@@ -32,7 +32,7 @@ def count_used_modules(m: MachineArrays, modes: ModeArray) -> int:
     return used
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def measure_module_excess(m: MachineArrays, state: LimitInputs) -> float:
     """Return the number of booster modules that the modes use, minus the number in the machine.
 

@@ -22,7 +22,7 @@ CLEAR_DISTANCE = 2e-3
 """Distance of the tip inside the workspace up to which an interval is checked closely [m]."""
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def measure_tip_excess(m: MachineArrays, state: LimitInputs) -> float:
     """Return the distance of the tip outside the workspace [m].
 

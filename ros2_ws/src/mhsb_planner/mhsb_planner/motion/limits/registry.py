@@ -29,7 +29,7 @@ STATE_LIMITS: tuple[StateLimit, ...] = (
 """Limits on the state of a motion, in the order in which they are checked at an instant."""
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def measure_limits(m: MachineArrays, state: LimitInputs) -> tuple[float, ...]:
     """Return the quantity that each limit in `STATE_LIMITS` bounds, at one instant.
 

@@ -25,7 +25,7 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_planner.motion.limits.limit import LimitInputs, StateLimit, TimeScaling
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def measure_thrust(m: MachineArrays, state: LimitInputs) -> float:
     """Return the largest ratio of needed to available supply pressure over all cylinders [-].
 

@@ -89,7 +89,7 @@ def compute_speed_limit(
     return min(speed, get_max_servo_pump_flow(oil, modules) / inlet)
 
 
-@kernel(inline="always")
+@kernel(borrows=True, forceinline=True)
 def measure_usage(m: MachineArrays, state: LimitInputs) -> float:
     """Return the share of the capacity of main pump, servo pumps and valves that a motion uses [-].
 
