@@ -22,7 +22,7 @@ IN_A_ROW_TO_STOP = 3
 """Number of faults in a row of a callback that monitors the plan after which the arm is stopped."""
 
 STOP_PERIOD = 1.0
-"""Time between two stops while such a callback goes on failing [s]."""
+"""Time between two stops while a watched callback goes on failing [s]."""
 
 LOG_PERIOD = 10.0
 """Time between two log lines on faults of one kind [s]."""
@@ -88,9 +88,9 @@ class Faults:
         self._watched.update(map(name_callback, entities))
 
     def record_fault(self, place: str, error: Exception) -> str:
-        """Log and count a fault; stop the arm if a watched callback has failed too often in a row.
+        """Log and count a fault, and stop the arm if a watched callback fails repeatedly.
 
-        Too often is IN_A_ROW_TO_STOP times.
+        The arm is stopped after IN_A_ROW_TO_STOP failures of this callback in a row.
 
         Args:
             place: Name of the callback that failed, as `name_callback` gives it.
@@ -188,8 +188,8 @@ class Faults:
         """Log a fault, unless one of its kind was logged within the last `LOG_PERIOD`.
 
         Two faults are of one kind if callback, exception type and place in the code are equal. The
-        first fault of a kind is logged with its traceback, later ones as one line. When
-        `MOST_KINDS` kinds are remembered, all of them are forgotten at once.
+        first fault of a kind is logged with its traceback, later ones as one line. After
+        `MOST_KINDS` kinds, all are forgotten, so that each is logged with a traceback again.
 
         Args:
             place: Name of the callback.

@@ -106,8 +106,7 @@ class GuardedExecutor(SingleThreadedExecutor):
     def _make_handler(self, entity: Any, node: Node, take_from_wait_list: Any) -> Task:
         """Make the task that takes an entity's input and executes its callback.
 
-        Exceptions of both are recorded as faults.
-
+        An exception while the input is taken, or in the callback, is recorded as a fault.
         Requests of services are taken by `_take_request`, and messages for the node's clock by
         `_take_clock`. All other input is taken by rclpy.
 
@@ -334,16 +333,17 @@ def _take_clock(subscription: Subscription) -> Execution | None:
 def _find_unusable_parameter(node: Node, parameters: Sequence[Parameter]) -> str:
     """Return why parameters of a request cannot be set.
 
-    Of their values, only numbers of parameters with a range are checked, since rclpy's own sentence
-    names no numbers.
+    A value is checked only if it is a number with a range, since rclpy's own sentence on it names
+    no numbers. rclpy checks all other values.
 
     Args:
         node: Node of the parameters. Only those in its `deletable_parameters` may be deleted.
         parameters: Parameters of the request.
 
     Returns:
-        One sentence about the first parameter that does not exist, has an unknown type, is out of
-        its range, or would be deleted although it must not be. Empty if there is no such parameter.
+        One sentence about the first unusable parameter; empty if there is none. A parameter is
+        unusable if it does not exist, has an unknown type, is out of its range, or would be deleted
+        although it must not be.
     """
     deletable = getattr(node, "deletable_parameters", ())
     for parameter in parameters:

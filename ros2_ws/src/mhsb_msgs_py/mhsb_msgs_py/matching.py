@@ -96,19 +96,19 @@ class MatchingSubscriptions:
         Args:
             topic: Name, type and quality of service.
             callback: Called with each message and rclpy's information on it.
-            at_once: True to subscribe to a publisher of another quality of service as soon as ROS
-                finds it, False to wait for the next call of `update`. True costs time, since the
-                executor then checks for this event at every wake.
+            at_once: When to open a further subscription for a publisher that does not match: True
+                as soon as ROS finds it, False at the next call of `update`. True costs time, since
+                the executor then checks for this event at every wake.
 
         Returns:
             The subscription with the topic's own quality of service.
         """
-        heard = _SubscribedTopic(topic, callback)
+        subscribed = _SubscribedTopic(topic, callback)
         found = (lambda event: self.update()) if at_once else None
         events = SubscriptionEventCallbacks(incompatible_qos=found, use_default_callbacks=False)
-        heard.first = self._subscribe(heard, topic.qos, events)
-        self._topics.append(heard)
-        return heard.first
+        subscribed.first = self._subscribe(subscribed, topic.qos, events)
+        self._topics.append(subscribed)
+        return subscribed.first
 
     def update(self) -> None:
         """Open further subscriptions for publishers that a topic's own subscription does not match.
@@ -119,20 +119,20 @@ class MatchingSubscriptions:
         topic's own subscription, even if a further subscription serves them.
         """
         problems = []
-        for heard in self._topics:
+        for subscribed in self._topics:
             offers: dict[Offer, list[str]] = {}
-            for each in self._node.get_publishers_info_by_topic(heard.topic.name):
+            for each in self._node.get_publishers_info_by_topic(subscribed.topic.name):
                 offer = each.qos_profile.reliability, each.qos_profile.durability
-                if not _matches(heard.topic.qos, *offer):
+                if not _matches(subscribed.topic.qos, *offer):
                     name = f"{each.node_namespace.rstrip('/')}/{each.node_name}"
                     offers.setdefault(offer, []).append(name)
-            for offer in heard.further.keys() - offers.keys():
-                self._node.destroy_subscription(heard.further.pop(offer))
+            for offer in subscribed.further.keys() - offers.keys():
+                self._node.destroy_subscription(subscribed.further.pop(offer))
             for offer, names in offers.items():
-                whose = f"{heard.topic.name} of {', '.join(names)}"
-                problems.append(f"{whose} is {_describe_mismatch(heard, offer)}")
-                if offer not in heard.further:
-                    self._open(heard, offer, problems[-1])
+                publishers = f"{subscribed.topic.name} of {', '.join(names)}"
+                problems.append(f"{publishers} is {_describe_mismatch(subscribed, offer)}")
+                if offer not in subscribed.further:
+                    self._open(subscribed, offer, problems[-1])
         self.problem = "; ".join(problems)
 
     def _open(self, subscribed: _SubscribedTopic, offer: Offer, problem: str) -> None:

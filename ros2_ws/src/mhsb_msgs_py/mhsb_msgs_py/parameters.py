@@ -75,8 +75,8 @@ class NodeParameter:
     def declare(self, node: Node) -> Any:
         """Declare the parameter on a node, and return its value.
 
-        ROS cannot tell the type of an empty array. If the value is empty and may be
-        (`may_be_empty`), its type is set to double array.
+        ROS cannot tell the type of an empty array. So an empty value of a parameter with
+        `may_be_empty` is set once more, as a double array.
 
         Args:
             node: Node that gets the parameter.

@@ -80,8 +80,8 @@ def read_point_arrays(message: JointTrajectory | bytes, what: str, max_points: i
         max_points: Largest number of points.
 
     Returns:
-        The content. If points differ in their fields or in lengths of arrays, each array is a list
-        of sequences, one for each point.
+        The content. Its arrays have two dimensions if bytes are given whose layout is regular
+        (`_read_regular_bytes`). Otherwise each is a list of sequences, one for each point.
 
     Raises:
         MessageError: There are too many points, the bytes are no message, or the nanoseconds of a
