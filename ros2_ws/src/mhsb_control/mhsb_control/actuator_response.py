@@ -155,7 +155,10 @@ class InverseCurve:
         settings: ResponseSettings,
         declared: FloatArray | None = None,
     ) -> None:
-        """Build the declared curve, or the mean of the two assumed curves without a dead band.
+        """Build the declared curve, or an assumed curve without a dead band.
+
+        The assumed curve is the mean of two curves. In the first, the speed is proportional to the
+        command. In the second, it is proportional to the power `max_exponent` of the command.
 
         Args:
             full_speed: Assumed speed at the full command [m/s].
@@ -284,9 +287,10 @@ class InverseCurve:
         """Raise the dead band because a command above it has not moved the piston.
 
         A command within the present dead band is ignored. A command of `max_dead_band` or more is
-        ignored too, since something else then holds the piston. The dead band is raised by a step
-        beyond the command. The step doubles while the piston stands, up to `dead_band_step`. The
-        covariance does not change, because the command is only a lower bound of the dead band.
+        ignored too, since something else then holds the piston. The dead band becomes this command
+        plus a step, and the commands at the other knots change in proportion to their covariance
+        with it. The step doubles while the piston stands, up to `dead_band_step`. The covariance
+        does not change, because the command is only a lower bound of the dead band.
 
         Args:
             command: Command, 0 … 1.
@@ -349,6 +353,8 @@ class DelayEstimate:
 
     def learn(self, expected: FloatArray, moved: float, time: float) -> None:
         """Update the estimate of the delay with the mean speed of the piston in a window.
+
+        The estimate does not change before the piston has moved enough (`min_motion`).
 
         Args:
             expected: Mean speed that the commands should have caused in the window, for each

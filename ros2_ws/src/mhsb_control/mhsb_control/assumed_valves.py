@@ -13,7 +13,7 @@ def update_assumed_valves(circuit: Components) -> None:
 
     Join valves connect supply lines to the shared rail; diverters lead a booster module's flow to
     the rail. Neither has a sensor, so the servo computes both positions from its own commands, as
-    first-order lags. Diverters of spare modules, which have no actuator, do not move.
+    first-order lags. Diverters of spare modules, which have no line of their own, do not move.
 
     Args:
         circuit: The circuit as the servo knows it. Writes `join` of the actuators and `to_rail` of

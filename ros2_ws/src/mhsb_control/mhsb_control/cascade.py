@@ -242,17 +242,21 @@ class ControlAxis(Record):
     speed_to_command: float
     """Piston speed of the reference at the time when a command sent now acts [m/s]."""
     force_to_command: float
-    """Force of the reference at that time, without friction [N]; NaN if commands act at once."""
+    """Force of the reference when a command sent now acts, without friction [N].
+
+    NaN if commands act at once."""
     force_rate: float
     """Rate of change of `force_to_command` [N/s]; 0 if commands act at once."""
     speed_to_pump: float
     """Piston speed of the reference at the time when a pump command sent now acts [m/s]."""
     force_to_pump: float
-    """Force of the reference at that time, without friction [N]."""
+    """Force of the reference when a pump command sent now acts, without friction [N]."""
     holding_force_to_pump: float
-    """Force that a closed valve would have to carry at that time [N]."""
+    """Force that a closed valve would have to carry when a pump command sent now acts [N]."""
     speed_to_cross: float
-    """Piston speed of the reference when a spool that starts then has crossed its overlap [m/s]."""
+    """Piston speed of the reference when the spool has crossed its overlap [m/s].
+
+    The spool moves by a command that is sent now."""
     moving_speed: float
     """Piston speed of the reference above which the load is estimated [m/s]."""
     max_speed_at_rest: float
@@ -268,7 +272,7 @@ class ControlAxis(Record):
     arm_ahead: float
     """Moment arm at point PREVIEW_POINT [m]."""
     arm_slope_ahead: float
-    """Derivative of that moment arm by the joint angle [m/rad]."""
+    """Derivative of `arm_ahead` by the joint angle [m/rad]."""
     feedforward: float
     """Force of the reference with friction and bias d [N]."""
     bias: float
@@ -282,7 +286,7 @@ class ControlAxis(Record):
     friction: float
     """Friction at the reference speed, computed from the machine file [N]."""
     friction_share: float
-    """Factor on that friction which the feedforward contained in the last step."""
+    """Factor on `friction` that the feedforward contained in the last step."""
     is_saturated: float
     """1 if the valve cannot produce the demanded speed, else 0."""
     stiffness: float
@@ -386,9 +390,10 @@ def build_axis_records(
         k_i = g.integral_gain k_p²
         τ   = max(servo.force_bias_time, min_bias_time_ratio ω_F/ω²)
 
-    So a joint with a low natural frequency gets low gains. k_p is the position gain, and k_i its
-    integral gain. ω_F is the bandwidth of the force loop, and τ the time constant of the force bias
-    d. The integral w is limited to the largest piston speed divided by `integral_limit_ratio`.
+    So a joint with a low natural frequency gets low gains. k_p and k_i are the proportional and the
+    integral gain of the position loop. ω_F is the bandwidth of the force loop, and τ the time
+    constant of the force bias d. The integral w is limited to the largest piston speed divided by
+    `integral_limit_ratio`.
 
     Args:
         machine: The machine as declared in its file (the real one may differ).
@@ -552,10 +557,11 @@ def compute_reference_forces(s: ServoArguments, payload: float) -> None:
 
     The force is the torque of inverse dynamics divided by the moment arm, without friction. The
     holding force is what a closed valve would have to hold: the force of gravity, or the whole
-    force if that is smaller in magnitude. If commands act at once, speeds and pump forces for later
-    times are the present ones. `force_to_command` and `force_rate` are then not computed.
-    `max_speed_at_rest` is inf while the reference moves, now or at the preview point. Otherwise it
-    is the piston speed at which the joint moves with `rest_speed`.
+    force if that is smaller in magnitude. If commands act at once (`command_times` is 0), the
+    speeds and pump forces at the times of commands are the present ones. `force_to_command` and
+    `force_rate` are then not computed. `max_speed_at_rest` is inf while the reference moves, now or
+    at the preview point. Otherwise it is the piston speed at which the joint moves with
+    `rest_speed`.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Reads `reference`,
@@ -618,13 +624,14 @@ def update_oil_stiffness(
 ) -> None:
     """Compute the stiffness of the oil in a cylinder at the measured length.
 
-    The chambers have the volumes V_A (cap side) and V_B (rod side), dead volumes included:
+    The chambers have the piston areas A (cap side) and a (rod side), and the volumes V_A and V_B,
+    dead volumes included:
 
         k_h = β (A²/V_A + a²/V_B)
 
     Args:
-        axis: State of the cylinder's control axis. Writes `cap_stiffness`
-            (β/V_A) and `rod_stiffness` (β/V_B) [Pa/m³], and `stiffness` (k_h) [N/m], in place.
+        axis: State of the cylinder's control axis. Writes `cap_stiffness` (β/V_A) and
+            `rod_stiffness` (β/V_B) [Pa/m³], and `stiffness` (k_h) [N/m] in place.
         cylinder: Areas, dead volumes and stroke limits of the cylinder.
         sensor: Measured length [m] and pressures [Pa] of the actuator.
         constants: Constants of the circuit with the bulk modulus β [Pa].
@@ -648,11 +655,11 @@ def demand_speed(
     F_m is the force of the reference without friction. The term with its rate Ḟ_m is the flow that
     compresses the oil (`force_rate`; 0 for a controller without preview). ω_F is the bandwidth of
     the force loop [1/s], and k_h the stiffness of the oil [N/m]. k_p is the gain of the position
-    loop [1/s], and T the time until a command acts [s]. |u| is limited to `deliverable_speed`,
-    which the pumps can supply. While the reference rests, it is also limited to
-    `max_speed_at_rest`. The integral w stays constant while the valve is saturated (anti-windup).
-    While the reference rests, w changes only if the joint error is between `min_rest_error` and
-    `max_rest_error`.
+    loop [1/s], and T the time until a command acts [s]. The magnitude of u is limited to
+    `deliverable_speed`, which the pumps can supply. While the reference rests, it is also limited
+    to `max_speed_at_rest`. The integral w stays constant while the valve is saturated
+    (anti-windup). While the reference rests, w changes only if the joint error is between
+    `min_rest_error` and `max_rest_error`.
 
     Args:
         axis: State of the cylinder's control axis. Writes `feedforward` (F_known + d), `integral`
@@ -693,9 +700,9 @@ def compute_supply_need(
     open valve at the speed v. `inertia_margin` is the part of the boost margin that inertia may use
     up. The three pressures are:
 
-        p_L(F_hold)                      holding
-        p_L(F_hold) + m(v)               moving the held load
-        p_L(F) + m(v) − inertia_margin           moving it with inertia
+        p_L(F_hold)                         holding
+        p_L(F_hold) + m(v)                  moving the held load
+        p_L(F) + m(v) − inertia_margin      moving it with inertia
 
     The force that brakes a falling load does not raise the need. The valve's edge to the tank
     brakes the load, not a pump.
@@ -706,8 +713,7 @@ def compute_supply_need(
         speed: v, piston speed, positive in extension [m/s].
         cylinder: Areas and flow coefficient of the cylinder's valve.
         constants: Constants of the circuit with supply and tank pressure.
-        gains: Quantities that all axes share, with margins and the
-            maximum boost pressure.
+        gains: Quantities that all axes share, with margins and the maximum boost pressure [Pa].
 
     Returns:
         Supply pressure [Pa].
@@ -765,8 +771,8 @@ def set_supply_targets(
 def joins_rail(j: int, modes: ModeArray, module_home: IntArray, serves: IntArray) -> bool:
     """Return whether actuator j draws oil from the shared rail.
 
-    It draws from the rail if its mode is SB. It also does so if a booster module serves it that is
-    a spare or belongs to another actuator's line.
+    It draws from the rail if its mode is SB. It also draws from the rail if a spare module, or the
+    module of another actuator's line, serves it.
 
     Args:
         j: Index of the actuator.

@@ -79,7 +79,7 @@ def compute_coasting_limit(
 
     Returns:
         Largest admissible flow Q [m³/s]. It is negative if even a stopped pump would overfill the
-        line.
+        line, and inf if no command can act before the last point.
     """
     rise, rise_ahead = rises
     limit = np.inf

@@ -45,23 +45,24 @@ class ServoSignals:
             float64[REFERENCE_POINTS, 3, n]. The points are evenly spaced in time. Point 0 is now;
             point `PREVIEW_POINT` of `mhsb_control.reference` is the controller's `preview` later.
         command_reference: q, q̇ and q̈ of the reference at three times, float64[3, 3, n]. Row 0:
-            when a valve command sent now acts. Row 1: when a spool that starts to move then has
+            when a valve command sent now acts. Row 1: when the spool that this command moves has
             crossed its overlap. Row 2: when a pump command sent now acts.
         command_times: Times from now to the three states of `command_reference`, float64[3], [s]; 0
             if commands act at once. The controller writes them.
         sensors: Measured cylinder lengths and pressures, ActuatorReadings[n].
         rail_pressure: Measured pressure of the shared rail, float64[1], [Pa].
-        modes: Prepared modes, uint8[n]. It is the mode in force of each actuator. If a boosted mode
-            begins within `preview` and modules are free for it, it is already this mode.
+        modes: Prepared mode of each actuator, uint8[n]: in general the mode in force. A boosted
+            mode that begins within `preview` is prepared already, if modules are free for it.
         modes_ahead: Modes that will be in force after the time `preview`, uint8[n].
         serves: Actuator that each module serves, int64[m]; −1 if idle.
         circuit: Circuit as the controller knows it, not the simulated one. The controller writes
             `valve_command` and `join_command` of its actuators, and `flow_command` and
-            `to_rail_command` of its modules. Pump flows are measured by the pump speeds. Join
-            valves and diverters follow their commands as the machine file describes.
+            `to_rail_command` of its modules. Its pump flows are measured by the pumps' speeds. Its
+            positions of join valves and diverters are computed: they follow their commands as the
+            machine file describes.
         valve_overlap: Overlaps of each valve that the controller compensates, extending and
-            retracting, as shares of the spool's stroke, float64[n, 2]; 0 if it does not estimate
-            them. The controller writes them.
+            retracting, as shares of the spool's stroke, float64[n, 2]; 0 if the controller does not
+            estimate overlaps. The controller writes them.
     """
 
     reference: FloatArray
@@ -122,12 +123,12 @@ class Controller(Protocol):
     """
 
     gains_section: type[Section]
-    """Section of the machine file that declares its gains, each with range, unit and default.
+    """Schema of its section of the machine file: each gain with range, unit and default.
 
-    `tune` searches the gains that its `search_ranges` has (`mhsb_control.cascade.CascadeGains`)."""
+    `tune` searches the gains that are in the schema's `search_ranges`, if it has them."""
 
     usual_error: float
-    """Distance of the tip from its reference that is normal for this controller [m]."""
+    """Normal distance of the tip from its reference, for an arm of the paper's size [m]."""
 
     preview: float
     """Time by which modes are prepared in advance [s]. The reference reaches further ahead."""

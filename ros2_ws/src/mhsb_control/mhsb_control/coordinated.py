@@ -233,14 +233,14 @@ def run_coordinated_step(
     5. the piston speeds that the pumps can supply;
     6. the join valves;
     7. the pump commands;
-    8. the gains of the position and force loops, lowered if the estimated delay asks for it.
+    8. the gains of the position and force loops, which a long estimated delay lowers.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `axes` and the commands of
             `actuators` and `modules` in place.
         v: Estimates of the valves, updated in place.
         p: State of the pumps, updated in place.
-        own: Tuned numbers of the controller itself, [1].
+        own: Tuned numbers of the controller itself, CoordinationSettings[1].
     """
     settings, delay, step = own[0], p.drives.record[0].delay, s.gains[0].step
     compute_piston_demands(s)
@@ -336,7 +336,7 @@ def limit_axis_gains(
 
 @kernel
 def compute_feedforward_share(axis: ControlAxis, reaction_time: float) -> float:
-    """Compute the share of the feedforward in the force for which a valve is opened.
+    """Compute the weight of the feedforward in the force from which a valve opening is computed.
 
         w = κ T/(1 + κ T)
 
@@ -368,14 +368,16 @@ def compute_speed_gain(
 ) -> tuple[float, float]:
     """Compute the piston speed per valve opening, and the damping that the valve's flow causes.
 
-    The valve is that of the machine file.
+    The valve's flow coefficient is that of the machine file, not an estimated one.
 
         G = K [A β/V_A S(Δp_A) + a β/V_B S(Δp_B)]/k_h
         κ = |x| K [(A β/V_A)² S'(Δp_A) + (a β/V_B)² S'(Δp_B)]/k_h
 
-    x is the valve opening and k_h the stiffness of the oil [N/m]. β/V_A and β/V_B are the
-    stiffnesses of the oil in the two chambers [Pa/m³]. Δp is the pressure drop over a metering edge
-    of the valve. S(Δp) is √Δp, but linear below the laminar pressure.
+    x is the valve opening and k_h the stiffness of the oil [N/m]. A and a are the piston areas on
+    the cap side and the rod side. β/V_A and β/V_B are the stiffnesses of the oil in the two
+    chambers [Pa/m³]. Δp_A and Δp_B are the pressure drops over the edge of each chamber that opens
+    for a motion in the demanded direction. S(Δp) is √Δp, but linear below the laminar pressure, and
+    S' is its derivative.
 
     Args:
         axis: State of the cylinder's control axis, with the demanded speed and stiffnesses.
@@ -420,9 +422,9 @@ def compute_valve_command(
     The opening is x = u/G. The flows over both metering edges then change the cylinder force F by
     dF/dt = k_h (u − v). u is the demanded piston speed, v the actual one [m/s], and k_h the
     stiffness of the oil. G is the piston speed per opening (`compute_speed_gain`). It is computed
-    at pressures that belong to the force F + w (F_ff − F). They are the measured pressures, changed
-    by the stiffness of each chamber. F_ff is the feedforward force, and w the share of
-    `compute_feedforward_share`. `compute_opening` corrects for the estimated gain and overlap.
+    at pressures that belong to the force F + w (F_ff − F). They are the measured pressures, shifted
+    to this force by the stiffness of each chamber. F_ff is the feedforward force, and w the share
+    of `compute_feedforward_share`. `compute_opening` corrects for the estimated gain and overlap.
 
     The valve stays shut if the line pressure is below the load pressure p_L of the measured force.
     An open valve would let the load sink. As the line pressure rises from p_L by the laminar
@@ -439,8 +441,9 @@ def compute_valve_command(
         actuator: ActuatorState of the circuit's actuator. Writes `valve_command`, −1 … 1, in place;
             positive extends.
         valve: Estimates and window of the valve. Writes `speed_gain` (G at the measured pressures)
-            [m/s] and `opening` (x) in place. `opening` is 0 if the load keeps the valve partly or
-            fully shut, so that the estimator does not use it.
+            [m/s], `driving_pressure` (line pressure minus p_L) [Pa] and `opening` (x) in place.
+            `opening` is 0 if the load keeps the valve partly or fully shut, so that the estimator
+            does not use it.
         overlap: Overlaps extending and retracting that are compensated, as shares of the spool's
             stroke, float64[2].
         settings: Tuned numbers of the inverse.
@@ -557,8 +560,7 @@ def compute_reference_flow(axis: ControlAxis, cylinder: CylinderConstants) -> fl
     """Compute the flow that the reference's piston speed takes from its line.
 
     Args:
-        axis: State of the cylinder's control axis, with the speed of the
-            reference.
+        axis: State of the cylinder's control axis, with the speed of the reference.
         cylinder: Areas of the cylinder.
 
     Returns:
@@ -572,20 +574,21 @@ def compute_reference_flow(axis: ControlAxis, cylinder: CylinderConstants) -> fl
 def control_join_valves(s: ServoArguments, p: PumpState, settings: CoordinationSettings) -> None:
     """Open, throttle or shut the join valves of all lines, and set the rail's pressure targets.
 
-    A line draws from the rail if its mode is SB, or if a spare module or one of another line serves
-    it (`joins_rail`). The line counts as joined once its pressure and the rail's differ by less
-    than `joined_drop`. Before that its join valve is throttled. It passes the flow that the line
-    needs beyond that of its own pump, plus a charging flow taken from `p.charging_flow_left`. The
-    rail's targets are the highest targets of the lines that are joined or about to join.
+    A line draws from the rail if its mode is SB, or if a spare module or another line's module
+    serves its actuator (`joins_rail`). The line counts as joined once its pressure and the rail's
+    differ by less than `joined_drop`. Before that its join valve is throttled. The throttled valve
+    passes the flow that the line needs beyond that of its own pump, plus a charging flow taken from
+    `p.charging_flow_left`. The rail's targets are the highest targets of the lines that are joined
+    or about to join.
 
-    A line that no longer draws from the rail is shut off from it. A line may be shut off earlier
-    (`may_leave_early`). If no line draws from the rail any more, all lines stay joined until the
+    The join valve of a line that no longer draws from the rail is shut. `may_leave_early` says when
+    it is shut earlier. If no line draws from the rail any more, all lines stay joined until the
     rail's pumps have nearly stopped (`idle_flow_share`). Otherwise the oil of these pumps would
     raise the pressure of the shut rail. While a join valve closes, the rail's target is limited so
     that no more flow passes the valve than the line draws.
 
     Args:
-        s: Signals, circuit, axes and estimates of the servo. Writes `join` of all axes and
+        s: Signals, circuit, axes and estimates of the servo. Writes `joined` of all axes and
             `join_command` of all actuators in place.
         p: State of the pumps. Writes `rail_target` [Pa] and `rail_before` [Pa], and reduces
             `charging_flow_left` [m³/s], in place.
@@ -604,14 +607,14 @@ def control_join_valves(s: ServoArguments, p: PumpState, settings: CoordinationS
         if axes[j].joined > 0.0 and BOOSTED_MODES[modes[j]]:
             highest = max(highest, axes[j].supply_target)
     shut_opening = p.gains[0].settings.lines.shut_opening
-    bearable = math.inf
+    max_rail_pressure = math.inf
     rail_target[:] = 0.0
     for j in range(len(axes)):
         axis = axes[j]
         leaves = not joins_rail(j, modes, module_home, serves)
-        shed = may_leave_early(s, p, j, highest, settings)
-        leaves = leaves or shed
-        if leaves and (shed or not coasting):
+        leaves_early = may_leave_early(s, p, j, highest, settings)
+        leaves = leaves or leaves_early
+        if leaves and (leaves_early or not coasting):
             axis.joined = 0.0
         if axis.joined > 0.0 or not leaves:
             rail_target[0] = max(rail_target[0], axis.supply_target)
@@ -623,14 +626,14 @@ def control_join_valves(s: ServoArguments, p: PumpState, settings: CoordinationS
                 area = inlet_area(cylinder.cap_area, cylinder.rod_area, axis.demand)
                 drawn = axis.leakage + area * abs(axis.demand)
                 passing = drawn / (c.switching_coefficient * actuators[j].join)
-                bearable = min(bearable, axis.supply_target + passing * passing)
+                max_rail_pressure = min(max_rail_pressure, axis.supply_target + passing * passing)
         else:
             actuators[j].join_command = join_line(s, p, j, settings)
-    if bearable == math.inf:
+    if max_rail_pressure == math.inf:
         p.rail_before[0] = rail_pressure
-    bearable = max(bearable, p.rail_before[0])
-    rail_target[0] = min(rail_target[0], bearable)
-    rail_target[1] = min(rail_target[1], bearable)
+    max_rail_pressure = max(max_rail_pressure, p.rail_before[0])
+    rail_target[0] = min(rail_target[0], max_rail_pressure)
+    rail_target[1] = min(rail_target[1], max_rail_pressure)
 
 
 @kernel(borrows=True)
@@ -643,7 +646,8 @@ def may_leave_early(
     - Another boosted line on the rail needs a pressure that is higher by more than `joined_drop`.
     - The mode of the line at the preview point is not SB.
     - One pump can supply the line's flow. While the line is still joined, `early_leave_flow_share`
-      of the pump's flow must suffice.
+      of the pump's flow must suffice. The leakage that the line's lower pressure will save does not
+      count.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo.
@@ -673,8 +677,9 @@ def join_line(s: ServoArguments, p: PumpState, j: int, settings: CoordinationSet
         settings: Tuned numbers of the controller itself.
 
     Returns:
-        Opening of the join valve, 0 … 1. It is 1 if the line is joined. Before, the valve is
-        throttled to the flow that the line needs beyond its own pump, plus the charging flow.
+        Opening of the join valve, 0 … 1. It is 1 if the line is joined. Before that, the valve is
+        throttled to the flow that the line needs beyond its own pump, plus the charging flow. It is
+        0 while the rail's pressure is not above the line's.
     """
     axis, c, line_pressure = s.axes[j], s.constants[0], s.sensors[j].line_pressure
     drop = s.rail_pressure[0] - line_pressure

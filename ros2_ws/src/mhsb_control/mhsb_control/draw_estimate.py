@@ -122,7 +122,7 @@ def update_draw_observer(
 
 @kernel
 def compute_draw_shortfall(draw: DrawObserver, target: float, settings: DrawSettings) -> float:
-    """Compute the commanded flow of a piston minus the flow that its line draws, if positive.
+    """Compute how much less oil a line draws than its piston is commanded to take.
 
     The observed shortfall is weighted by the line pressure. The weight is 1 at or above the target,
     and falls linearly to 0 at `pressure_shortfall_scale` below the target. A line at a lower

@@ -119,13 +119,13 @@ def write_estimates_file(
         EstimatesFileError: The file cannot be written. An earlier file is kept.
     """
     part = _get_part_file(path)
-    with _name_write_problems(path):
+    with _translate_write_errors(path):
         part.write_text(_format_estimates(machine, actuators), encoding="utf-8")
         part.replace(path)
 
 
 def check_estimates_file_is_writable(path: Path) -> None:
-    """Check before long work that an estimates file can be written after it.
+    """Check that an estimates file can be written, before long work whose result it is to keep.
 
     Args:
         path: The file; it is not changed, and not created.
@@ -134,7 +134,7 @@ def check_estimates_file_is_writable(path: Path) -> None:
         EstimatesFileError: The file cannot be written.
     """
     part = _get_part_file(path)
-    with _name_write_problems(path):
+    with _translate_write_errors(path):
         part.write_text("", encoding="utf-8")
         part.unlink()
 
@@ -145,8 +145,8 @@ def _get_part_file(path: Path) -> Path:
 
 
 @contextmanager
-def _name_write_problems(path: Path) -> Iterator[None]:
-    """Context manager that turns OSError into EstimatesFileError, and removes the part file.
+def _translate_write_errors(path: Path) -> Iterator[None]:
+    """Turn OSError into EstimatesFileError, and remove the part file (context manager).
 
     Args:
         path: The estimates file.

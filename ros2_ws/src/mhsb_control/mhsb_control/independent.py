@@ -120,17 +120,17 @@ def run_independent_step(
 
     The valve command is u A_dir/(K √Δp_nominal), limited to −1 … 1. u is the demanded piston speed,
     A_dir the piston area that the supply fills, and K the valve's flow coefficient. A line is
-    joined to the rail if its mode is SB (shared boost). It is also joined if a module serves it
-    that is spare or belongs to another line. Each pump in use controls the pressure of its line, or
-    of the rail if the line is joined:
+    joined to the rail in mode SB (shared boost). It is also joined if a spare module, or the module
+    of another line, serves its actuator. Each pump in use controls the pressure of its line, or of
+    the rail if the line is joined:
 
         Q_cmd = C k_P (p_target − p) + ∫ C k_I (p_target − p) dt,    0 ≤ Q_cmd ≤ Q_max
 
     p is the measured pressure, and p_target the pressure that the actuator needs. The rail's target
     is the highest target of the joined lines. C is the capacity of the line, or of the rail
     [m³/Pa]. The integral stays constant while the command is at a limit. Command and integral are 0
-    for an idle pump. The diverter leads a pump's oil to the rail if its module serves another
-    actuator than its own.
+    for an idle pump. The diverter of a module leads the pump's oil to the rail if the module is
+    spare or serves another line.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `axes` and the commands of

@@ -217,7 +217,7 @@ class LagCompensatedAxis:
         self._ages = self._period * np.arange(len(self._commands), -1, -1)
 
     def update(self, length: float, look_ahead: LookAhead) -> float:
-        """Run one control period.
+        """Learn from the measured length, and compute the valve command of one control period.
 
         Args:
             length: Measured length of the cylinder [m].
@@ -240,12 +240,13 @@ class LagCompensatedAxis:
         """Compute the valve command of this control period.
 
         The command causes the speed that the reference has one delay from now, plus a correction in
-        proportion to the error. The error is the mean over the lengths of one period of the joint
-        on its oil. To each length, the stroke that commands cause after its measurement is added.
-        The correction and the demanded speed are limited.
+        proportion to the error. The error is the reference length minus a mean predicted length. A
+        predicted length is a measured length plus the stroke that commands cause after the
+        measurement. The mean runs over one period of the joint's oscillation on its oil. Once the
+        reference has rested for one delay, the predicted strokes are multiplied by the ratio of
+        real to predicted motion. The correction and the demanded speed are limited.
 
-        While the reference rests, a correction begins only at an error beyond `rest_error`
-        (`_rests_within`).
+        While the reference rests, `_tolerates_error` says when a correction begins and ends.
 
         Updates `speed`, the time at rest, and the state of corrections at rest.
 
@@ -258,21 +259,21 @@ class LagCompensatedAxis:
         """
         s, g = self._settings, self._gains
         delay = self.delay.delay
-        ways = self._predict_ways()
+        strokes = self._predict_strokes()
         reference, planned = look_ahead(delay)
         lengths = self._lengths[-len(self._averaged) :]
         measured = ~np.isnan(lengths)
-        caused = ways[-1] - np.interp(-delay - self._averaged[measured], -self._ages, ways)
-        length, under_way = float(lengths[measured].mean()), float(caused.mean())
+        caused = strokes[-1] - np.interp(-delay - self._averaged[measured], -self._ages, strokes)
+        length, coming_stroke = float(lengths[measured].mean()), float(caused.mean())
         rests = planned == 0.0
         if rests:
             self._rested += self._period
         else:
             self._rested = self._last_correction = 0.0
         if self._rested > delay:
-            under_way *= self._creep_ratio
-        error = reference - length - under_way
-        if rests and self._rests_within(error):
+            coming_stroke *= self._creep_ratio
+        error = reference - length - coming_stroke
+        if rests and self._tolerates_error(error):
             self.speed = 0.0
             return 0.0
         gain = g.position_gain / (delay + self._period + 0.5 * float(self._averaged[0]))
@@ -288,20 +289,23 @@ class LagCompensatedAxis:
             command *= min(abs(self.speed) / slowest, 1.0)
         return math.copysign(min(command, 1.0), self.speed)
 
-    def _rests_within(self, error: float) -> bool:
+    def _tolerates_error(self, error: float) -> bool:
         """Return whether a resting piston is left alone at a position error.
 
         A correction begins when the error exceeds `rest_error`. It ends when the error changes its
         sign. If the valve's curve is known, a correction begins only after commands of 0 for two
-        delays and for the time over which lengths are averaged.
+        delays plus the time over which lengths are averaged.
 
-        When a correction begins, the error is kept, and the ratio of real to predicted motion at
-        rest is updated. If the correction before it went too far, the direction changes, and the
-        ratio is doubled. Otherwise the ratio becomes a little smaller. The first correction after a
-        motion does not change the ratio.
+        When a correction begins, its error is stored, and the ratio of real to predicted motion at
+        rest is updated. If the error has changed its sign since the last correction began, that one
+        went too far, and the ratio is doubled. Otherwise the ratio is multiplied by 0.8. It stays
+        within 1 … `max_creep_ratio`. The first correction after a motion does not change the ratio.
 
         Args:
             error: Reference length minus predicted length [m].
+
+        Returns:
+            True if the command is to be 0, False while the error is corrected.
         """
         if self.speed != 0.0:
             return error * self.speed <= 0.0
@@ -317,7 +321,7 @@ class LagCompensatedAxis:
         self._last_correction = error
         return False
 
-    def _predict_ways(self) -> FloatArray:
+    def _predict_strokes(self) -> FloatArray:
         """Return the strokes that past commands cause, summed from the oldest, float64[k + 1], [m].
 
         Entry i is the stroke by all commands that are older than `_ages[i]`. k is the number of
@@ -333,16 +337,17 @@ class LagCompensatedAxis:
         """Update curves and delay from the mean speed of the piston in the last window.
 
         The delay is learnt only while both curves are known. A curve is learnt only if all commands
-        that caused the motion had one direction, and the piston moved in this direction by more
-        than it oscillates on its oil. Near the end of the stroke nothing is learnt about motion
-        towards that end. If the piston stands, its dead band may be raised (`_learn_dead_band`).
+        that caused the motion had one direction. The piston must also have moved in this direction
+        by more than it oscillates on its oil. Near an end of the stroke no curve is learnt from
+        commands towards that end. If the piston stands, its dead band may be raised
+        (`_learn_dead_band`).
         """
         s = self._settings
         time = self._window * self._period
         speed = float(self._lengths[-1] - self._lengths[0]) / time
-        ways, candidates = self._predict_ways(), self.delay.candidates
-        ends = np.interp(-candidates, -self._ages, ways)
-        starts = np.interp(-candidates - time, -self._ages, ways)
+        strokes, candidates = self._predict_strokes(), self.delay.candidates
+        ends = np.interp(-candidates, -self._ages, strokes)
+        starts = np.interp(-candidates - time, -self._ages, strokes)
         if all(curve.known_speed > 0.0 for curve in self.curves):
             self.delay.learn((ends - starts) / time, speed, self._period)
         for curve in self.curves:
@@ -368,9 +373,9 @@ class LagCompensatedAxis:
     def _learn_dead_band(self, acted: FloatArray) -> None:
         """Raise the dead band of a direction if the piston stands, although a command has acted.
 
-        A piston that has not yet moved in this direction stands if it does not move for the
-        shortest window. One that has moved may oscillate on its oil, and must not move for a whole
-        window.
+        The piston stands if it does not move within a window. The window is short until the curve
+        of the direction is known. After that, it covers at least one period of the joint's
+        oscillation on its oil.
 
         Args:
             acted: Commands that are older than the delay, float64[k], in time order.
@@ -521,13 +526,13 @@ class LagCompensatedController:
         """Dead band (mean of both directions) and delay of each actuator."""
         found = []
         for name, axis in zip(self._names, self.axes, strict=True):
-            lap = float(np.mean([curve.commands[0] for curve in axis.curves]))
+            dead_band = float(np.mean([curve.commands[0] for curve in axis.curves]))
             spread = float(np.mean([curve.covariance[0, 0] for curve in axis.curves])) ** 0.5
-            lap_known = all(curve.known_speed > 0.0 for curve in axis.curves)
+            dead_band_known = all(curve.known_speed > 0.0 for curve in axis.curves)
             delay, response = axis.delay, self.settings.response
             deviation = response.delay_spacing if delay.is_known else response.max_delay
             found += [
-                Estimate("overlap", name, lap, spread, lap_known),
+                Estimate("overlap", name, dead_band, spread, dead_band_known),
                 Estimate("delay", name, delay.delay, deviation, delay.is_known),
             ]
         return found
@@ -566,7 +571,8 @@ class LagCompensatedController:
         actuator deliver equal shares of this flow.
 
         Each pump also delivers its slip flow at the highest boost pressure, because the line's
-        pressure is not known. A pump that serves no actuator is commanded to 0.
+        pressure is not known. The command is at most the pump's largest flow. A pump that serves no
+        actuator is commanded to 0.
         """
         signals, arrays = self._signals, self._arrays
         circuit, serves = signals.circuit, signals.serves

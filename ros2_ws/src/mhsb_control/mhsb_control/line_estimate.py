@@ -1,7 +1,8 @@
 """Estimates of oil compressibility and valve leakage, from the oil balances of boosted lines.
 
-A window is a short sequence of control steps. It counts if its lines have a higher pressure than
-the manifold, so that their check valves are closed and pumps alone feed them. Its balance of oil is
+The manifold is the line of the main pump. A window is a short sequence of control steps. It counts
+if its lines have a higher pressure than the manifold. Their check valves are then closed, and servo
+pumps alone feed them. Its balance of oil is
 
     ∫ Q dt − Σ A_dir |ΔL| = c Σ C Δp + Σ λ_j ∫ q_leak(p_j) dt
 
@@ -153,7 +154,7 @@ class OilBalance(Record):
     members: int
     """Bit j is set if line j belongs to the balance."""
     manifold_feeds: int
-    """1 if the manifold may feed the lines as well."""
+    """1 if the main pump may feed the lines as well, else 0."""
     supplied: float
     """Oil delivered by pumps [m³]."""
     moved: float
@@ -290,7 +291,8 @@ def compute_fed_flows(s: ServoArguments, fed: FloatArray, shut_opening: float) -
     A module's diverter divides its flow between its own line and the rail. A spare module has no
     line of its own.
 
-    Slip is proportional to the pressure rise from P_S, at the inlet of the pumps.
+    Slip is the flow that leaks back within a pump. It is proportional to the pressure rise from
+    P_S, which the pump has at its inlet.
 
     Args:
         s: Signals and circuit of the servo: flows and diverters of the modules, the actuators that

@@ -165,8 +165,8 @@ def build_drive_estimates(
         delay: Delay of commands that the machine file declares [s].
 
     Returns:
-        Estimates with the lag and the delay of the file, at most `MAX_DELAY`. The longest plausible
-        delay is `initial_delay_range` steps longer than the file's delay.
+        Estimates with the lag of the file, and with its delay, but at most `MAX_DELAY`. The longest
+        plausible delay is `initial_delay_range` steps longer than the file's delay.
     """
     commands = build_delay_lines(count, step)
     declared, longest = round(delay / step), commands.shape[1] - 1
@@ -244,7 +244,8 @@ def accumulate_pump_window(
 ) -> bool:
     """Add a pump's window to the sums of the least squares, unless it is to be discarded.
 
-    The sum for the present estimate of the delay decides. The window is discarded in two cases:
+    The window is discarded in two cases, in which Σ (Q_cmd − Q) is the sum for the present estimate
+    of the delay:
     - |Σ (Q_cmd − Q)| is below `min_excitation` full flows.
     - ΔQ corresponds to a lag outside `min_lag_ratio` … `max_lag_ratio` times the machine file's.
 

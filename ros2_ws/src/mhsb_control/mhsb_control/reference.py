@@ -146,8 +146,8 @@ class ReferencePreview:
             time_ns: Present time of the servo [ns].
 
         Returns:
-            True while a plan is followed, up to the end of its trajectory. The delay by speed
-            scaling is taken into account.
+            True if the arm follows a plan whose trajectory has not ended. The delay by speed
+            scaling postpones the end.
         """
         return self._planned and self.compute_trajectory_time_ns(time_ns) <= self.trajectory.end_ns
 
@@ -158,8 +158,9 @@ class ReferencePreview:
             time_ns: Present time of the servo [ns].
 
         Returns:
-            True if another row of the mode schedule applies now, or at point `PREVIEW_POINT`, than
-            at the last call. Always True at the first call after `follow`.
+            True if one of two rows of the mode schedule differs from that of the last call: the row
+            for now, or the row for point `PREVIEW_POINT`. Always True at the first call after
+            `follow`.
         """
         now, ahead = self._rows
         self._evaluate(self._spacing_ns, time_ns - self.trajectory.stamp_ns)
@@ -214,9 +215,9 @@ def evaluate_reference(
     the first point's state, and after the end it rests at the last point. A trajectory of one point
     rests.
 
-    At the rate s of the speed scaling, velocities are multiplied by s and accelerations by s². To
-    the present acceleration and those at `command_times`, ds/dt times the velocity at full speed is
-    added. Times ahead of now are multiplied by s before the trajectory is evaluated. Test oracle:
+    At the rate s of the speed scaling, velocities are multiplied by s and accelerations by s². The
+    accelerations at present and at `command_times` also contain ds/dt times the velocity at full
+    speed. Times ahead of now are multiplied by s before the trajectory is evaluated. Test oracle:
     `Trajectory.sample`.
 
     Args:
@@ -230,7 +231,7 @@ def evaluate_reference(
         speed_scaling: State of the speed scaling, SpeedScaling[1]. Reads rate and delay. Writes
             `rests` in place: 1 if the trajectory has ended, else 0.
         spacing_ns: Time between two reference points at full speed [ns].
-        since_ns: Present time after the stamp [ns]; the delay is subtracted here.
+        since_ns: Time from the trajectory's stamp to now [ns]. The kernel subtracts the delay.
     """
     values, rows, full_speed_velocity, command_values, command_times = reference
     since_ns -= int(np.rint(speed_scaling[0].delay))
@@ -259,6 +260,9 @@ def evaluate_trajectory(
     offset_ns: IntArray, points: JointMotion, time_ns: int, state: FloatArray
 ) -> None:
     """Evaluate a trajectory at full speed by quintic polynomials between its points.
+
+    Before the stamp, the state is that of the first point. After the last point, or if there is
+    only one point, the joints rest at it.
 
     Args:
         offset_ns: Times of the trajectory's points after its stamp, int64[k], [ns].

@@ -131,10 +131,10 @@ class ServoLoop:
         self._control()
 
     def run_period(self, time_ns: int) -> None:
-        """Run one control period: update the reference, write the commands, and advance the valves.
+        """Run one control period: update reference and commands, and the assumed valve positions.
 
-        These valves are join valves and diverters, which have no sensors. Their assumed positions
-        are advanced by one period, as the new commands move them.
+        Join valves and diverters have no sensors. The servo computes how the new commands move them
+        within the period.
 
         Args:
             time_ns: Time of the sensor readings [ns].

@@ -254,7 +254,7 @@ def build_pump_state(
 def predict_coasting(p: PumpState) -> None:
     """Compute the oil that a pump still delivers after a stop command, per unit of its flow.
 
-    The oil counts from the instant when the command begins to act, up to each of the times
+    Oil counts from the instant when the command begins to act. It is summed up to each of the times
     `coasting_times` after the command. `coasting` follows from the estimated lag and delay.
     `cautious_coasting` follows from a lag that is `caution_sigmas` standard deviations longer, and
     from the longest plausible delay.
@@ -294,25 +294,26 @@ def is_served(j: int, serves: IntArray) -> bool:
 
 @kernel(inline="always")
 def predict_line_volumes(s: ServoArguments, p: PumpState) -> None:
-    """Compute the flow that each boosted line is about to supply, and its oil up to times ahead.
+    """Predict the flow that each boosted line supplies next, and its oil up to later times.
 
-    The flow has three parts. The first is the flow of `compute_commanded_flow`; if the valve is
-    slower than the pumps, it is delayed by the difference. The second is leakage and slip. The
-    third is the share `pump_rise` of the increase of the reference's flow up to the next point. The
-    oil up to each point ahead is
+    The flow has three parts. The first is the flow of `compute_commanded_flow`. If the valve is
+    slower than the pumps, this flow is delayed by a lag, the difference of their time constants.
+    The second is leakage and slip. The third is the share `pump_rise` of the increase of the
+    reference's flow up to the next point. The oil up to each point ahead is
 
         V(t) = ∫ (A_dir |v| + leakage + slip) dt + A_dir ΔF/k_h
 
-    The integral is computed by the trapezoidal rule. v is the reference's piston speed. ΔF is the
-    change of the cylinder force up to the preview point, positive in the direction of motion [N].
-    The term with ΔF is the oil that compresses the chamber. It is divided evenly among the points
-    up to the preview point at which the piston moves. For v, moment arms are linear in the joint
-    position about point PREVIEW_POINT. A line gets zeros if it is not joined to the rail and no
-    module serves its actuator.
+    The integral is computed by the trapezoidal rule. v is the reference's piston speed, A_dir the
+    piston area that the supply fills, and k_h the stiffness of the oil [N/m]. ΔF is the change of
+    the cylinder force up to the preview point, positive in the direction of motion [N]. The term
+    with ΔF is the oil that compresses the chamber. It is divided evenly among the points up to the
+    preview point at which the piston moves. v is computed with moment arms that are linear in the
+    joint position about point PREVIEW_POINT. A line gets zeros if it is not joined to the rail and
+    no module serves its actuator.
 
     Args:
-        s: Signals, circuit, axes and estimates of the servo. Writes `line_flow` of all axes [m³/s]
-            in place.
+        s: Signals, circuit, axes and estimates of the servo. Writes `line_flow` and
+            `commanded_flow` of all axes [m³/s] in place.
         p: State of the pumps. Writes in place `volume` [m³] and `leakage_uncertainty` [m³/s] of all
             lines, but not of the rail. Column 0 of `volume` is the oil that the present flow would
             draw up to point 1; column k is V at point k. The uncertainty is `caution_sigmas`
@@ -367,8 +368,8 @@ def predict_line_volumes(s: ServoArguments, p: PumpState) -> None:
 def observe_line_draws(s: ServoArguments, p: PumpState) -> None:
     """Observe the flow that lines really draw, and correct the expected flow of boosted lines.
 
-    If pumps alone feed a line, its `line_flow` is reduced by the observed shortfall, but at most by
-    the commanded flow that it contains. Pumps alone feed a line if its join valve is shut and its
+    If pumps alone feed a line, its `line_flow` is reduced by the observed shortfall, but not by
+    more than its `commanded_flow`. Pumps alone feed a line if its join valve is shut and its
     pressure is above `fed_below`, so that its check valve is closed. The rail and all lines joined
     to it count as one line, the last record of `draws`. `compute_rail_demand` subtracts the
     shortfall of this line.
@@ -376,7 +377,7 @@ def observe_line_draws(s: ServoArguments, p: PumpState) -> None:
     Args:
         s: Signals, circuit, axes and estimates of the servo. Reduces `line_flow` of axes [m³/s] in
             place.
-        p: State of the pumps. Updates `draws` in place.
+        p: State of the pumps. Updates `draws` and `commanded_flows` in place.
     """
     axes, draws, lines, own, rail = s.axes, p.draws, p.lines, p.drives.record[0], s.rail_pressure[0]
     c, g, squeeze, n = s.constants[0], p.gains[0], lines.estimate[0], len(s.axes)
@@ -410,9 +411,9 @@ def observe_line_draws(s: ServoArguments, p: PumpState) -> None:
 def compute_commanded_flow(axis: ControlAxis, cylinder: CylinderConstants) -> float:
     """Compute the flow that a piston is commanded to take from its line.
 
-    u is the demanded piston speed. The preview point is the reference some time ahead, when the
-    command acts (`speed_ahead`). The flow is 0 if u is against the reference's direction at this
-    point. If the reference rests there, its present direction counts.
+    u is the demanded piston speed. The flow is 0 if u has the direction opposite to the reference's
+    motion at point PREVIEW_POINT (`speed_ahead`). If the reference rests at that point, its present
+    motion counts.
 
     Args:
         axis: State of the cylinder's control axis, with demand and speeds.
@@ -445,13 +446,13 @@ def compute_pump_demand(
     apply:
 
     - The sum of both flows is at most the limit of `compute_coasting_limit` for the estimated pump.
-    - The charging flow stays within `p.charging_flow_left`.
+    - The charging flow is at most `charging_flow_left`.
     - The sum is at most the coasting limit of a slower pump on a stiffer line. In any case, at
       least the share `min_charge_share` of the charging flow is allowed.
 
-    The first limit is less strict for a line that the manifold may feed as well. Such a line gets
-    the drawn flow and `min_charge_share` of the charging flow if the coasting limit without leakage
-    uncertainty allows it.
+    The first limit is less strict for a line below its target that the manifold may feed as well.
+    Such a line gets the drawn flow and `min_charge_share` of the charging flow if the coasting
+    limit without leakage uncertainty allows it.
 
     Args:
         line: Index of the line; n for the rail.
@@ -550,8 +551,8 @@ def feeds_rail(
     """Return whether a module in use feeds the shared rail.
 
     A module that serves the actuator of its own line feeds the rail if this line is joined to the
-    rail. A module that serves another actuator, and a spare module, feeds the rail under another
-    condition. More than the share `min_diverted_share` of its flow must go to the rail.
+    rail. A module that is spare or serves another actuator feeds the rail once its diverter leads
+    more than `min_diverted_share` of its flow there.
 
     Args:
         module: ModuleState of the circuit's module.
@@ -573,8 +574,8 @@ def compute_rail_demand(s: ServoArguments, p: PumpState, pending: float) -> floa
     """Compute the flow that all pumps on the rail together are to feed into the rail.
 
     The result is the drawn flow plus the charging flow (`compute_pump_demand`). The drawn flow is
-    the sum of the flows into joined lines and through closing or throttled join valves. If pistons
-    have drawn less than commanded, the observed shortfall is subtracted.
+    the sum of the flows into joined lines and through closing or throttled join valves, and of the
+    pumps' slip. If pistons have drawn less than commanded, the observed shortfall is subtracted.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo.
@@ -641,15 +642,16 @@ def command_pumps(s: ServoArguments, p: PumpState) -> None:
         s: Signals, circuit, axes and estimates of the servo. Writes `flow_command` [m³/s] and
             `to_rail_command` (1: switch the module to the rail, 0: to its own line) of all modules
             in place.
-        p: State of the pumps. Updates `drives` and `targets` in place. If lag and delay were
-            estimated anew, it also writes `coasting` and `cautious_coasting`.
+        p: State of the pumps. Updates `drives`, `targets` and `charging_flow_left`, and the rail's
+            entries of `volume` and `leakage_uncertainty`, in place. If lag and delay were estimated
+            anew, it also writes `coasting` and `cautious_coasting`.
     """
     axes, modules, serves, module_home = s.axes, s.modules, s.serves, s.module_home
     c, g, drives = s.constants[0], p.gains[0], p.drives
     diverted = g.settings.min_diverted_share
     if update_drive_estimates(drives, modules, g.settings.drives):
         predict_coasting(p)
-    lead = max(1.0, g.bandwidth * drives.record[0].lag)
+    lag_factor = max(1.0, g.bandwidth * drives.record[0].lag)
     sharing, shared, reaching, pending = 0, 0.0, 0.0, 0.0
     for k in range(len(modules)):
         module = modules[k]
@@ -664,7 +666,7 @@ def command_pumps(s: ServoArguments, p: PumpState) -> None:
     rail_command = 0.0
     if sharing > 0:
         demand = compute_rail_demand(s, p, pending)
-        rail_command = (shared + lead * (demand - shared - reaching)) / sharing
+        rail_command = (shared + lag_factor * (demand - shared - reaching)) / sharing
     for k in range(len(modules)):
         module, user = modules[k], serves[k]
         module.to_rail_command = 1.0 if user >= 0 and module_home[k] != user else 0.0
@@ -682,7 +684,7 @@ def command_pumps(s: ServoArguments, p: PumpState) -> None:
                 drives.pending[k],
                 p,
             )
-            command = drives.flow[k] + lead * (demand - drives.flow[k])
+            command = drives.flow[k] + lag_factor * (demand - drives.flow[k])
         module.flow_command = min(max(command, 0.0), c.servo_pump_flow)
     for j in range(len(axes)):
         p.targets[j] = axes[j].supply_target

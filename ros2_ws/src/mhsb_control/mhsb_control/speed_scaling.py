@@ -92,15 +92,15 @@ def update_rate(
     max_slowing: float,
     settings: ScalingSettings,
 ) -> None:
-    """Advance the rate of a plan towards the requested rate by one step, with a continuous change.
+    """Move the rate of a plan towards the requested rate by one control period.
 
         s̈ = ω² (s_req − s) − 2 ω ṡ
 
-    s is the rate, s_req the requested rate, and ω is `rate_bandwidth`. With μ = `max_slowing`, |s̈|
-    is at most μ/`slowing_time`, ṡ is from −μ to `max_recovery` · μ, and s from 0 to 1. If s reaches
-    a limit, ṡ becomes 0. If s_req is 1 and s above 1 − NEARLY_FULL, s becomes 1 at once. If s_req
-    is 0 and s below NEARLY_NONE, s becomes 0 at once. The delay of the reference behind the plan
-    grows by (1 − s) times the duration of the step.
+    s is the rate, s_req the requested rate, and ω is `rate_bandwidth`. ṡ changes continuously. With
+    μ = `max_slowing`, |s̈| is at most μ/`slowing_time`, ṡ is from −μ to `max_recovery` · μ, and s
+    from 0 to 1. If s reaches a limit, ṡ becomes 0. If s_req is 1 and s above 1 − NEARLY_FULL, s
+    becomes 1 at once. If s_req is 0 and s below NEARLY_NONE, s becomes 0 at once. The delay of the
+    reference behind the plan grows by (1 − s) times the duration of the step.
 
     If the reference has reached the end of the plan (`scaling.rests`), the rate becomes 1 at once.
     The delay then decreases by the duration of the step, but not below 0, because time catches up

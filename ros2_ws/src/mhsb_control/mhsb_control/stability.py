@@ -26,8 +26,9 @@ def build_closed_loop_matrix(
 ) -> FloatArray:
     """Build the linear system matrix of the cascade at a posture, with ideal valves and supply.
 
-    The states are the errors e of the cylinder lengths, their rates ė, excess forces f, biases d
-    (unmodelled forces) and integrals w:
+    The states of each cylinder are its length error e, the rate ė, the excess force f, the bias d
+    and the integral w. f is the cylinder force minus the force that the reference needs. d is the
+    control loop's slow estimate of f. w is the integral part of the position loop:
 
         R⁻¹ M R⁻¹ ë = −f
         ḟ = k_h (ė + w) + ω_F (d + k_p k_h/ω_F e − f)
@@ -68,7 +69,7 @@ def build_closed_loop_matrix(
 
 
 def compute_slowest_decay(machine: Machine, gains: CascadeGains, payload: float) -> float:
-    """Compute the decay rate of the slowest mode of the linear control loop, over random postures.
+    """Compute the slowest decay of the linear control loop over random postures.
 
     POSTURE_SAMPLES postures are drawn uniformly from the joint ranges, always with the same seed.
     The controller's gains are set for the payload of the machine file, whereas the arm has the

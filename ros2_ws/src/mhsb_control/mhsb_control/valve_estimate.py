@@ -245,13 +245,13 @@ class EstimatedValve(Record):
     delayed_opening: float
     """Opening whose command acts now; 0 if the servo did not set it freely."""
     acting_opening: float
-    """Opening at which the spool is now, behind that command."""
+    """Opening of the spool now; it follows `delayed_opening` with a lag."""
     speed_gain: float
     """Speed G per opening in the last step [m/s]."""
     driving_pressure: float
     """Line pressure beyond the load pressure in the last step [Pa]."""
     least_driving_pressure: float
-    """The least of the window [Pa]."""
+    """Least `driving_pressure` in the present window [Pa]."""
     surprises: int
     """Number of windows in sequence, up to the last one, whose stroke overlap alone explains."""
     steps: int
@@ -467,18 +467,28 @@ def evaluate_valve_window(
 ) -> None:
     """Update the estimates from a full window of a valve, or discard the window.
 
-    In a steady motion the Kalman filter uses the balance of `update_valve_filter`. If the reference
-    is slower or rests, the window is used only if the piston lags. It lags if it moved at least
-    `min_stroke_lag` length deviations less than the estimates predict. The present gain is then
-    taken as known. If the piston moved less than the share `min_stroke_share` of the reference's
-    stroke, it was stuck. The overlap of its direction then rises to the value that explains this.
+    A piston that moved less than the share `min_stroke_share` of the reference's stroke was stuck.
+    A piston lags if it moved at least `min_stroke_lag` length deviations less than the estimates
+    predict. There are three cases:
+
+    - The reference moves steadily, and the piston was not stuck. The Kalman filter
+      (`update_valve_filter`) updates all estimates.
+    - The reference moves slowly or rests, and the piston was not stuck. If the piston lags, the
+      filter updates the estimates with the present gain taken as known.
+    - The piston was stuck. If it lags, the overlap of its direction rises to the value that
+      explains this. If the reference moves, the line must also have had `min_driving_pressure`
+      beyond the load pressure all the time.
+
+    Any other window is discarded.
 
     The noise of a window has three parts: `length_deviation`, the share `stroke_deviation` of the
     stroke, and the stroke that corresponds to the spool's lag behind its command.
 
-    The reference may move while the piston lags its prediction by more than `surprise` standard
-    deviations. If this happens in `min_surprises` windows in sequence, the most likely cause is
-    overlap. The overlap then also rises to the value that explains the lag.
+    A window is surprising if the reference moves, the line had that pressure, and the piston lags a
+    lot. Its stroke is then below the prediction by more than `surprise` standard deviations, and
+    below `min_gain` times the prediction. Such a window is not used until there are `min_surprises`
+    of them in sequence. The most likely cause is then overlap, which rises to the value that
+    explains the lag.
 
     Args:
         valves: Estimates, updated in place: `surprises` of the valve, and after an update all g,
@@ -544,6 +554,8 @@ def raise_overlap(valves: ValveEstimates, j: int, k: int, rise: float) -> None:
 @kernel(borrows=True)
 def apply_estimates(valves: ValveEstimates) -> None:
     """Limit the estimated gains, and set the gains and overlaps that the valve inversion uses.
+
+    If a gain is moved to its limit, all estimates that are correlated with it move as well.
 
     Args:
         valves: Estimates. Writes `estimate`, `gain` and `overlap` in place.

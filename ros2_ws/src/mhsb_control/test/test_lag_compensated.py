@@ -339,7 +339,7 @@ def test_a_correction_at_rest_waits_for_twice_the_delay(delay):
     axis = know(Valve((0.2, 0.2), FULL_SPEEDS, 1.0, 0.1, 0.1, 1.0 / period))
     axis.delay.delay = delay
     axis._commands[-1] = 0.3
-    axis._predict_ways = lambda: np.zeros(len(axis._commands) + 1)
+    axis._predict_strokes = lambda: np.zeros(len(axis._commands) + 1)
     waited = 0
     while axis.update(0.0, lambda ahead: (error, 0.0)) == 0.0:
         waited += 1

@@ -45,7 +45,7 @@ class Interventions:
 class ModeGuard:
     """Guard that boosts actuators and slows the plan if pressures or the tip's error require it.
 
-    `reference_governor` describes the conditions.
+    The module `reference_governor` describes the conditions.
 
     Attributes:
         settings: Tuned numbers of every new guard.

@@ -217,11 +217,11 @@ class GovernedActuator(Record):
     opening: float
     """Filtered opening of the valve beyond its overlap, 0 … 1."""
     reserve: float
-    """Reserve of the line as it is supplied [Pa]."""
+    """Reserve in the actuator's present mode [Pa]."""
     allowed_rate: float
     """Rate of the speed scaling that this actuator allows, 0 … 1."""
     reserve_in_n: float
-    """Reserve that it has, or would have, in mode N [Pa]."""
+    """Reserve that the actuator has, or would have, in mode N [Pa]."""
     driving_pressure: float
     """Line pressure beyond the load pressure of its motion [Pa]; inf if it does not move."""
     condition_time: float
@@ -240,7 +240,7 @@ class GovernorTotals(Record):
     max_slowing: float
     """Largest rate at which the rate of the speed scaling may fall [1/s]."""
     supply: float
-    """Filtered pressure that the main pump leaves at the lines in mode N [Pa]."""
+    """Lowest pressure of the lines in mode N, filtered [Pa]."""
     supply_rate: float
     """Rate of change of `supply` [Pa/s]."""
     error: float
@@ -328,10 +328,10 @@ def run_governor_step(g: GovernorState) -> bool:
     """Run one step of the governor: compute the reserves, request boost, and set the speed scaling.
 
     The governor slows the plan to a requested rate, 0 … 1. This is the smallest of the rates that
-    the tip error, the reserves of supply pressure and the valve openings allow. The tip error
-    allows the rate 1 up to one usual error, which is the normal distance of the tip from its
-    reference. The allowed rate falls linearly to 0 at `hold_error_ratio` usual errors. The part of
-    the error by which the tip is ahead of its reference does not count.
+    the tip error, the reserves of supply pressure and the valve openings allow. `usual_error` is
+    the normal distance of the tip from its reference. Up to this distance, the tip error allows the
+    rate 1. Beyond it, the allowed rate falls linearly to 0 at `hold_error_ratio` times this
+    distance. The part of the error by which the tip is ahead of its reference does not count.
 
     The requested rate is at least `min_rate`. It may be 0 only if the line of a moving actuator has
     less than `min_driving_pressure` beyond its load pressure. `update_rate` then moves the rate
@@ -380,8 +380,8 @@ def compute_reserves(g: GovernorState) -> None:
     its speed shortly ahead (point START_PREVIEW_POINT). It is 0 for a speed of nearly 0, since the
     closed valve then holds the load. Both needed pressures are 0 if the piston is at an end stop.
 
-    An actuator may have yielded to its load. If the tip error is also above `lift_error_ratio`
-    usual errors, the actuator has to lift the load back. Its needed pressure at present is then at
+    If an actuator has yielded to its load and the tip error is above `lift_error_ratio` usual
+    errors, the actuator must lift the load back. The pressure that it needs at present is then at
     least the holding pressure plus `lifting_pressure`. This does not apply to a slew, which carries
     no weight.
 
@@ -392,8 +392,8 @@ def compute_reserves(g: GovernorState) -> None:
       falls, it is extrapolated by `prediction_time`.
     - `reserve`: in mode N equal to `reserve_in_n`. In DB and SB it is the actuator's own line
       pressure minus the pressure needed at present, filtered with `boosted_smoothing`.
-    - `driving_pressure`: the supply pressure minus the load pressure of the present motion; inf if
-      the actuator does not move.
+    - `driving_pressure`: the available pressure (in DB and SB the line pressure) minus the load
+      pressure of the present motion; inf if the actuator does not move.
 
     Args:
         g: State of the governor. Writes `actuators` (reserves [Pa], deviations [rad or m]) and
@@ -420,34 +420,36 @@ def compute_reserves(g: GovernorState) -> None:
         actuator.line += alpha * (sensor.line_pressure - actuator.line)
         actuator.force += alpha * (force - actuator.force)
         length, arm, _ = evaluate_linkage(g.linkage[j], g.reference[0, 0, j])
-        away = sensor.length - length
-        actuator.deviation = away / arm
+        length_error = sensor.length - length
+        actuator.deviation = length_error / arm
         speed, ahead = arm * g.full_speed_velocity[j], arm * g.reference[START_PREVIEW_POINT, 1, j]
-        k, tank, needed, soon = cylinder.valve_coefficient, c.tank_pressure, 0.0, 0.0
-        carried = -math.inf
+        k, tank, needed, needed_ahead = cylinder.valve_coefficient, c.tank_pressure, 0.0, 0.0
+        moving_load_pressure = -math.inf
         if (
             cylinder.min_length < sensor.length < cylinder.max_length
         ):  # at an end stop, that carries the load
             if abs(speed) > MOVING_SPEED:
                 needed = compute_pressure_without_margin(k, cap, rod, tank, actuator.force, speed)
-                carried = load_pressure(cap, rod, tank, actuator.force, speed)
+                moving_load_pressure = load_pressure(cap, rod, tank, actuator.force, speed)
             if abs(ahead) > STARTING_SPEED:
-                soon = compute_pressure_without_margin(k, cap, rod, tank, actuator.force, ahead)
-            lifts = not (g.chain.slews and j == 0) and away * actuator.force < 0.0
+                needed_ahead = compute_pressure_without_margin(
+                    k, cap, rod, tank, actuator.force, ahead
+                )
+            lifts = not (g.chain.slews and j == 0) and length_error * actuator.force < 0.0
             if lifts and o.error > settings.lift_error_ratio * o.usual_error:
                 held = compute_pressure_without_margin(k, cap, rod, tank, actuator.force, 0.0)
                 needed = max(needed, held + settings.lifting_pressure)
-        least = max(0.0, needed, soon)
+        greatest_need = max(0.0, needed, needed_ahead)
         actuator.reserve_in_n = (
-            o.supply + settings.prediction_time * min(o.supply_rate, 0.0) - least
+            o.supply + settings.prediction_time * min(o.supply_rate, 0.0) - greatest_need
         )
         if BOOSTED_MODES[g.modes[j]]:
-            lasting = actuator.line - max(0.0, needed) - actuator.reserve
-            actuator.reserve += o.step / settings.boosted_smoothing * lasting
-            actuator.driving_pressure = actuator.line - carried
+            reserve_change = actuator.line - max(0.0, needed) - actuator.reserve
+            actuator.reserve += o.step / settings.boosted_smoothing * reserve_change
+            actuator.driving_pressure = actuator.line - moving_load_pressure
         else:
             actuator.reserve = actuator.reserve_in_n
-            actuator.driving_pressure = o.supply - carried
+            actuator.driving_pressure = o.supply - moving_load_pressure
     o.error, o.error_behind = compute_tip_errors(
         g.chain, g.reference[0, 0], g.full_speed_velocity, g.actuators
     )
@@ -458,7 +460,7 @@ def compute_reserves(g: GovernorState) -> None:
 def update_alpha_beta_filter(
     value: float, rate: float, measured: float, step: float, alpha: float
 ) -> tuple[float, float]:
-    """Update an α-β filter, which smooths a measured value and estimates its rate, by one step.
+    """Advance an α-β filter by one step: smooth a measured value, and estimate its rate.
 
         r  = measured − (x + h ẋ)
         x' = x + h ẋ + α r,    ẋ' = ẋ + (β/h) r,    β = α²/(2 − α)
