@@ -146,8 +146,9 @@ VAPOUR_STIFFNESS_FACTOR = 1e6
 """Factor on the capacity of a node at vapour pressure, so that its pressure stays there."""
 
 LOCK_VALVE_PILOT_RATIO = 3.0
-"""Chamber pressure that a pilot pressure of 1 opens a lock valve against. Usual ratios are 3 to 4.
-A larger one opens at a lower line pressure."""
+"""Chamber pressure against which a lock valve opens, divided by the pilot pressure [-].
+
+Usual ratios are 3 to 4. With a larger one the valve opens at a lower line pressure."""
 
 CAVITY_REFILL_FACTOR = 2.0
 """Multiple of the oil that comes in a substep; a smaller cavity may fill up in it."""
@@ -245,13 +246,13 @@ def set_rest_pressures(circuit: Circuit, machine: Machine, q: FloatArray, modes:
         p_A A − p_B a = F,    p_A + p_B = p_line + p_T
 
     p_A and p_B are the pressures on the cap side and the rod side, A and a the piston areas there.
-    F is the piston force of the load. p_line and p_T are the pressures of line and tank. A
-    symmetric valve about its centre gives the second equation. If a chamber would fall below tank
+    F is the piston force of the load. p_line and p_T are the pressures of line and tank. The second
+    equation holds for a symmetric valve near its centre. If a chamber would fall below tank
     pressure, the pressures of both chambers are raised.
 
-    Each line is at the main pump's pressure. A boosted line is at the pressure that holds the load
-    with the boost margin, if that is higher. The rail has the highest pressure of its lines: those
-    of the actuators in SB. The join valves of these actuators are open.
+    Each line is at the main pump's pressure. A line of an actuator in DB or SB is at the pressure
+    that holds the load with the boost margin, if this is higher. The rail has the highest pressure
+    of its lines: those of the actuators in SB. The join valves of these actuators are open.
 
     Args:
         circuit: Circuit, updated in place: `pressure`, `cavity` and, of the actuators, `force` and
@@ -453,8 +454,8 @@ def connect_servo_pumps(circuit: Circuit, count: int) -> int:
     A diverter leads a pump's flow to the rail or to the actuator's own line. So each pump has up to
     two elements for its flow, and two for its slip.
 
-    Slip is proportional to the pressure rise, in both directions. It also lets oil through a pump
-    that stands still.
+    Slip is the flow that leaks back through a pump, also if the pump stands still. It is
+    proportional to the pressure rise, and negative if the manifold has the higher pressure.
 
     Args:
         circuit: The circuit. Writes into `net` (the list of elements) and `modules` in place.
@@ -581,10 +582,11 @@ def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
 
     The list has the elements of the present substep with their flows and slopes.
 
-    Lock valves isolate the chambers, and are tight in both directions if shut. They shut in two
-    cases:
+    Isolating valves shut the chambers off, tightly in both directions. They follow
+    `isolating_command`. If the machine has lock valves (`lock_valve_opening` above 0), they also
+    shut in two cases:
     - The opening of the servo valve is below `lock_valve_opening`.
-    - The line's pressure, which pilots them, is below the higher chamber pressure divided by
+    - The pilot pressure, that of the line, is below the higher chamber pressure divided by
       LOCK_VALVE_PILOT_RATIO.
 
     Args:

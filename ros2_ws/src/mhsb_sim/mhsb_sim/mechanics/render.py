@@ -103,8 +103,8 @@ def save_arm_picture(machine: Machine, postures: Sequence[FloatArray], file: Pat
 def _draw(machine: Machine, postures: Sequence[FloatArray], width: int, height: int) -> FloatArray:
     """Draw the arm in each posture, and blend the earlier pictures into the last one.
 
-    Each earlier picture is a pale shadow behind the last one. A pixel of it is mixed in with the
-    share GHOST_OPACITY if that makes the pixel darker.
+    Each earlier picture is a pale shadow behind the last one. Its pixels are mixed in with the
+    share GHOST_OPACITY, but only where this makes the result darker.
 
     Args:
         machine: The machine.

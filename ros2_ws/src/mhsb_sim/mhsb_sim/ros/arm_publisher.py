@@ -45,7 +45,7 @@ Simulated or real time counts, whichever passes first."""
 
 
 class ArmPublisher:
-    """Publisher of an arm's states, at fixed rates of simulated time, and of changes, at once."""
+    """Publisher of an arm's states at fixed rates of simulated time, and of changes at once."""
 
     def __init__(self, node: Node, arm: SupervisedArm, with_clock: bool, faults: Faults) -> None:
         """Create all publishers of the node, and publish the robot description.
@@ -100,9 +100,10 @@ class ArmPublisher:
     def publish_due(self) -> bool:
         """Publish what is due after a step of the simulation.
 
-        Every STATE_PERIOD_NS, joint states, reference and actuator states are published, /clock if
-        the node is its source, and changes. Every MODES_PERIOD_NS, the modes are published even if
-        they have not changed, and estimates if the servo has any.
+        Every STATE_PERIOD_NS of simulated time, these are published: joint states, reference,
+        actuator states, and /clock if the node is its source. Modes and the plan in force are then
+        published if they have changed. Every MODES_PERIOD_NS, the modes are published in any case,
+        and estimates if the servo has any.
 
         Returns:
             True if joint states, reference and actuator states were published.

@@ -198,21 +198,21 @@ class SimNode(Node):
             self._arm.add_schedule(received, wall)
 
     @contextmanager
-    def _refuse_undecodable(self, raw: bytes, half: str, wall: float) -> Iterator[None]:
-        """Context manager that refuses a plan if one of its two messages cannot be decoded.
+    def _refuse_undecodable(self, raw: bytes, topic: str, wall: float) -> Iterator[None]:
+        """Refuse a plan if one of its two messages cannot be decoded (context manager).
 
         If the block raises MessageError, the plan is refused and no error is raised. In any case,
         reports on plans are published at the end.
 
         Args:
             raw: Serialised message, from which the stamp is read.
-            half: Name of the message's topic, for the report.
+            topic: Name of the message's topic, for the report.
             wall: Present time of the steady clock [s].
         """
         try:
             yield
         except MessageError as error:
-            problem = f"its {half} cannot be used: {error}"
+            problem = f"its {topic} cannot be used: {error}"
             self._arm.add_unusable(point_arrays.read_stamp(raw), problem, wall)
         self._publish_reports()
 
@@ -221,8 +221,9 @@ class SimNode(Node):
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Stop the arm: decelerate along the path of the plan in force, then hold.
 
-        Plans whose stamp is not later than now are refused, and a waiting plan is dropped. All
-        reports are published at once. If the simulation has diverged, the arm is not stopped.
+        Plans whose stamp is not later than now are refused, and a waiting plan is dropped. Reports
+        on this are published before the answer. If the simulation has diverged, the arm is not
+        stopped.
 
         Args:
             request: Empty request.

@@ -100,8 +100,8 @@ def declare_plant(node: Node, machine: Machine) -> Machine:
 def declare_parameters(node: Node, machine: Machine, plant: Machine) -> SimParameters:
     """Declare all parameters but `machine` and `plant`, check their values, and read them.
 
-    The controller that is not given follows from the machine's sensors. Limits of supervision that
-    are not given follow from the controller.
+    The default of the controller follows from the machine's sensors. The defaults of supervision's
+    limits follow from the controller.
 
     Args:
         node: The node.
@@ -172,8 +172,8 @@ def read_parameters(node: Node) -> SimParameters:
         node: The node, on which the parameters are declared.
 
     Returns:
-        The values. Each symptom that supervision watches (such as the tracking error) has a pair:
-        the value from which the arm warns, and the value from which it stops.
+        The values. Each symptom that supervision watches, such as `following_error`, has a pair of
+        limits: the value beyond which the arm warns, and the value beyond which it is stopped.
     """
 
     def value(name: str) -> Any:

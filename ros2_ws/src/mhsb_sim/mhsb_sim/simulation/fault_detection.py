@@ -106,8 +106,8 @@ class Symptom(Protocol):
     Attributes:
         name: Name of the field of `SupervisionLimits`.
         unit: Unit of the value; empty for a ratio.
-        closes_valves: Whether the valves close at once if it stops the arm, since the servo could
-            not brake it.
+        closes_valves: Whether the valves close at once if this symptom stops the arm, since the
+            servo could not brake the arm.
     """
 
     name: str
@@ -268,7 +268,7 @@ class Saturation:
             *(f"the valve of {name} has been fully open" for name in machine.actuator_names),
             *(f"servo pump {number} has been at full speed" for number in pumps),
         ]
-        self._looks = np.zeros(len(self._names))
+        self._saturated_samples = np.zeros(len(self._names))
 
     def evaluate(self, sample: ArmSample) -> Finding:
         """Update the time for which each command has been saturated, and return the longest.
@@ -286,11 +286,11 @@ class Saturation:
         """
         of = sample.actuators
         command = np.abs(np.concatenate([of.valve_command, of.servo_pump_command]))
-        self._looks = np.where(
-            command >= DETECTION_SETTINGS.full_command_share, self._looks + 1.0, 0.0
+        self._saturated_samples = np.where(
+            command >= DETECTION_SETTINGS.full_command_share, self._saturated_samples + 1.0, 0.0
         )
-        k = int(np.argmax(self._looks))
-        time = float(self._looks[k]) * WATCH_PERIOD_NS / SECOND_NS
+        k = int(np.argmax(self._saturated_samples))
+        time = float(self._saturated_samples[k]) * WATCH_PERIOD_NS / SECOND_NS
         return Finding(time, f"{self._names[k]} for {time:.2f} s")
 
 

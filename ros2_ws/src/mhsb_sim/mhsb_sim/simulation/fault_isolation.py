@@ -171,11 +171,11 @@ class FrozenPressure:
 
 
 class FrozenLength:
-    """Stroke of a piston's reference while its length sensor has given the very same readings [m].
+    """Stroke of a piston's reference since the reading of its length sensor last changed [m].
 
-    The stroke counts from one reading to another. So sensors may be slower than supervision, and a
-    sensor whose readings differ has the stroke 0. A sensor without noise is not examined: a piston
-    at rest repeats its reading.
+    The stroke is updated only with a new reading, since sensors may be slower than supervision. If
+    the new reading differs from the one before, the stroke is 0. A sensor without noise is not
+    examined, since it repeats its reading whenever the piston rests.
     """
 
     name, unit = "frozen_length", "m"
@@ -191,12 +191,13 @@ class FrozenLength:
         self._reading_ns = -1
         self._reading = np.full(machine.joint_count, np.nan)
         self._reference_length = np.zeros(machine.joint_count)
-        self._way = np.zeros(machine.joint_count)
+        self._stroke = np.zeros(machine.joint_count)
 
     def evaluate(self, sample: ArmSample) -> Finding:
         """Find the length sensor that is most likely frozen.
 
-        This is the sensor whose piston should have moved farthest since its reading last changed.
+        This is the sensor whose piston should have moved farthest since the sensor's reading last
+        changed.
 
         Args:
             sample: State of the arm.
@@ -211,12 +212,12 @@ class FrozenLength:
             is_sound = (sensed.length != self._reading) | (sensed.length_noise == 0.0)
             self._reference_length = np.where(is_sound, wanted, self._reference_length)
             self._reading_ns, self._reading = sensed.reading_ns, sensed.length
-            self._way = np.abs(wanted - self._reference_length)
-        j = int(np.argmax(self._way))
+            self._stroke = np.abs(wanted - self._reference_length)
+        j = int(np.argmax(self._stroke))
         return Finding(
-            float(self._way[j]),
+            float(self._stroke[j]),
             f"the length sensor of {self._machine.actuator_names[j]} has repeated its reading "
-            f"while its piston was to move {1e3 * self._way[j]:.2f} mm",
+            f"while its piston was to move {1e3 * self._stroke[j]:.2f} mm",
         )
 
 
@@ -228,9 +229,10 @@ def compute_frozen_length_time(machine: Machine, limit: float) -> float:
         limit: Stroke of the piston beyond which the sensor counts as frozen [m].
 
     Returns:
-        Longest time from the last sound reading to the finding [s]. It has n readings, with the
-        smallest n for which the stroke exceeds `limit`, and one watch period. It is infinite if the
-        sensors have no noise, since supervision does not examine them.
+        Longest time from the last sound reading to the finding [s]. It consists of n periods of
+        readings and one watch period. n is the smallest number for which the stroke exceeds
+        `limit`. The time is infinite if the sensors have no noise, since supervision does not
+        examine them.
     """
     if not compute_length_errors(machine).noise.any():
         return math.inf

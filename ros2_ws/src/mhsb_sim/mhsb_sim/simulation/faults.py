@@ -123,8 +123,8 @@ def _parse_fault(word: str, machine: Machine) -> Fault:
         kind has none.
 
     Raises:
-        FaultError: The kind is unknown, the place is missing or not valid, the value is out of
-            range, or a value is given for a kind without values.
+        FaultError: The kind is unknown, the place is missing or not valid, or the value is out of
+            range. Or a value is given for a kind without values.
     """
     name, place, value = (*word.split(":", 2), "", "")[:3]
     kind = FAULT_KINDS.get(name)
@@ -209,7 +209,7 @@ def _select_parts(plant: FaultTarget) -> dict[str, Records[Any]]:
 
 
 def _list_no_places(machine: Machine) -> Sequence[str]:
-    """Return no names, for a fault that can be in one place only."""
+    """Return no names, for a fault that concerns a whole part."""
     return ()
 
 

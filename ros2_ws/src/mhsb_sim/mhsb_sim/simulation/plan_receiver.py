@@ -1,8 +1,8 @@
 """Receiver of plans: pairs each trajectory with its mode schedule, and applies continuous plans.
 
-The two halves of a plan come as separate messages with the same stamp, in any order. A complete
-pair is applied only if the new trajectory equals the present reference at the arm's present time.
-Other plans are refused or dropped. Each stamp gets exactly one report.
+The trajectory and the mode schedule of a plan come as two messages with the same stamp, in any
+order. A complete pair is applied only if the new trajectory equals the present reference at the
+arm's present time. Other plans are refused or dropped. Each stamp gets exactly one report.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from mhsb_model.modes import count_modules, format_pattern
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 
 PAIR_TIMEOUT = 0.5
-"""Real time for which half a plan waits for its other half [s]."""
+"""Real time for which a trajectory or mode schedule waits for the other message of its plan [s]."""
 
-LARGEST_LEAD = 0.5
+MAX_STAMP_ADVANCE = 0.5
 """Largest time by which a plan may be stamped ahead of the arm's time [s]; it waits until then."""
 
 REPORTED_STAMP_CAPACITY = 64
-"""Number of recent stamps that are remembered as reported; further halves of them are ignored."""
+"""Number of recent stamps that are remembered as reported; further messages of them are ignored."""
 
 NEVER_NS = 2**63 - 1
 """Time that never comes [ns]."""
@@ -74,11 +74,11 @@ class PlanTarget(Protocol):
 
 @dataclass
 class PendingPlan:
-    """A plan that waits for its second half or for its hand-over.
+    """A plan that waits for its second message or for its hand-over.
 
     Attributes:
         stamp_ns: Stamp of the plan [ns].
-        received: Time of the steady clock at which its first half came [s].
+        received: Time of the steady clock at which its first message came [s].
         trajectory: Its trajectory, None until it comes.
         schedule: Its mode schedule, None until it comes.
     """
@@ -92,7 +92,7 @@ class PendingPlan:
     def due_ns(self) -> int:
         """Time from which on the plan can be handed over [ns].
 
-        It is the plan's stamp if both halves have come, else NEVER_NS. It is a time of plans:
+        It is the plan's stamp if both messages have come, else NEVER_NS. It is a time of plans:
         simulated time minus the delay that speed scaling has caused.
         """
         complete = self.trajectory is not None and self.schedule is not None
@@ -100,7 +100,7 @@ class PendingPlan:
 
 
 class PlanReceiver:
-    """Collects the halves of plans, and hands over complete plans that continue the reference.
+    """Pairs the messages of plans, and hands over complete plans that continue the reference.
 
     Attributes:
         due_ns: Time from which on `update` has a plan to hand over [ns]; NEVER_NS if no complete
@@ -213,7 +213,7 @@ class PlanReceiver:
         return reports
 
     def add_unusable(self, stamp_ns: int, problem: str, wall: float) -> list[HandOverReport]:
-        """Receive half a plan that cannot be read, and refuse the plan.
+        """Refuse a plan because one of its two messages cannot be read.
 
         Args:
             stamp_ns: Stamp of the plan [ns].
@@ -226,7 +226,9 @@ class PlanReceiver:
         return self._find_pending_plan(stamp_ns, problem, wall)[1]
 
     def update(self, wall: float) -> list[HandOverReport]:
-        """Hand over a complete plan that is due, or drop half a plan that has waited too long.
+        """Hand over a complete plan that is due, or drop a plan whose second message is overdue.
+
+        The second message is overdue `PAIR_TIMEOUT` after the first.
 
         Args:
             wall: Present time of the steady clock [s].
@@ -249,26 +251,26 @@ class PlanReceiver:
     def _find_pending_plan(
         self, stamp: int, problem: str | None, wall: float
     ) -> tuple[PendingPlan | None, list[HandOverReport]]:
-        """Find or create the plan that a half (trajectory or mode schedule) belongs to.
+        """Find or create the plan to which a message (trajectory or mode schedule) belongs.
 
         The first of these cases decides:
 
-        1. The stamp has a report already: the half is ignored.
-        2. The half belongs to the waiting plan. If the half cannot be used, the plan is refused and
-           removed.
-        3. The half begins a new plan that `_find_refusal` refuses, because of a fault, `problem` or
-           the stamp.
-        4. The half begins a new plan. An older plan that waits is dropped. The caller must store
+        1. The stamp has a report already: the message is ignored.
+        2. The message belongs to the waiting plan. If the message cannot be used, the plan is
+           refused and removed.
+        3. The message begins a new plan that `_find_refusal` refuses, because of a fault, `problem`
+           or the stamp.
+        4. The message begins a new plan. An older plan that waits is dropped. The caller must store
            the new plan.
 
         Args:
-            stamp: Stamp of the half [ns].
-            problem: Clause that says why this half cannot be used; None if it can.
-            wall: Time of the steady clock at which the half came [s]; stored in a new plan.
+            stamp: Stamp of the message [ns].
+            problem: Clause that says why this message cannot be used; None if it can.
+            wall: Time of the steady clock at which the message came [s]; stored in a new plan.
 
         Returns:
-            The plan (None if the half is not kept), and a report on each plan that was refused or
-            dropped. The stamps of these plans count as reported from now on.
+            The plan (None if the message is not kept), and a report on each plan that was refused
+            or dropped. The stamps of these plans count as reported from now on.
         """
         pending = self._pending
         if stamp in self._reported_stamps:
@@ -287,18 +289,18 @@ class PlanReceiver:
         return PendingPlan(stamp, wall), dropped
 
     def _find_refusal(self, stamp: int, problem: str | None) -> tuple[HandOverReason, str] | None:
-        """Return why the first half of a plan is refused.
+        """Return why the first message of a plan is refused.
 
-        The first of these reasons is returned: the arm has a fault; the half cannot be used; the
+        The first of these reasons is returned: the arm has a fault; the message cannot be used; the
         stamp is not after the last start, stop, reset or end of a fault; the stamp is not newer
         than that of the plan before; the stamp is too far ahead of the arm's time.
 
         Args:
             stamp: Stamp of the plan [ns].
-            problem: Clause that says why this half cannot be used; None if it can.
+            problem: Clause that says why this message cannot be used; None if it can.
 
         Returns:
-            Reason code and sentence; None if the half is accepted.
+            Reason code and sentence; None if the message is accepted.
         """
         newest = max(self._last_stamp_ns, self._pending.stamp_ns if self._pending else -1)
         ahead = (stamp - self._target.plan_time_ns) / SECOND_NS
@@ -314,10 +316,10 @@ class PlanReceiver:
             return HandOverReason.STAMP, (
                 "its stamp is not newer than that of the plan before; stamps must increase"
             )
-        if ahead > LARGEST_LEAD:
+        if ahead > MAX_STAMP_ADVANCE:
             return HandOverReason.STAMP, (
-                f"it is stamped {ahead:.3f} s ahead of the arm's time, at most {LARGEST_LEAD:g} s "
-                "is allowed; go by the stamps of `reference`"
+                f"it is stamped {ahead:.3f} s ahead of the arm's time, at most "
+                f"{MAX_STAMP_ADVANCE:g} s is allowed; go by the stamps of `reference`"
             )
         return None
 

@@ -84,7 +84,7 @@ class Simulator:
         machine: Machine that servo, supervision and plan receiver assume.
         plant: Machine that is simulated.
         controller_name: Name of the servo controller.
-        guard: Mode guard, which boosts and slows down beyond the plan; a new one after a reset.
+        guard: Mode guard, which boosts actuators and slows the plan; a new one after a reset.
     """
 
     _control: Callable[[], None]
@@ -167,7 +167,7 @@ class Simulator:
             HoldingError: The arm cannot be held in that posture.
         """
         loaded = self.plant.changed(payload=self._payload)
-        q = self._start if posture is None else self._within_limits(posture)
+        q = self._start if posture is None else self._clip_to_limits(posture)
         modes = choose_holding_modes(loaded, loaded.piston_forces(q))
         self._time_ns = time_ns
         self._steps = 0
@@ -271,7 +271,7 @@ class Simulator:
 
     @property
     def plan_delay_ns(self) -> int:
-        """Delay by which speed scaling has slowed plans [ns]; 0 if the last plan has ended."""
+        """Delay of plans that speed scaling has caused [ns]; 0 if the last plan has ended."""
         return 0 if self._reference.has_ended else self._time_ns - self.plan_time_ns
 
     def catch_up(self) -> None:
@@ -419,17 +419,17 @@ class Simulator:
 
     @property
     def estimates(self) -> list[Estimate]:
-        """Estimates of the machine that the servo has made since its valves last opened."""
+        """Estimates of the present controller; it starts anew when closed valves open."""
         return self._servo.controller.estimates
 
     def save_estimates(self) -> None:
-        """Keep what the servo has learnt, and write it into the estimates file if there is one.
+        """Store what the servo has learnt, and write it into the estimates file if one was given.
 
-        The servo begins with it after a reset, and when its valves open again. Nothing happens if
-        the controller learns nothing that can be kept.
+        The servo begins with the stored estimates after a reset, and when its valves open again.
+        Nothing happens if the controller learns nothing that can be kept.
 
         Raises:
-            EstimatesFileError: The file cannot be written. What was learnt is kept nevertheless.
+            EstimatesFileError: The file cannot be written. The estimates are stored nevertheless.
         """
         controller = self._servo.controller
         if isinstance(controller, LearningController):
@@ -472,7 +472,7 @@ class Simulator:
         Raises:
             ModeError: A mode combination needs more booster modules than there are.
         """
-        self._check_budget(schedule.modes)
+        self._check_module_counts(schedule.modes)
         if self.valves_closed:
             self._servo.restart(self._learnt)
             self._open_valves()
@@ -481,15 +481,16 @@ class Simulator:
     def stop(self) -> None:
         """Decelerate along the path of the plan in force, then hold; no effect without a plan.
 
-        While the arm decelerates, the modes do not change. They are the modes for which the servo
-        has last prepared the circuit. At rest, the arm gets modes that hold its load there.
+        While the arm decelerates, the modes do not change. Each actuator has its prepared mode: the
+        mode in force, or already a boosted mode that was about to begin. At rest, the arm gets
+        modes that hold its load there.
         """
         now = self.plan_time_ns
         if not self._reference.executes_plan(self._time_ns):
             return
         braking = brake_along(self.machine, self._reference.trajectory, now)
         rows = np.unique([0, braking.duration_ns])
-        modes = [self._signals.modes.copy(), self._modes_to_hold(braking.position[-1])]
+        modes = [self._signals.modes.copy(), self._choose_holding_modes(braking.position[-1])]
         self._follow(braking, ModeSchedule(now, rows, np.array(modes[-len(rows) :])))
 
     def close_valves(self) -> None:
@@ -533,7 +534,7 @@ class Simulator:
         chambers = self._circuit.pressure[:-3].reshape(-1, 3)[:, :2] - arrays.tank_pressure
         lower, higher = chambers.min(axis=1), chambers.max(axis=1)
         trapped = lower > 0.5 * (arrays.supply_pressure - arrays.tank_pressure)
-        beyond = np.abs(self._data.qpos - self._within_limits(self._data.qpos))
+        beyond = np.abs(self._data.qpos - self._clip_to_limits(self._data.qpos))
         trapped |= (beyond > END_STOP_DEFLECTION) & (higher > drop)
         actuators["relief"][trapped] = higher[trapped] - drop
         return not trapped.any()
@@ -543,9 +544,9 @@ class Simulator:
 
         The reference jumps to the true (simulated) posture, and the delay of plans becomes 0.
         """
-        q = self._within_limits(self._pistons[ANGLE_ROW])
+        q = self._clip_to_limits(self._pistons[ANGLE_ROW])
         self._reference.speed_scaling["delay"] = 0.0
-        self._hold(q, self._modes_to_hold(q))
+        self._hold(q, self._choose_holding_modes(q))
 
     def set_payload(self, mass: float) -> None:
         """Change the payload of the plant at once; the servo is not informed.
@@ -649,7 +650,7 @@ class Simulator:
         self._circuit.actuators["isolating_command"] = 0.0
         self._control = self._servo.step
 
-    def _within_limits(self, q: FloatArray) -> FloatArray:
+    def _clip_to_limits(self, q: FloatArray) -> FloatArray:
         """Return joint positions clipped to the joint limits, float64[n], [rad or m]."""
         return np.clip(q, self.machine.arrays.joint_min, self.machine.arrays.joint_max)
 
@@ -681,7 +682,7 @@ class Simulator:
         self._followed.append((self.plan_time_ns, trajectory))
         self._servo.follow(self._time_ns, trajectory, schedule, planned=planned)
 
-    def _modes_to_hold(self, q: FloatArray) -> ModeArray:
+    def _choose_holding_modes(self, q: FloatArray) -> ModeArray:
         """Choose the modes in which the arm rests in a posture.
 
         Args:
@@ -694,7 +695,7 @@ class Simulator:
         """
         return choose_stop_modes(self.machine, self.machine.piston_forces(q), self._reference.modes)
 
-    def _check_budget(self, patterns: ModeArray) -> None:
+    def _check_module_counts(self, patterns: ModeArray) -> None:
         """Check that the machine has the booster modules that each mode combination needs.
 
         Args:

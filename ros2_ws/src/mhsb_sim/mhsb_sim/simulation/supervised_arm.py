@@ -112,8 +112,8 @@ class SupervisedArm:
         nothing.
 
         Args:
-            wall: Present time of the steady clock [s]. It serves to drop half a plan (trajectory or
-                mode schedule) that has waited too long for its other half.
+            wall: Present time of the steady clock [s]. It serves to drop a plan whose second
+                message (trajectory or mode schedule) is overdue.
         """
         if self.halted:
             return
@@ -131,7 +131,7 @@ class SupervisedArm:
             self._watch()
 
     def hand_over(self, wall: float) -> None:
-        """Hand over the waiting plan if it is due, or drop half a plan that has waited too long.
+        """Hand over the waiting plan if it is due, or drop it if its second message is overdue.
 
         If the last plan has ended, the delay that speed scaling has caused is first set to 0. The
         report on the waiting plan is stored for `take_reports`.
@@ -171,7 +171,7 @@ class SupervisedArm:
         self.hand_over(wall)
 
     def add_unusable(self, stamp_ns: int, problem: str, wall: float) -> None:
-        """Receive half a plan that cannot be read, and refuse the plan.
+        """Refuse a plan because one of its two messages cannot be read.
 
         Args:
             stamp_ns: Stamp of the plan [ns].
