@@ -225,9 +225,8 @@ def evaluate_reference(
         points: Motion of the joints at these points.
         mode_offset_ns: Times after the stamp from which each row of the mode schedule applies,
             int64[rows], [ns].
-        reference: States of the reference points and at the command times, rows of the mode
-            schedule now and at point PREVIEW_POINT, and present velocity at full speed. All are
-            written in place.
+        reference: Arrays for states at the reference points and command times, rows of the mode
+            schedule, and the velocity at full speed. All but `command_times` are written in place.
         speed_scaling: State of the speed scaling, SpeedScaling[1]. Reads rate and delay. Writes
             `rests` in place: 1 if the trajectory has ended, else 0.
         spacing_ns: Time between two reference points at full speed [ns].

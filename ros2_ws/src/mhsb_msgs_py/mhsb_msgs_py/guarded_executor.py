@@ -342,8 +342,8 @@ def _find_unusable_parameter(node: Node, parameters: Sequence[Parameter]) -> str
 
     Returns:
         One sentence about the first unusable parameter; empty if there is none. A parameter is
-        unusable if it does not exist, has an unknown type, is out of its range, or would be deleted
-        although it must not be.
+        unusable if it does not exist, has an unknown type, is out of range, or must not be deleted
+        but would be.
     """
     deletable = getattr(node, "deletable_parameters", ())
     for parameter in parameters:
