@@ -12,13 +12,11 @@ versions are lightly optimized and have no wrappers.
 
 from __future__ import annotations
 
-import importlib
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from mhsb_model.kernels.cache_folder import set_kernel_cache_folder
 
@@ -30,29 +28,6 @@ from numba.extending import models, register_model, typeof_impl  # noqa: E402
 
 from mhsb_model.kernels.machine_code import store_machine_code_alone  # noqa: E402
 from mhsb_model.kernels.shared_cache import SharedDispatcher  # noqa: E402
-
-
-def import_array_functions() -> None:
-    """Import numba's array functions, but not SciPy's linear algebra, which would take 0.13 s.
-
-    When numba imports them, it tries to import `scipy.linalg.cython_blas`. The outcome only decides
-    how `np.convolve` and `np.correlate` are compiled. All other functions import it when a kernel
-    that needs it is compiled.
-
-    If a release of numba has no module of this name, it imports SciPy as usual.
-    """
-    name = "scipy.linalg.cython_blas"
-    if name in sys.modules:
-        return
-    sys.modules[name] = cast(Any, None)  # its import now fails
-    try:
-        with suppress(ModuleNotFoundError):
-            importlib.import_module("numba.np.arraymath")
-    finally:
-        del sys.modules[name]
-
-
-import_array_functions()
 
 
 class KernelType(types.Dispatcher):
