@@ -199,9 +199,19 @@ class IntegratedSearch:
                 work.expanded, work.priced, self._elapsed, task.progress.search_deadline.has_passed
             ),
         )
-        force, modes = task.machine.piston_forces(path.posture[-1]), path.modes[-1]
-        holding = count_switches_to_hold(task.machine.arrays, force, modes)
-        return replace(path, holding_switches=holding)
+        return _add_holding_switches(task.machine, path)
+
+
+def _add_holding_switches(machine: Machine, path: DiscretePath) -> DiscretePath:
+    """Return a discrete path with the number of switches to the modes that hold the arm at its end.
+
+    Args:
+        machine: The arm without a slewing joint.
+        path: The path, whose own number does not count.
+    """
+    force = machine.piston_forces(path.posture[-1])
+    holding = count_switches_to_hold(machine.arrays, force, path.modes[-1])
+    return replace(path, holding_switches=holding)
 
 
 def search(
@@ -284,7 +294,8 @@ def warm_up_paths(machine: Machine) -> None:
     _ = task.lower_bound
     modes, statistics = np.zeros(machine.joint_count, dtype=np.uint8), SearchStatistics(0, 0, 0.0)
     pieces = task.compute_pieces(_straight_line(task))
-    to_discrete_path(task.cost_model, pieces, pieces.cost, modes, statistics)
+    path = to_discrete_path(task.cost_model, pieces, pieces.cost, modes, statistics)
+    _add_holding_switches(machine, path)
 
 
 def warm_up_lattice(machine: Machine) -> None:
