@@ -574,6 +574,9 @@ def _step_to_goal(
 ) -> None:
     """Price the step from a lattice point to a goal posture; record the cheapest path to the goal.
 
+    The step is skipped if a lower bound shows that it leads to no cheaper path, or to none below
+    the cost limit.
+
     Args:
         problem: Cost model, lattice and goals.
         w: Working memory with the point in w.points[0]; all else in it is overwritten.
@@ -585,6 +588,9 @@ def _step_to_goal(
         rule: Cost limit; paths of this cost or more are dropped.
     """
     goals, target = problem.goals, StepTarget(len(f.states) - 1, 0, 0.0)
+    cost = origin.cost + least_move_cost(problem.cost_model, w.points.length[0], goals.length[k])
+    if cost >= min(rule.cost_limit, f.states[target.first_state].cost):
+        return
     for j in range(goals.length.shape[1]):
         w.points.posture[1, j] = goals.posture[k, j]
         w.points.length[1, j] = goals.length[k, j]
@@ -606,9 +612,15 @@ def _step_to_neighbour(
     """Price the step from an expanded state to a neighbouring lattice point.
 
     The step may reach several states of the point, one in each mode combination. Those that become
-    cheaper enter the open list. The step is skipped if a lower bound shows that it makes none of
-    them cheaper, or leads to no path below the cost limit. With `reachability_only` it is also
-    skipped if the point has a state already.
+    cheaper enter the open list. With `reachability_only` the step is skipped if the point has a
+    state already. It is also skipped if a lower bound on its cost shows one of these:
+
+    - It leads to no path below the cost limit, or to none below the cost of the path known to the
+      goal.
+    - It makes no state of the point cheaper. Each of them can be reached from the cheapest state of
+      the point by mode switches. Switches to the modes of the expanded state and on from there are
+      at least as many. The step is therefore useless if it costs no less than the cheapest state
+      and the switches from there to the modes of the expanded state.
 
     Args:
         problem: Cost model, lattice and goals.
@@ -635,10 +647,12 @@ def _step_to_neighbour(
     least = known.remaining[row]
     best: int = known.best[row]
     cost = origin.cost + least_move_cost(t, w.points.length[0], w.points.length[1])
-    if cost + least >= rule.cost_limit:
+    if cost + least >= min(rule.cost_limit, f.states[len(f.states) - 1].cost):
         return
-    if best != NO_STATE and cost >= f.states[best].cost + t.weight[2] * len(lattice.shape):
-        return
+    if best != NO_STATE:
+        switches = t.switches[origin.pattern, best % len(t.patterns)]
+        if cost >= f.states[best].cost + t.weight[2] * switches:
+            return
     _load_forces(t, known, row, w.points, 1)
     f.counts[GENERATED_COUNT] += 1
     _price_step_to(t, w, f, known, origin, StepTarget(row * len(t.patterns), 1, least), rule)
