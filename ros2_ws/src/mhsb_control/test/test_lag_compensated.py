@@ -268,11 +268,14 @@ def measure_heavy_joint(random: np.random.Generator) -> float:
 
 
 def test_a_heavy_joint_on_its_oil_follows_slow_motions(fresh_seed):
-    """Measured: 1.1 mm in the median of 8 draws, 1.4 mm at most; encoders resolve 0.4 mm."""
+    """Of 120 draws half were below 1.2 mm and 95 % below 1.6 mm, four from 3.1 to 4.4 mm.
+
+    Encoders resolve 0.4 mm. The median of seven draws is above 1.6 mm once in some 5,000 tests.
+    """
     random = np.random.default_rng(fresh_seed)
-    errors = [measure_heavy_joint(random) for _ in range(4)]
-    assert np.median(errors) < 1.3, errors
-    assert max(errors) < 2.5, errors
+    errors = [measure_heavy_joint(random) for _ in range(7)]
+    assert np.median(errors) < 1.6, errors
+    assert max(errors) < 7.0, errors
 
 
 def test_an_arm_with_nearly_half_a_dead_band_and_slow_sensors_moves():

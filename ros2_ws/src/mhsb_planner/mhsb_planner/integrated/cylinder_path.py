@@ -527,7 +527,7 @@ def begin_path(
     w.value[0, -1] = 0.0
 
 
-@kernel(borrows=True)
+@kernel
 def continue_path(
     t: PathCostModel,
     w: PathCostBuffers,
