@@ -199,8 +199,9 @@ def update_drive_estimates(
     changed implausibly, do not contribute. If no pump contributes, the estimates do not change.
 
     Args:
-        d: Estimates, updated in place. Written in every step: `flow`, the predicted flow [m³/s],
-            and `pending`, the oil that the pump delivers from now to that instant [m³].
+        d: Estimates, updated in place. In every step `flow` gets the predicted flow [m³/s].
+            `pending` gets the oil that the pump delivers from now until the next command begins to
+            act [m³].
         modules: Records of the circuit's modules, [m], with measured flows and the commands of the
             last step.
         settings: Tuned numbers.
@@ -331,7 +332,7 @@ def predict_pump_flow(own: PumpDynamics, flow: float, commands: FloatArray) -> t
         commands: Commands of the last steps, the newest first, float64[d + 1], [m³/s].
 
     Returns:
-        Flow at that instant [m³/s], and oil delivered until then [m³].
+        Predicted flow [m³/s], and oil delivered from now until the next command begins to act [m³].
     """
     volume = 0.0
     for i in range(own.delay - 1, -1, -1):

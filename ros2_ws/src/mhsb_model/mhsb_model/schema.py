@@ -759,13 +759,13 @@ class Imperfections(Section):
 
     @property
     def overlaps(self) -> tuple[float, float]:
-        """Overlap of a spool that extends and of one that retracts, shares of its stroke."""
+        """Overlaps in extension and in retraction of the piston, shares of the spool's stroke."""
         retracting = self.valve_overlap_retracting
         return self.valve_overlap, self.valve_overlap if retracting is None else retracting
 
     @property
     def curves(self) -> tuple[ValveCurve | None, ValveCurve | None]:
-        """Curve of a spool that extends and of one that retracts; None for a straight line."""
+        """Curves for extension and for retraction of the piston; None for a straight line."""
         return self.valve_curve, self.valve_curve_retracting or self.valve_curve
 
 

@@ -54,17 +54,20 @@ def encode(estimates: Sequence[Estimate], stamp_ns: int) -> JointState:
 def decode(message: JointState) -> list[Estimate]:
     """Decode a message to estimates.
 
+    The value of an estimate is in the entry NAME, its standard deviation in NAME/deviation.
+    NAME/known is 0 if the motion so far has not determined the value, otherwise 1.
+
     Args:
         message: The message, with its entries in any order.
 
     Returns:
-        One estimate for each value, in the order of the values in the message. Standard deviations
-        and `known` entries that belong to no value are ignored.
+        One estimate for each value, in the order of the values in the message. Entries
+        NAME/deviation and NAME/known without an entry NAME are ignored.
 
     Raises:
         MessageError: One of these holds. A name is given twice. A name has no value, or a value
-            that is not finite. An estimate lacks its deviation or its `known` entry. A deviation is
-            negative. `velocity` or `effort` is not empty.
+            that is not finite. A value NAME lacks its entry NAME/deviation or NAME/known. A
+            deviation is negative. `velocity` or `effort` is not empty.
     """
     names = list(message.name)
     order = checks.find_joint_order("estimates", names, sorted(set(names)))

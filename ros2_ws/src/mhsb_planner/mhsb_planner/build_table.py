@@ -53,8 +53,8 @@ def build_table(
 ) -> None:
     """Compute the posture table of a machine and store it.
 
-    For every node of the grid and every mode combination, it contains the posture of largest
-    end-effector velocity polytope.
+    For every node of the grid and every mode combination, the table contains the posture with the
+    largest velocity polytope of the tip.
 
     Args:
         machine: Machine file (YAML, SI units); the suite's own arm if left out.
@@ -63,8 +63,9 @@ def build_table(
         table: Solver and grid of the table.
         work: Who does the work.
         judge: Number of random entries to compare with the paper's solver from 30 random starts, at
-            about 0.1 s each. The result is an upper bound on the share of entries whose polytope is
-            smaller than the solver's. 0: no comparison.
+            about 0.1 s each; 0 compares none. An entry is short if its polytope is more than 0.1 %
+            smaller than the solver's. The command then states an upper bound on the share of short
+            entries in the whole table.
         json: Print the result as JSON.
     """
     arm = load_machine(machine).planar_arm

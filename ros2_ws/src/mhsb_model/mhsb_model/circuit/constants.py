@@ -83,9 +83,10 @@ def build_valve_curves(machine: Machine) -> FloatArray:
         machine: Machine whose file describes the circuit.
 
     Returns:
-        Curves of spools that extend and that retract, float64[2, 2, k]. Row 0 of each has the
-        shares of the stroke beyond the overlap, and row 1 the shares of the full opening. The
-        shorter curve is filled up with (1, 1). A straight line has the points (0, 0) and (1, 1).
+        Curve for extension and curve for retraction of the piston, float64[2, 2, k]. Row 0 of each
+        has the shares of the spool's stroke beyond the overlap, and row 1 the shares of the full
+        opening. The shorter curve is filled up with points (1, 1). A straight line has the points
+        (0, 0) and (1, 1).
     """
     curves = [curve or ((0.0, 0.0), (1.0, 1.0)) for curve in machine.config.imperfections.curves]
     table = np.ones((2, max(map(len, curves)), 2))

@@ -195,7 +195,7 @@ def advance_servo_pump_flow(
 
 @kernel(inline="always")
 def compute_pump_filling(pressure: float, vapour: float, filling: float) -> tuple[float, float]:
-    """Compute the share of its displacement that a pump's inlet fills with oil.
+    """Compute the share of a pump's displacement that fills with oil at the inlet.
 
     The share is (p − p_v)/Δp_f, limited to 0 … 1.
 
@@ -309,14 +309,14 @@ def compute_valve_opening(spool: float, overlap: float, exponent: float = 1.0) -
 
     Args:
         spool: Spool position x, −1 … 1 of the stroke; positive extends.
-        overlap: Overlap o of the edges, as a share of the stroke; nothing opens within ±o.
+        overlap: Overlap o of the edges, as a share of the stroke; the valve is closed within ±o.
         exponent: Exponent n; 1 for a linear valve, larger for a valve with metering notches.
 
     Returns:
         Signed opening. At full stroke it is ±1, which stands for the valve's rated flow.
 
     Source:
-        H. E. Merritt, Hydraulic Control Systems (lap).
+        H. E. Merritt, Hydraulic Control Systems (spool valves with overlap).
     """
     if abs(spool) < overlap:
         return 0.0

@@ -109,7 +109,8 @@ def _check_valve_curves(config: MachineConfig) -> list[str]:
         config: Content of a machine file.
 
     Returns:
-        One string `path: sentence` for each curve that breaks the rule, with its first such point.
+        One string `path: sentence` for each curve that breaks a rule. It states the first two
+        points between which the curve does not rise, or otherwise the curve's ends.
     """
     real, problems = config.imperfections, []
     for name in ("valve_curve", "valve_curve_retracting"):

@@ -119,10 +119,11 @@ class SharedDispatcher:
         SharedDispatcher._storing_has_failed = True
 
     def _check_versions(self, folder: Path) -> None:
-        """Delete compiled versions of the kernel (one per argument types) whose files are damaged.
+        """Delete the compiled versions of the kernel whose files are damaged.
 
-        A file is damaged if its hash differs from the recorded one. A version without a recorded
-        hash is trusted, and its hash is recorded.
+        A version is the kernel compiled for one combination of argument types. Its file is damaged
+        if its hash differs from the recorded one. A version without a recorded hash is trusted, and
+        its hash is recorded.
 
         Args:
             folder: Cache folder of this kernel.

@@ -480,10 +480,12 @@ def bound_travel(
 
         D = (slew's part) + Σ_k L_k |Σ_{j ≤ k} Δq_j|
 
-    L_k is the length of link k, and Δq_j the turn of joint j. If the move is straight in cylinder
-    lengths, joints do not move in proportion, and Σ |Δq_j| takes the place of |Σ Δq_j|. A joint
-    that slides adds its stroke. The slew's part is |Δq_1| times the largest distance from the
-    slew's axis. The points are those on the lines of the links.
+    Points of the arm are those on the lines of its links. L_k is the length of link k; if its joint
+    slides, the larger of its lengths at start and end. Δq_j is the turn of joint j in the arm's
+    plane, 0 if the joint slews or slides. If the move is straight in cylinder lengths, joints do
+    not move in proportion, and Σ |Δq_j| takes the place of |Σ Δq_j|. A joint that slides also adds
+    its stroke. The slew's part is the slew's turn times the largest distance of a link from the
+    slew's axis.
 
     Args:
         m: Machine with n joints.

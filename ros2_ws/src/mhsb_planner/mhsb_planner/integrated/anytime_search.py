@@ -394,7 +394,7 @@ def search_lattice(
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
-        priced_by: Cost model by which the lattice is searched.
+        priced_by: Cost model by which the search prices paths, in place of that of `task`.
         best: Incumbent (cheapest path so far); None if there is none.
         spacing: Spacing of the lattice [m].
         work: Numbers of expanded states and priced steps; increased in place.
@@ -473,7 +473,7 @@ def create_lattice_search(
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
-        priced_by: Cost model by which the lattice is searched.
+        priced_by: Cost model by which the search prices paths, in place of that of `task`.
         goal_indices: Indices of the goal postures of `task` to search for. The search numbers them
             anew from 0 in this order.
         spacing: Spacing of the lattice [m].

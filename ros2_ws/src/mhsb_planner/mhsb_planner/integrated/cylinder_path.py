@@ -485,8 +485,9 @@ def count_switches_to_hold(m: MachineArrays, force: FloatArray, modes: ModeArray
 def _add_holding_switches(t: PathCostModel, w: PathCostBuffers, at: int) -> float:
     """Add the cost of the switches to the modes that hold the arm at rest at w.points[at].
 
-    An actuator holds its load in mode N, or in mode DB if the load needs boost. Changes w.value[at]
-    in place, except the column of the modes in force at the start.
+    An actuator holds its load in mode N, or in mode DB if the load needs boost. The costs of the
+    mode combinations in w.value[at] are increased in place. The last column stays: it stands for
+    the modes before the first piece, in which no piece arrives.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.

@@ -477,16 +477,16 @@ def _relax_step(
 ) -> bool:
     """Record a step to one state if it makes this state cheaper.
 
-    A state is a lattice point and the mode combination of arrival. There is a second way to the
-    target: through the cheapest state of its point, and mode switches there. The step is dropped if
-    the second way, or the path known to the target, costs no more. Otherwise the target gets the
-    cost, and `origin` as its parent. It enters the open list, or its place in the list is updated.
+    A state is a lattice point and the mode combination of arrival. The target can also be reached
+    from the cheapest state of the same lattice point, by mode switches alone. The step is dropped
+    if this way, or the path known to the target, costs no more. Otherwise the target gets the cost,
+    and `origin` as its parent. It enters the open list, or its place in the list is updated.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
         f: Open list and state records, changed in place.
         known: Data of the lattice points that the search has reached. The cheapest state of the
-            point (known.best) is updated in place.
+            target's point (known.best) is updated in place.
         origin: State from which the step leads.
         target: Number of the state that is reached. The last state is the goal, which has no point.
         cost: Cost of the path from the start to the target.

@@ -53,7 +53,7 @@ class Strides(NamedTuple):
     """Sizes of the changes that one sweep of a compass search tries.
 
     Attributes:
-        stroke: Stride of an inner waypoint along each cylinder [m].
+        stroke: Stroke by which an inner waypoint is moved along each cylinder [m].
         turn: Stride of each free coordinate at the end, shape (n - 2,) [rad or m]; 0 keeps the
             coordinate.
     """
@@ -266,13 +266,15 @@ def _turn_goal(free: FloatArray, turn: FloatArray, k: int, sign: float) -> bool:
 
 @kernel(inline="always")
 def _move_waypoint(m: MachineArrays, corner: FloatArray, j: int, stroke: float) -> bool:
-    """Change the length of cylinder j at a waypoint by a stroke, within the cylinder's range.
+    """Change the length of cylinder j at a waypoint by a stroke.
+
+    A length beyond the cylinder's range is replaced by the nearer end of the range.
 
     Args:
         m: Arrays of the machine.
         corner: Waypoint, shape (n,) [m]; changed in place.
         j: Index of the cylinder.
-        stroke: Signed stride [m].
+        stroke: Stroke, positive in extension [m].
 
     Returns:
         False if the waypoint does not change because the cylinder is at the end of its range.

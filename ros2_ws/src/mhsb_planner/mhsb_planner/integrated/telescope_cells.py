@@ -97,11 +97,13 @@ def _tip_relative_to_telescope_end(
 ) -> tuple[Interval, Interval]:
     """Compute ranges of the tip's polar coordinates relative to the end of a telescopic link.
 
+    All directions are measured from the arm's x axis.
+
     Args:
         radius: Range of the tip's distance from the start of the link [m].
         direction: Range of the tip's direction, seen from the start of the link [rad].
         length: Range of the link's length [m].
-        heading: Range of the link's direction, measured from the same axis [rad].
+        heading: Range of the link's direction [rad].
 
     Returns:
         Range of the tip's distance [m] and range of its direction [rad], both seen from the end of

@@ -113,8 +113,8 @@ def compute_middle_profile(machine: Machine, trajectory: Trajectory) -> MotionPr
         trajectory: Joint trajectory of k points.
 
     Returns:
-        Profile with k - 1 rows: piston speeds, piston forces under gravity and from inertia, tip
-        and joint positions.
+        Profile with k - 1 rows: piston speeds, piston forces under gravity, piston forces from
+        inertia, tip positions and joint positions.
     """
     time = trajectory.offset_ns / SECOND_NS
     profile = _compute_middle_profile(machine.arrays, time, *trajectory.points)

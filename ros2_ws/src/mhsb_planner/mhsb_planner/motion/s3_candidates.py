@@ -334,18 +334,18 @@ def _iterate_ramped(
     rules: FitRules,
     words: str = "",
 ) -> Iterator[CurveCandidate]:
-    """Yield curves along a discrete path whose changes of speed (ramps) are slower and slower.
+    """Yield curves along a discrete path, with slower and slower changes of speed (ramps).
 
-    The first curve is always tried. Each later curve is tried only if the pressure was too low for
-    the previous one. All curves may be slowed if valves or pumps cannot follow. The last curve that
-    begins at rest may also be slowed if the pressure is too low.
+    All curves are yielded, but the caller tries each after the first only if the pressure was too
+    low for the previous one. It may slow a curve if valves or pumps cannot follow. If the curves
+    begin at rest, it may also slow the last one if the pressure is too low.
 
     Args:
         machine: Machine that moves.
         path: Discrete path.
         start: State of the joints at the beginning of the curve.
         lead_in: Motion before the curve, such as braking; None if there is none.
-        coast: Motion that brings a moving arm to rest. None if the curve begins at rest.
+        coast: Motion that brings a moving arm to rest. None if the curves begin at rest.
         rules: Settings of the fit, with the factors `ramp_factors`.
         words: Beginning of the curves' names in messages. It is ignored if `coast` is given.
 

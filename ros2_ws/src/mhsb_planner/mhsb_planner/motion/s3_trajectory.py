@@ -738,11 +738,12 @@ def _assign_step_modes(
 ) -> ModeArray:
     """Assign the modes of a path's steps to the points of a trajectory.
 
-    After the path's last node the modes of its last step go on.
+    Points after the path's last node get the modes of its last step.
 
     Args:
         steps: Mode codes of the steps, shape (k, n).
-        node_time: Planned time of each node of the path, from point `first` on, shape (k + 1,) [s].
+        node_time: Planned time of each node of the path, shape (k + 1,) [s]. It is counted from the
+            time of point `first`.
         time: Times of the points in ascending order, shape (m,) [s].
         first: Index of the point at which the path begins; the points before it get mode N.
 

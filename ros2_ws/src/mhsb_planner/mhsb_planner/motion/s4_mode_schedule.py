@@ -541,15 +541,15 @@ def _drop_short_holds(
 ) -> None:
     """Remove boost (supply by servo pumps) that would only hold a load for a short time.
 
-    The closed valve holds the load instead. A run is a sequence of intervals with boost. It stays
-    in three cases: it contains a motion against the load, it lasts `longest` or more, or it reaches
-    the last instant and `held_after` is True.
+    The closed valve holds the load instead. A run is an unbroken sequence of intervals with boost.
+    It stays if it contains a motion against the load, or if it lasts `longest` or more. It also
+    stays if it reaches the last instant and `held_after` is True.
 
     Args:
         time: Instants in ascending order, shape (k,) [s].
         on: True for each interval with boost, shape (k - 1,). Written in place.
         lifts: True at each instant at which the piston moves against the load, shape (k,).
-        longest: Time from which on the closed valve alone may not hold the load [s].
+        longest: Duration from which on a run stays [s].
         held_after: True if the actuator is boosted after the last instant.
     """
     first = 0

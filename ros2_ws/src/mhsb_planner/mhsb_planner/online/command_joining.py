@@ -36,10 +36,10 @@ class HandOverTimes:
 def choose_hand_over_times(in_force: Command, now_ns: int, commit_horizon_ns: int) -> HandOverTimes:
     """Choose the stamp and the change of a command that takes over from another one.
 
-    From its stamp on, the new command repeats the old one. At the change, `commit_horizon_ns`
-    later, it leaves the old one. Two trajectory points must not be closer than
-    `MIN_POINT_SPACING_NS`, or the quintic between them is inaccurate. The stamp is therefore chosen
-    in steps:
+    The new command begins at its stamp and repeats the old one for `commit_horizon_ns`. It then
+    leaves the old one; this instant is called the change. Two trajectory points must not be closer
+    than `MIN_POINT_SPACING_NS`, or the quintic between them is inaccurate. The stamp is therefore
+    chosen in steps:
 
     1. The stamp is `now_ns`, but at least `MIN_POINT_SPACING_NS` after the old stamp.
     2. If an old point follows the stamp by less than this spacing, the stamp moves to this point.
@@ -49,7 +49,7 @@ def choose_hand_over_times(in_force: Command, now_ns: int, commit_horizon_ns: in
 
     Args:
         in_force: Command that is to be replaced. Only `trajectory` is read.
-        now_ns: Earliest stamp, by the clock of the old stamp [ns].
+        now_ns: Earliest stamp, by the clock of the stamp of `in_force` [ns].
         commit_horizon_ns: Commit horizon (time from stamp to change) [ns].
 
     Returns:

@@ -39,9 +39,8 @@ class Progress:
     def update(self, execution: Execution, now_ns: int) -> None:
         """Update the elapsed share, the time left and the energy.
 
-        A time before the plan's change (the time at which it leaves the previous plan) counts as
-        the change. A time after the plan's end counts as the end. The energy of the time since the
-        last update is added.
+        `now_ns` is limited to the time from `replan.change_ns`, at which the plan leaves the
+        previous one, to the plan's end. The energy of the time since the last update is added.
 
         Args:
             execution: Execution of the plan in force.

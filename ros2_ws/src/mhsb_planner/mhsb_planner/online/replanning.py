@@ -61,8 +61,8 @@ class Replan:
         """Return a copy of this plan from rest whose command begins at another time.
 
         Args:
-            now_ns: Earliest new stamp, by the clock of the old stamp [ns]. The new stamp may be a
-                few milliseconds later.
+            now_ns: Earliest new stamp, by the clock of the old command's stamp [ns]. The new stamp
+                may be a few milliseconds later.
             commit_horizon: Time from the stamp until the plan leaves the old command [s].
 
         Returns:
@@ -118,21 +118,21 @@ class Replanner:
     ) -> Replan | None:
         """Plan from the command in force to a goal.
 
-        The new command repeats `in_force` from its stamp on. At its change, one commit horizon
-        later, it leaves `in_force`.
+        The new command begins at its own stamp and repeats `in_force` for the time of the commit
+        horizon. It then leaves `in_force`; this instant is called its change.
 
         Args:
             in_force: Command that the new one continues.
-            now_ns: Earliest stamp of the new command, by the clock of the old stamp [ns]. The stamp
-                may be a few milliseconds later.
+            now_ns: Earliest stamp of the new command, by the clock of the stamp of `in_force` [ns].
+                The new stamp may be a few milliseconds later.
             goal: Goal of the tip in `base_link`, (x, z) or (x, y, z) [m].
-            commit_horizon: Commit horizon (time from stamp to change) [s].
+            commit_horizon: Commit horizon (time from the new stamp to the change) [s].
             options: Options of the plan.
             deadline: Instant by which the plan is needed.
 
         Returns:
-            The plan with its command. None if the arm rests at the goal at the change, with the end
-            link at the angle that the options ask for.
+            The plan with its command. None if, at the change, the arm rests at the goal with the
+            end link at the angle that the options ask for.
 
         Raises:
             MhsbError: No plan could be made; `Planner.plan` lists the errors.
@@ -162,8 +162,8 @@ class Replanner:
 
         Args:
             in_force: Command that is braked.
-            now_ns: Earliest stamp of the result, by the clock of the old stamp [ns]. The stamp may
-                be a few milliseconds later.
+            now_ns: Earliest stamp of the result, by the clock of the stamp of `in_force` [ns]. The
+                stamp may be a few milliseconds later.
             commit_horizon: Time from the stamp to the beginning of braking [s]. The result repeats
                 `in_force` during this time.
 

@@ -62,8 +62,8 @@ class IntegratedPlanner(PathPlanner):
             progress: State of the planning loop, with deadline and log.
 
         Yields:
-            Path proposals. `for_comparison` is False for paths of the integrated search, also of
-            the one without leakage. It is True for all others.
+            Path proposals. `for_comparison` is False for paths of the integrated search and of its
+            variant without leakage. It is True for paths of all other searches.
 
         Raises:
             MhsbError: The integrated search has failed. Failures of other searches are only logged.

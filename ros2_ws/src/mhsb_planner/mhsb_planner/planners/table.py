@@ -53,12 +53,12 @@ class TablePlanner(PathPlanner):
 def yield_graph_paths(
     graph: StepGraph, task: PathRequest, progress: PlanProgress
 ) -> Iterator[DiscretePath]:
-    """Yield paths in a step graph: to the goal, then to the cheapest position of the goal region.
+    """Yield the first path found in a step graph to the goal or its region, then the cheapest.
 
-    The search runs once for the goal, and once for each sampled position of the region. The first
-    path found is yielded at once. The cheapest one is yielded at the end, unless it is the first.
-    If the departure (posture at rest where the path begins) is in the region, the only path has no
-    steps.
+    The search runs once for the goal and, if there is a goal region, once for each sampled position
+    of the region. The first path found is yielded at once. The cheapest one is yielded at the end,
+    unless it is the first. If the departure (posture at rest where the path begins) is in the
+    region, the only path has no steps.
 
     Args:
         graph: Step graph (steps between postures).
@@ -70,7 +70,7 @@ def yield_graph_paths(
         One or two paths.
 
     Raises:
-        MhsbError: There is no path to any position; the error is the one for the first position.
+        MhsbError: There is no path to any position. The error is that of the search to the goal.
     """
     region = task.options.goal_region
     if region is not None and task.begins_at_goal(graph.machine):  # the search sees a goal alone

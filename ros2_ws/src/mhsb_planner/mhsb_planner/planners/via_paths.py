@@ -107,7 +107,7 @@ def paths_through_via_points(
         Path proposals.
 
     Raises:
-        MhsbError: A leg has no path; the error is the source's.
+        MhsbError: The source has found no path for a leg and raises this error.
     """
     if not task.options.via:
         yield from source.paths(task, progress)
@@ -144,7 +144,7 @@ def plan_leg(
         Path from the departure (posture at rest where the path begins) to the via point.
 
     Raises:
-        MhsbError: There is no path; the error is the source's.
+        MhsbError: The source has found no path and raises this error.
         DeadlineError: The source gave no path before the deadline of the search.
         ValueError: The source proposed nothing and raised nothing, which is a fault of the planner.
     """

@@ -323,12 +323,13 @@ def _is_movable(machine: Machine, posture: FloatArray) -> bool:
 def _postures_nearby(
     machine: Machine, table: PostureTable, posture: FloatArray
 ) -> Iterator[FloatArray]:
-    """Yield postures within the joint limits, those that a straight move reaches soonest first.
+    """Yield postures within the joint limits, in ascending order of the time of a straight move.
 
     If the given posture is beyond joint limits, the posture clipped to them comes before all
     others. It may be in an obstacle. Then come the table's postures for mode N (main pump alone) of
-    all actuators, if they are clear of obstacles. Their slew angle is the clipped one. The time of
-    a move is estimated for its slowest joint, from moment arm and V_max (allowed piston speed).
+    all actuators, if they are clear of obstacles. If the arm slews, they get the clipped slew
+    angle. The time of a move is estimated for its slowest joint, from moment arm and V_max (allowed
+    piston speed).
 
     Args:
         machine: The whole arm.

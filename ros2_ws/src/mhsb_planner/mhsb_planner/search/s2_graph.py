@@ -103,8 +103,8 @@ class StepGraph:
 
         Args:
             machine: Machine that moves.
-            table: Posture table of this machine, or of one that differs in quantities that
-                `Machine.changed` changes, such as the payload.
+            table: Posture table of this machine, or of one that differs only in payload, supply
+                pressure, V_max, zones and number of booster modules.
             jobs: Number of threads; None means one per processor.
             posture_rule: Rule by which the table's postures were chosen; it gives the postures at
                 points off the grid.
@@ -128,7 +128,7 @@ class StepGraph:
         self.steps.price_all(deadline)
 
     def _set_machine(self, machine: Machine, room: int) -> None:
-        """Set the machine and all that depends on what `Machine.changed` changes.
+        """Set the machine, and all that follows from its payload, P_S, V_max, zones and modules.
 
         Args:
             machine: Machine that moves.
@@ -190,8 +190,8 @@ class StepGraph:
             machine: Machine with another payload, supply pressure, V_max or other zones.
 
         Returns:
-            A graph that shares with this one what the change leaves as it is. Its steps are priced
-            when they are needed.
+            A graph that shares all unchanged data with this one. Its steps are priced when they are
+            needed.
         """
         changed = copy(self)
         changed._set_machine(machine, len(self.steps.edges.state))

@@ -152,8 +152,9 @@ class PublishedSearch:
         """Relax all steps that leave the start.
 
         The node that a step reaches, or the goal, gets a new label if the path with this step is
-        cheaper. A label is a cost and a last step. The cost of the path includes the mode switches
-        from the modes in force at the start. A step's number is its row in `Query.from_start`.
+        cheaper. A label is the cost of the cheapest path found to a node, and its last step. The
+        cost of the path includes the mode switches from the modes in force at the start. A step's
+        number is its row in `Query.from_start`.
         """
         query, steps = self._query, self._query.from_start
         total = (
@@ -164,14 +165,18 @@ class PublishedSearch:
             self._relax(SearchEdge(None, None if state == NO_STATE else state, step), cost)
 
     def _expand_label(self, node: int) -> None:
-        """Relax all steps that leave a node in the posture and mode combination of its label.
+        """Relax all steps that leave a node whose label is final.
+
+        A label is the cost of the cheapest path found to a node, and its last step. This step
+        arrives in one mode combination, for which the table has one posture. The steps leave this
+        posture, and mode switches count from this combination.
 
         The node that a step reaches, or the goal, gets a new label if the path with this step is
-        cheaper. A label is a cost and a last step. The cost of the path is the cost of this node's
-        label, plus the costs of the step and of its mode switches.
+        cheaper. The cost of that path is the cost of this node's label, plus the costs of the step
+        and of its mode switches.
 
         Args:
-            node: Index of a node whose label is final.
+            node: Index of the node.
         """
         query, graph = self._query, self._query.graph
         own = self._best_edge[node].state

@@ -572,7 +572,7 @@ def _price_move(
 def _compute_duration(
     c: HydraulicCoefficients, pattern: ModeArray, move: FloatArray
 ) -> tuple[float, float]:
-    """Compute the duration of a move in one mode combination, and the leakage at the shared rail.
+    """Compute a move's duration in one mode combination, and its additional leakage at the rail.
 
     The duration is the longest of several times. Each piston needs the time of its stroke at its
     largest speed. The main pump needs the time in which it delivers the oil of all pistons in
@@ -584,9 +584,10 @@ def _compute_duration(
         move: Columns STROKE_COLUMN to LEAKAGE_COLUMN of each joint's move, shape (n, MOVE_WIDTH).
 
     Returns:
-        Duration [s]; inf if leakage takes the whole flow. Then the leakage of each valve on the
-        shared rail beyond its leakage at the main pump's pressure [m³/s]; 0 if no joint is on the
-        rail.
+        Duration [s], and leakage that each valve on the shared rail has in addition to its leakage
+        at the main pump's pressure [m³/s]. The duration is inf if leakage takes the whole flow. The
+        additional leakage is the largest in LEAKAGE_COLUMN of all joints on the rail; 0 if there
+        are none.
     """
     duration = volume = rail_leak = 0.0
     shared = c.shared_flow
@@ -660,8 +661,8 @@ def _compute_energies(
         pattern: Mode of each joint, shape (n,).
         move: Columns STROKE_COLUMN to LEAKAGE_COLUMN of each joint's move, shape (n, MOVE_WIDTH).
         duration: Duration of the move [s].
-        rail: Supply pressure of the shared rail [Pa], and the leakage of each valve at this
-            pressure beyond its leakage at P_S [m³/s].
+        rail: Supply pressure of the shared rail [Pa], and leakage that each valve on it has in
+            addition to its leakage at P_S [m³/s].
 
     Returns:
         Energy by the published model (`paper`) and energy with main pump and servo pump in series

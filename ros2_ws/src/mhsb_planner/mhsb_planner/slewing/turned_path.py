@@ -56,16 +56,16 @@ def compute_even_turning(
 ) -> SlewMotion:
     """Compute a slew motion at an even speed along a planar path, without regard to zones.
 
-    The slew's piston has the same speed in all steps. It is slower in a step if its largest speed
-    or the main pump's flow requires this. If the slew cannot keep up with the path, all steps
-    become longer by one factor. If the path has no steps, the slew turns alone, as quickly as
-    possible.
+    The slew's piston has the same speed in all steps in which its largest speed and the main pump's
+    flow allow this speed. In all other steps it is as fast as they allow. If the slew cannot keep
+    up with the path, all steps become longer by one factor. If the path has no steps, the slew
+    turns alone, as quickly as possible.
 
     Args:
         machine: The whole arm, which slews.
         path: Path in the arm's plane.
         start_angle: Slew angle at the start of the path [rad].
-        end_angle: Slew angle at its end [rad].
+        end_angle: Slew angle at the end of the path [rad].
 
     Returns:
         Slew motion with one step for each path step. For a path without steps: one step in which

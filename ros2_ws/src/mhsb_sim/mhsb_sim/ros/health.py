@@ -103,9 +103,10 @@ class Health:
         """Return the values whose change counts as a change of health.
 
         Returns:
-            Tuple of: whether the simulation is halted; phase of the supervision; time of the last
-            stop [ns]; whether the valves are closed; lost booster modules; for each warning except
-            the last, whether it was present within `WARNING_HOLD_NS`; text on duplicate publishers.
+            Tuple: whether the simulation is halted, phase of the supervision, time of the last stop
+            [ns], whether the valves are closed, lost booster modules. For each warning but that on
+            duplicate publishers, it also says whether the warning was present within the last
+            `WARNING_HOLD_NS`. The last element is the text on duplicate publishers.
         """
         arm = self._arm
         phase = arm.supervision.phase

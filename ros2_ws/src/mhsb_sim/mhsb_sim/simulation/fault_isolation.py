@@ -264,8 +264,8 @@ class JumpingLength:
             sample: State of the arm. Only `sensed` (sensor readings) is read.
 
         Returns:
-            Magnitude of this change divided by the longest stroke and noise [-], and a clause that
-            names the sensor. The value is 0 in the first sample.
+            Magnitude of this change divided by the sum of longest stroke and noise [-], and a
+            clause that names the sensor. The value is 0 in the first sample.
         """
         now, before = sample.sensed, self._before or sample.sensed
         self._before = now

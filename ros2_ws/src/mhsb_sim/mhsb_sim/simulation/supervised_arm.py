@@ -201,8 +201,8 @@ class SupervisedArm:
     def reset(self, time_ns: int) -> None:
         """Put the arm at rest into its start posture, and forget plans and faults.
 
-        Injected faults end, too. A payload that was being reduced gradually gets its final mass at
-        once.
+        Injected faults end, too. If a lighter payload was set and is not reached yet, it is reached
+        at once.
 
         Args:
             time_ns: New simulated time [ns].

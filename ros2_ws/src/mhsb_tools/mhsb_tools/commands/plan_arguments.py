@@ -361,7 +361,7 @@ def build_request(
     Raises:
         UsageError: Start or goal is missing or has a wrong number of coordinates, or a weight is
             invalid.
-        RequestError: The paper has no case of the name.
+        RequestError: The paper has no case of this name.
     """
     named = get_paper_case(case) if case is not None else None
     start = start or (named.start if named else None)
@@ -391,15 +391,16 @@ def list_replaced_values(asked: PaperCase) -> list[str]:
     """List the values of a request that differ from those of its case.
 
     Args:
-        asked: The request; its name says on which case it is based.
+        asked: The request. Its name is that of the case on which it is based; empty if there is
+            none.
 
     Returns:
         Phrases such as `--goal 0.6 0.1 in place of its 0.55 0.6`. There is one for each of start,
         goal, weights, planner and angle of joint 3 that differs from the case. Empty if the request
-        has no case.
+        is based on no case.
 
     Raises:
-        RequestError: The paper has no case of the name.
+        RequestError: The paper has no case of this name.
     """
     if not asked.name:
         return []
@@ -416,10 +417,12 @@ def format_case_line(asked: PaperCase) -> list[str]:
     """Return a line that says how a request differs from the paper's case on which it is based.
 
     Args:
-        asked: The request; its name says on which case it is based.
+        asked: The request. Its name is that of the case on which it is based; empty if there is
+            none.
 
     Returns:
-        A list with one line, or an empty list if nothing differs or the request has no case.
+        A list with one line, or an empty list if nothing differs or the request is based on no
+        case.
     """
     replaced = list_replaced_values(asked)
     return [f"Case {asked.name}, but with {', '.join(replaced)}"] if replaced else []
@@ -432,10 +435,12 @@ def format_case_title(asked: PaperCase) -> str:
     planner does not count.
 
     Args:
-        asked: The request; its name says on which case it is based.
+        asked: The request. Its name is that of the case on which it is based; empty if there is
+            none.
 
     Returns:
-        The text with a colon and a space at its end, or an empty string if the request has no case.
+        The text with a colon and a space at its end, or an empty string if the request is based on
+        no case.
     """
     changed = any(not each.startswith("--planner") for each in list_replaced_values(asked))
     return f"Case {asked.name}{', changed' if changed else ''}: " if asked.name else ""

@@ -82,10 +82,10 @@ def plan(
 ) -> None:
     """Plan a motion from rest and print it: duration, energy, modes over time, tip and joints.
 
-    Give --start and --goal, or --case for one of the paper's. The start posture is that of the
-    posture table in normal mode, or the one with the initial angle of joint 3 if that is fixed.
-    Arms that slew have positions X Y Z, others X Z. Energies are in J, lengths in m, angles in rad,
-    times in s.
+    Give --start and --goal, or --case for a case of the paper. The start posture is that of the
+    posture table in normal mode. With the planner `fixed`, it has the initial angle of joint 3 if
+    one is given. Arms that slew have positions X Y Z, others X Z. Energies are in J, lengths in m,
+    angles in rad, times in s.
 
     Args:
         move: Start, goal and points between them.
@@ -99,13 +99,13 @@ def plan(
             joints, modes, supply pressures.
         json_: Print one JSON object instead of text.
         explain: Print also the discrete path of the search, how the motion was fitted to it, the
-            velocity polytope's area and the times of planning; which paths were proposed, when, at
-            which cost, and what became of each.
+            velocity polytope's area and the times of planning. Each proposed path follows, with its
+            time, cost and outcome.
 
     Raises:
-        UsageError: An option has no effect, or options exclude each other: `start_posture` with
-            `start` or `case`, a value with its range, or more than one of `goal_tolerance`,
-            `goal_segment` and `goal_box`.
+        UsageError: An option has no effect, or options exclude each other. These are
+            `start_posture` with `start` or `case`, NAME with NAME_range (such as `v_max`), and any
+            two of `goal_tolerance`, `goal_segment` and `goal_box`.
     """
     command_line.check_suffix("plot", plot, ".png")
     command_line.check_suffix("csv", csv, ".csv")
@@ -332,8 +332,8 @@ def format_motion(plan: Plan) -> list[str]:
 
     Returns:
         A line of column titles, then SHOWN_INSTANTS lines, evenly spaced in time from the beginning
-        to the end. Each has time [s], tip in `base_link` [m] and joint positions [rad, telescopes
-        m]. If the motion has no duration, only one such line follows the titles.
+        to the end. Each of these lines has time [s], tip in `base_link` [m] and joint positions
+        [rad, telescopes m]. If the motion has no duration, only one such line follows the titles.
     """
     machine, trajectory = plan.machine, plan.motion.trajectory
     time_ns = np.unique(np.linspace(0, trajectory.duration_ns, SHOWN_INSTANTS).astype(np.int64))
@@ -358,10 +358,9 @@ def format_path(machine: Machine, plan: Plan) -> list[str]:
         plan: The plan.
 
     Returns:
-        A line of column titles, then a line for each step. It has number from 1, position of the
-        tip at the step's end [m], modes, duration [s], energy [J] and names of cavitating
-        actuators. The modes are those of the search; the motion may have others. The last line has
-        the sums.
+        A line of column titles, a line for each step, and a line with the sums. The columns are:
+        number of the step (1, 2, …), tip at the end of the step [m], modes, duration [s], energy
+        [J], cavitating actuators. The modes are those of the search; the motion may have others.
     """
     path, names = plan.path, np.array(machine.actuator_names)
     empty = find_cavitating_steps(machine, path)

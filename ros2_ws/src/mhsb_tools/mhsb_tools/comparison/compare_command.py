@@ -226,11 +226,11 @@ def as_text(cases: Sequence[Comparison], summary: dict[str, Any]) -> list[str]:
         summary: Dictionary whose keys `cases` and `random moves` have the results of `summarize`.
 
     Returns:
-        Lines without line breaks. If there are cases, first column titles and a line for each case
-        and planner. Such a line has energies [J], duration [s], mode switches and largest change of
-        a joint in one step [rad], or the reason why there is no plan. Then, for cases and random
-        moves separately, each planner's ratios to the baseline planner: geometric mean, least and
-        largest.
+        Lines without line breaks. If there are cases, the first line has the column titles. A line
+        for each case and planner follows. It has energies [J], duration [s], mode switches and
+        largest change of a joint in one step [rad]. If there is no plan, it has the reason instead.
+        The last lines have each planner's ratios to the baseline planner (geometric mean, least and
+        largest), separately for cases and random moves.
     """
     head = (
         "case  planner       path   planned   series  simulated [J]  least [J]  time [s]  switches"

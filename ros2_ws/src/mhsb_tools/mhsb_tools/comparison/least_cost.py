@@ -286,12 +286,13 @@ class _Pricing:
         """Compute the cost w₁ E + w₂ T of k steps in every mode combination (pattern).
 
         E is the energy [J], T the duration [s]; mode switches are not included. Boosted oil has the
-        price p_L/η (reading `paper`), with load pressure p_L and servo pump efficiency η. A pattern
-        is exact if it boosts just those cylinders that need boost at the speeds of this pattern.
-        The patterns allowed for a step are:
+        price p_L/η (reading `paper`), with load pressure p_L and servo pump efficiency η. The
+        duration of a step, and so the piston speeds, depend on the pattern. A pattern is exact if
+        it boosts just the cylinders that need boost at its own piston speeds. The patterns allowed
+        for a step are:
 
-        - the exact ones, if there is one;
-        - otherwise all that boost every cylinder that needs boost, and perhaps others.
+        - the exact ones, if there are any;
+        - otherwise all that boost at least the cylinders that need boost at their piston speeds.
 
         In both cases, no cylinder may need more than the highest boost pressure.
 

@@ -281,7 +281,7 @@ def compute_mode_limits(
 
 
 def _draw_regions(move: MoveRecord, panels: np.ndarray) -> None:
-    """Draw for each actuator which speeds and forces its modes allow, and the move in this plane.
+    """Draw for each actuator the speeds and forces that its modes allow, and those of the move.
 
     A coloured area shows the piston speeds that a mode allows at each force, for each mode that the
     machine has. The move is a line that has the colours of its modes. The figure gets a legend

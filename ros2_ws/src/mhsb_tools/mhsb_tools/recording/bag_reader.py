@@ -62,17 +62,17 @@ def _messages(bag: BagFolder, names: dict[str, Topic]) -> Iterator[RecordedMessa
     error is raised.
 
     Args:
-        bag: Data files, and the number of messages that the metadata state. The caller must have
-            checked `bag.problem`: without metadata the number is None, and an error is raised after
-            the last message.
+        bag: Recording with its data files. Its `problem` must be None; otherwise `listed_count` is
+            None, and BagError is raised after the last message.
         names: Topics to yield, by their absolute names.
 
     Yields:
-        Each message as bytes, with its topic, its type as the file states it, and its log time.
+        Each message as bytes, with its topic, its type as the file states it, and its log time
+        [ns].
 
     Raises:
         BagError: A file is damaged, or the files have another number of messages than the metadata
-            state. The latter is known only at the end.
+            state (`bag.listed_count`). The numbers are compared only at the end.
     """
     kept = 0
     for path in bag.files:
@@ -117,8 +117,8 @@ def _select_topics(
     """Yield the messages of selected topics; messages of all other topics are skipped.
 
     The type is the one that the file states, "no type" if it states none. If the messages are not
-    encoded as CDR, ` in ENCODING` is appended to the type, so that it equals no ROS type. Longer
-    names are cut to 80 characters for the type and 20 for the encoding.
+    encoded as CDR, ` in ENCODING` is appended to the type, so that it equals no ROS type. The name
+    of the type is cut to 80 characters, that of the encoding to 20.
 
     Args:
         messages: Messages of one file.

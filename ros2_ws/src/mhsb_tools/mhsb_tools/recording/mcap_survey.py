@@ -168,11 +168,12 @@ class Survey:
     def is_exact(self) -> bool:
         """True if `lost_count` is the exact number; False if it is a lower bound.
 
-        Without statistics, it is exact if the message indexes of all damaged parts are complete.
-        With statistics, it is exact in two cases:
+        Without statistics, the number is exact if the message indexes of all damaged parts are
+        complete. With statistics, it is exact in two cases:
 
         - The summary has a right checksum and lists chunks.
-        - No id has two definitions, and not more messages are kept than the statistics count.
+        - Nothing shows that kept messages are from another recording: no id has two definitions,
+          and `kept` is at most `written`.
         """
         if self.written is None:
             return not self.is_lower_bound
@@ -475,8 +476,8 @@ def survey_file(path: Path) -> Survey:
         The findings, complete and evaluated.
 
     Raises:
-        BagError: The file cannot be read, or it takes more reading or unpacking than any usable
-            recording of its size.
+        BagError: The file cannot be read, or its budget for reading or unpacking is used up. No
+            usable recording needs more than these budgets.
     """
     survey = Survey(path)
     with DataFile(path) as file:

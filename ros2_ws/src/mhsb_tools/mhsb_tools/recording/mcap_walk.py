@@ -131,8 +131,8 @@ class McapWalk:
             Pieces in the order of the file.
 
         Raises:
-            BagError: The file cannot be read, or it takes more reading or unpacking than any usable
-                recording of its size.
+            BagError: The file cannot be read, or its budget for reading or unpacking is used up. No
+                usable recording needs more than these budgets.
         """
         at = yield from self._begin()
         while at < self._file.size:

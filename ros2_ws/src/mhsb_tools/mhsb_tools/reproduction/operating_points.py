@@ -183,9 +183,9 @@ def _draw_published(fits: FittedRuns, axes: Axes) -> None:
     """Draw published and own energies over supply pressure P_S.
 
     Args:
-        fits: Trajectories that the suite has made for runs of the paper. Drawn are the runs at
-            other supply pressures whose posture table was built for that pressure. A run without a
-            trajectory has a published point only.
+        fits: Trajectories that the suite has made for runs of the paper. Drawn are the runs with a
+            P_S of `SUPPLY_PRESSURES`, each with the posture table built for this P_S. A run without
+            a trajectory has a published point only.
         axes: Axes to draw on: P_S [MPa] as x, energy [J] as y. Labels of the axes are not set.
     """
     joules = dict(PUBLISHED_ENERGY.values())

@@ -129,14 +129,14 @@ class Runs:
         return self.runs[name]
 
     def by_published_search(self, scale: float = DEFAULT_HEURISTIC_SCALE) -> Runs:
-        """Select the runs of the published search, under the names of the exact search's runs.
+        """Select the runs of the published search, and cut the search from their names.
 
         Args:
             scale: Scale of the heuristic [1/m].
 
         Returns:
-            Only the runs of the published search with this scale. Each has the name of the exact
-            run with the same case and parameters, such as `1-1`.
+            Only the runs of the published search with this scale. `1-1 published 30`, for example,
+            gets the name `1-1`, which the exact search's run has in this object.
         """
         suffix = published_run("", scale)
         found = {

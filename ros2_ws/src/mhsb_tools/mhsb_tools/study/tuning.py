@@ -184,9 +184,10 @@ def compute_draw_cost(draw: TuningDraw, controller: str, gains: Gains) -> float:
     """Simulate one draw (random plant) with given gains, and compute their cost.
 
     The cost is tip error RMS [mm] plus supply overshoot [MPa], plus 10 if a relief valve opened.
-    Another 10 is added if the arm fell, or the run was ended because the guard (reference governor)
-    held a plan too long. The arm has fallen if the tip error was ever above `FALLEN_ERROR_MM`,
-    scaled by the arm's size. The cost is 1000 if the simulation diverges or the gains are invalid.
+    Another 10 is added if the arm fell, or if the run was ended because the guard (reference
+    governor) held a plan too long. The arm has fallen if the tip error was ever above
+    `FALLEN_ERROR_MM` times the arm's size relative to the paper's arm. The cost is 1000 if the
+    simulation diverges or the gains are invalid.
 
     Args:
         draw: The machine that the servo knows, the plant and the plans.

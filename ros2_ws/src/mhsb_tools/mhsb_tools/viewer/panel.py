@@ -131,7 +131,7 @@ class Panel:
         initial_goal: Goal,
         size: float = 1.0,
     ) -> None:
-        """Add all controls to the page, and the goal that can be dragged to the scene.
+        """Add all controls to the page, and to the scene a goal that the user can drag.
 
         Args:
             server: Web server of the page. Its `on_refusal` is replaced, so that refused input is
@@ -141,8 +141,8 @@ class Panel:
                 a control.
             initial_goal: Goal that the fields show at the beginning. If its y is None, the page has
                 no field for y.
-            size: Size of the arm relative to the paper's arm, for the size of the handle that is
-                dragged.
+            size: Size of the arm relative to the paper's arm; the goal in the scene is scaled by
+                it.
         """
         gui = server.gui
         self._sentences: deque[str] = deque(maxlen=MAX_SENTENCES)

@@ -40,9 +40,9 @@ def measure_holding_pressure(m: MachineArrays, state: LimitInputs) -> float:
     """Return the largest ratio of holding pressure to available pressure over all cylinders [-].
 
     The holding pressure carries the load at speed 0, with the boost margin. The available pressure
-    is the highest supply pressure of the cylinder's mode. A cylinder does not count if it is slower
-    than a quarter of MAX_HELD_SPEED. It also does not count if it is faster than MAX_HELD_SPEED and
-    moves with its load.
+    is the highest supply pressure of the cylinder's mode. A cylinder slower than a quarter of
+    MAX_HELD_SPEED does not count, because its closed valve holds the load. A cylinder faster than
+    MAX_HELD_SPEED counts only if it moves against its load.
 
     Args:
         m: Arrays of the machine.
