@@ -300,7 +300,7 @@ def test_kinds_of_joints_that_there_are_not_are_refused_by_name(load):
             "[0.7, 0.6] does not lie above [0.5, 0.6] in both",
         ),
         ([[0.2, 0], [1, 1]], "it goes from [0.2, 0.0] to [1.0, 1.0]"),
-        ([[0, 0], [63, 95]], "it goes from [0.0, 0.0] to [63.0, 95.0]"),
+        ([[0, 0], [0.63, 0.95]], "it goes from [0.0, 0.0] to [0.63, 0.95]"),
     ],
 )
 @pytest.mark.parametrize("key", ["valve_curve", "valve_curve_retracting"])
@@ -312,6 +312,14 @@ def test_a_curve_of_a_valve_that_does_not_rise_from_0_to_1_is_refused(key, curve
         f"imperfections.{key}: pairs [stroke beyond the overlap, opening] must rise from [0, 0] to "
         f"[1, 1], and {problem}; give both as shares, in rising order"
     )
+
+
+def test_a_curve_in_percent_is_refused_for_each_number_beyond_its_range():
+    with pytest.raises(MachineFileError) as refused:
+        load_machine().with_values({"imperfections.valve_curve": [[0, 0], [63, 95]]})
+    for problem, (column, value) in zip(refused.value.problems, ((0, 63), (1, 95)), strict=True):
+        assert problem.startswith(f"imperfections.valve_curve.1.{column}: must be")
+        assert f"(is {value})" in problem
 
 
 def test_a_curve_with_one_point_or_three_numbers_in_a_point_is_refused():
