@@ -268,7 +268,7 @@ def measure_heavy_joint(random: np.random.Generator) -> float:
 
 
 def test_a_heavy_joint_on_its_oil_follows_slow_motions(fresh_seed):
-    """Of 120 draws half were below 1.2 mm and 95 % below 1.6 mm, four from 3.1 to 4.4 mm.
+    """The bounds are those of 120 draws: median 1.2 mm, 95 % below 1.6 mm, the largest 4.4 mm.
 
     Encoders resolve 0.4 mm. The median of seven draws is above 1.6 mm once in some 5,000 tests.
     """

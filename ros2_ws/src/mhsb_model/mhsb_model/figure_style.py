@@ -101,10 +101,8 @@ def open_figure(path: Path, height: float, width: float = FIGURE_WIDTH) -> Itera
 
     with mpl.rc_context(RC_PARAMETERS):
         figure = Figure(figsize=(width, height), layout="constrained")
-        suffix, known = (
-            path.suffix.lower().removeprefix("."),
-            figure.canvas.get_supported_filetypes(),
-        )
+        suffix = path.suffix.lower().removeprefix(".")
+        known = figure.canvas.get_supported_filetypes()
         if suffix not in known:
             formats = ", ".join(f".{each}" for each in sorted(known))
             raise FigureFormatError(f"picture '{path}': must end in one of {formats}")

@@ -61,16 +61,21 @@ def test_industrial_sensors_read_multiples_of_their_resolution_about_their_offse
     assert np.abs(angles).max() < 2e-5  # noise of the file, one step of motion
 
 
+def measure_largest_arms(machine: Machine) -> np.ndarray:
+    """Largest moment arm of each actuator, by finite differences over the joint's range."""
+    a = machine.arrays
+    angles = np.linspace(a.joint_min, a.joint_max, 2001)
+    lengths = np.array([machine.cylinder_lengths(q) for q in angles])
+    return np.abs(np.diff(lengths, axis=0) / np.diff(angles, axis=0)).max(axis=0)
+
+
 def test_inertial_sensors_err_by_angles(machine: Machine) -> None:
     plant, n, draws = with_sensors(machine, "imu", "file", "exact"), machine.joint_count, 400
     channels, noise = zip(
         *(build_channels(plant, np.random.default_rng(seed), 0.01) for seed in range(draws)),
         strict=True,
     )
-    a = machine.arrays
-    angles = np.linspace(a.joint_min, a.joint_max, 2001)
-    lengths = np.array([machine.cylinder_lengths(q) for q in angles])
-    arms = np.abs(np.diff(lengths, axis=0) / np.diff(angles, axis=0)).max(axis=0)
+    arms = measure_largest_arms(machine)
     np.testing.assert_allclose(np.degrees(noise[0][:n] / arms), 0.1, rtol=1e-2)
     a_minute = 6000 * np.array([each["drift"][:n] for each in channels])
     np.testing.assert_allclose(np.degrees(a_minute.std(axis=0) / arms), 0.5, rtol=0.15)
@@ -86,10 +91,7 @@ def test_a_file_may_name_the_deviations_of_its_angles(machine: Machine) -> None:
         *(build_channels(plant, np.random.default_rng(seed), period) for seed in range(draws)),
         strict=True,
     )
-    a = machine.arrays
-    angles = np.linspace(a.joint_min, a.joint_max, 2001)
-    lengths = np.array([machine.cylinder_lengths(q) for q in angles])
-    arms = np.abs(np.diff(lengths, axis=0) / np.diff(angles, axis=0)).max(axis=0)
+    arms = measure_largest_arms(machine)
     np.testing.assert_allclose(noise[0][:n] / arms, 2e-3, rtol=1e-3)
     offsets, drifts = (
         np.array([each[key][:n] for each in channels]).std(axis=0) / arms

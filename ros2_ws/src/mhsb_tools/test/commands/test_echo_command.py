@@ -1,4 +1,4 @@
-"""What `mhsb echo` and `mhsb param` print of plain content."""
+"""JSON that `mhsb echo` and `mhsb param` print."""
 
 import json
 
