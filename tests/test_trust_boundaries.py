@@ -103,7 +103,7 @@ UNUSABLE = {
 """Makes a message of each topic that cannot be used."""
 
 TOPICS = [
-    (node, code(row[0])[0], code(row[3])[-1])
+    (node, code(row[0])[0], code(row[-1])[-1])
     for node in NODES
     for row in rows(PAGE, f"Topics of {node}")
     if row[0] != "`/clock`"
