@@ -500,10 +500,11 @@ def _widen_limits_to(machine: Machine, posture: FloatArray) -> Machine:
         posture: Joint positions of the start, shape (n,) [rad or m].
 
     Returns:
-        A machine that admits the start. If the start is inside the limits, the same object.
+        A machine that admits the start. The same object if the start is outside the limits by at
+        most JOINT_TOLERANCE, as a start at a limit may be by rounding.
     """
     arrays = machine.arrays
-    if _compute_excess(arrays, as_frozen(posture)) <= 0.0:
+    if _compute_excess(arrays, as_frozen(posture)) <= JOINT_TOLERANCE:
         return machine
     x, z = tip_position(arrays, posture)
     radius = math.hypot(x, z)
