@@ -123,7 +123,7 @@ def _compute_closed_valve_leakage(config: MachineConfig) -> tuple[float, float]:
 
     q_leak is the leakage without overlap. Its share s flows past the lands of the spool, and an
     overlap multiplies this part by κ. o is the mean overlap of both directions, and ℓ is
-    `circuit.land_length`.
+    `circuit.land_length`; both are shares of the spool's stroke.
 
     Args:
         config: Content of the machine file.
@@ -142,12 +142,14 @@ def _compute_closed_valve_leakage(config: MachineConfig) -> tuple[float, float]:
 def make_machine_arrays(config: MachineConfig) -> MachineArrays:
     """Convert a configuration into the flat arrays that kernels take.
 
-    If joint 1 slews, its link is the platform. In the plane this link has no length, mass and
-    inertia. Each actuator's V_max is the smallest of its own, the common one, and the speed of a
-    fully open valve with pressure compensators. Their edges pass at most K √Δp_k, and the cap side
-    takes the larger flow in both directions:
+    If joint 1 slews, its link is the platform, whose length, mass and inertia in the plane are 0.
+    Each actuator's V_max is the smallest of its own limit, the common limit, and
 
-        v ≤ K √Δp_k / A
+        K √Δp_k / A
+
+    Δp_k is the largest pressure drop that a pressure compensator leaves to a metering edge, inf
+    without compensators. At this speed, the flow of the cap side (area A) takes the fully open
+    edge.
 
     Args:
         config: Content of the machine file.

@@ -433,10 +433,13 @@ def _describe_parse_error(event: parse_errors.ParseErrorEvent, arguments: list[s
 
 
 def _list_options(target: Callable[..., Any]) -> list[str]:
-    """Return the options of a command with those of its groups, such as `--goal`.
+    """Return the options of a command and of its groups, such as `--goal`.
 
     Args:
         target: Command, or dataclass of a group of options.
+
+    Returns:
+        `--help`, then the options in their order; positional arguments are left out.
     """
     options = ["--help"]
     for name, kind in _read_parameters(target)[0].items():
@@ -455,7 +458,7 @@ def _describe_bad_value(argument: Any, message: str, arguments: list[str]) -> st
     """Return a sentence that says which values an argument takes and what was given instead.
 
     The given value is the words after the argument's flag on the command line. If there are none,
-    it is the first list of words in tyro's message, or else the last word that this quotes.
+    it is the first list of words in tyro's message, or else the last word in quotes there.
 
     Args:
         argument: The argument, as tyro describes it.

@@ -22,7 +22,7 @@ class MhsbError(Exception):
 def _restored(
     kind: type[MhsbError], args: tuple[object, ...], data: Mapping[str, object]
 ) -> MhsbError:
-    """Make an error again from its pickled values, without a call of `__init__`.
+    """Restore an error from its pickled values, without a call of `__init__`.
 
     Args:
         kind: Class of the error.

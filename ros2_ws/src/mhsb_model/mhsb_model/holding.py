@@ -66,7 +66,7 @@ def choose_holding_modes(machine: Machine, force: FloatArray) -> ModeArray:
 
 
 def choose_stop_modes(machine: Machine, force: FloatArray, in_force: ModeArray) -> ModeArray:
-    """Choose the modes in which an arm holds its loads after a stop; a choice is always made.
+    """Choose the modes in which an arm holds its loads after a stop.
 
     The mode of an actuator is N (fed by the main pump alone) if the main pump's pressure holds its
     load. Otherwise it is DB (boosted by its own servo pump). If these modes need more booster

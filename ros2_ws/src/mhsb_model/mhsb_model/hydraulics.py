@@ -456,11 +456,8 @@ def compute_slip_flow(slip: float, pumps: int, rise: float) -> float:
 
         Q_s = n c Δp
 
-    Q_s is the slip of all pumps: laminar flow through their gaps. A pump of theoretical flow Q_t
-    delivers Q = Q_t − c Δp and takes the shaft power Δp Q_t/η_m. η_m is its hydro-mechanical
-    efficiency, η_v its volumetric efficiency and η its overall efficiency:
-
-        η = η_m η_v,   η_v = Q/(Q + c Δp)
+    The slip is a laminar flow through the pumps' gaps, so a pump with the theoretical flow Q_t
+    delivers Q_t − c Δp.
 
     Args:
         slip: Slip c of one pump per pressure rise [m³/(s Pa)].
@@ -471,8 +468,7 @@ def compute_slip_flow(slip: float, pumps: int, rise: float) -> float:
         Flow through all n pumps together [m³/s]; 0 without a rise.
 
     Source:
-        J. Ivantysyn, M. Ivantysynova, Hydrostatic Pumps and Motors (volumetric losses); ISO 4409,
-        for the efficiencies.
+        J. Ivantysyn, M. Ivantysynova, Hydrostatic Pumps and Motors (volumetric losses).
     """
     return pumps * slip * max(0.0, rise)
 
@@ -505,13 +501,13 @@ def compute_leakage_at(
 ) -> float:
     """Compute the leakage of a valve at a supply pressure.
 
-        q = q_leak f((p − p_T) / (P_S − p_T))
+        q = q_leak ((1 − s) √r + s r),   r = (p − p_T) / (P_S − p_T)
 
-    The factor f is that of `scale_leakage`.
+    The share s flows past the lands of the spool and is laminar. The rest is turbulent.
 
     Args:
         rated_flow: Leakage q_leak at the rated supply pressure [m³/s].
-        land_leakage: Share of the leakage past the lands at that pressure [-].
+        land_leakage: Share s of the leakage past the lands at that pressure [-].
         rated_pressure: Rated supply pressure P_S [Pa].
         tank: Tank pressure p_T [Pa].
         supply: Present supply pressure p of the valve [Pa].
@@ -526,6 +522,9 @@ def compute_leakage_at(
 @kernel
 def compute_valve_leakage(oil: SharedHydraulics, supply: float) -> float:
     """Compute the leakage of one valve at a supply pressure.
+
+    The laminar part of the leakage, past the lands of the spool, is proportional to the pressure
+    drop to the tank. The turbulent part is proportional to the root of this drop.
 
     Args:
         oil: Rated leakage, its share past the lands, and pressures of supply and tank.
@@ -553,8 +552,8 @@ def compute_sinking_speed(m: MachineArrays, j: int, force: float, supply: float)
     The seal of the piston is taken to be tight.
 
     Args:
-        m: Arrays of the machine, with the main pump's pressure P_S, the leakage q_leak of a closed
-            valve at P_S, and the share s of it that flows past the lands.
+        m: Arrays of the machine, with the main pump's pressure P_S. q_leak is the leakage of a
+            closed valve at P_S, and s the share of it that flows past the lands.
         j: Index of the actuator.
         force: Piston force F, positive if it resists extension [N].
         supply: Supply pressure p of the valve [Pa].

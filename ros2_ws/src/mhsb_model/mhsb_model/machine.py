@@ -26,7 +26,7 @@ from mhsb_model.inverse_kinematics import tip_postures
 from mhsb_model.inverse_kinematics.telescope_postures import find_telescope_postures
 from mhsb_model.inverse_kinematics.tip_postures import LEAST_JOINTS
 from mhsb_model.linkages import linkage
-from mhsb_model.linkages.linkage_rules import linkage_problems
+from mhsb_model.linkages.linkage_rules import check_linkages
 from mhsb_model.modes import list_mode_patterns
 from mhsb_model.obstacles import clearance
 from mhsb_model.obstacles.shadows import compute_shadows
@@ -118,11 +118,11 @@ class Machine:
         """
         problems = check_machine_rules(config)
         if not problems:
-            problems = linkage_problems(config)
+            problems = check_linkages(config)
         if problems:
             raise MachineFileError(source, problems)
         machine = cls(config, make_machine_arrays(config))
-        if in_the_way := machine._obstacles_at_joint_1():
+        if in_the_way := machine._describe_obstacles_at_joint_1():
             raise MachineFileError(source, in_the_way)
         return machine
 
@@ -351,10 +351,10 @@ class Machine:
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def describe_difference(self, name: str, planning_hash: str) -> str:
-        """Describe in a sentence that plans for this machine do not fit the machine of the arm.
+        """Say in a sentence that plans for this machine do not fit the arm, if that is so.
 
-        Only the hashes are compared. So the sentence names both machines and the groups of values
-        that may differ, but no single value.
+        Plans fit if both planning hashes are equal. Otherwise the sentence names both machines and
+        the groups of values that may differ, but no single value.
 
         Args:
             name: Name of the arm's machine; the sentence repeats at most 64 characters.
@@ -776,7 +776,7 @@ class Machine:
         distance, row = clearance.clearances(self.arrays, self.obstacles.rows, frozen(posture))
         return float(distance[0]), self.obstacles.name(row[0])
 
-    def _obstacles_at_joint_1(self) -> list[str]:
+    def _describe_obstacles_at_joint_1(self) -> list[str]:
         """Describe each obstacle that is too close to the beginning of the first link.
 
         The first link begins at joint 1 in every posture, so the arm could never keep clear of such
@@ -858,9 +858,9 @@ def load_machine(
         The machine, exactly as in the file.
 
     Raises:
-        MachineFileError: The file cannot be read or breaks rules. It has too few joints, or gives
-            an actuator a higher speed than the common V_max. The error lists all problems of the
-            first check that fails.
+        MachineFileError: The file cannot be read or breaks rules. It has fewer than three joints,
+            or fewer than four with a slew. Or it gives an actuator a higher speed than the common
+            V_max. The error lists all problems of the first check that fails.
     """
     file = find_machine_file(path)
     machine = Machine.from_content(read_machine_file(file), str(file), schema)
@@ -879,7 +879,7 @@ def load_machine(
 def _restored(
     config: MachineConfig, external_leakage: float, shadows: Obstacles, rating: FileRating | None
 ) -> Machine:
-    """Make a machine again from the values that were pickled.
+    """Restore a machine from its pickled values.
 
     Args:
         config: Content of the machine file.

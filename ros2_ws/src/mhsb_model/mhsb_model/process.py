@@ -187,8 +187,8 @@ def grace_period(seconds: float = DEFAULT_GRACE_PERIOD) -> Iterator[None]:
 def time_limit(seconds: float) -> Iterator[None]:
     """Context manager that ends the process with code 1 if its block takes too long.
 
-    It also works while the block executes foreign code that keeps Python's lock (GIL), since the
-    limit is watched by a thread of the module faulthandler, which needs no lock.
+    It also works while the block executes foreign code that keeps Python's lock (GIL). A thread of
+    the module faulthandler, which needs no lock, watches the limit.
 
     Args:
         seconds: Longest time of the block [s].

@@ -318,8 +318,8 @@ class SlewJoint(Section):
         return self.linkage.area, self.linkage.area
 
 
-def _joint_tag(content: Any) -> str:
-    """Return the kind of joint as which pydantic shall validate a joint's content.
+def _choose_joint_kind(content: Any) -> str:
+    """Choose the kind of joint whose schema pydantic applies to a joint's content.
 
     Args:
         content: A joint as read from the file, or a joint object.
@@ -337,7 +337,7 @@ Joint = Annotated[
     Annotated[RevoluteJoint, Tag("revolute")]
     | Annotated[PrismaticJoint, Tag("prismatic")]
     | Annotated[SlewJoint, Tag("slew")],
-    Discriminator(_joint_tag),
+    Discriminator(_choose_joint_kind),
 ]
 
 
@@ -872,8 +872,9 @@ def _complete_booster_keys(content: Any) -> Any:
 
     Returns:
         If `hydraulics.modules.count` is 0, a copy with `BOOSTER_VALUES` for the keys left out, and
-        the main pump's pressure for `max_boost_pressure`. Otherwise the content itself. Sections
-        that are no mappings are kept, except that an empty one counts as left out for servo pumps.
+        the main pump's pressure for `max_boost_pressure`. Otherwise the content itself. An empty
+        section `servo_pump` counts as left out. A section of a wrong type stays as it is, so that
+        the validation reports it.
     """
     oil = _read_section(content, "hydraulics")
     modules, pump = _read_section(oil, "modules"), oil.get("servo_pump")

@@ -302,9 +302,9 @@ def sample_states_at_shares(
 
     Args:
         time: Times of the points, increasing, shape (points,) [s].
-        position: Joint positions at the points, shape (points, n).
-        velocity: Joint velocities at the points, shape (points, n).
-        acceleration: Joint accelerations at the points, shape (points, n).
+        position: Joint positions at the points, shape (points, n) [rad or m].
+        velocity: Joint velocities at the points, shape (points, n) [rad/s or m/s].
+        acceleration: Joint accelerations at the points, shape (points, n) [rad/s² or m/s²].
         rows: Index of the interval for each of k samples, shape (k,). Interval i lasts from point i
             to point i + 1.
         shares: Share of that interval's duration at which the sample lies, 0 … 1, shape (k,).
@@ -335,9 +335,9 @@ def sample_midpoint_states(
 
     Args:
         time: Times of the points, increasing, shape (points,) [s].
-        position: Joint positions at the points, shape (points, n).
-        velocity: Joint velocities at the points, shape (points, n).
-        acceleration: Joint accelerations at the points, shape (points, n).
+        position: Joint positions at the points, shape (points, n) [rad or m].
+        velocity: Joint velocities at the points, shape (points, n) [rad/s or m/s].
+        acceleration: Joint accelerations at the points, shape (points, n) [rad/s² or m/s²].
 
     Returns:
         Positions, velocities and accelerations, each of shape (points − 1, n).

@@ -230,9 +230,12 @@ def compute_constants(machine: Machine, substep: float) -> Records[CircuitConsta
 def _compute_volume_constants(machine: Machine, state: _OilState) -> dict[str, float]:
     """Compute the constants of the oil, its volumes and the accumulator.
 
+    Capacities are volumes divided by the bulk modulus. Without an accumulator, its volume is 0, its
+    precharge pressure inf and its exponent 1.
+
     Args:
         machine: Machine whose file describes the circuit.
-        state: The oil at its temperature.
+        state: Bulk modulus and viscosity of the oil at its temperature.
 
     Returns:
         Dict from field names of `CircuitConstants` to their values.
@@ -256,9 +259,12 @@ def _compute_volume_constants(machine: Machine, state: _OilState) -> dict[str, f
 def _compute_pump_constants(machine: Machine, state: _OilState, substep: float) -> dict[str, float]:
     """Compute the constants of the main pump and of the servo pumps.
 
+    The lags of the pumps become decays over a substep. The slip is inversely proportional to the
+    viscosity.
+
     Args:
         machine: Machine whose file describes the circuit.
-        state: The oil at its temperature.
+        state: Bulk modulus and viscosity of the oil at its temperature.
         substep: Duration of one integration step of the circuit [s].
 
     Returns:
@@ -290,9 +296,12 @@ def _compute_servo_valve_constants(
 ) -> dict[str, float]:
     """Compute the constants of the servo valves, their leakage and their lock valves.
 
+    The leakage has two parts: a turbulent flow, and a laminar flow past the lands, inversely
+    proportional to the viscosity. The spool is described by its transition matrix over a substep.
+
     Args:
         machine: Machine whose file describes the circuit.
-        state: The oil at its temperature.
+        state: Bulk modulus and viscosity of the oil at its temperature.
         substep: Duration of one integration step of the circuit [s].
 
     Returns:
@@ -328,9 +337,12 @@ def _compute_further_valve_constants(
 ) -> dict[str, float]:
     """Compute the constants of orifices, check, switching, anti-cavitation and relief valves.
 
+    The machine file states the flow Q of a valve at a pressure drop Δp. Check and switching valves
+    get the coefficient Q/√Δp, anti-cavitation and bleed valves Q/Δp.
+
     Args:
         machine: Machine whose file describes the circuit.
-        state: The oil at its temperature.
+        state: Bulk modulus and viscosity of the oil at its temperature.
         substep: Duration of one integration step of the circuit [s].
 
     Returns:
@@ -355,9 +367,12 @@ def _compute_further_valve_constants(
 def _compute_friction_constants(machine: Machine, state: _OilState) -> dict[str, float]:
     """Compute the constants of the cylinders' friction.
 
+    Viscous friction is proportional to the oil's viscosity. Without stiction, stiffness and damping
+    of the bristles are 0.
+
     Args:
         machine: Machine whose file describes the circuit.
-        state: The oil at its temperature.
+        state: Bulk modulus and viscosity of the oil at its temperature.
 
     Returns:
         Dict from field names of `CircuitConstants` to their values.

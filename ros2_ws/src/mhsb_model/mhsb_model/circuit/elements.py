@@ -74,12 +74,12 @@ def compute_null_leakage(c: CircuitConstants, drop: float) -> float:
         Q = orifice(k_leak, Δp) + G Δp
 
     The first term is the flow through an orifice (`compute_orifice_flow`) with the coefficient
-    k_leak. The second term is the flow past the lands. Half of it passes through work port A, the
-    other half through work port B. This holds if p_A + p_B = p_line + p_tank, with the pressures of
-    both chambers, the line and the tank.
+    k_leak. The second term is the laminar flow past the lands of both work ports A and B. G is the
+    conductance of a land at the mean overlap of both directions. The second term is exact if p_A +
+    p_B = p_line + p_tank, with the pressures of both chambers, the line and the tank.
 
     Args:
-        c: Constants of the circuit. The land conductance G is that at the valve's overlap.
+        c: Constants of the circuit.
         drop: Pressure drop Δp from the line to the tank [Pa].
 
     Returns:
@@ -143,9 +143,7 @@ def compute_main_pump_flow(
 
         Q = Q_max (p_set − p)/droop, limited to 0 … Q_max
 
-    The swash plate follows this flow with the time constant τ, or at once if τ = 0. With the
-    capacity C of the manifold, the damping ratio of the pressure control is
-    ½ √(droop C/(Q_max τ)).
+    The lag with which the swash plate follows is not included.
 
     Args:
         max_flow: Largest flow Q_max [m³/s].
@@ -251,9 +249,12 @@ def advance_pressure_and_cavity(
 ) -> tuple[float, float]:
     """Compute pressure and vapour volume of a node after oil has flowed into it.
 
-    At the vapour pressure p_v a certain volume of oil just fills the node. Before the step, the
-    node holds C (p − p_v) − V_v more than that. The inflow is added to this excess. If the sum is
-    negative, the new pressure is p_v, and vapour fills the missing volume.
+        e = C (p − p_v) − V_v + inflow
+        e ≥ 0:  pressure p_v + e/C,  no vapour
+        e < 0:  pressure p_v,  vapour volume −e
+
+    e is the volume of oil after the step, beyond the volume that just fills the node at the vapour
+    pressure p_v.
 
     Args:
         pressure: Pressure p before [Pa].
@@ -263,8 +264,7 @@ def advance_pressure_and_cavity(
         inflow: Net volume of oil that has flowed in during the step [m³].
 
     Returns:
-        Pressure [Pa] and vapour volume [m³] after the step; the volume is 0 if the pressure exceeds
-        p_v.
+        Pressure [Pa] and vapour volume [m³] after the step.
 
     Source:
         E. B. Wylie, V. L. Streeter, Fluid Transients in Systems (discrete vapour cavities).
@@ -359,9 +359,9 @@ def compute_metering_flow(
 
         Q = k S(min(Δp, Δp_k)),   S(Δp) = Δp/(Δp² + Δp_c²)^¼
 
-    A compensator in series with the edge throttles as soon as the drop over the edge would exceed
-    Δp_k. It takes what is left of the drop, so that the flow depends on the opening alone. Below
-    Δp_k the compensator is fully open, and has no drop.
+    A compensator in series with the edge keeps the drop over the edge at Δp_k and takes the rest of
+    Δp. The flow then depends on the opening alone. If Δp is below Δp_k, the compensator is fully
+    open and has no drop.
 
     Args:
         k: Flow coefficient of the edge at its present opening [m³/(s √Pa)].
@@ -417,7 +417,7 @@ AIR_EXPONENT = 1.4
 
 @kernel(inline="always")
 def compute_air_factor(bulk_modulus: float, air: float, pressure: float) -> float:
-    """Compute how many times more compressible free air makes the oil.
+    """Compute the factor by which free air raises the compressibility of the oil.
 
         β/β_e = (1 + r β/(n p)) / (1 + r),   r = α/(1 − α) (p₀/p)^(1/n)
 
@@ -475,8 +475,8 @@ def advance_bristle_deflection(
     Args:
         deflection: Deflection z at the start of the step [m].
         speed: Piston speed v [m/s].
-        steady_friction: Friction g in steady motion at that speed, without its viscous part, above
-            0 [N].
+        steady_friction: Friction g in steady motion at that speed, without its viscous part; it
+            must be positive [N].
         stiffness: Bristle stiffness σ₀ [N/m].
         dt: Duration of the step [s].
 
@@ -548,7 +548,7 @@ def compute_friction_force(
     Args:
         coulomb: Coulomb friction F_c [N].
         viscous: Viscous coefficient b [N s/m].
-        speed_scale: Speed v_s over which the sign of the Coulomb friction changes [m/s].
+        speed_scale: Speed v_s that smooths the change of sign; at v_s, 76 % of F_c act [m/s].
         speed: Piston speed v [m/s].
 
     Returns:

@@ -49,8 +49,10 @@ def find_cavitating(
 ) -> np.ndarray:
     """Return whether each load empties the inlet chamber of its actuator.
 
-    The supply line is taken to be at the main pump's pressure. A boosted line has a higher pressure
-    and fills the chamber better, which is neglected.
+    The supply line is taken to be at the main pump's pressure; boost, which would fill the chamber
+    better, is neglected. Pressure compensators with the drop Δp_k fill the chamber with p =
+    min(P_S, Δp_k). They also limit the flow to the tank: a retracting piston does not cavitate if
+    Δp_k ≤ p (A/a)².
 
     Args:
         machine: Machine with n actuators.

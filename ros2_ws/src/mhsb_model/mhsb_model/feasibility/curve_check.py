@@ -390,6 +390,9 @@ def _check_piece(
     in this order. Between two neighbouring roots of its derivative, a quantity has at most one
     root.
 
+    A position counts only if it is more than POSITION_TOLERANCE beyond its limit. The other
+    quantities count only if rounding of the positions cannot be the cause.
+
     Args:
         piece: Piece of the joint's curve.
         breaks: Working memory for points u = 0 … 1 of the piece, float64[3, 6]; overwritten.

@@ -49,7 +49,7 @@ def read_machine_file(file: Path) -> Any:
         The file's content as nested dicts and lists.
 
     Raises:
-        MachineFileError: The file cannot be read, or lacks most sections of a machine file.
+        MachineFileError: The file cannot be read, or lacks more than half of FILE_SECTIONS.
     """
     try:
         content = read_yaml(file)

@@ -21,21 +21,20 @@ def check_machine_rules(config: MachineConfig) -> list[str]:
     Returns:
         One string `path: sentence` for each broken rule; empty if none is broken.
     """
-    problems = _workspace_problems(config) + _hydraulic_problems(config)
-    problems += _check_start_posture(config) + _keep_out_problems(config) + _zone_problems(config)
-    problems += _version_problems(config) + _check_valve_curves(config)
-    problems += _check_kept_joints(config) + _telescope_problems(config) + _slew_problems(config)
+    problems = _check_workspace(config) + _check_hydraulics(config)
+    problems += _check_start_posture(config) + _check_keep_out(config) + _check_zones(config)
+    problems += _check_joint_kinds(config) + _check_valve_curves(config)
+    problems += _check_kept_joints(config) + _check_telescopes(config) + _check_slew(config)
     for index, joint in enumerate(config.joints):
-        problems += _joint_problems(f"joints.{index}", joint)
+        problems += _check_joint(f"joints.{index}", joint)
     return problems
 
 
 def check_actuator_speed_limits(config: MachineConfig) -> list[str]:
     """Check that no actuator's own speed limit exceeds the common limit V_max.
 
-    Only machine files must keep this rule. `check_machine_rules` does not include it, since it also
-    checks changed machines. If a caller lowers V_max of a machine, the new V_max simply limits all
-    actuators.
+    The rule is for machine files alone. A program may lower V_max of a machine below an actuator's
+    own limit; the new V_max then limits this actuator, too.
 
     Args:
         config: Content of a machine file.
@@ -53,7 +52,7 @@ def check_actuator_speed_limits(config: MachineConfig) -> list[str]:
     ]
 
 
-def _workspace_problems(config: MachineConfig) -> list[str]:
+def _check_workspace(config: MachineConfig) -> list[str]:
     """Check that the workspace's radii are in order and within the arm's reach.
 
     The least radius must be below the greatest. The greatest must not exceed the reach: the sum of
@@ -81,7 +80,7 @@ def _workspace_problems(config: MachineConfig) -> list[str]:
     return problems
 
 
-def _version_problems(config: MachineConfig) -> list[str]:
+def _check_joint_kinds(config: MachineConfig) -> list[str]:
     """Check that files of schema version 2 and later name the kind of each joint.
 
     In files of version 1 all joints are revolute, and the kind may be left out.
@@ -156,7 +155,7 @@ def _check_kept_joints(config: MachineConfig) -> list[str]:
     ]
 
 
-def _slew_problems(config: MachineConfig) -> list[str]:
+def _check_slew(config: MachineConfig) -> list[str]:
     """Check that only joint 1 slews, and only in files of schema version 2 or later.
 
     Args:
@@ -176,7 +175,7 @@ def _slew_problems(config: MachineConfig) -> list[str]:
     return problems
 
 
-def _zone_problems(config: MachineConfig) -> list[str]:
+def _check_zones(config: MachineConfig) -> list[str]:
     """Check that keep-out zones have the form that the machine needs.
 
     An arm that slews has zones in space: boxes with y limits, upright cylinders and spheres. Any
@@ -186,8 +185,8 @@ def _zone_problems(config: MachineConfig) -> list[str]:
         config: Content of a machine file.
 
     Returns:
-        One string `path: sentence` for each box, and for each other kind of zone, that does not
-        fit.
+        One string `path: sentence` for each box that does not fit, and one for each list of other
+        zones (`circles`, `cylinders`, `spheres`) that this arm must not have.
     """
     keep_out, slews = config.keep_out, config.joints[0].kind == "slew"
     where = "joint 1 slews, and zones are in space" if slews else "this arm moves in x and z alone"
@@ -207,7 +206,7 @@ def _zone_problems(config: MachineConfig) -> list[str]:
     ]
 
 
-def _telescope_problems(config: MachineConfig) -> list[str]:
+def _check_telescopes(config: MachineConfig) -> list[str]:
     """Check the rules for prismatic joints (telescopes).
 
     A telescope slides along the link of the joint before. So the first joint in the plane must be
@@ -244,7 +243,7 @@ def _telescope_problems(config: MachineConfig) -> list[str]:
     return problems
 
 
-def _hydraulic_problems(config: MachineConfig) -> list[str]:
+def _check_hydraulics(config: MachineConfig) -> list[str]:
     """Check tank pressure, booster modules of each mode, and leakage.
 
     The tank pressure must be below the supply pressure. Mode N must use no booster module, DB and
@@ -300,11 +299,11 @@ def _check_start_posture(config: MachineConfig) -> list[str]:
         + suggest_unit_of_number(q, unit_of(joint), joint.limits.lower, joint.limits.upper)
         for j, (q, joint) in enumerate(zip(start, config.joints, strict=True))
         if not joint.limits.lower <= q <= joint.limits.upper
-        and joint.limits.lower < joint.limits.upper  # else `_joint_problems` says so
+        and joint.limits.lower < joint.limits.upper  # else `_check_joint` says so
     ]
 
 
-def _keep_out_problems(config: MachineConfig) -> list[str]:
+def _check_keep_out(config: MachineConfig) -> list[str]:
     """Check the number of link radii, and that zones and the base have a positive extent.
 
     The file must have no link radius, or one for each link in the arm's plane. In each box,
@@ -344,7 +343,7 @@ def _ask_if_swapped(low: float, high: float) -> str:
     return "; swapped?" if low > high else ""
 
 
-def _joint_problems(path: str, joint: AnyJoint) -> list[str]:
+def _check_joint(path: str, joint: AnyJoint) -> list[str]:
     """Check limits, cylinder and link of one joint.
 
     The lower limit must be below the upper one, the rod thinner than the bore, and the centre of

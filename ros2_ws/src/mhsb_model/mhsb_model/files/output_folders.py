@@ -33,10 +33,11 @@ def make_output_folder(path: Path, purpose: str) -> Path:
 
 @contextmanager
 def replace_file(path: Path) -> Iterator[Path]:
-    """Let the caller write a file under a temporary name, then rename it, as a context manager.
+    """Replace a file as a whole when the block ends, as a context manager.
 
-    So the file is never incomplete. If the block raises, the temporary file is removed and an older
-    file stays.
+    The block writes the new content to a temporary name. If the block succeeds, this file is
+    renamed, so the target is never incomplete. If the block raises, the temporary file is removed,
+    and an older target stays.
 
     Args:
         path: The file; its folder must exist.

@@ -269,9 +269,8 @@ def _find_models_below(models: Sequence[type[BaseModel]], part: str | int) -> li
         part: Key, or a list index. For an index, `models` is returned.
 
     Returns:
-        Models; empty for a plain value. If none of `models` declares the key, the result is the
-        models of undeclared keys. Only models that allow undeclared keys have such models;
-        otherwise the list is empty.
+        Models; empty for a plain value. If no model declares the key: the models that `models`
+        prescribe for undeclared keys; empty if they allow no such keys.
     """
     if isinstance(part, int):
         return list(models)

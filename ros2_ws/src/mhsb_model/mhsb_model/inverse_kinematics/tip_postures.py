@@ -211,7 +211,7 @@ class OuterTip(NamedTuple):
 def close_chain(
     m: MachineArrays, x: float, z: float, i: int, j: int, side: int, q: FloatArray
 ) -> bool:
-    """Move joints i < j so that the tip is at a point, while all other joints stay where they are.
+    """Move joints i and j so that the tip is at a point, and keep all other joints.
 
     There are up to two solutions; `side` selects one. Joint limits are not checked. Whole turns are
     added to each angle, so that it is within half a turn of the middle of its joint's range.

@@ -131,7 +131,7 @@ def evaluate_four_bar(
     Points are in the parent link's frame, with the origin at the joint: rocker pivot R, cylinder
     pin K, child pin C, and rocker tip P, at which the cylinder pushes. Vectors are the rocker W = P
     − R, the coupler V = P − C and the cylinder U = P − K. a and b are the lengths of rocker and
-    coupler, µ is the transmission angle between them, and σ = ±1 says on which side of the line RC
+    coupler, and µ is the transmission angle between them. σ = ±1 says on which side of the line RC
     the tip P is. × is the cross product:
 
         W×V = σ a b sin µ,   ω = C×P / W×V

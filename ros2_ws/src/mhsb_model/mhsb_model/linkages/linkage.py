@@ -34,7 +34,7 @@ LAST_STEP = 1e-7
 def build_linkage_row(linkage: Linkage, lower: float = 0.0) -> FloatArray:
     """Return the numbers of a linkage in the form in which kernels take them.
 
-    A slew's "cylinder" has a length proportional to its angle.
+    A slew is described as a cylinder whose length changes by the pitch radius per rad.
 
     Args:
         linkage: Linkage of a machine file.

@@ -24,7 +24,7 @@ SMALLEST_TRANSMISSION_ANGLE = math.radians(20.0)
 At zero the four-bar locks and can change from one assembly mode to the other."""
 
 
-def linkage_problems(config: MachineConfig) -> list[str]:
+def check_linkages(config: MachineConfig) -> list[str]:
     """Check the linkages of all joints against the rules for assembly, moment arm and stroke.
 
     The rules must hold within each joint's limits. If a linkage cannot be assembled, its moment arm
@@ -41,12 +41,12 @@ def linkage_problems(config: MachineConfig) -> list[str]:
         if joint.kind == "slew":  # its moment arm is constant
             continue
         path = f"joints.{index}"
-        assembly = _assembly_problems(path, joint)
-        problems += assembly or [*_moment_arm_problems(path, joint), *_stroke_problems(path, joint)]
+        assembly = _check_assembly(path, joint)
+        problems += assembly or [*_check_moment_arm(path, joint), *_check_stroke(path, joint)]
     return problems
 
 
-def _assembly_problems(path: str, joint: AnyJoint) -> list[str]:
+def _check_assembly(path: str, joint: AnyJoint) -> list[str]:
     """Check that a four-bar can be assembled and stays away from its locking position.
 
     It locks if rocker and coupler are in one line. Their lines must be at least
@@ -84,7 +84,7 @@ def _assembly_problems(path: str, joint: AnyJoint) -> list[str]:
     return []
 
 
-def _moment_arm_problems(path: str, joint: AnyJoint) -> list[str]:
+def _check_moment_arm(path: str, joint: AnyJoint) -> list[str]:
     """Check that the moment arm keeps its sign and does not become too small.
 
     Within the joint's limits, its smallest magnitude must be at least SMALLEST_ARM_RATIO times its
@@ -109,7 +109,7 @@ def _moment_arm_problems(path: str, joint: AnyJoint) -> list[str]:
     ]
 
 
-def _stroke_problems(path: str, joint: AnyJoint) -> list[str]:
+def _check_stroke(path: str, joint: AnyJoint) -> list[str]:
     """Check that the cylinder always stays shorter than twice its shortest length.
 
     The barrel of a cylinder holds the whole stroke, so the length can at most double. Lengths are

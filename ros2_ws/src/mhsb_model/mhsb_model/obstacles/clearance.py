@@ -450,11 +450,12 @@ def compute_leeway(
 def bound_reach(m: MachineArrays, start: FloatArray, end: FloatArray) -> float:
     """Return an upper bound on the distance of any link from the slew's axis during a move.
 
-        |a| + Σ_k (L_k + max(q_start,k, q_end,k))
+        |a| + Σ L + Σ max(q₀, q₁)
 
-    a is the distance of joint 2 from the axis, and L_k the length of link k at q = 0 [m]. The
-    maximum is added only for joints that slide. The bound holds if each joint stays between its
-    positions at both ends. It is for the lines of the links; their radii are not included.
+    a is the distance of joint 2 from the axis. The first sum has the length L of each link at q = 0
+    [m]. The second sum has, for each sliding joint, the larger of its positions q₀ and q₁ at both
+    ends [m]. The bound holds if each joint stays between its positions at both ends. The radii of
+    the links are not included.
 
     Args:
         m: Machine that slews.
@@ -478,14 +479,17 @@ def bound_travel(
 ) -> float:
     """Return an upper bound on the distance that any point of the arm moves between two postures.
 
-        D = (slew's part) + Σ_k L_k |Σ_{j ≤ k} Δq_j|
+        D = R |Δq_slew| + Σ_k (L_k |Σ_{j ≤ k} Δq_j| + |Δs_k|)
 
-    Points of the arm are those on the lines of its links. L_k is the length of link k; if its joint
-    slides, the larger of its lengths at start and end. Δq_j is the turn of joint j in the arm's
-    plane, 0 if the joint slews or slides. If the move is straight in cylinder lengths, joints do
-    not move in proportion, and Σ |Δq_j| takes the place of |Σ Δq_j|. A joint that slides also adds
-    its stroke. The slew's part is the slew's turn times the largest distance of a link from the
-    slew's axis.
+    Points of the arm are those on the lines of its links. The symbols are
+
+    - R: upper bound on the distance of the links from the slew's axis (`bound_reach`).
+    - L_k: length of link k, the larger of its lengths at start and end if joint k slides.
+    - Δq_j: turn of joint j in the arm's plane, 0 if joint j slews or slides.
+    - Δs_k: stroke of joint k if it slides, else 0.
+
+    If the move is straight in cylinder lengths, joints do not move in proportion, and Σ |Δq_j|
+    takes the place of |Σ Δq_j|.
 
     Args:
         m: Machine with n joints.

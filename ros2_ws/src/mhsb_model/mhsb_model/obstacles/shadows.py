@@ -88,9 +88,9 @@ def _compute_sector_margin(row: FloatArray) -> float:
 
         asin(c/ρ₀)
 
-    A link of radius c also touches zones beside the arm's plane. A zone therefore counts if the
-    range of slew angles, widened by this angle on both sides, contains it. ρ₀ is the zone's least
-    distance from the slew's axis.
+    A link of radius c also touches zones beside the arm's plane. The range of slew angles is
+    therefore widened by this angle on both sides. ρ₀ is the zone's least distance from the slew's
+    axis.
 
     Args:
         row: Zone in space, a row of the obstacle table, float64[ROW_WIDTH], with c in
@@ -115,8 +115,8 @@ def _project_zone(
         row: Zone in space, a row of the obstacle table, float64[ROW_WIDTH].
         offset: Distance of joint 2 ahead of the slew's axis [m].
         side: 1 for the part of the plane ahead of the axis, −1 for the part behind it.
-        distances: Least and greatest horizontal distance from the slew's axis [m]. They are those
-            of the part of the zone that the plane can reach. Not used for a sphere.
+        distances: Least and greatest horizontal distance from the slew's axis that the part of the
+            zone within the plane's reach has [m]. Not used for a sphere.
 
     Returns:
         Row of a circle (for a sphere) or a box in the plane, float64[ROW_WIDTH]. Its link index is
