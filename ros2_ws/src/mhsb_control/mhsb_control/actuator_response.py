@@ -158,7 +158,8 @@ class InverseCurve:
         """Build the declared curve, or an assumed curve without a dead band.
 
         The assumed curve is the mean of two curves. In the first, the speed is proportional to the
-        command. In the second, it is proportional to the power `max_exponent` of the command.
+        command. In the second, it is proportional to the power `max_exponent` of the command. A
+        declared curve is raised where it increases too little (`min_slope_ratio`).
 
         Args:
             full_speed: Assumed speed at the full command [m/s].
@@ -236,6 +237,9 @@ class InverseCurve:
     def learn(self, speed: float, command: float, weight: float, spread: float = 0.0) -> None:
         """Update the curve with a measured speed and the command that caused it.
 
+        A Kalman filter corrects the commands at all knots, and their covariance. The next step of
+        `raise_dead_band` is again the first one.
+
         Args:
             speed: Measured speed ≥ 0 [m/s].
             command: Command, 0 … 1.
@@ -288,9 +292,12 @@ class InverseCurve:
 
         A command within the present dead band is ignored. A command of `max_dead_band` or more is
         ignored too, since something else then holds the piston. The dead band becomes this command
-        plus a step, and the commands at the other knots change in proportion to their covariance
-        with it. The step doubles while the piston stands, up to `dead_band_step`. The covariance
-        does not change, because the command is only a lower bound of the dead band.
+        plus a step. The commands at the other knots change in proportion to their covariance with
+        the dead band. The covariance does not change, because the command is only a lower bound of
+        the dead band.
+
+        The first step is smaller if the valve has already driven the piston. The step doubles with
+        every `step_doubling` calls of weight 1 since the last motion, up to `dead_band_step`.
 
         Args:
             command: Command, 0 … 1.
@@ -354,7 +361,10 @@ class DelayEstimate:
     def learn(self, expected: FloatArray, moved: float, time: float) -> None:
         """Update the estimate of the delay with the mean speed of the piston in a window.
 
-        The estimate does not change before the piston has moved enough (`min_motion`).
+        The estimate is the candidate whose expected speeds fit the measured ones best, apart from a
+        constant factor. A parabola through the neighbouring candidates refines it. Older windows
+        are forgotten with the time constant `delay_forgetting_time`. The estimate does not change
+        before the piston has moved enough (`min_motion`).
 
         Args:
             expected: Mean speed that the commands should have caused in the window, for each

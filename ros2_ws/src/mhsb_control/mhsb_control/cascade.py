@@ -401,8 +401,8 @@ def build_axis_records(
         settings: Tuned numbers.
 
     Returns:
-        One record for each cylinder, [n]. The bias d is NaN until the first step measures it.
-        Lengths, speeds and forces of the reference are 0.
+        One record for each cylinder, [n]. The bias d and `force_to_command` are NaN until the first
+        step, and `deliverable_speed` is inf. All other lengths, speeds and forces are 0.
     """
     config = machine.config
     frequency, highest = find_joint_frequency_ranges(machine)
@@ -555,13 +555,15 @@ def compute_piston_demands(s: ServoArguments) -> None:
 def compute_reference_forces(s: ServoArguments, payload: float) -> None:
     """Compute lengths, piston speeds and forces of the reference, now and ahead.
 
-    The force is the torque of inverse dynamics divided by the moment arm, without friction. The
-    holding force is what a closed valve would have to hold: the force of gravity, or the whole
-    force if that is smaller in magnitude. If commands act at once (`command_times` is 0), the
-    speeds and pump forces at the times of commands are the present ones. `force_to_command` and
-    `force_rate` are then not computed. `max_speed_at_rest` is inf while the reference moves, now or
-    at the preview point. Otherwise it is the piston speed at which the joint moves with
-    `rest_speed`.
+    The reference is evaluated now, at the preview point, and at the times at which a valve command
+    and a pump command sent now act. Each force is the torque of inverse dynamics divided by the
+    moment arm, without friction. The holding force is what a closed valve would have to hold: the
+    force of gravity, or the whole force if that is smaller in magnitude.
+
+    If commands act at once (`command_times` is 0), the present values take the place of those for
+    commands. `force_to_command` and `force_rate` are then not written. `max_speed_at_rest` is inf
+    while the reference moves, now or at the preview point. Otherwise it is the piston speed at
+    which the joint moves with `rest_speed`.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Reads `reference`,

@@ -308,12 +308,12 @@ def limit_axis_gains(
 ) -> None:
     """Limit the gains of an axis to what its reaction time T and its valve's flow allow.
 
-        ω_F ≤ c φ/T,    k_p ≤ ratio ω_F,    k_p ≤ ω_F/(1 + κ (1 − w) T),    k_i ∝ k_p²
+        ω_F ≤ c φ/T,    k_p ≤ ratio ω_F,    k_p ≤ ω_F/(1 + w),    k_i ∝ k_p²
 
     φ is the phase lag `max_phase_lag`. ω is the joint's highest natural frequency. If ω T ≥ 1, φ is
-    at most `max_resonant_phase_lag`. κ (1 − w) T is the relative softening of the oil that a late
-    measurement causes; it is equal to w (`compute_feedforward_share`). ratio is
-    `max_position_gain_ratio`. No gain exceeds the value that `build_axis_records` has set.
+    at most `max_resonant_phase_lag`. Late measurements make the oil appear softer by the factor 1 +
+    w (`compute_feedforward_share`). ratio is `max_position_gain_ratio`. No gain exceeds the value
+    that `build_axis_records` has set.
 
     Args:
         axis: State of the cylinder's control axis. Writes `force_bandwidth` (ω_F), `position_gain`
@@ -336,16 +336,16 @@ def limit_axis_gains(
 
 @kernel
 def compute_feedforward_share(axis: ControlAxis, reaction_time: float) -> float:
-    """Compute the weight of the feedforward in the force from which a valve opening is computed.
+    """Compute the share w of the feedforward in the force for which a valve opens.
 
         w = κ T/(1 + κ T)
 
-    The flow through an open valve falls as the cylinder force F rises. This damps oscillations of F
-    at the rate κ. A valve whose opening follows the measured pressures keeps its flow constant, and
-    so loses this damping. If the measurements are T old, a term κ T Ḟ remains. It acts as if the
-    oil were softer by the factor 1 + κ T. So the opening is computed for F with the share w
-    replaced by the feedforward force. A damping of κ w then remains, and the oil appears softer
-    only by the factor 1 + w.
+    A valve opening is computed for the force (1 − w) F + w F_ff. F is the measured cylinder force,
+    and F_ff the feedforward force. The reason is damping. At a constant opening, the flow falls as
+    F rises, which damps oscillations of F at the rate κ. An opening that follows the measured F
+    (w = 0) keeps the flow constant, so this damping is lost. If F is measured with the delay T, the
+    oil also appears softer by the factor 1 + κ T. With the share w, a damping of κ w remains, and
+    the oil appears softer only by the factor 1 + w.
 
     Args:
         axis: State of the cylinder's control axis. Reads `flow_damping` (κ) [1/s].
@@ -376,8 +376,8 @@ def compute_speed_gain(
     x is the valve opening and k_h the stiffness of the oil [N/m]. A and a are the piston areas on
     the cap side and the rod side. β/V_A and β/V_B are the stiffnesses of the oil in the two
     chambers [Pa/m³]. Δp_A and Δp_B are the pressure drops over the edge of each chamber that opens
-    for a motion in the demanded direction. S(Δp) is √Δp, but linear below the laminar pressure, and
-    S' is its derivative.
+    for a motion in the demanded direction. S(Δp) is √Δp, but linear below the laminar pressure and
+    constant above the drop that a pressure compensator keeps. S' is its derivative.
 
     Args:
         axis: State of the cylinder's control axis, with the demanded speed and stiffnesses.
@@ -584,8 +584,9 @@ def control_join_valves(s: ServoArguments, p: PumpState, settings: CoordinationS
     The join valve of a line that no longer draws from the rail is shut. `may_leave_early` says when
     it is shut earlier. If no line draws from the rail any more, all lines stay joined until the
     rail's pumps have nearly stopped (`idle_flow_share`). Otherwise the oil of these pumps would
-    raise the pressure of the shut rail. While a join valve closes, the rail's target is limited so
-    that no more flow passes the valve than the line draws.
+    raise the pressure of the shut rail. While a join valve closes, the rail's targets are limited
+    so that no more flow passes the valve than the line draws. They are not limited below the rail's
+    pressure before the valve began to close, which is kept in `rail_before`.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `joined` of all axes and
@@ -645,9 +646,8 @@ def may_leave_early(
     Three conditions must hold:
     - Another boosted line on the rail needs a pressure that is higher by more than `joined_drop`.
     - The mode of the line at the preview point is not SB.
-    - One pump can supply the line's flow. While the line is still joined, `early_leave_flow_share`
-      of the pump's flow must suffice. The leakage that the line's lower pressure will save does not
-      count.
+    - One pump can supply the line's flow, less the leakage that the lower pressure will save. While
+      the line is still joined, `early_leave_flow_share` of the pump's flow must suffice.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo.

@@ -26,7 +26,7 @@ def build_delay_lines(count: int, step: float) -> FloatArray:
 
 
 def describe_uncompensated_delay(machine: Machine) -> str | None:
-    """Describe that the declared delay of commands exceeds `MAX_DELAY`.
+    """Say in a sentence that the declared delay of commands exceeds `MAX_DELAY`, if it does.
 
     Args:
         machine: The machine as declared in its file (the real one may differ).

@@ -122,6 +122,11 @@ def _build_shared_estimates(
 def _build_valve_estimates(name: str, j: int, valves: ValveEstimates) -> tuple[Estimate, Estimate]:
     """Build the estimates of gain and overlap of one valve.
 
+        o = b/(g + b)
+
+    o is the overlap in one direction. The estimator gives the gain g, and b for each direction. The
+    variances are propagated to first order.
+
     Args:
         name: Name of the actuator.
         j: Index of the actuator.

@@ -78,8 +78,8 @@ def read_estimates_file(path: Path, machine: Machine) -> dict[str, ActuatorRespo
         Response of each actuator by its name; None if the file does not exist yet.
 
     Raises:
-        EstimatesFileError: The folder does not exist, the file is damaged, or it belongs to another
-            machine.
+        EstimatesFileError: The folder does not exist, the file is damaged, it belongs to another
+            machine, or it lacks an actuator of the machine.
     """
     if not path.exists():
         if path.parent.is_dir():
@@ -125,7 +125,9 @@ def write_estimates_file(
 
 
 def check_estimates_file_is_writable(path: Path) -> None:
-    """Check that an estimates file can be written, before long work whose result it is to keep.
+    """Check that an estimates file can be written.
+
+    An empty file with a temporary name is written beside it and removed.
 
     Args:
         path: The file; it is not changed, and not created.
@@ -140,13 +142,13 @@ def check_estimates_file_is_writable(path: Path) -> None:
 
 
 def _get_part_file(path: Path) -> Path:
-    """Return the path of the file that is written first, and then takes the place of `path`."""
+    """Return the temporary path that is written first, and then renamed to `path`."""
     return path.with_name(f"{path.name}.part")
 
 
 @contextmanager
 def _translate_write_errors(path: Path) -> Iterator[None]:
-    """Turn OSError into EstimatesFileError, and remove the part file (context manager).
+    """Turn OSError into EstimatesFileError, and remove the temporary file (context manager).
 
     Args:
         path: The estimates file.

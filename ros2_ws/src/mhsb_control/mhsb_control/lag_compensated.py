@@ -178,7 +178,7 @@ class LagCompensatedAxis:
         frequency: float = math.inf,
         declared: tuple[FloatArray | None, FloatArray | None] = (None, None),
     ) -> None:
-        """Build the law without past commands and lengths.
+        """Build the control law of one actuator before its first control period.
 
         Args:
             full_speeds: Assumed piston speeds at the full command, extending and retracting [m/s],
@@ -244,7 +244,9 @@ class LagCompensatedAxis:
         predicted length is a measured length plus the stroke that commands cause after the
         measurement. The mean runs over one period of the joint's oscillation on its oil. Once the
         reference has rested for one delay, the predicted strokes are multiplied by the ratio of
-        real to predicted motion. The correction and the demanded speed are limited.
+        real to predicted motion. The correction and the demanded speed are limited. While the
+        reference moves, the command passes linearly through the dead band at speeds below
+        `min_speed_ratio`.
 
         While the reference rests, `_tolerates_error` says when a correction begins and ends.
 
@@ -297,9 +299,10 @@ class LagCompensatedAxis:
         delays plus the time over which lengths are averaged.
 
         When a correction begins, its error is stored, and the ratio of real to predicted motion at
-        rest is updated. If the error has changed its sign since the last correction began, that one
-        went too far, and the ratio is doubled. Otherwise the ratio is multiplied by 0.8. It stays
-        within 1 … `max_creep_ratio`. The first correction after a motion does not change the ratio.
+        rest is updated. If the error has changed its sign since the last correction began, that
+        correction went too far, and the ratio is doubled. Otherwise the ratio is multiplied by 0.8.
+        The ratio stays within 1 … `max_creep_ratio`. The first correction after a motion does not
+        change it.
 
         Args:
             error: Reference length minus predicted length [m].
@@ -336,11 +339,11 @@ class LagCompensatedAxis:
     def _learn(self) -> None:
         """Update curves and delay from the mean speed of the piston in the last window.
 
-        The delay is learnt only while both curves are known. A curve is learnt only if all commands
-        that caused the motion had one direction. The piston must also have moved in this direction
-        by more than it oscillates on its oil. Near an end of the stroke no curve is learnt from
-        commands towards that end. If the piston stands, its dead band may be raised
-        (`_learn_dead_band`).
+        The delay is learnt only once a knot of both curves is known. A curve is learnt only if all
+        commands that caused the motion had one direction. The piston must also have moved in this
+        direction, and nearly uniformly (`max_spread_ratio`), so that an oscillation on the oil does
+        not count. Near an end of the stroke no curve is learnt from commands towards that end. If
+        the piston stands, its dead band may be raised (`_learn_dead_band`).
         """
         s = self._settings
         time = self._window * self._period
@@ -373,9 +376,10 @@ class LagCompensatedAxis:
     def _learn_dead_band(self, acted: FloatArray) -> None:
         """Raise the dead band of a direction if the piston stands, although a command has acted.
 
-        The piston stands if it does not move within a window. The window is short until the curve
-        of the direction is known. After that, it covers at least one period of the joint's
-        oscillation on its oil.
+        The piston stands if its mean speed over a window is below `min_speed_ratio`. The window is
+        short until a knot of the curve is known. After that, it covers at least one period of the
+        joint's oscillation on its oil. All commands in the window and in the settling time before
+        it must have one direction. The smallest of them is a lower bound of the dead band.
 
         Args:
             acted: Commands that are older than the delay, float64[k], in time order.
@@ -393,7 +397,7 @@ class LagCompensatedAxis:
 def compute_declared_commands(
     valves: Imperfections, max_speed: float, full_speeds: tuple[float, float]
 ) -> tuple[FloatArray | None, FloatArray | None]:
-    """Compute the commands for the speeds of a curve's knots by the table of the machine file.
+    """Compute the commands at the knots of both inverse curves from the file's valve table.
 
         u = o + (1 − o) T⁻¹(v/V)^(1/n)
 
@@ -441,10 +445,10 @@ class LagCompensatedController:
     def __init__(self, machine: Machine, signals: ServoSignals, gains: LagCompensatedGains) -> None:
         """Build the control law of each actuator.
 
-        Each law starts with a curve of piston speed over command from the valve data of the machine
-        file, and with the dead band and the bend of a declared table (`compute_declared_commands`).
-        At the full command, an unloaded piston is assumed, and the main pump's pressure as supply.
-        With pressure compensators, the speed is at most that of the compensated flow.
+        Each law starts with an inverse curve from the machine file. The speed at the full command
+        is that of an unloaded piston at the main pump's pressure. With pressure compensators, it is
+        at most that of the compensated flow. If the file declares a valve table, the curve has the
+        dead band and the bend of this table (`compute_declared_commands`).
 
         Args:
             machine: The machine as declared in its file (the real one may differ).
@@ -508,7 +512,8 @@ class LagCompensatedController:
     def restore(self, learnt: Mapping[str, ActuatorResponse]) -> None:
         """Replace curves and delays with the values of an estimates file.
 
-        A delay that was not known in the file is ignored.
+        A delay that the file marks as not known is ignored. A longer delay than `max_delay` is
+        limited to it.
 
         Args:
             learnt: Response of each actuator by its name.
@@ -523,7 +528,11 @@ class LagCompensatedController:
 
     @property
     def estimates(self) -> list[Estimate]:
-        """Dead band (mean of both directions) and delay of each actuator."""
+        """Dead band (mean of both directions) and delay of each actuator.
+
+        A dead band counts as known once a knot of the curve of each direction is known. A known
+        delay has the standard deviation `delay_spacing`, an unknown one `max_delay`.
+        """
         found = []
         for name, axis in zip(self._names, self.axes, strict=True):
             dead_band = float(np.mean([curve.commands[0] for curve in axis.curves]))

@@ -158,8 +158,8 @@ class ReferencePreview:
             time_ns: Present time of the servo [ns].
 
         Returns:
-            True if the modes of the present, or those of point `PREVIEW_POINT`, are in another row
-            of the mode schedule than at the last call. True at the first call after `follow`.
+            True if, now or at point `PREVIEW_POINT`, another row of the mode schedule applies than
+            at the last call. True at the first call after `follow`.
         """
         now, ahead = self._rows
         self._evaluate(self._spacing_ns, time_ns - self.trajectory.stamp_ns)

@@ -294,7 +294,7 @@ def is_served(j: int, serves: IntArray) -> bool:
 
 @kernel(inline="always")
 def predict_line_volumes(s: ServoArguments, p: PumpState) -> None:
-    """Predict the flow that each boosted line supplies next, and its oil up to later times.
+    """Predict the flow that is drawn next from each boosted line, and the oil up to later times.
 
     The flow has three parts. The first is the flow of `compute_commanded_flow`. If the valve is
     slower than the pumps, this flow is delayed by a lag, the difference of their time constants.
@@ -441,9 +441,9 @@ def compute_pump_demand(
     """Compute the flow that a pump is to feed into a line or into the rail.
 
     It is the drawn flow plus a charging flow C (k (p_ref − p) + min(ṗ_ref, 0)). p is the pressure
-    at the instant when the command begins to act, and p_ref its target. k is the gain
-    `pressure_gain`, but at most `max_gain_delay` divided by the delay of commands. Three limits
-    apply:
+    that is predicted for the instant at which the command begins to act, and p_ref its target. k is
+    the gain `pressure_gain`, but at most `max_gain_delay` divided by the delay of commands. Three
+    limits apply:
 
     - The sum of both flows is at most the limit of `compute_coasting_limit` for the estimated pump.
     - The charging flow is at most `charging_flow_left`.

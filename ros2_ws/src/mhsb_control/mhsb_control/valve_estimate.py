@@ -367,9 +367,10 @@ def compute_opening(
 
         x = u (1 − o)/(G g) + o clip(y + clip(w, −2, 2) clip(2 − |y|, 0, 1), −1, 1)
 
-    with y = u/u_s and w = v/u_s. clip limits its first argument to the range of the other two. Each
-    term uses the overlap o of its own direction. x is continuous in u. If |u| ≥ 2 u_s, v has no
-    effect.
+    with y = u/u_s and w = v/u_s. clip limits its first argument to the range of the other two. The
+    first term opens the valve beyond its overlap. The second term crosses the overlap: linearly for
+    small |u|, and in advance for the coming speed v. Each term uses the overlap o of its own
+    direction. x is continuous in u. If |u| ≥ 2 u_s, v has no effect.
 
     Args:
         gain: G g, piston speed of the fully open valve [m/s].
@@ -393,6 +394,8 @@ def shift_opening(
     valve: EstimatedValve, openings: FloatArray, delay: int, lag: float, step: float
 ) -> None:
     """Compute the opening at which the spool is now, from earlier commands.
+
+    An opening acts after the delay of commands, and the spool follows it as a first-order lag.
 
     Args:
         valve: Estimates of the valve. Reads `opening`; writes `delayed_opening` and
@@ -537,6 +540,9 @@ def raise_overlap(valves: ValveEstimates, j: int, k: int, rise: float) -> None:
 
         b_m ← b_m + P_mi/P_ii Δb,    P_ii ← max(P_ii, Δb²)
 
+    An overlap o is estimated as b = g o/(1 − o), with the gain g of the valve. b_i belongs to the
+    overlap to raise, and b_m to each overlap of all valves. P is the covariance of the estimates.
+
     Args:
         valves: Estimates. Writes `estimate` and `covariance` (P) in place.
         j: Index of the valve.
@@ -594,7 +600,7 @@ def update_valve_filter(
     Args:
         valves: Estimates. Writes `estimate`, `covariance` and `work` in place.
         j: Index of the valve.
-        y: Stroke of the window [m].
+        y: Stroke of the window [m]. If g is taken as known (p = 0), without the part that g causes.
         row: Coefficients p, s₊, s₋, f [m].
         noise: Standard deviation of the noise [m].
     """

@@ -388,8 +388,8 @@ def compute_reserves(g: GovernorState) -> None:
     Results for each actuator:
 
     - `reserve_in_n`: the available pressure in mode N, minus the greater of both needed pressures.
-      The available pressure is the lowest line pressure of all actuators in mode N, filtered. If it
-      falls, it is extrapolated by `prediction_time`.
+      The available pressure is the lowest line pressure of all actuators in mode N, filtered. While
+      it falls, it is extrapolated by `prediction_time`, for this reserve alone.
     - `reserve`: in mode N equal to `reserve_in_n`. In DB and SB it is the actuator's own line
       pressure minus the pressure needed at present, filtered with `boosted_smoothing`.
     - `driving_pressure`: the available pressure (in DB and SB the line pressure) minus the load
