@@ -391,9 +391,9 @@ def build_axis_records(
         τ   = max(servo.force_bias_time, min_bias_time_ratio ω_F/ω²)
 
     So a joint with a low natural frequency gets low gains. k_p and k_i are the proportional and the
-    integral gain of the position loop. ω_F is the bandwidth of the force loop, and τ the time
-    constant of the force bias d. The integral w is limited to the largest piston speed divided by
-    `integral_limit_ratio`.
+    integral gain of the position loop. ω_F is the bandwidth of the force loop. τ is the time
+    constant of the bias d, a slow estimate of the unmodelled force. The integral w of the position
+    loop is limited to the largest piston speed divided by `integral_limit_ratio`.
 
     Args:
         machine: The machine as declared in its file (the real one may differ).
@@ -491,14 +491,14 @@ def build_servo_arguments(
 def compute_piston_demands(s: ServoArguments) -> None:
     """Compute the demanded piston speed u of all axes, and update the load estimate.
 
-    For each axis, the forces of the reference, oil stiffness, friction and force bias d are
-    computed. `demand_speed` then gives u. In the first control step, d is set so that the
-    feedforward equals the measured force.
+    For each axis, the forces of the reference, oil stiffness, friction and bias d are computed. d
+    is a slow estimate of the unmodelled force. `demand_speed` then gives u. In the first control
+    step, d is set so that the feedforward equals the measured force.
 
     While a joint moves steadily and its valve is not saturated, its measured force updates the
     estimates of payload and friction. A motion is steady if both of these hold:
-    - The reference's piston speed is above `moving_speed` in one direction, both now and at point
-      PREVIEW_POINT.
+    - The reference's piston speed is above `moving_speed` in one direction, both now and at the
+      preview point, a fixed time ahead.
     - The inertia torque is below `max_inertia_share` times the torque of the weight.
 
     If the estimates change, d changes by the opposite force, so that the feedforward does not jump.
@@ -555,10 +555,10 @@ def compute_piston_demands(s: ServoArguments) -> None:
 def compute_reference_forces(s: ServoArguments, payload: float) -> None:
     """Compute lengths, piston speeds and forces of the reference, now and ahead.
 
-    The reference is evaluated now, at the preview point, and at the times at which a valve command
-    and a pump command sent now act. Each force is the torque of inverse dynamics divided by the
-    moment arm, without friction. The holding force is what a closed valve would have to hold: the
-    force of gravity, or the whole force if that is smaller in magnitude.
+    The reference is evaluated now, at the preview point (a fixed time ahead), and when a valve
+    command or a pump command sent now acts. Each force is the torque of inverse dynamics divided by
+    the moment arm, without friction. The holding force is what a closed valve would have to hold:
+    the force of gravity, or the whole force if that is smaller in magnitude.
 
     If commands act at once (`command_times` is 0), the present values take the place of those for
     commands. `force_to_command` and `force_rate` are then not written. `max_speed_at_rest` is inf
@@ -654,14 +654,14 @@ def demand_speed(
         u = v_ref(t + T) + Ḟ_m(t + T)/k_h + w + ω_F (F_ref − F)/k_h
         F_ref = F_known + d + (k_p k_h/ω_F) e
 
-    F_m is the force of the reference without friction. The term with its rate Ḟ_m is the flow that
-    compresses the oil (`force_rate`; 0 for a controller without preview). ω_F is the bandwidth of
-    the force loop [1/s], and k_h the stiffness of the oil [N/m]. k_p is the gain of the position
-    loop [1/s], and T the time until a command acts [s]. The magnitude of u is limited to
-    `deliverable_speed`, which the pumps can supply. While the reference rests, it is also limited
-    to `max_speed_at_rest`. The integral w stays constant while the valve is saturated
-    (anti-windup). While the reference rests, w changes only if the joint error is between
-    `min_rest_error` and `max_rest_error`.
+    d is the bias, a slow estimate of the unmodelled force. F_m is the force of the reference
+    without friction. The term with its rate Ḟ_m is the flow that compresses the oil (`force_rate`;
+    0 if commands act at once). ω_F is the bandwidth of the force loop [1/s], and k_h the stiffness
+    of the oil [N/m]. k_p is the gain of the position loop [1/s], and T the time until a command
+    acts [s]. The magnitude of u is limited to `deliverable_speed`, which the pumps can supply.
+    While the reference rests, it is also limited to `max_speed_at_rest`. The integral w stays
+    constant while the valve is saturated (anti-windup). While the reference rests, w changes only
+    if the joint error is between `min_rest_error` and `max_rest_error`.
 
     Args:
         axis: State of the cylinder's control axis. Writes `feedforward` (F_known + d), `integral`
@@ -740,11 +740,12 @@ def set_supply_targets(
 ) -> None:
     """Compute the supply pressures that an actuator needs at two times.
 
-    The first time is when a pump command sent now acts. The second time is the preview point.
-    `compute_supply_need` gives both pressures, with the force bias d added to all forces. The first
-    target is at least the second one, so that the line is charged in time. If the piston reverses
-    before the preview point, the first target is also at least the pressure that holds the whole
-    force at standstill. The pump has to carry this force when the piston reverses.
+    The first time is when a pump command sent now acts. The second time is the preview point, a
+    fixed time ahead. `compute_supply_need` gives both pressures, with the bias d (an estimate of
+    the unmodelled force) added to all forces. The first target is at least the second one, so that
+    the line is charged in time. If the piston reverses before the preview point, the first target
+    is also at least the pressure that holds the whole force at standstill. The pump has to carry
+    this force when the piston reverses.
 
     Args:
         axis: State of the cylinder's control axis. Writes `supply_target` and `target_ahead` [Pa]

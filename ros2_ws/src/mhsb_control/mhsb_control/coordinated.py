@@ -342,10 +342,10 @@ def compute_feedforward_share(axis: ControlAxis, reaction_time: float) -> float:
 
     A valve opening is computed for the force (1 − w) F + w F_ff. F is the measured cylinder force,
     and F_ff the feedforward force. The reason is damping. At a constant opening, the flow falls as
-    F rises, which damps oscillations of F at the rate κ. An opening that follows the measured F
-    (w = 0) keeps the flow constant, so this damping is lost. If F is measured with the delay T, the
-    oil also appears softer by the factor 1 + κ T. With the share w, a damping of κ w remains, and
-    the oil appears softer only by the factor 1 + w.
+    F rises, which damps oscillations of F at the rate κ. With w = 0 the opening follows the
+    measured F, so that the flow is constant, and this damping is lost. If F is measured with the
+    delay T, the oil also appears softer by the factor 1 + κ T. With the share w, a damping of κ w
+    remains, and the oil appears softer only by the factor 1 + w.
 
     Args:
         axis: State of the cylinder's control axis. Reads `flow_damping` (κ) [1/s].
@@ -496,7 +496,8 @@ def select_supply_targets(
 
     Args:
         axis: State of the cylinder's control axis. Writes in place `supply_target`, the pressure to
-            be kept now, and `target_ahead`, the pressure needed at `PREVIEW_POINT` [Pa].
+            be kept now, and `target_ahead`, the pressure needed at the preview point, a fixed time
+            ahead [Pa].
         sensor: Measured length [m] and pressures [Pa] of the actuator.
         cylinder: Areas and flow coefficient of the cylinder's valve.
         constants: Constants of the circuit, one record.
@@ -576,10 +577,10 @@ def control_join_valves(s: ServoArguments, p: PumpState, settings: CoordinationS
 
     A line draws from the rail if its mode is SB, or if a spare module or another line's module
     serves its actuator (`joins_rail`). The line counts as joined once its pressure and the rail's
-    differ by less than `joined_drop`. Before that its join valve is throttled. The throttled valve
-    passes the flow that the line needs beyond that of its own pump, plus a charging flow taken from
-    `p.charging_flow_left`. The rail's targets are the highest targets of the lines that are joined
-    or about to join.
+    differ by less than `joined_drop`. Before that its join valve is throttled to the sum of two
+    flows. The first is the flow that the line needs beyond that of its own pump. The second raises
+    the line's pressure (charging flow), and is taken from `p.charging_flow_left`. The rail's
+    targets are the highest targets of the lines that are joined or about to join.
 
     The join valve of a line that no longer draws from the rail is shut. `may_leave_early` says when
     it is shut earlier. If no line draws from the rail any more, all lines stay joined until the
@@ -645,7 +646,7 @@ def may_leave_early(
 
     Three conditions must hold:
     - Another boosted line on the rail needs a pressure that is higher by more than `joined_drop`.
-    - The mode of the line at the preview point is not SB.
+    - The line's mode will not be SB (shared boost) at the preview point, a fixed time ahead.
     - One pump can supply the line's flow, less the leakage that the lower pressure will save. While
       the line is still joined, `early_leave_flow_share` of the pump's flow must suffice.
 
@@ -678,8 +679,8 @@ def join_line(s: ServoArguments, p: PumpState, j: int, settings: CoordinationSet
 
     Returns:
         Opening of the join valve, 0 … 1. It is 1 if the line is joined. Before that, the valve is
-        throttled to the flow that the line needs beyond its own pump, plus the charging flow. It is
-        0 while the rail's pressure is not above the line's.
+        throttled to the sum of two flows: what the line needs beyond its own pump, and what raises
+        the line's pressure to its target. It is 0 if the rail's pressure is not above the line's.
     """
     axis, c, line_pressure = s.axes[j], s.constants[0], s.sensors[j].line_pressure
     drop = s.rail_pressure[0] - line_pressure

@@ -411,9 +411,9 @@ def observe_line_draws(s: ServoArguments, p: PumpState) -> None:
 def compute_commanded_flow(axis: ControlAxis, cylinder: CylinderConstants) -> float:
     """Compute the flow that a piston is commanded to take from its line.
 
-    u is the demanded piston speed. The flow is 0 if u has the direction opposite to the reference's
-    motion at point PREVIEW_POINT (`speed_ahead`). If the reference rests at that point, its present
-    motion counts.
+    u is the demanded piston speed. The flow is 0 if u is opposite to the reference's motion at the
+    preview point, a fixed time ahead (`speed_ahead`). If the reference rests at that point, its
+    present motion counts.
 
     Args:
         axis: State of the cylinder's control axis, with demand and speeds.
@@ -458,8 +458,8 @@ def compute_pump_demand(
         line: Index of the line; n for the rail.
         drawn: Flow that is about to be drawn from the line [m³/s].
         pressure: Measured pressure of the line [Pa].
-        targets: p_ref, target of the pressure at present, and target from point PREVIEW_POINT on
-            [Pa].
+        targets: p_ref, target of the pressure at present, and target from the preview point on, a
+            fixed time ahead [Pa].
         capacity: C, capacity of the line with the estimated compressibility [m³/Pa].
         pending: Oil that earlier commands still bring [m³].
         p: State of the pumps. Reads `volume`, `leakage_uncertainty` and `targets` of the line.
@@ -573,9 +573,10 @@ def feeds_rail(
 def compute_rail_demand(s: ServoArguments, p: PumpState, pending: float) -> float:
     """Compute the flow that all pumps on the rail together are to feed into the rail.
 
-    The result is the drawn flow plus the charging flow (`compute_pump_demand`). The drawn flow is
-    the sum of the flows into joined lines and through closing or throttled join valves, and of the
-    pumps' slip. If pistons have drawn less than commanded, the observed shortfall is subtracted.
+    The result is the drawn flow plus a flow that brings the rail to its target pressure, the
+    charging flow (`compute_pump_demand`). The drawn flow is the sum of the flows into joined lines,
+    the flows through closing or throttled join valves, and the pumps' slip. If pistons have drawn
+    less than commanded, the observed shortfall is subtracted.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo.
@@ -632,8 +633,8 @@ def command_pumps(s: ServoArguments, p: PumpState) -> None:
     λ = max(1, bandwidth × estimated lag). Q_ref is the flow that `compute_pump_demand` or
     `compute_rail_demand` returns. Q is the predicted flow at the instant when the command acts. Q̄
     is the mean flow of the n pumps. ΣQ is the whole flow into the rail, including that of idle
-    pumps that still coast. All pumps on the rail get the same command. So their flows become equal
-    with the pumps' own lag, without a disturbance of the sum.
+    pumps that have not stopped yet. All pumps on the rail get the same command. So their flows
+    become equal with the pumps' own lag, while the sum follows Q_ref.
 
     Commands are limited to 0 … Q_max. The command is 0 for idle modules, and for lent modules that
     do not feed the rail yet. A module is lent if it serves an actuator other than its own.

@@ -487,11 +487,11 @@ def evaluate_valve_window(
     The noise of a window has three parts: `length_deviation`, the share `stroke_deviation` of the
     stroke, and the stroke that corresponds to the spool's lag behind its command.
 
-    A window is surprising if the reference moves, the line had that pressure, and the piston lags a
-    lot. Its stroke is then below the prediction by more than `surprise` standard deviations, and
-    below `min_gain` times the prediction. Such a window is not used until there are `min_surprises`
-    of them in sequence. The most likely cause is then overlap, which rises to the value that
-    explains the lag.
+    A window is surprising if the reference moves, the line had that pressure, and the stroke is
+    much too short: below the prediction by more than `surprise` standard deviations, and below
+    `min_gain` times the prediction. Such a window is not used until there are `min_surprises` of
+    them in sequence. The most likely cause is then overlap, which rises to the value that explains
+    the lag.
 
     Args:
         valves: Estimates, updated in place: `surprises` of the valve, and after an update all g,

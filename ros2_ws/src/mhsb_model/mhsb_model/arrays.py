@@ -147,9 +147,7 @@ def make_machine_arrays(config: MachineConfig) -> MachineArrays:
 
         K √Δp_k / A
 
-    Δp_k is the largest pressure drop that a pressure compensator leaves to a metering edge, inf
-    without compensators. At this speed, the flow of the cap side (area A) takes the fully open
-    edge.
+    Δp_k is the largest pressure drop that a pressure compensator leaves to a metering edge.
 
     Args:
         config: Content of the machine file.

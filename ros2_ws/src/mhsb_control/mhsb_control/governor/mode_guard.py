@@ -120,8 +120,8 @@ class ModeGuard:
 
         Args:
             scheduled: Modes that the plan has at present, uint8[n].
-            prepared: The stronger of the plan's present mode and its mode at the preview point, for
-                each actuator, uint8[n]. The governor gets a copy.
+            prepared: The stronger of the plan's present mode and its mode at the preview point (a
+                fixed time ahead), for each actuator, uint8[n]. The governor gets a copy.
             in_force: Modes that are in force, uint8[n].
         """
         self._state.scheduled[:] = prepared

@@ -376,14 +376,13 @@ def compute_reserves(g: GovernorState) -> None:
     """Filter the measurements, and compute pressure reserves and the tip error.
 
     The needed pressure of an actuator is the load pressure plus the drop over the fully open valve.
-    It is computed for two speeds: the reference's present speed as if the plan were not slowed, and
-    its speed shortly ahead (point START_PREVIEW_POINT). It is 0 for a speed of nearly 0, since the
-    closed valve then holds the load. Both needed pressures are 0 if the piston is at an end stop.
+    It is computed for two speeds of the reference: the present one, as if the plan were not slowed,
+    and one shortly ahead (START_PREVIEW_POINT). It is 0 up to MOVING_SPEED or STARTING_SPEED, since
+    the closed valve then holds the load, and at an end stop.
 
-    If an actuator has yielded to its load and the tip error is above `lift_error_ratio` usual
-    errors, the actuator must lift the load back. The pressure that it needs at present is then at
-    least the holding pressure plus `lifting_pressure`. This does not apply to a slew, which carries
-    no weight.
+    If an actuator has yielded to its load and the tip error is above `lift_error_ratio` times
+    `usual_error`, the actuator must lift the load back. It then needs at least the holding pressure
+    plus `lifting_pressure` at present. A slew carries no weight and is excepted.
 
     Results for each actuator:
 
