@@ -507,8 +507,8 @@ def combine_with_port_valve(circuit: Circuit, edge: float, chamber: int, outside
 
         k = k₁ k₂ / √(k₁² + k₂²)
 
-    Oil that flows into the chamber passes the port valve without loss: then k = k₁. A compensator
-    that keeps a drop Δp_k over the edge throttles above Δp_k (k₁/k)².
+    Oil that flows into the chamber passes the port valve without loss: then k = k₁. At the same
+    flow, a drop Δp over the edge alone is Δp (k₁/k)² over both.
 
     Args:
         circuit: The circuit.

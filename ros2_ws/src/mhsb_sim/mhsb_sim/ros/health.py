@@ -104,8 +104,8 @@ class Health:
 
         Returns:
             Tuple: whether the simulation is halted, phase of the supervision, time of the last stop
-            [ns], whether the valves are closed, lost booster modules. For each warning but that on
-            duplicate publishers, it also says whether the warning was present within the last
+            [ns], whether the valves are closed, lost booster modules. Then, for each warning except
+            the one on duplicate publishers: whether it was present within the last
             `WARNING_HOLD_NS`. The last element is the text on duplicate publishers.
         """
         arm = self._arm

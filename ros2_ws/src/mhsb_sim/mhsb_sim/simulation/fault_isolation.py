@@ -371,6 +371,10 @@ class DisagreeingValve:
     def evaluate(self, sample: ArmSample) -> Finding:
         """Find the piston with the largest stroke that its valve's opening does not explain.
 
+        The measured speed is compared with the range of speeds that opening and pressures explain.
+        The part beyond this range and its tolerances is integrated to a stroke, which decays with
+        the time constant `forgetting_time`.
+
         Args:
             sample: State of the arm. Only `sensed` (sensor readings) is read.
 

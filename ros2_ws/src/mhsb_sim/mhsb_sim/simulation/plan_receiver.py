@@ -165,8 +165,9 @@ class PlanReceiver:
     def open(self) -> None:
         """Take plans again after `close`.
 
-        Only plans with a stamp later than the present time of plans are taken. Others are refused,
-        and the reason in their reports is RESET.
+        Only plans with a stamp later than the present time of plans are taken. This is simulated
+        time minus the delay that speed scaling has caused. Other plans are refused, with the reason
+        RESET in their reports.
         """
         self._fault = ""
         self._void_until_ns = self._target.plan_time_ns
@@ -331,10 +332,10 @@ class PlanReceiver:
     def _hand_over(self, pair: PendingPlan) -> HandOverReport:
         """Apply a complete plan if it continues the reference, else refuse it.
 
-        At the present time of plans, each joint's position and velocity of the new plan are
-        compared with those of the plan in force. The new plan continues the reference if no
-        difference exceeds `MAX_HAND_OVER_JUMP`. Velocities are compared at full speed: speed
-        scaling (slower execution) does not count.
+        Position and velocity of each joint are compared between the new plan and the plan in force,
+        at the present time of plans. This is simulated time minus the delay that speed scaling
+        (slower execution) has caused. The new plan continues the reference if no difference exceeds
+        `MAX_HAND_OVER_JUMP`. Velocities are compared at full speed, without speed scaling.
 
         Args:
             pair: The complete plan, which is due.
