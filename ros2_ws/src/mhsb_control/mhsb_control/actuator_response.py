@@ -243,8 +243,8 @@ class InverseCurve:
         Args:
             speed: Measured speed ≥ 0 [m/s].
             command: Command, 0 … 1.
-            weight: Weight of this pair of speed and command, above 0 … 1. It is 1 if the pair is
-                independent of earlier pairs, and less if its time window overlaps theirs.
+            weight: Weight of this pair of speed and command, above 0 and at most 1. It is 1 if the
+                pair is independent of earlier pairs, and less if its time window overlaps theirs.
             spread: Standard deviation of the command, since it changes within the time window.
         """
         self._stood = 0.0
@@ -301,8 +301,8 @@ class InverseCurve:
 
         Args:
             command: Command, 0 … 1.
-            weight: Weight of this observation, above 0 … 1; 1 for an observation that shares no
-                measurement with others.
+            weight: Weight of this observation, above 0 and at most 1. It is 1 for an observation
+                that shares no measurement with others.
         """
         if self.commands[0] < command < self._settings.max_dead_band:
             s = self._settings

@@ -308,8 +308,8 @@ def predict_line_volumes(s: ServoArguments, p: PumpState) -> None:
     the cylinder force up to the preview point, positive in the direction of motion [N]. The term
     with ΔF is the oil that compresses the chamber. It is divided evenly among the points up to the
     preview point at which the piston moves. v is computed with moment arms that are linear in the
-    joint position about point PREVIEW_POINT. A line gets zeros if it is not joined to the rail and
-    no module serves its actuator.
+    joint position about the preview point. A line gets zeros if it is not joined to the rail and no
+    module serves its actuator.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `line_flow` and

@@ -102,7 +102,7 @@ class MachineArrays(NamedTuple):
 def collect_actuator_values(config: MachineConfig, name: str) -> FloatArray:
     """Return one value for each actuator.
 
-    An actuator without an own value in the file gets the common value of all actuators.
+    An actuator that has no value of its own in the file gets the value common to all.
 
     Args:
         config: Content of the machine file.
@@ -143,11 +143,9 @@ def make_machine_arrays(config: MachineConfig) -> MachineArrays:
     """Convert a configuration into the flat arrays that kernels take.
 
     If joint 1 slews, its link is the platform, whose length, mass and inertia in the plane are 0.
-    Each actuator's V_max is the smallest of its own limit, the common limit, and
-
-        K √Δp_k / A
-
-    Δp_k is the largest pressure drop that a pressure compensator leaves to a metering edge.
+    Each actuator's V_max is the smallest of its own limit, the common limit, and K √Δp_k / A. The
+    last is the speed at full opening with pressure compensators. K is the valve coefficient, Δp_k
+    the compensators' pressure drop (inf without compensators) and A the cap-side area.
 
     Args:
         config: Content of the machine file.

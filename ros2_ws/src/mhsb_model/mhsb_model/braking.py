@@ -86,7 +86,7 @@ def retime_along(
     path_rate: FloatArray,
     path_rate_slope: FloatArray,
 ) -> Trajectory:
-    """Compute a motion that follows the path of a trajectory with another timing and ends at rest.
+    """Compute a motion that follows the path of a trajectory with a new timing and ends at rest.
 
         q(t) = Q(σ(t)),  q̇ = Q′ σ̇,  q̈ = Q″ σ̇² + Q′ σ̈
 

@@ -522,9 +522,9 @@ class Machine:
 
         Args:
             position: (x, z), or (x, y, z) if joint 1 slews [m].
-            preferred_slew: Preferred angle of the slew [rad]. If several angles within the limits
-                point to the position, the one nearest to it is taken. If the position is on the
-                slew's axis, the preferred angle itself is returned.
+            preferred_slew: Preferred angle of the slew [rad]. Of the angles within the limits at
+                which the arm faces the position, the nearest to this one is taken. If the position
+                is on the slew's axis, this angle itself is returned.
 
         Returns:
             Position in the plane, and the slew's angle (None if the arm does not slew).
@@ -710,9 +710,9 @@ class Machine:
     def curve_limits(self) -> CurveLimits:
         """Position, speed, acceleration and jerk limits of a received trajectory, for each joint.
 
-        They are derived from payload, supply pressure and joint ranges of the machine file, also
-        for a copy with other values (made by `changed`). The arm that receives the trajectory knows
-        only its file.
+        They are derived from payload, supply pressure and joint ranges of the machine file, as the
+        arm that receives the trajectory knows only its file. A copy with other values (made by
+        `changed`) has the same limits.
         """
         arrays = make_machine_arrays(self.config)._replace(**self._own_file_rating._asdict())
         rated = Machine(self.config, arrays)

@@ -40,15 +40,15 @@ def convert_to_plane(m: MachineArrays, position: Position, preferred_slew: float
     """Convert a position in `base_link` into the arm's plane, and find the slew angle for it.
 
     A slewing arm moves in a vertical plane that its joint 1 turns. Positions in the plane have
-    their origin at joint 2.
+    their origin at joint 2. The slew angle is one at which the arm faces the position. The arm is
+    never turned away to reach behind itself.
 
     Args:
         m: Arrays of the machine.
         position: (x, z), or (x, y, z) if joint 1 slews [m].
-        preferred_slew: Preferred angle of the slew [rad]. All angles that turn the arm's front to
-            the position differ by whole turns; the arm is never turned away to reach behind itself.
-            Of those within the limits, the one nearest to the preferred angle is taken. If the
-            position is on the slew's axis, the preferred angle itself is returned.
+        preferred_slew: Preferred angle of the slew [rad]. The angles at which the arm faces the
+            position differ by whole turns. Of those within the limits, the nearest to this one is
+            taken. If the position is on the slew's axis, this angle itself is returned.
 
     Returns:
         Position in the plane, and the slew's angle. If the arm does not slew, the position is

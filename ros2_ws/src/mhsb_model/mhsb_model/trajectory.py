@@ -295,10 +295,9 @@ def sample_states_at_shares(
     rows: IntArray,
     shares: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Evaluate a trajectory once for each pair of an interval and a share of its duration.
+    """Evaluate a trajectory at given shares of given intervals between its points.
 
-    Between two points the trajectory is the quintic polynomial that joins their states. Tests
-    compare the result with `Trajectory.sample_many`.
+    Between two points the trajectory is the quintic polynomial that joins their states.
 
     Args:
         time: Times of the points, increasing, shape (points,) [s].

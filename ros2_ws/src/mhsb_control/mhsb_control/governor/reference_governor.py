@@ -469,7 +469,7 @@ def update_alpha_beta_filter(
         rate: Its rate of change ẋ before the step [unit of the value per second].
         measured: New measurement.
         step: Time h since the last measurement, above 0 [s].
-        alpha: Gain α, above 0 … 1.
+        alpha: Gain α, above 0 and at most 1.
 
     Returns:
         New value x' and new rate ẋ'.

@@ -36,8 +36,8 @@ def compute_settling_time(machine: Machine) -> float:
 def compute_dead_time(machine: Machine) -> float:
     """Compute how long before a plan's start the servo must know the plan.
 
-    A servo without pressure sensors sends its commands this long ahead of the plan. It has to know
-    the plan by then, so commit horizons are longer by this time.
+    A servo without pressure sensors sends its commands this long ahead of the plan. So it must
+    receive a new plan earlier by this time.
 
     Args:
         machine: The machine as declared in its file (the real one may differ).

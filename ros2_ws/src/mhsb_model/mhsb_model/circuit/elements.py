@@ -139,7 +139,7 @@ def compute_relief_valve_flow(gain: float, drop: float, setting: float) -> tuple
 def compute_main_pump_flow(
     max_flow: float, setting: float, droop: float, pressure: float
 ) -> tuple[float, float]:
-    """Compute the flow to which the regulator sets the main pump, to hold its outlet pressure.
+    """Compute the flow that the main pump's pressure regulator demands.
 
         Q = Q_max (p_set − p)/droop, limited to 0 … Q_max
 
@@ -328,11 +328,13 @@ def compute_valve_opening(spool: float, overlap: float, exponent: float = 1.0) -
 
 @kernel(inline="always")
 def apply_valve_curve(opening: float, curve: FloatArray) -> float:
-    """Bend the opening of a valve by the curve that its machine file declares.
+    """Map the opening of a valve through the curve that its machine file declares.
 
     The curve is piecewise linear. With points (ξ_i, y_i) and ξ_i ≤ |ξ| ≤ ξ_(i+1):
 
         sign(ξ) (y_i + (|ξ| − ξ_i) (y_(i+1) − y_i)/(ξ_(i+1) − ξ_i))
+
+    |ξ| beyond 1 counts as 1.
 
     Args:
         opening: Opening ξ of a valve with a straight curve, −1 … 1 (`compute_valve_opening`).

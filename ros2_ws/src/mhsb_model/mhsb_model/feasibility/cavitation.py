@@ -49,10 +49,11 @@ def find_cavitating(
 ) -> np.ndarray:
     """Return whether each load empties the inlet chamber of its actuator.
 
-    The supply line is taken to be at the main pump's pressure; boost, which would fill the chamber
-    better, is neglected. Pressure compensators with the drop Δp_k fill the chamber with p =
-    min(P_S, Δp_k). They also limit the flow to the tank: a retracting piston does not cavitate if
-    Δp_k ≤ p (A/a)².
+    The supply line is taken to be at the main pump's pressure P_S. Boost is neglected, although it
+    would fill the chamber better. A valve with pressure compensators fills the chamber with the
+    pressure drop p = min(P_S, Δp_k), where Δp_k is the compensators' drop. Compensators also limit
+    the flow to the tank. So a retracting piston does not cavitate if Δp_k ≤ p (A/a)², with the
+    cap-side area A and the rod-side area a.
 
     Args:
         machine: Machine with n actuators.

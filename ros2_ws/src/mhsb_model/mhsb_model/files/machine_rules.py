@@ -102,7 +102,8 @@ def _check_joint_kinds(config: MachineConfig) -> list[str]:
 def _check_valve_curves(config: MachineConfig) -> list[str]:
     """Check that the curves of the valves rise from (0, 0) to (1, 1).
 
-    Both columns must increase from each point to the next. The curve then has an inverse.
+    From each point to the next, both the share of the stroke and the share of the opening must
+    increase. The curve then has an inverse.
 
     Args:
         config: Content of a machine file.

@@ -36,7 +36,7 @@ from mhsb_model.types import FloatArray, IntArray, frozen
 def find_telescope_postures(m: MachineArrays, x: float, z: float, psi: FloatArray) -> FloatArray:
     """Find postures within limits for a tip position and given end-link angles, with telescopes.
 
-    Each telescope's extension takes INNER_SAMPLES even values from limit to limit, in all
+    Each telescope's extension takes INNER_SAMPLES evenly spaced values from limit to limit, in all
     combinations. There are two special cases. If only two joints are revolute, the last telescope
     is not sampled: its extension follows from the tip position. If more than three joints are
     revolute, the angles of all but the last three are sampled, too. So the result is complete only

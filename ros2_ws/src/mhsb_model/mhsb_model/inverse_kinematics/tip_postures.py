@@ -458,7 +458,7 @@ def solve_posture_with_held_joints(
 
 @kernel(borrows=True)
 def find_closure_side(m: MachineArrays, q: FloatArray, i: int, j: int) -> int:
-    """Return the argument `side` with which `close_chain` would return a given posture.
+    """Return the value of `side` for which `close_chain` reproduces a given posture.
 
     `close_chain` moves joints i and j so that the tip is at a point, and `side` selects one of two
     solutions. The result is 1 in these cases, else −1:
@@ -509,8 +509,8 @@ def find_nearest_posture(
     """Find a posture with the tip at a point by moving two joints of a given posture.
 
     All pairs of joints are tried. The other joints keep their given positions, or the nearest limit
-    if these are outside the limits. The result is the solution whose largest change of any joint is
-    smallest. In this comparison 1 m counts as 1 rad.
+    if these are outside the limits. For each solution the largest change of a joint is computed,
+    where 1 m counts as 1 rad. The solution for which it is smallest is the result.
 
     Args:
         m: Planar machine (without a slewing joint).

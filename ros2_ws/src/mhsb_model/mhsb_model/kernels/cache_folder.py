@@ -97,7 +97,8 @@ def kernel_cache_folder() -> Path:
     """Return the cache folder that belongs to the present sources and NumPy version.
 
     It is `mhsb/kernels/FINGERPRINT-NUMPY` in $XDG_CACHE_HOME, or in ~/.cache if that is not set or
-    not absolute.
+    not absolute. FINGERPRINT is the result of `fingerprint_of_kernel_sources`, and NUMPY the
+    version of NumPy.
 
     Returns:
         Path of the folder, which need not exist.

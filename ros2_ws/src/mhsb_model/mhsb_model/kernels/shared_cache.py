@@ -53,8 +53,10 @@ class SharedDispatcher:
         Args:
             dispatcher: Numba dispatcher, changed in place. If it has no cache folder, nothing is
                 checked. Unless `is_inner`, its method `compile` then holds the kernel's file lock.
-                Numba calls this method for each new version, so calls lock nothing else.
-            is_inner: Whether only other kernels call it. They call `run_locked`.
+                Numba calls this method only for a new version, so a call of a compiled version
+                needs no lock.
+            is_inner: Whether only other kernels call the kernel. The lock is then taken by the
+                caller, through `run_locked`.
         """
         self.dispatcher = dispatcher
         path = dispatcher.stats.cache_path

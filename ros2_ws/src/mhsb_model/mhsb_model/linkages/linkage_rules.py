@@ -49,9 +49,9 @@ def check_linkages(config: MachineConfig) -> list[str]:
 def _check_assembly(path: str, joint: AnyJoint) -> list[str]:
     """Check that a four-bar can be assembled and stays away from its locking position.
 
-    It locks if rocker and coupler are in one line. Their lines must be at least
-    SMALLEST_TRANSMISSION_ANGLE apart at all angles of a grid between the joint's limits. Only the
-    worst angle is reported. Other kinds of linkages have no such rule.
+    It locks if rocker and coupler are in one line. The angle between their lines must be at least
+    SMALLEST_TRANSMISSION_ANGLE for all joint angles of a grid between the limits. Only the joint
+    angle with the worst value is reported. Other kinds of linkages have no such rule.
 
     Args:
         path: Path of the joint in the file, such as `joints.0`.

@@ -243,10 +243,11 @@ def _get_box(rows: FloatArray, k: int) -> BoxInPlane:
 def row_clearance(
     m: MachineArrays, rows: FloatArray, k: int, q: FloatArray, joint: FloatArray
 ) -> float:
-    """Compute the clearance between the obstacle and the link, or the tip, of one table row.
+    """Compute the clearance that one row of the obstacle table describes.
 
-    The clearance is the signed distance between the obstacle and the link's line, minus the value
-    in column RADIUS_COLUMN. This value is the link's radius, or 0 for the tip alone. In the rows of
+    A row names an obstacle, and the link (or the tip alone) that must keep clear of it. The
+    clearance is the signed distance between the obstacle and the link's line, minus the value in
+    column RADIUS_COLUMN. This value is the link's radius, or 0 for the tip alone. In the rows of
     `Obstacles.path_rows` a margin is added to it.
 
     Args:

@@ -52,9 +52,9 @@ def compute_shadows(
 
     A shadow is an obstacle in the arm's plane. It covers the points of the plane that are in the
     zone at any of these slew angles. A zone has up to two shadows, one ahead of the slew's axis and
-    one behind it. It has none if the plane does not reach it. The range of angles is widened a
-    little, so that links with a radius keep clear of zones beside the plane. The widening is
-    computed from link radii that include the margin of discrete paths.
+    one behind it. It has none if the plane does not reach it. The range of angles is widened, so
+    that links with a radius keep clear of zones beside the plane. The widening is computed from
+    link radii that include the margin of discrete paths.
 
     Args:
         zones: Obstacles of the slewing arm; those in its plane are ignored.
@@ -115,8 +115,8 @@ def _project_zone(
         row: Zone in space, a row of the obstacle table, float64[ROW_WIDTH].
         offset: Distance of joint 2 ahead of the slew's axis [m].
         side: 1 for the part of the plane ahead of the axis, −1 for the part behind it.
-        distances: Least and greatest horizontal distance from the slew's axis that the part of the
-            zone within the plane's reach has [m]. Not used for a sphere.
+        distances: Least and greatest horizontal distance of the zone from the slew's axis, within
+            the sector that the plane sweeps [m]. Not used for a sphere.
 
     Returns:
         Row of a circle (for a sphere) or a box in the plane, float64[ROW_WIDTH]. Its link index is

@@ -146,14 +146,14 @@ class Zones:
         return cls(**{field.name: collect_numbers(field.name) for field in fields(cls)})
 
     def with_added(self, **more: Iterable[Sequence[float]]) -> Zones:
-        """Return a copy of these zones with further ones behind them.
+        """Return a copy of these zones with further zones added at the end.
 
         Args:
             **more: Further zones, each as numbers [m], by the name of a field of this class, such
                 as `boxes`. Other names are ignored.
 
         Returns:
-            New zones; in each field the further ones come last.
+            New zones; in each field the further zones come last.
         """
         own = {field.name: getattr(self, field.name) for field in fields(self)}
         both = {name: (*zones, *map(tuple, more.get(name, ()))) for name, zones in own.items()}
