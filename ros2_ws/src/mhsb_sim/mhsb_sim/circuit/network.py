@@ -96,6 +96,9 @@ def add_to_linear_system(
 ) -> None:
     """Add the flow of one element between two nodes to the linear system of a substep.
 
+    The flow is subtracted from the inflow of node i and added to that of node j. The slope is added
+    to both diagonal entries of G and subtracted from the two entries between i and j.
+
     Args:
         inflow: Net flow into each node [m³/s]. Updated in place.
         conductance: Matrix G of the linear system, float64[nodes, nodes], [m³/(s Pa)]. Updated in
@@ -252,7 +255,8 @@ def set_rest_pressures(circuit: Circuit, machine: Machine, q: FloatArray, modes:
 
     Each line is at the main pump's pressure. A line of an actuator in DB or SB is at the pressure
     that holds the load with the boost margin, if this is higher. The rail has the highest pressure
-    of its lines: those of the actuators in SB. The join valves of these actuators are open.
+    of the lines in SB, or the main pump's pressure if none is in SB. The join valves of the
+    actuators in SB are open.
 
     Args:
         circuit: Circuit, updated in place: `pressure`, `cavity` and, of the actuators, `force` and
@@ -517,7 +521,8 @@ def combine_with_port_valve(circuit: Circuit, edge: float, chamber: int, outside
         outside: Node at the other end of the edge.
 
     Returns:
-        Coefficient k [m³/(s √Pa)]; 0 if edge or port valve is shut.
+        Coefficient k [m³/(s √Pa)]. It is 0 if the edge is shut, or if oil would flow out of the
+        chamber while the port valve is shut.
 
     Source:
         H. E. Merritt, Hydraulic Control Systems (orifices in series).

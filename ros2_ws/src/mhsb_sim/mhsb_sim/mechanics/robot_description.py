@@ -40,12 +40,12 @@ def build_robot_description(machine: Machine) -> str:
     Cylinders are not part of the URDF. The effort limit of a joint is the torque of its cylinder at
     supply pressure P_S. The larger piston area A and the longest moment arm r are taken:
 
-        τ = P_S A max |r(q)|    [N m, or N of telescopes]
+        τ = P_S A max |r(q)|    [N m, or N for telescopes]
 
     The velocity limit is the largest joint speed at which the piston keeps V_max, its allowed
     speed, in every posture:
 
-        q̇ = V_max / max |r(q)|    [rad/s, or m/s of telescopes]
+        q̇ = V_max / max |r(q)|    [rad/s, or m/s for telescopes]
 
     The frames `tip` (with the payload) and `work_plane` are added as links on fixed joints.
 

@@ -48,10 +48,11 @@ class Pacer:
     def compute_due_ns(self, clock_ns: int, sim_ns: int) -> int:
         """Compute the simulated time up to which to simulate now, and update `lag_ns` and `lags`.
 
-        The node calls it each time it wakes. Without a lag, the result is the simulated time that
-        belongs to the clock time. While there is a lag, simulated time advances faster, by the
-        factor CATCH_UP at most. At most LONGEST_WAKE_NS of clock time counts for one call. The part
-        of a lag beyond LARGEST_LAG_NS is given up: the reference instant is moved.
+        The node calls it each time it wakes. The result is the simulated time that belongs to the
+        clock time. At most CATCH_UP × `factor` × (clock time since the last call) is simulated. At
+        most LONGEST_WAKE_NS of clock time counts for one call. The part of a lag beyond
+        LARGEST_LAG_NS is given up: the reference instant is moved by it. `lags` becomes True above
+        a lag of LAGS_NS, and False again at KEEPS_UP_NS.
 
         Args:
             clock_ns: Present time of the steady clock [ns].

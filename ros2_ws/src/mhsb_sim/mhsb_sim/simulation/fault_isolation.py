@@ -203,8 +203,8 @@ class FrozenLength:
             sample: State of the arm.
 
         Returns:
-            Stroke of this piston's reference from the last reading that differed to the newest
-            reading [m], and a clause that names the sensor.
+            Stroke of this piston's reference [m], and a clause that names the sensor. The stroke is
+            counted up to the newest reading, from the first reading with the same value.
         """
         sensed = sample.sensed
         if sensed.reading_ns != self._reading_ns:
@@ -230,9 +230,9 @@ def compute_frozen_length_time(machine: Machine, limit: float) -> float:
 
     Returns:
         Longest time from the last sound reading to the finding [s]. It consists of n periods of
-        readings and one watch period. n is the smallest number for which the stroke exceeds
-        `limit`. The time is infinite if the sensors have no noise, since supervision does not
-        examine them.
+        readings and one watch period. n is the smallest number of periods in which the fastest
+        piston moves farther than `limit`. The time is infinite if the sensors have no noise, since
+        supervision does not examine them.
     """
     if not compute_length_errors(machine).noise.any():
         return math.inf
@@ -264,8 +264,10 @@ class JumpingLength:
             sample: State of the arm. Only `sensed` (sensor readings) is read.
 
         Returns:
-            Magnitude of this change divided by the sum of longest stroke and noise [-], and a
-            clause that names the sensor. The value is 0 in the first sample.
+            Magnitude of this change divided by the largest change of a sound sensor [-], and a
+            clause that names the sensor. The largest change is `farthest_jump` for each watch
+            period between the readings, plus JUMP_NOISE_FACTOR standard deviations of the noise of
+            a difference. The value is 0 in the first sample.
         """
         now, before = sample.sensed, self._before or sample.sensed
         self._before = now

@@ -165,7 +165,9 @@ class LengthErrors(NamedTuple):
 
 
 def select_length_class(fitted: Sensors) -> SensorClass:
-    """Return the class of the length sensors, with the deviations that the file names itself.
+    """Return the class of the length sensors, with the values of the machine file.
+
+    Noise, offset and drift of angles in the file replace those of the class.
 
     Args:
         fitted: Sensors of the machine file.
@@ -184,8 +186,9 @@ def compute_length_errors(machine: Machine) -> LengthErrors:
 
         σ_L = σ_q max |r|
 
-    σ_q is the deviation for the joint angle, and r the moment arm of the joint. Noise that neither
-    the class of the sensors nor the file gives for angles is `servo.length_noise`.
+    σ_q is the standard deviation for the joint angle, of noise, offset or drift. r is the moment
+    arm of the joint. If neither the file nor the class of the sensors gives a noise of the angle,
+    the noise of the length is `servo.length_noise`.
 
     Args:
         machine: The machine; its file names the class of its length sensors.

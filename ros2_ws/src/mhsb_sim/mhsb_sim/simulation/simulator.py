@@ -482,8 +482,8 @@ class Simulator:
         """Decelerate along the path of the plan in force, then hold; no effect without a plan.
 
         While the arm decelerates, the modes do not change. Each actuator has its prepared mode: the
-        mode in force, or already a boosted mode that was about to begin. At rest, the arm gets
-        modes that hold its load there.
+        mode in force, or a boosted mode that was to begin before the preview point. At rest, the
+        arm gets modes that hold its load there.
         """
         now = self.plan_time_ns
         if not self._reference.executes_plan(self._time_ns):
