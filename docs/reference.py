@@ -262,8 +262,9 @@ INTERFACES: dict[str, tuple[str, ...]] = {
         "mhsb_planner.errors.NoPathError",
     ),
     "For a controller": (
-        "mhsb_control.controller.Controller: gains_section usual_error preview __init__ estimates "
-        "update",
+        "mhsb_control.controller.Controller: gains_section usual_error preview reads_pressures "
+        "supervision_limits __init__ estimates update",
+        "mhsb_control.controller.LearningController",
         "mhsb_control.controller.ServoSignals",
         "mhsb_control.controller.ActuatorReadings",
         "mhsb_model.circuit.components.Components",

@@ -115,23 +115,28 @@ class ServoSignals:
 class Controller(Protocol):
     """Interface of a servo controller, which commands valve openings and servo pump flows.
 
-    A controller follows a position reference. Two attributes are optional. `reads_pressures =
-    False` says that the controller reads no pressures. `supervision_limits` gives other limits of
-    supervision than the usual ones, for a controller that follows less closely. It maps names of
-    symptoms to pairs (value to warn, value to stop the arm). A controller that learns the response
-    of its actuators may also be a `LearningController`.
+    A controller follows a position reference. A controller that learns the response of its
+    actuators may also be a `LearningController`.
+
+    Attributes:
+        reads_pressures: Optional. False admits machines without pressure sensors; studies of other
+            machines then leave the controller out.
+        supervision_limits: Optional, for a controller that follows less closely than others. Pairs
+            (value to warn, value to stop the arm) by the name of the symptom, such as
+            `{"following_error": (0.15, 0.5)}`.
     """
 
     gains_section: type[Section]
-    """Schema of its section of the machine file: each gain with range, unit and default.
-
-    `tune` searches the gains that are in the schema's `search_ranges`, if it has them."""
+    """Schema of its section of the machine file: each gain with range, unit and default. Its
+    `search_ranges` are the gains that `tune` searches; without them the controller is left out."""
 
     usual_error: float
-    """Normal distance of the tip from its reference, for an arm of the paper's size [m]."""
+    """Normal distance of the tip from its reference, for an arm of the paper's size [m]. It is
+    scaled to other arms, and the reference governor slows down by it."""
 
     preview: float
-    """Time by which modes are prepared in advance [s]. The reference reaches further ahead."""
+    """Time by which modes are prepared in advance [s], 0 if none are. The reference reaches further
+    ahead. A gain of this name also lengthens the charging in plans, for all controllers."""
 
     def __init__(self, machine: Machine, signals: ServoSignals, gains: Any) -> None:
         """Bind the controller to the signals that `update` will work on.

@@ -137,7 +137,9 @@ def kernel(
             arrays, which saves 0.7 µs for a call with a tuple of fifty arrays.
         reads: Promise that the function writes to no argument and returns none. Other kernels then
             share one version of it for writable and read-only arrays.
-        **options: Further options of `numba.njit`.
+        **options: Further options of `numba.njit`. `forceinline=True` compiles a function once and
+            copies its code into each caller. `inline="always"` compiles it again at each call,
+            which pays for functions that are called once.
 
     Returns:
         The `Kernel`, or the decorator if `function` is None.

@@ -193,9 +193,19 @@ class PathPlanner(Protocol):
     ) -> Iterator[PathProposal]:
         """Propose paths from the request's departure to its goal: one early, then cheaper ones.
 
-        The departure is the posture at rest where the path begins. The consumer may stop at any
-        time. A planner checks `progress.search_deadline` about every millisecond. After this
-        deadline it yields what it has found and ends.
+        The departure is the posture at rest where the path begins. If the arm is at the goal
+        already (`begins_at_goal`), the planner yields a path without steps. A path starts within
+        1e-9 rad of the departure and ends at the goal or in its region. Joints move linearly in a
+        step, so no cylinder should move more than some 5 mm in one.
+
+        A motion is fitted to each path before the next one is asked for. The consumer may stop at
+        any time. A planner calls `progress.search_deadline.check` about every millisecond; its
+        error ends the search, and the motions found so far are kept. An error after a path is only
+        logged.
+
+        `price_path` chooses modes and computes costs. The cost of any other path counts the energy
+        reading of the options, and w3 for each switch, also for those into the first step. It
+        counts w4 for the manipulability loss. Both energies are filled in.
 
         Args:
             graph: The machine, its posture table, and the steps between the table's postures.
