@@ -21,8 +21,8 @@ def find_cavitations(machine: Machine, motion: Trajectory) -> tuple[Cavitation, 
 
     An actuator cavitates if the load drives the piston faster than oil at the main pump's pressure
     fills the inlet chamber. Boost is neglected. Loads are gravity forces without inertia. Only the
-    trajectory's points are checked, not the times between them. A piston that is not faster than
-    MAX_HELD_SPEED does not cavitate, since its closed valve holds it.
+    trajectory's points are checked, not the times between them. A piston up to the
+    speed MAX_HELD_SPEED does not cavitate, since its closed valve holds it.
 
     Args:
         machine: Machine with its payload and hydraulics.
@@ -43,16 +43,16 @@ def find_cavitating_steps(machine: Machine, path: DiscretePath) -> np.ndarray:
     An actuator cavitates if the load drives the piston faster than oil at the main pump's pressure
     fills the inlet chamber. Boost is neglected. Loads are gravity forces without inertia. Joint
     velocities are taken as constant within a step. Each step is checked at three postures: start,
-    middle and end. A piston that is not faster than MAX_HELD_SPEED does not cavitate, since its
-    closed valve holds it.
+    middle and end. A piston up to the speed MAX_HELD_SPEED does not cavitate, since its closed
+    valve holds it.
 
     Args:
         machine: Machine with its payload and hydraulics.
         path: Discrete path of k steps.
 
     Returns:
-        True if the actuator cavitates at one or more of the three postures of the step, shape
-        (k, n).
+        Boolean array, shape (k, n), one row for each step and one column for each actuator. True if
+        the actuator cavitates at one of the three postures or at several.
     """
     start, end = path.posture[:-1], path.posture[1:]
     velocity = (end - start) / path.duration[:, None]

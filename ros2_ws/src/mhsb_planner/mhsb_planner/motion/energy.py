@@ -118,7 +118,7 @@ def compute_motion_energy(
     trajectory: Trajectory,
     schedule: ModeSchedule,
 ) -> Energy:
-    """Compute the energy of a trajectory in the modes of its schedule, leakage included.
+    """Compute the energy of a trajectory with its mode schedule, leakage included.
 
     The trajectory is divided into intervals at its points and at the mode switches. The power of
     each half of an interval is integrated by the trapezoidal rule.
@@ -183,8 +183,8 @@ def _add_charging(
         modes: Mode codes of k intervals, shape (k, n).
 
     Returns:
-        Energy with charging [J]. The shaft work of the charging is added to `servo_pumps`, and its
-        losses are added to `servo_pump_losses`.
+        Energy with charging [J]. The shaft work of the charging is added to `servo_pumps`. The part
+        that efficiency and slip take is added to `servo_pump_losses`.
     """
     charging, slipped = compute_charging(machine, profile.speed, profile.force, modes)
     losses = (1.0 - machine.arrays.servo_pump_efficiency) * charging + slipped
@@ -199,7 +199,8 @@ def compute_charging(
 
     A boost begins in an interval whose mode is boosted if the mode of the previous interval is not.
     The pressure in the actuator's line must then rise from the main pump's to the boosted pressure.
-    A boost that is in force in the first interval costs nothing.
+    The line has this pressure already for a time before the boost. The oil that cylinder, valve and
+    pump gaps take in this time counts, too. A boost in force in the first interval costs nothing.
 
     Args:
         machine: Machine with its circuit and servo settings.
@@ -244,7 +245,7 @@ def _compute_profiles(
 
 
 def _find_interval_limits(trajectory: Trajectory, schedule: ModeSchedule) -> IntArray:
-    """Divide a trajectory into intervals in which motion and modes are smooth.
+    """Divide a trajectory into intervals with smooth motion and constant modes.
 
     The limits of the intervals are the trajectory's points and the mode changes between them.
     Intervals longer than `MAX_POINT_SPACING_NS` are divided into equal parts.
@@ -274,7 +275,7 @@ def compute_energy_of_states(
     modes: ModeArray,
     acceleration: FloatArray | None = None,
 ) -> Energy:
-    """Compute the energy of a sequence of states of motion.
+    """Compute the energy of successive motion states.
 
     Each state lasts a given time, during which all powers are constant.
 
@@ -308,7 +309,7 @@ def _sum_state_energies(
     inertia: FloatArray,
     modes: ModeArray,
 ) -> FloatArray:
-    """Compute the energy of a sequence of states of motion, without the charging of lines.
+    """Compute the energy of successive motion states, without the charging of lines.
 
     Each state lasts a given time, during which all powers are constant.
 
@@ -322,8 +323,8 @@ def _sum_state_energies(
 
     Returns:
         Energies in the order of the fields of `Energy`, shape (7,) [J]: total by the published
-        model (`paper`), main pump, shafts of the servo pumps, losses of the servo pumps, leakage,
-        work on the loads, oil to the tank.
+        model (`paper`), main pump, shafts of the servo pumps, losses of the servo pumps, leakage
+        through valves, work of the pistons against gravity, oil that flows to the tank.
     """
     energy, power, own = (
         np.zeros(ENERGY_FIELD_COUNT),
@@ -366,8 +367,9 @@ def _integrate_power(
 
     Returns:
         Energies in the order of the fields of `Energy`, shape (7,) [J]: published model (`paper`),
-        main pump, shafts of the servo pumps, losses of the servo pumps, leakage, work on the loads,
-        oil to the tank. The charging of lines is not included.
+        main pump, shafts of the servo pumps, losses of the servo pumps, leakage through valves,
+        work of the pistons against gravity, oil that flows to the tank. The charging of lines is
+        not included.
     """
     energy, own = np.zeros(ENERGY_FIELD_COUNT), np.empty(speed.shape[1])
     begin, middle, end = (
@@ -475,7 +477,7 @@ def _compute_charging_work(
     pumps is not included. If no actuator was on the shared rail before, the actuators that join it
     also charge the rail's volume, in equal parts.
 
-    Test oracle: sums computed by hand.
+    The tests compare the result with sums computed by hand.
 
     Args:
         m: Arrays of the machine.

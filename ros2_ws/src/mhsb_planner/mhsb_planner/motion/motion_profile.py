@@ -84,14 +84,14 @@ def compute_motion_profile(
     velocity: FloatArray,
     acceleration: FloatArray | None = None,
 ) -> MotionProfile:
-    """Compute the piston speeds, piston forces and tip positions of k states of motion.
+    """Compute the piston speeds, piston forces and tip positions of k motion states.
 
     Args:
         machine: Machine with its payload.
         position: Joint positions, shape (k, n) [rad or m].
         velocity: Joint velocities, shape (k, n) [rad/s or m/s].
-        acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²]. None sets all forces from
-            inertia to 0, also the forces from joint velocities.
+        acceleration: Joint accelerations, shape (k, n) [rad/s² or m/s²]. None makes all inertia
+            forces 0, also those that joint velocities cause.
 
     Returns:
         Profile with k rows: piston speeds [m/s], piston forces under gravity [N], piston forces
@@ -132,7 +132,7 @@ def _compute_middle_profile(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Compute the profile of a trajectory half-way in time between its points.
 
-    Test oracle: the profile of the states that `Trajectory.sample_many` gives.
+    The tests compare the result with the profile of states from `Trajectory.sample_many`.
 
     Args:
         m: Arrays of the machine, with its payload.
@@ -178,7 +178,8 @@ def compute_profile_arrays(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Compute piston speeds, gravity forces, tip positions and inertia forces of k states.
 
-    This is the kernel of `compute_motion_profile`. Test oracle: the methods of `Machine`.
+    This is the kernel of `compute_motion_profile`. The tests compare the result with the methods of
+    `Machine`.
 
     Args:
         m: Arrays of the machine, with its payload.

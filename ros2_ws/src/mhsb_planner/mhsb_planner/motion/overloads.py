@@ -58,7 +58,7 @@ class Overload:
 def find_overloads(
     machine: Machine, time: FloatArray, profile: MotionProfile
 ) -> tuple[Overload, ...]:
-    """Find the actuators that rest under a load that the highest boost pressure cannot hold.
+    """Find the actuators that rest under a load too heavy for the highest boost pressure.
 
     Only the closed valve holds such a load. A cylinder rests if its speed is at most
     MAX_HELD_SPEED. The time from a resting instant to the next instant counts as rest.
@@ -70,7 +70,7 @@ def find_overloads(
 
     Returns:
         One overload for each such actuator, with the total duration of its rests [s] and the
-        greatest supply pressure that would hold the load [Pa]. Empty if there is none.
+        greatest supply pressure that its load needs [Pa]. Empty if there is none.
     """
     highest = machine.arrays.max_boost_pressure
     pressure = compute_required_pressures(

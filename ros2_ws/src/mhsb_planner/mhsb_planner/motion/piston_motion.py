@@ -68,8 +68,8 @@ def convert_to_joints(
         length: Cylinder lengths at k instants in time order, shape (k, n) [m].
         speed: Piston speeds, shape (k, n) [m/s].
         acceleration: Piston accelerations, shape (k, n) [m/s²].
-        start: Joint positions near those of the first instant, shape (n,) [rad or m]. The search
-            begins there.
+        start: Joint positions close to the first result, shape (n,) [rad or m]. The search begins
+            there.
 
     Returns:
         Joint positions [rad or m], velocities [rad/s or m/s] and accelerations [rad/s² or m/s²], of

@@ -158,10 +158,10 @@ def _find_breaks(
     Args:
         at: Time at which each ramp begins, shape (c,) [s].
         change: Change of the piston speeds in each ramp, shape (c, n) [m/s].
-        rise: Time T₁ of each ramp, from the beginning of the acceleration to the beginning of its
-            decrease, shape (c,) [s].
-        blend: Time T₂ of each ramp, in which the acceleration builds up, and in which it decreases,
-            shape (c,) [s].
+        rise: Time T₁ from the beginning of each ramp until its acceleration begins to fall, shape
+            (c,) [s].
+        blend: Time T₂ in which the acceleration of each ramp rises, and later falls, shape (c,)
+            [s].
 
     Returns:
         Ascending times [s]. The first is 0, the last is the end of the last ramp, but not less than
@@ -202,9 +202,9 @@ def _sample_pistons(
 
     A ramp changes the piston speeds by a trapezoid of acceleration. Counted from the ramp's
     beginning, the acceleration builds up until T₂, begins to decrease at T₁, and is 0 from T₁ + T₂
-    on. Ramps may have begun before time 0; the given lengths are those at time 0.
+    on. Ramps may have begun before time 0.
 
-    Test oracle: the path convolved numerically.
+    The tests compare the result with a numerical convolution of the path.
 
     Args:
         time: Times in ascending order from the start of the motion, shape (k,) [s].
@@ -212,10 +212,10 @@ def _sample_pistons(
         speed: Piston speeds before the first ramp, shape (n,) [m/s].
         at: Time at which each ramp begins, shape (c,) [s].
         change: Change of the piston speeds in each ramp, shape (c, n) [m/s].
-        rise: Time T₁ of each ramp, from the beginning of the acceleration to the beginning of its
-            decrease, shape (c,) [s].
-        blend: Time T₂ of each ramp, in which the acceleration builds up, and in which it decreases,
-            shape (c,) [s].
+        rise: Time T₁ from the beginning of each ramp until its acceleration begins to fall, shape
+            (c,) [s].
+        blend: Time T₂ in which the acceleration of each ramp rises, and later falls, shape (c,)
+            [s].
 
     Returns:
         Cylinder lengths [m], piston speeds [m/s] and accelerations [m/s²], of shape (k, n).
@@ -262,10 +262,10 @@ def _find_breaks_and_peaks(
     Args:
         at: Time at which each ramp begins, shape (c,) [s].
         change: Change of the piston speeds in each ramp, shape (c, n) [m/s].
-        rise: Time T₁ of each ramp, from the beginning of the acceleration to the beginning of its
-            decrease, shape (c,) [s].
-        blend: Time T₂ of each ramp, in which the acceleration builds up, and in which it decreases,
-            shape (c,) [s].
+        rise: Time T₁ from the beginning of each ramp until its acceleration begins to fall, shape
+            (c,) [s].
+        blend: Time T₂ in which the acceleration of each ramp rises, and later falls, shape (c,)
+            [s].
 
     Returns:
         Times between which the jerk is constant, ascending from 0 [s]. Largest absolute

@@ -107,9 +107,9 @@ def _iterate_gentler_motions(machine: Machine, start: MotionState) -> Iterator[R
     """Yield motions that bring a moving arm to rest, in the order of trial.
 
     In each motion all pistons stop by one common ramp (smooth change of speed), which begins after
-    a delay. The shortest ramp for the speeds at the start comes first. If the ramp for V_max is
-    another one, it comes second. For each ramp, the delay grows from 0 in MOST_PARTS equal steps.
-    Longer delays and ramps need less acceleration or jerk.
+    a delay. The ramp of `_choose_ramp` is tried first, then the shortest ramp from V_max if it
+    differs. For each ramp, the delay grows from 0 in MOST_PARTS equal steps. Longer delays and
+    ramps need less acceleration or jerk.
 
     Args:
         machine: Machine that moves.
@@ -132,8 +132,8 @@ def _compute_coasting_motion(
     """Compute the motion that brings a moving arm to rest with a given ramp and delay.
 
     A ramp changes speeds by a trapezoid of acceleration, which builds up in the time T₂. All
-    pistons come to rest by one ramp, which begins at the time δ. Before that, each piston finishes
-    a ramp of its own that began in the past and explains its speed and acceleration at the start.
+    pistons come to rest by one ramp, which begins at the time δ. Each piston also completes a ramp
+    of its own. This ramp began in the past and gives its speed and acceleration at the start.
 
     Args:
         machine: Machine that moves.
@@ -166,9 +166,8 @@ def _compute_coasting_motion(
 def _choose_ramp(machine: Machine, speed: FloatArray, acceleration: FloatArray) -> Ramp:
     """Choose the ramp (smooth change of speed) that brings all pistons to rest.
 
-    It is the shortest ramp from the highest piston speed to rest. If an acceleration exceeds
-    STEADY_ACCELERATION_SHARE of the limit, a piston is changing its speed already. The shortest
-    ramp from V_max to rest is then chosen instead.
+    It is the shortest ramp from the highest piston speed to rest. If a piston's acceleration
+    exceeds STEADY_ACCELERATION_SHARE of the limit, it is the shortest ramp from V_max instead.
 
     Args:
         machine: Machine that moves.
@@ -195,13 +194,13 @@ def _infer_past_changes(
     The change is a ramp from the speed v_a to the speed v_b. It began a time τ before now. For a
     piston that speeds up, v_a is set to 0 and v_b is computed. For a piston that slows down, v_b is
     set to 0 and v_a is computed. If the computed speed exceeds V_max, it is set to V_max and the
-    other speed is computed. For a piston without acceleration, v_a and v_b are its speed now, and τ
-    is half the duration of the ramp.
+    other speed is computed, unless the piston already exceeds V_max. For a piston without
+    acceleration, v_a and v_b are its speed now, and τ is half the duration of the ramp.
 
     Args:
         m: Arrays of the machine.
-        rise: Time T₁ from the beginning of the acceleration to the beginning of its decrease [s].
-        blend: Time T₂ ≤ T₁ in which the acceleration builds up, and in which it decreases [s].
+        rise: Time T₁ from the ramp's beginning until its acceleration begins to fall [s].
+        blend: Time T₂ ≤ T₁ in which the acceleration rises, and later falls [s].
         speed: Piston speeds now, shape (n,) [m/s].
         acceleration: Piston accelerations now, shape (n,) [m/s²].
 
@@ -238,8 +237,8 @@ def _compute_speed_change(rise: float, blend: float, tau: float, acceleration: f
     """Compute the change of speed of a ramp that has a given acceleration at a given time.
 
     Args:
-        rise: Time T₁ from the beginning of the acceleration to the beginning of its decrease [s].
-        blend: Time T₂ ≤ T₁ in which the acceleration builds up, and in which it decreases [s].
+        rise: Time T₁ from the ramp's beginning until its acceleration begins to fall [s].
+        blend: Time T₂ ≤ T₁ in which the acceleration rises, and later falls [s].
         tau: Time τ since the ramp began [s].
         acceleration: Acceleration at that time [m/s²].
 

@@ -262,8 +262,8 @@ def iterate_candidates(
         start: State of the joints at the start.
         brake: Motion that brings a moving arm to rest at the path's first node. None if the arm is
             at rest. With a `Coasting` it is `coast.trajectory`.
-        coast: Motion that brings a moving arm to rest, or the `Steering` of a moving arm that goes
-            to the goal without a rest. None if neither is given.
+        coast: `Coasting`, the motion that brings a moving arm to rest. `Steering` if the moving arm
+            goes to the goal without a rest. None otherwise.
         modes: Modes in force at the start, and time since each actuator's last switch.
         rules: Settings of the fit.
 
@@ -336,9 +336,9 @@ def _iterate_ramped(
 ) -> Iterator[CurveCandidate]:
     """Yield curves along a discrete path, with slower and slower changes of speed (ramps).
 
-    All curves are yielded, but the caller tries each after the first only if the pressure was too
-    low for the previous one. It may slow a curve if valves or pumps cannot follow. If the curves
-    begin at rest, it may also slow the last one if the pressure is too low.
+    Each curve after the first is marked to be tried only if the pressure was too low for the
+    previous one. All curves may be slowed if valves or pumps cannot follow. If the curves begin at
+    rest, the last one may also be slowed because of too low pressure.
 
     Args:
         machine: Machine that moves.
@@ -387,8 +387,8 @@ def _create_polynomial(
     Args:
         path: Discrete path.
         start: State of the joints at the start.
-        brake: Motion that brings a moving arm to rest; None if the arm is at rest. The path's first
-            node is planned for half the duration of this motion.
+        brake: Motion that brings a moving arm to rest; None if the arm is at rest. The polynomial
+            is fitted to be at the path's first node after half the duration of this motion.
 
     Returns:
         Curve to try. If the path is shorter than SHORTEST_MOVE, the first trial already stretches

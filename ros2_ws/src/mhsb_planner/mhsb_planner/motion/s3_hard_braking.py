@@ -130,8 +130,8 @@ def _determine_limits(
 ) -> tuple[float, float]:
     """Determine the acceleration and jerk that braking pistons may have.
 
-    Each limit is the larger of the machine's limit and the trajectory's own peak on the same
-    stretch of its path. `slack` times the machine's limit is added to each.
+    Each limit is the larger of the machine's limit and the trajectory's own peak in the given
+    stretch. `slack` times the machine's limit is added to each.
 
     Args:
         machine: Machine whose limits apply.

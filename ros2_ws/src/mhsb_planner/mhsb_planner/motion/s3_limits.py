@@ -139,8 +139,8 @@ def _measure_states(
 ) -> FloatArray:
     """Compute the quantities that the limits of `STATE_LIMITS` bound, at k states of a motion.
 
-    Each state has its own modes. It is the kernel of `LimitValues.from_profile`. Test oracle: the
-    methods of `Machine`.
+    Each state has its own modes. It is the kernel of `LimitValues.from_profile`. The tests compare
+    the result with the methods of `Machine`.
 
     Args:
         m: Arrays of the machine.
@@ -213,9 +213,9 @@ def _measure_ends(
 
     Returns:
         Quantities at the beginnings and quantities at the ends, both of shape (limits, k) in the
-        order of `STATE_LIMITS`. A quantity is a share of its limit [-]. The third array, shape
-        (k,), has the largest quantity of each interval among limits that slowing lowers
-        (`TimeScaling.SPEED`). If it exceeds 1, the interval is too fast.
+        order of `STATE_LIMITS`, each in the unit of its limit. The third array, shape (k,), has the
+        largest share of a speed limit (`TimeScaling.SPEED`) that each interval uses [-]. If it
+        exceeds 1, the interval is too fast.
     """
     begin, end = np.empty((_LIMIT_COUNT, len(modes))), np.empty((_LIMIT_COUNT, len(modes)))
     scratch = np.empty(speed.shape[1])

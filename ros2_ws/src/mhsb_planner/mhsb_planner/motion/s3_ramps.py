@@ -32,8 +32,8 @@ class Ramp(NamedTuple):
     """Times of a ramp.
 
     Attributes:
-        rise: Time T₁ from the beginning of the acceleration to the beginning of its decrease [s].
-        blend: Time T₂ ≤ T₁ in which the acceleration builds up, and in which it decreases [s].
+        rise: Time T₁ from the ramp's beginning until its acceleration begins to fall [s].
+        blend: Time T₂ ≤ T₁ in which the acceleration rises, and later falls [s].
     """
 
     rise: float
@@ -63,7 +63,7 @@ class Ramp(NamedTuple):
         )
 
     def align_with(self, other: Ramp) -> Ramp:
-        """Return this ramp, one time step longer if this is needed to centre it on another ramp.
+        """Return a ramp that can share its middle with another ramp, at whole time steps.
 
         If the durations differ by an odd number of time steps, T₁ becomes one step longer. Two
         ramps with a common middle then begin a whole number of time steps apart.
@@ -128,11 +128,11 @@ def evaluate_ramp(rise: float, blend: float, t: float) -> tuple[float, float, fl
     decrease at T₁, and is 0 again at T₁ + T₂. Before the ramp all three values are 0. After it R =
     t − (T₁ + T₂)/2, ρ = 1 and k = 0.
 
-    Test oracle: the convolution box(T₁) * box(T₂) computed numerically.
+    The tests compare the result with a numerical convolution box(T₁) * box(T₂).
 
     Args:
-        rise: Time T₁ from the beginning of the acceleration to the beginning of its decrease [s].
-        blend: Time T₂ ≤ T₁ in which the acceleration builds up, and in which it decreases [s].
+        rise: Time T₁ from the ramp's beginning until its acceleration begins to fall [s].
+        blend: Time T₂ ≤ T₁ in which the acceleration rises, and later falls [s].
         t: Time since the ramp began [s].
 
     Returns:
@@ -165,8 +165,8 @@ def find_ramp_time(rise: float, blend: float, ratio: float) -> float:
     0 without bound during the ramp.
 
     Args:
-        rise: Time T₁ from the beginning of the acceleration to the beginning of its decrease [s].
-        blend: Time T₂ ≤ T₁ in which the acceleration builds up, and in which it decreases [s].
+        rise: Time T₁ from the ramp's beginning until its acceleration begins to fall [s].
+        blend: Time T₂ ≤ T₁ in which the acceleration rises, and later falls [s].
         ratio: Value of ρ/k, not negative [s].
 
     Returns:

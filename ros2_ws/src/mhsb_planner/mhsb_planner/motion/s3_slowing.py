@@ -42,8 +42,8 @@ def compute_needed_factors(
 
     The rule depends on the broken limit:
 
-    - Pressure (TimeScaling.INERTIA): each interval in which it is too low gets a fixed factor, the
-      others get 1. The factor is PIECE_THRUST_STRETCH if `slows_pieces`, else THRUST_STRETCH.
+    - Pressure (TimeScaling.INERTIA): intervals with too low pressure get PIECE_THRUST_STRETCH if
+      `slows_pieces`, else THRUST_STRETCH. All other intervals get 1.
     - V_max, valves or pumps (TimeScaling.SPEED): each interval gets USAGE_RESERVE times the share
       `used`. For the interval of the violation the share is 1 plus the excess of the violation.
 
@@ -77,9 +77,8 @@ def spread_over_steps(
     """Compute the factor on the duration of each path step from the factors of intervals.
 
     If `slows_pieces` is False, or if the largest factor is at most MIN_PIECE_FACTOR, all steps get
-    the largest factor. Otherwise the factor of each interval applies to the path node that is
-    nearest in time, and so to the two steps that meet there. Each step gets the largest factor of
-    its nodes, at least 1.
+    the largest factor. Otherwise the factor of each interval is assigned to the path node nearest
+    in time. Each step then gets the larger factor of its two nodes, at least 1.
 
     Args:
         needed: Factor that each interval of the motion needs, shape (m,) [-].

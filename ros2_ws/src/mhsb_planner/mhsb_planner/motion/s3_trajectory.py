@@ -703,7 +703,7 @@ def _compute_uses(
     may already be faster there, and slowing does not help. The factor is then raised to
     USAGE_RESERVE times the largest ratio of speed to V_max at the start.
 
-    Test oracle: the same shares by NumPy.
+    The tests compare the result with the same shares by NumPy.
 
     Args:
         speed: Piston speeds at the motion's k + 1 points, shape (k + 1, n) [m/s].

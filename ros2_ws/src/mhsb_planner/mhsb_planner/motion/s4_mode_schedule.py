@@ -145,7 +145,8 @@ def compute_interval_modes(
     be switched again.
 
     If too few booster modules are fitted, SB becomes DB. After that, DB becomes N for actuators
-    that can do without boost. If even that does not suffice, too many modules remain in use.
+    that move and hold their loads without boost. If even that does not suffice, too many modules
+    remain in use.
 
     Args:
         machine: Machine with its hydraulics and modules.
@@ -633,8 +634,8 @@ def _enforce_shared_boost_dwell(
     A boosted actuator is in mode SB (shared rail) or DB (own servo pump). A run is a sequence of
     boosted intervals, with parts in SB and parts in DB. SB parts begin earlier by `rules.lead`.
     SB parts shorter than `rules.min_dwell` are lengthened, first at the end. DB parts that are then
-    shorter become SB. If a run is too short for an SB part of this length, all of it becomes DB.
-    The intervals before `free` stay as they are.
+    shorter than this become SB. A run that is itself shorter becomes DB as a whole, unless SB is in
+    force just before or after it. The intervals before `free` stay as they are.
 
     Args:
         time: Limits of the intervals, shape (k,) [s].
@@ -686,8 +687,8 @@ def _reduce_to_module_budget(
         time: Limits of the intervals, shape (k,) [s].
         modes: Mode codes (N, DB, SB), shape (k - 1, n). Written in place.
         demand: Flow into each cylinder in each interval, shape (k - 1, n) [m³/s].
-        needed: True for each interval in which an actuator cannot do without boost, shape
-            (k - 1, n).
+        needed: True for each interval in which an actuator needs boost to move or hold its load,
+            shape (k - 1, n).
         free: First interval in which each actuator may be switched, shape (n,). Earlier intervals
             do not change.
         dwell: Least time between two switches [s].

@@ -17,10 +17,11 @@ The tip must pass the point at no more than the tolerance."""
 
 
 def describe_first_missed(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> str:
-    """Describe the first via point (point that the tip must pass) that a motion misses.
+    """Describe the first via point that a motion misses.
 
-    The points must be passed in order. The search for a point begins where the previous point was
-    passed. Between two tip positions the tip is taken to move along a straight line.
+    A via point is a point that the tip must pass. The points must be passed in order. The search
+    for a point begins where the previous point was passed. Between two tip positions the tip is
+    taken to move along a straight line.
 
     Args:
         tip: Tip positions in time order, shape (k, 2 or 3) [m].
@@ -41,10 +42,11 @@ def describe_first_missed(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> str
 
 
 def find_points_ahead(tip: FloatArray, passing: tuple[ViaPoint, ...]) -> tuple[ViaPoint, ...]:
-    """Return the via points (points that the tip must pass) that a motion has not passed yet.
+    """Return the via points that a motion has not passed yet.
 
-    Tolerances are widened by TOLERANCE_FACTOR. Suppose that a point was passed exactly at the edge
-    of its tolerance. It then still counts as passed if the curve is sampled at other times.
+    A via point is a point that the tip must pass. Tolerances are widened by TOLERANCE_FACTOR. A
+    point passed at the edge of its tolerance therefore still counts if the motion is sampled at
+    other times.
 
     Args:
         tip: Tip positions so far in time order, shape (k, 2 or 3) [m].

@@ -66,13 +66,15 @@ def joint_excess(m: MachineArrays, q: FloatArray) -> FloatArray:
 
 @kernel(borrows=True)
 def compute_outward_excess(lower: FloatArray, upper: FloatArray, position: FloatArray) -> float:
-    """Compute how far a motion takes a joint beyond its limits, or farther out than it was before.
+    """Compute how far a motion moves a joint outwards beyond its limits.
 
-    A joint that starts beyond a limit may return, but must not move outwards again. Let e_k be the
-    distance of a joint beyond its limits at instant k; it is negative within the limits. For each
-    joint the following value is computed, and the largest one is returned:
+    A joint that starts beyond a limit may return, but must not move outwards again. Outward travel
+    therefore counts from the smallest distance beyond the limits so far:
 
         max_k ( e_k − min_{i ≤ k} max(e_i, 0) )
+
+    e_k is the distance of a joint beyond its limits at instant k, negative within the limits. The
+    value of the worst joint is returned.
 
     Args:
         lower: Lower limit of each joint, shape (n,) [rad or m].
@@ -101,11 +103,12 @@ def bound_joint_excess(
     velocity: FloatArray,
     acceleration: FloatArray,
 ) -> FloatArray:
-    """Compute upper bounds on the distance of joints beyond their limits between trajectory points.
+    """Bound the distance of joints beyond their limits between the points of a trajectory.
 
     Each joint follows a polynomial of degree 5. It stays between the least and the largest of its
     six Bézier control points. Each end of an interval gives three of them: q, q + q̇h/5 and
-    q + 2q̇h/5 + q̈h²/20. h is the duration of the interval, negative for the interval's end.
+    q + 2q̇h/5 + q̈h²/20. q, q̇ and q̈ are position, velocity and acceleration of the joint at this
+    end. h is the duration of the interval, taken as negative at the interval's end.
 
     Args:
         m: Arrays of the machine.
