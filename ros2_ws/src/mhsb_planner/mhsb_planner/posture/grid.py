@@ -103,9 +103,8 @@ class Grid:
     def cell_corners(self, x: float, z: float, rings: int = 0) -> IntArray:
         """Return the nodes at the corners of the grid cell in which a tip position lies.
 
-        The search connects a start or goal to these nodes. A position on a grid line belongs to the
-        cells on both sides. A position on a node belongs to all four cells around it. The node
-        itself is then not in the result.
+        A position on a grid line belongs to the cells on both sides. A position on a node belongs
+        to all four cells around it, and the node itself is not in the result.
 
         Args:
             x: Tip position forward [m].

@@ -70,8 +70,8 @@ def read_arrays(path: Path, kinds: Mapping[str, str], largest: int) -> dict[str,
 
     Args:
         path: The file.
-        kinds: Names of the arrays to read. The value of each is a regular expression that the
-            array's dtype must match, such as "<f8".
+        kinds: Regular expression that the dtype must match, such as "<f8", by the name of each
+            array to read.
         largest: Largest unpacked size of all members together [B].
 
     Returns:

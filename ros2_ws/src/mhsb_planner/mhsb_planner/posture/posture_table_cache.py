@@ -47,18 +47,18 @@ def load_or_build_table(
     spacing: float | None = None,
     progress: Progress | None = None,
 ) -> PostureTable:
-    """Load the posture table of a machine without its slewing joint, or build it.
+    """Load the posture table of a machine, or build it.
 
     If `path` is given, the table is read from this file. Otherwise it is read from the user's
     cache. If it is missing or damaged there, it is built and written to the cache. A damaged table
     in the cache, and a cache that cannot be written, are logged but raise no error.
 
     Args:
-        machine: The machine.
+        machine: The machine. The table belongs to the arm without a slewing joint.
         path: File to read; None means the cache.
         spacing: Grid spacing [m]; None means the machine's own. Not used if `path` is given.
-        progress: Called during building with the numbers of finished and of all nodes. None shows a
-            progress bar if the output is a terminal.
+        progress: Called during building with the number of finished nodes and the number of all
+            nodes. None shows a progress bar if the output is a terminal.
 
     Returns:
         The table.

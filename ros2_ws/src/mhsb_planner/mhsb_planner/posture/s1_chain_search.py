@@ -136,7 +136,7 @@ def _compute_area(m: MachineArrays, q: FloatArray, pattern: ModeArray, w: _AreaB
 
     The polytope contains all velocities of the tip that the pistons' limits allow. If a load is too
     heavy for the actuator's mode, the piston cannot move against it, but still with it. The
-    function is faster than `s1_polytope.compute_posture_area`, its test oracle.
+    function is faster than `s1_polytope.compute_posture_area`, which gives the same area.
 
     Args:
         m: Arrays of the machine.
@@ -184,7 +184,8 @@ def _move_with_fixed_tip(
     """Move one joint by a stride while two other joints keep the tip in place.
 
     The moving joint, the driver, stops at its limits. If one of the two other joints would pass its
-    limit, it is put on this limit. The driver and the remaining joint then keep the tip in place.
+    limit, it is put on this limit. The driver and the remaining joint then keep the tip in place,
+    and the driver no longer moves by the stride.
 
     Args:
         m: Arrays of the machine.
@@ -363,7 +364,7 @@ def find_largest_polytopes_of_chain(
     begins at the best samples, and at the best postures of other combinations. The search may miss
     the largest area.
 
-    Test oracle: SLSQP from many starts.
+    The tests compare the result with SLSQP from many starts.
 
     Args:
         m: Arrays of the machine.

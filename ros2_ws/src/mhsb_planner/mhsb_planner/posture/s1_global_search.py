@@ -132,8 +132,8 @@ def _compute_area_inputs(
             place, shape (3, modes, 2) [m³/s].
 
     Returns:
-        True if the posture exists and is within limits. Otherwise `cross` and `limit` are
-        unchanged.
+        True if the posture exists and is within limits. Otherwise `q` is not valid, and `cross` and
+        `limit` are unchanged.
     """
     if not solve_posture_at_psi(m, tip[0], tip[1], psi, elbow, q):
         return False
@@ -234,9 +234,9 @@ def _sample_psi(m: MachineArrays, tip: tuple[float, float]) -> _PsiSamples:
 
     Returns:
         The intervals, and the samples of all intervals in order. Each sample has its posture, its
-        validity and the inputs of the polytope area. Within an interval ψ rises as −cos t, both
-        ends included. Two samples are at most 1 / SAMPLES_PER_TURN turns apart. There are no
-        samples if no posture is within joint limits.
+        validity and the inputs of the polytope area. Samples are at most 1 / SAMPLES_PER_TURN turns
+        apart, denser near the ends of an interval, and include both ends. There are no samples if
+        no posture is within joint limits.
     """
     interval = np.empty((MAX_INTERVALS, 3))
     intervals = find_feasible_intervals(m, tip[0], tip[1], interval)
@@ -292,7 +292,9 @@ def _find_largest_sample(samples: _PsiSamples, value: FloatArray, q: FloatArray)
 
 @kernel(borrows=True)
 def _compute_drop(value: FloatArray, s: int, first: int, last: int) -> float:
-    """Compute the drop of the area from a sample that is a local maximum to its lower neighbour.
+    """Compute the drop of the area from a local maximum of the samples to its lower neighbour.
+
+    Of adjacent samples with equal area, only the last can be a local maximum.
 
     Args:
         value: Area of each sample, shape (samples,) [m²/s²]; −1 if the sample is beyond joint
@@ -332,7 +334,7 @@ def find_largest_polytopes_3r(
     three turning joints, so its posture has one free coordinate, the end-link angle ψ. Samples of ψ
     are compared, and local maxima that could be the largest are refined.
 
-    Test oracle: a dense scan of ψ on both elbow branches.
+    The tests compare the result with a dense scan of ψ on both elbow branches.
 
     Args:
         m: Arrays of the machine.
@@ -480,14 +482,14 @@ def build_posture_table(
     progress: Progress | None = None,
     solver: NodeSolver = search_globally,
 ) -> PostureTable:
-    """Build the posture table of a machine without its slewing joint.
+    """Build the posture table of a machine.
 
     The table has the posture with the largest velocity polytope for each workspace node and mode
     combination. Nodes are solved in threads or on a cluster. The result does not depend on the kind
     or number of workers.
 
     Args:
-        machine: The machine; it may have a slewing joint.
+        machine: The machine. The table belongs to the arm without a slewing joint.
         spacing: Grid spacing [m]; None means the machine's own.
         jobs: Number of threads, or a cluster; None means one thread for each processor.
         progress: Called after each task with the number of finished nodes and the number of all

@@ -115,10 +115,10 @@ def compute_tip_columns(m: MachineArrays, q: FloatArray) -> FloatArray:
 
 @kernel(borrows=True)
 def compute_cross_products(columns: FloatArray, cross: FloatArray) -> None:
-    """Compute the cross products of the tip velocities of all pairs of joints.
+    """Compute, for each pair of joints, the cross product of their tip velocities.
 
     A small vector, different for each joint, is first added to each tip velocity. Parallel tip
-    velocities then have products that are not 0. The result is exactly antisymmetric.
+    velocities then have products other than 0. The result is exactly antisymmetric.
 
     Args:
         columns: Tip velocity per piston speed C_j of each joint, shape (2, n) [-]. Not changed.
@@ -156,7 +156,7 @@ def compute_area_from_limits(
 
         ½ Σ |p × e|
 
-    Test oracle: half-space intersection and convex hull.
+    The tests compare the result with half-space intersection and convex hull.
 
     Args:
         cross: Cross products C_i × C_j, shape (n, n) [-].
@@ -365,8 +365,8 @@ def compute_all_polytope_areas(
 def list_piston_speed_corners(machine: Machine, q: FloatArray, pattern: ModeArray) -> FloatArray:
     """List the corners of the set of admissible piston speeds in a posture.
 
-    The set is bounded by the flow limit of each joint and by the main pump's flow. A corner belongs
-    to each of the 2ⁿ combinations of directions and each of the n! orders in which joints get flow.
+    The set is bounded by the flow limit of each joint and by the main pump's flow. Each corner has
+    a direction of every joint (2ⁿ choices) and an order in which the joints get flow (n! choices).
 
     Args:
         machine: The arm without a slewing joint.
