@@ -108,7 +108,7 @@ def compute_step_area_loss(
 
         cost[p] = w₄ |tip(end) − tip(start)| max(0, 1 − A_p/A_ref)
 
-    Test oracle: `AreaProfile` of a finely divided path.
+    The tests compare the result with the `AreaProfile` of a finely divided path.
 
     Args:
         m: Arrays of the machine.
@@ -210,8 +210,8 @@ def compute_area_along_motion(
         deadline: Instant at which the work is given up.
 
     Returns:
-        Straight distance of the tip in each part [m]. Area of each part [m²/s²], for the mean of
-        the postures at its ends, and for the modes at the middle of its time.
+        Straight distance of the tip in each part [m], and area of each part [m²/s²]. The area is
+        computed in the mean of the two end postures, for the modes half-way in time.
 
     Raises:
         DeadlineError: The deadline passed.
@@ -237,8 +237,8 @@ def _compute_area_profile(
         deadline: Instant at which the work is given up.
 
     Returns:
-        Straight distance of the tip in each part [m], and area for the mean of the postures at its
-        ends [m²/s²], both of shape (k,).
+        Straight distance of the tip in each part [m], and area in the mean of the part's two end
+        postures [m²/s²], both of shape (k,).
 
     Raises:
         DeadlineError: The deadline passed.

@@ -50,7 +50,7 @@ def _precedes(states: Records[SearchState], a: int, b: int) -> bool:
 def sift_up(states: Records[SearchState], heap: IntArray, i: int, state: int) -> None:
     """Insert a state into the heap, or move a state whose estimate has decreased to its place.
 
-    The caller has set the state's estimate, and counts the states in the heap.
+    The caller must set the state's estimate before, and count the states in the heap.
 
     Args:
         states: Records of all states. The field `place` is written.
@@ -73,9 +73,9 @@ def sift_up(states: Records[SearchState], heap: IntArray, i: int, state: int) ->
 
 @kernel(borrows=True, forceinline=True)
 def pop(states: Records[SearchState], heap: IntArray, size: int) -> int:
-    """Remove the first state of a heap of `size` states, without counting.
+    """Remove the first state from a heap.
 
-    The caller decrements its own count of states in the heap.
+    The caller must decrement its own count of states in the heap.
 
     Args:
         states: Records of all states. The field `place` is written.
@@ -83,8 +83,8 @@ def pop(states: Records[SearchState], heap: IntArray, size: int) -> int:
         size: Number of states in the heap before the call, at least 1.
 
     Returns:
-        Number of the removed state. It has the least estimate; of equal ones it has the fewest
-        steps.
+        Number of the removed state: the least estimate, then the fewest steps, then the least
+        number.
     """
     top: int = heap[0]
     states[top].place = NOT_IN_HEAP
@@ -243,7 +243,8 @@ def record_path_to(
     """Record a new best path to a target state and put the target into the heap.
 
     If the target is in the heap already, it moves to its new position. A target that was expanded
-    before becomes open again. The caller has checked that the path is better than the known one.
+    before becomes open again. The caller must check that the path is better than the known one. The
+    record's field `step` is not written.
 
     Args:
         f: Open list. The target's record, the heap and the counts are written in place.

@@ -162,7 +162,7 @@ def expand(
     becomes useless in the list is removed without expansion; it still counts towards `limit`. The
     caller must hold the lock `PricedSteps.guard()`.
 
-    Test oracle: scipy.sparse.csgraph.dijkstra on the same graph.
+    The tests compare the result with scipy.sparse.csgraph.dijkstra on the same graph.
 
     Args:
         open_list: Open list and records of all states. Written in place.
@@ -256,10 +256,10 @@ def _relax_steps(
     """Record every step that leads to a state more cheaply than the path known so far.
 
     At equal cost a path with fewer steps counts as cheaper. A state is a node with the mode
-    combination of arrival. A state can also be reached by mode switches in the posture where the
-    step ends, from the cheapest state known there. The step is not recorded if these switches cost
-    less, or cost the same with no more steps. Otherwise the state enters the open list, or its
-    place in the list is updated.
+    combination of arrival. Another path to a state goes through the cheapest known state of the
+    same posture, with mode switches there. The step is not recorded if that path is cheaper, or as
+    cheap with no more steps. Otherwise the state enters the open list, or its place in the list is
+    updated.
 
     Args:
         open_list: Open list and records of all states. Written in place.

@@ -121,7 +121,7 @@ def price_steps(
     inadmissible if a joint that needs boost is not boosted. Combinations that boost further joints
     are admissible only if the neighbour has no other admissible combination.
 
-    Test oracle: steps computed one by one in plain NumPy.
+    The tests compare the result with steps computed one by one in plain NumPy.
 
     Args:
         cost_model: Postures, forces, obstacles and hydraulic numbers of the graph.
@@ -267,7 +267,8 @@ def _compute_move_forces(
 
     A move leads straight in joint space from a posture to a posture of a neighbouring node. All
     moves that leave the postures begin to end - 1 are computed. The rows of a move become NaN if
-    the tip leaves the workspace on the way. Test oracle: `compute_middle_forces`.
+    the tip leaves the workspace on the way. The tests compare the result with
+    `compute_middle_forces`.
 
     Args:
         empty: Arrays of the machine without payload.

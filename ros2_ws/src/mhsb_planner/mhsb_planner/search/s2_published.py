@@ -51,8 +51,8 @@ class PublishedSearch:
 
     The goal counts as one more node, the last.
 
-    Test oracle: the same search written with dictionaries, on steps whose costs follow the
-    equations.
+    The tests compare it with the same search written with dictionaries, on steps whose costs
+    follow the equations.
     """
 
     first_portion, portion = 5, 100
@@ -172,8 +172,7 @@ class PublishedSearch:
         posture, and mode switches count from this combination.
 
         The node that a step reaches, or the goal, gets a new label if the path with this step is
-        cheaper. The cost of that path is the cost of this node's label, plus the costs of the step
-        and of its mode switches.
+        cheaper. That path costs as much as this node's label plus the step and its mode switches.
 
         Args:
             node: Index of the node.

@@ -397,9 +397,9 @@ def _price_steps(
 
     A group assigns a posture to each mode combination, and combinations may share a posture. A node
     is a group, and a goal has one or more. A step is inadmissible if the tip leaves the workspace
-    or the arm comes too near to an obstacle. It is also inadmissible in a mode combination that
-    does not boost a joint that needs boost. Combinations that boost a joint without need are
-    admissible only if the group has no other admissible combination.
+    or the arm comes too near to an obstacle. It is also inadmissible in a mode combination without
+    boost for a joint that needs it. Combinations that boost a joint without need are admissible
+    only if the group has no other admissible combination.
 
     Args:
         cost_model: Machine, obstacles and mode combinations of the graph.
@@ -411,9 +411,12 @@ def _price_steps(
         owner: Row of `end` for each group and combination, shape (all groups, patterns).
 
     Returns:
-        Row of `start` that each step leaves, number of the group that it reaches, index of its mode
-        combination, and its cost, shape (steps, 3). The steps are in the order of `origins`, and
-        group by group for each origin. The columns of a cost are those of `JoiningSteps.cost`.
+        Four arrays with a row for each step, in the order of `origins`, then of `groups`:
+
+        - Row of `start` that the step leaves.
+        - Number of the group that it reaches.
+        - Index of its mode combination.
+        - Its cost, shape (steps, 3), with the columns of `JoiningSteps.cost`.
     """
     m, obstacles, patterns = cost_model.machine, cost_model.obstacles, cost_model.patterns
     scratch, count = create_step_buffers(patterns), len(patterns)

@@ -181,9 +181,9 @@ def compute_hydraulic_coefficients(m: MachineArrays, patterns: ModeArray) -> Hyd
     Returns:
         Pressures, leakages and the main pump's flow. For each cylinder and direction: the area, the
         valve drop, and the largest speed in each mode. For each combination: the boosted joints.
-        Three fields are 0, and the caller may replace them: `rest_speed` (piston speed up to which
-        a cylinder counts as held and may need boost), and `other_oil` and `other_time` (oil and
-        time that another motion needs, such as a slew).
+        Three fields are 0, and the caller may replace them. `rest_speed` is the piston speed up to
+        which a cylinder counts as held and may need boost. `other_oil` and `other_time` are oil and
+        time for another motion, such as a slew.
     """
     n = len(m.cap_area)
     area = np.empty((n, 2))
@@ -386,7 +386,7 @@ def price_steps_to_node(
     consistent if its combination boosts exactly the joints that need boost. If no step is
     consistent, steps that also boost other joints are admitted (STEP_UNNEEDED_BOOST).
 
-    Test oracle: the module's equations in plain NumPy.
+    The tests compare the result with the module's equations in plain NumPy.
 
     Args:
         c: Hydraulic coefficients of the machine.
@@ -612,7 +612,7 @@ def _compute_duration(
 def _check_pressures(
     c: HydraulicCoefficients, pattern: ModeArray, move: FloatArray, duration: float
 ) -> tuple[int, float]:
-    """Compare the joints that a mode combination boosts with those that need boost in a move.
+    """Check whether a mode combination boosts exactly the joints that need boost in a move.
 
     Args:
         c: Hydraulic coefficients of the machine.
