@@ -126,10 +126,10 @@ def yield_paths(task: SearchProblem, work: SearchWork) -> Iterator[CylinderPath 
     refinement is skipped if the incumbent costs at most (1 + MIN_RELATIVE_GAIN) times the lower
     bound. Both are skipped when the time is up.
 
-    The first straight line is yielded at once; cheaper lines replace the incumbent only. A path
-    from a lattice is yielded at once if it saves more than the share WORTH_A_MOTION of the cost of
-    the path yielded before. The cheapest path of all is yielded at the end, unless it has been
-    yielded already.
+    The first straight line is yielded at once; later, cheaper lines become the incumbent without
+    being yielded. A path from a lattice is yielded at once if it saves more than the share
+    WORTH_A_MOTION of the cost of the path yielded before. The cheapest path of all is yielded at
+    the end, unless it has been yielded already.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
@@ -249,8 +249,8 @@ def _yield_cheaper_lines(
         best: Incumbent (cheapest path so far); None if there is none.
 
     Yields:
-        Admissible paths, each cheaper than `best` and than all paths before. The first path has its
-        pieces if `best` is None.
+        Admissible paths, each cheaper than `best` and than all paths before. If `best` is None, the
+        first path has its `pieces`. In all other paths `pieces` is None.
     """
     for k in numbers.tolist():
         limit = math.inf if best is None else best.cost
@@ -270,8 +270,8 @@ def _yield_cheaper_lines(
 def lattice_spacings(task: SearchProblem, best: CylinderPath | None) -> list[float]:
     """Return the spacings of the lattices, in a decreasing geometric sequence.
 
-    With an incumbent (cheapest path so far) the spacings depend on `stroke` [m]. It is the largest
-    change of a cylinder's length from the start to one of two kinds of points:
+    With an incumbent (cheapest path so far) the spacings depend on `stroke` [m]. This is the
+    largest difference of a cylinder length between the start and any of these points:
 
     - the incumbent's waypoints,
     - goal postures with a lower bound below the incumbent's cost.
@@ -394,15 +394,16 @@ def search_lattice(
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
-        priced_by: Cost model by which the search prices paths, in place of that of `task`.
+        priced_by: Cost model of the search, used instead of the one of `task`.
         best: Incumbent (cheapest path so far); None if there is none.
         spacing: Spacing of the lattice [m].
         work: Numbers of expanded states and priced steps; increased in place.
 
     Returns:
         The path, priced with the cost model of `task`. None if no path was found, or if the path is
-        inadmissible by that model or costs at least MAX_REFINED_COST_RATIO times the incumbent. No
-        lattice is created if every goal posture costs at least as much as the incumbent.
+        inadmissible by that model or costs at least MAX_REFINED_COST_RATIO times the incumbent.
+        None also if no goal posture has a lower bound below the incumbent's cost; no lattice is
+        created then.
     """
     limit = math.inf if best is None else best.cost
     worth = np.flatnonzero(task.goal_lower_bounds < limit)
@@ -473,7 +474,7 @@ def create_lattice_search(
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
-        priced_by: Cost model by which the search prices paths, in place of that of `task`.
+        priced_by: Cost model of the search, used instead of the one of `task`.
         goal_indices: Indices of the goal postures of `task` to search for. The search numbers them
             anew from 0 in this order.
         spacing: Spacing of the lattice [m].
@@ -530,12 +531,12 @@ def refine(
 ) -> CylinderPath:
     """Improve a cylinder path: remove waypoints, then move them by shares of a lattice spacing.
 
-    The function first removes waypoints without which the path costs no more. If one straight
+    First, inner waypoints are left out as long as the path does not become dearer. If one straight
     segment is left, it is split into three. Then a compass search moves each waypoint by a stride,
     in sweeps with ever smaller strides (`stride_shares` of `SearchLimits`, times the spacing). The
-    last waypoint moves by a change of the goal posture. All sweeps but those with the last stride
-    price paths coarsely. Their result is kept only if it is cheaper by exact pricing, too. No
-    change is tried after the deadline.
+    last waypoint moves by a change of the goal posture. Only sweeps with the last stride price
+    paths exactly; earlier sweeps price them coarsely. Their result is kept only if it is cheaper by
+    exact pricing, too. No change is tried after the deadline.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
@@ -577,10 +578,10 @@ def _sweep_with_stride(
     """Run sweeps of a compass search with one stride over a cylinder path.
 
     A sweep tries to move each waypoint by the stride and keeps what is cheaper. Sweeps price the
-    path in pieces in which no cylinder moves by more than `piece`. After each sweep the path is
-    also priced by the problem's own cost model; this is its real cost. The sweeps end early if the
-    real cost exceeds that of the best path so far. They also end if a sweep lowers the cost of the
-    path in its pieces by less than the share MIN_RELATIVE_GAIN.
+    path coarsely, in pieces in which no cylinder moves by more than `piece`. After each sweep the
+    path is also priced by the problem's own cost model; this is its real cost. The sweeps end early
+    if the real cost exceeds that of the best path so far. They also end if a sweep lowers the
+    coarse cost by less than the share MIN_RELATIVE_GAIN.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.

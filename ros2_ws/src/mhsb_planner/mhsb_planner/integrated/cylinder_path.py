@@ -314,9 +314,9 @@ def price_piece(t: PathCostModel, w: PathCostBuffers, here: int) -> int:
     """Price the straight move between two postures in all mode combinations.
 
     The move leads from w.points[here] to w.points[1 - here]. It is inadmissible if the tip leaves
-    the workspace, the arm comes too near to an obstacle, or no mode combination can do it. Only
-    combinations that boost exactly the joints that need boost may be used. If there is none, those
-    that boost further joints may be used.
+    the workspace, the arm comes too near to an obstacle, or no mode combination can do it. A
+    combination may be used if it boosts exactly the joints that need boost. If there is none,
+    combinations that boost further joints may be used.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -549,8 +549,8 @@ def continue_path(
         via: Waypoints, shape (points, n) [m]; the first is the one at w.points[0].
         limit: The path is given up if its cost so far plus a lower bound on the rest of `via`
             reaches this cost.
-        rests_at_end: True if the arm rests at the last waypoint, so that the switches to the modes
-            that hold it there count.
+        rests_at_end: True if the arm rests at the last waypoint. Switches to the modes that hold it
+            there then count.
 
     Returns:
         Least cost from the start of the whole path to the last waypoint. Inf if a piece is

@@ -332,7 +332,7 @@ def _tabulate_postures(
 ) -> FloatArray:
     """List the postures on a grid of inner joint angles and end-link angles ψ, for turning joints.
 
-    Test oracle: the same samples in plain Python.
+    The tests compare the result with the same samples in plain Python.
 
     Args:
         m: Arrays of the machine.
@@ -386,8 +386,8 @@ def _find_psi_ranges(
         x: Tip position forward in the frame of the last three joints [m].
         z: Tip position upward in the frame of the last three joints [m].
         between: Least and greatest admissible ψ in the same frame [rad]; angles that differ by up
-            to 2 whole turns are admissible, too. −inf and inf if ψ is free. If both are equal, that
-            ψ is returned for each elbow branch without a check that it reaches the position.
+            to 2 whole turns are admissible, too. −inf and inf if ψ is free. If both are equal, this
+            ψ is returned for each elbow branch, even if it does not reach the position.
         ranges: Written in place, shape (MAX_RANGES, 3): elbow branch (sign of the second-last
             joint's angle), least and greatest ψ [rad] of each range.
 

@@ -45,7 +45,7 @@ def add_postures_near_start(
     circuit: HydraulicCoefficients,
     weight: FloatArray,
 ) -> GoalPostures:
-    """Add goal postures near the start to those that were sampled evenly.
+    """Add goal postures near the start posture to the evenly sampled ones.
 
     The new postures have the tip at the goal itself, not elsewhere in the goal region. Postures too
     near to obstacles are not added. Nothing is added in three cases:
@@ -134,7 +134,7 @@ def _search_near_postures(
     keep their start positions. The best posture is the one with the least lower bound on the cost
     from the start.
 
-    Test oracle: the same search in plain Python.
+    The tests compare the result with the same search in plain Python.
 
     Args:
         m: Arrays of the machine.

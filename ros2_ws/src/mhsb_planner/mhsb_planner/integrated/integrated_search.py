@@ -149,8 +149,8 @@ class IntegratedSearch:
     def improve_path(self, via: FloatArray, spacings: tuple[float, ...]) -> DiscretePath | None:
         """Improve a given cylinder path by local changes, without any search for other paths.
 
-        The goal posture nearest to the last waypoint counts as the path's end. The difference of
-        the cylinder length that differs most is the distance.
+        The goal posture nearest to the last waypoint counts as the path's end. Nearest means the
+        smallest value of the largest difference of a cylinder length.
 
         Args:
             via: Waypoints (cylinder lengths) from the start to a goal posture, shape (points, n)
@@ -207,7 +207,7 @@ def _add_holding_switches(machine: Machine, path: DiscretePath) -> DiscretePath:
 
     Args:
         machine: The arm without a slewing joint.
-        path: The path, whose own number does not count.
+        path: The path; its `holding_switches` is ignored.
     """
     force = machine.piston_forces(path.posture[-1])
     holding = count_switches_to_hold(machine.arrays, force, path.modes[-1])

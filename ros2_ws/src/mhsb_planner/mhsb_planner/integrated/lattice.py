@@ -171,9 +171,9 @@ def _assemble_lattice(axes: list[tuple[FloatArray, FloatArray, int]]) -> Lattice
 
 
 def _evenly_spaced(here: float, low: float, high: float, spacing: float) -> tuple[FloatArray, int]:
-    """List the numbers at equal spacing around a value within a range, and the range's ends.
+    """List evenly spaced numbers through a value within a range, and add the range's ends.
 
-    An end is not added if it is nearer to the last number than END_POINT_TOLERANCE · spacing.
+    An end is not added if the outermost number is nearer to it than END_POINT_TOLERANCE · spacing.
 
     Args:
         here: Value from which the spacing counts; it is one of the numbers.
@@ -525,8 +525,8 @@ def _price_step_to(
     """Price a step, and record it in each mode combination in which it makes a state cheaper.
 
     The step leads from w.points[0] to w.points[1]. The cost of a step to a goal posture includes
-    the switches to the modes that hold the arm there. The step is dropped in a combination in which
-    it leads to no path below the cost limit, by the lower bound of the target.
+    the switches to the modes that hold the arm there. In each combination the step is dropped if
+    the cost up to the target plus the target's lower bound reaches the cost limit.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -615,12 +615,9 @@ def _step_to_neighbour(
     cheaper enter the open list. With `reachability_only` the step is skipped if the point has a
     state already. It is also skipped if a lower bound on its cost shows one of these:
 
-    - It leads to no path below the cost limit, or to none below the cost of the path known to the
-      goal.
-    - It makes no state of the point cheaper. Each of them can be reached from the cheapest state of
-      the point by mode switches. Switches to the modes of the expanded state and on from there are
-      at least as many. The step is therefore useless if it costs no less than the cheapest state
-      and the switches from there to the modes of the expanded state.
+    - It leads to no path below the cost limit, or to none cheaper than the known path to the goal.
+    - It costs no less than the cheapest state of the point, plus the mode switches from there to
+      the modes of the expanded state. It then makes no state of the point cheaper.
 
     Args:
         problem: Cost model, lattice and goals.
@@ -674,7 +671,7 @@ def expand(
     goal postures around the point are priced, too. They include the switches to the modes that hold
     the arm there.
 
-    Test oracle: scipy.sparse.csgraph.dijkstra on the same points and steps.
+    The tests compare the result with scipy.sparse.csgraph.dijkstra on the same points and steps.
 
     Args:
         problem: Cost model, lattice and goal postures.

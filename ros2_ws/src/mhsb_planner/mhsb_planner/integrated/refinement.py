@@ -70,9 +70,9 @@ def remove_waypoints(
     cost: float,
     deadline: Deadline = NO_DEADLINE,
 ) -> tuple[FloatArray, float]:
-    """Remove the inner waypoints without which a cylinder path costs no more.
+    """Remove inner waypoints of a cylinder path as long as its cost does not increase.
 
-    One inner waypoint after the other is left out, and the rest of the path is priced.
+    One inner waypoint after the other is left out, and the path without it is priced.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -243,8 +243,8 @@ def _turn_goal(free: FloatArray, turn: FloatArray, k: int, sign: float) -> bool:
 
     The m digits of k to the base 3 choose the direction. Digit 0 adds the stride of a coordinate, 1
     leaves the coordinate as it is, and 2 subtracts the stride. The numbers below (3^m − 1) / 2 give
-    one direction of each opposite pair. Single coordinates do not suffice: strokes add up in the
-    cost, which therefore has kinks, and along a kink several coordinates change together.
+    one direction of each opposite pair. Directions that change several coordinates are needed,
+    because the cost has kinks and may fall only along a kink.
 
     Args:
         free: Free coordinates, shape (m,) [rad or m]; changed in place.

@@ -38,7 +38,7 @@ enclosed.
 def enclose_with_telescopes(
     m: MachineArrays, tip: tuple[float, float], side: int, cell: FloatArray, box: FloatArray
 ) -> bool:
-    """Compute the range of each cylinder length over a cell of postures of a telescopic arm.
+    """Compute the range of each cylinder length in a cell of postures, for a telescopic arm.
 
     A cell holds an interval for each joint but the last two turning ones, which follow from the
     others and the tip position. Interval arithmetic gives ranges that may be too wide, but never
