@@ -40,7 +40,7 @@ class FixedPlanner(PathPlanner):
             first path.
 
         Raises:
-            MhsbError: There is no path, or none in time.
+            MhsbError: There is no path, or the deadline passed before one was found.
         """
         machine, j3 = graph.machine, task.options.initial_j3
         kept = fixed_j3.read_kept_angles(

@@ -136,7 +136,7 @@ class IntegratedPlanner(PathPlanner):
             alone".
 
         Raises:
-            MhsbError: There is no path, or none in time.
+            MhsbError: There is no path, or the deadline passed before one was found.
         """
         alone = replace(task, options=replace(task.options, goal_region=None))
         for proposal in self.paths(graph, alone, progress):

@@ -99,9 +99,9 @@ class PlanOptions:
             RequestError: A rule is broken. Angles and via points must be finite. Angles must be at
                 most WIDEST_ANGLE in magnitude. A range must begin with its lower end.
                 `via_tolerance` must be above 0 and at most MAX_REGION_SIZE. Weights must be of the
-                type `Weights`. No weight, `area_weight` included, may exceed HIGHEST_WEIGHT, and at
-                least one must not be 0. `area_weight` must not be negative. `max_speed_excess` must
-                be from 0 to HIGHEST_SPEED_EXCESS.
+                type `Weights`. All weights, `area_weight` included, must be from 0 to
+                HIGHEST_WEIGHT, and at least one must be above 0. `max_speed_excess` must be from 0
+                to HIGHEST_SPEED_EXCESS.
         """
         check_angle(self.goal_psi)
         for point in self.via:
@@ -185,7 +185,7 @@ class PlanOptions:
     def _distance_from_plane(
         self, machine: Machine, place: PlanarTarget, posture: FloatArray
     ) -> float:
-        """Compute the length of the tip's arc by the slew to the vertical plane of a target.
+        """Compute the arc length around the slew's axis from the tip to a target's vertical plane.
 
         Args:
             machine: The whole arm.

@@ -75,7 +75,7 @@ class PathRequest:
         return x, z
 
     def begins_at_goal(self, machine: Machine) -> bool:
-        """Return whether tip and end-link angle are admissible at the goal already at `departure`.
+        """Return whether the posture `departure` is at the goal already.
 
         Args:
             machine: The arm without a slewing joint.
@@ -115,7 +115,7 @@ class PathRequest:
         Args:
             machine: The arm without a slewing joint.
             most_cells: Limit on the effort: number of cells that the branch and bound may add. More
-                cells give a higher bound. It has no effect for an arm of three turning joints.
+                cells give a higher bound, until the branch and bound has converged.
 
         Returns:
             The bound [J]; inf if no posture reaches the goal.
@@ -216,7 +216,7 @@ class PathPlanner(Protocol):
             Path proposals.
 
         Raises:
-            MhsbError: There is no path, or none in time.
+            MhsbError: There is no path, or the deadline passed before one was found.
         """
 
     def warm_up(self, graph: StepGraph) -> None:

@@ -79,7 +79,7 @@ def take_turns(
 ) -> Iterator[PathProposal]:
     """Let the proposers of a schedule take one turn each, and yield the paths that they propose.
 
-    A proposer's error is logged and ends that proposer.
+    An MhsbError of a proposer is logged and ends that proposer.
 
     Args:
         schedule: Proposers in the order of their turns.

@@ -41,7 +41,7 @@ class TablePlanner(PathPlanner):
             first path.
 
         Raises:
-            MhsbError: There is no path, or none in time.
+            MhsbError: There is no path, or the deadline passed before one was found.
         """
         yield from map(PathProposal, yield_graph_paths(graph, task, progress))
 
@@ -112,7 +112,7 @@ def _search_path_to(
         `options.search` is `exact`.
 
     Raises:
-        MhsbError: There is no path, or none in time.
+        MhsbError: There is no path, or the deadline passed before one was found.
     """
     options = task.options
     return s2_search.search(

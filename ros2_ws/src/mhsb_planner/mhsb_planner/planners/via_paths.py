@@ -52,7 +52,7 @@ class PathSource(Protocol):
             Path proposals for the whole arm.
 
         Raises:
-            MhsbError: There is no path, or none in time.
+            MhsbError: There is no path, or the deadline passed before one was found.
         """
 
 

@@ -264,8 +264,8 @@ class PlanningLoop:
 
         Raises:
             DeadlineError: The deadline of the plan passed.
-            FitError: The path has no motion, there is no incumbent, and the start steers. A start
-                steers if one curve must lead from there to the goal.
+            FitError: The path has no motion, there is no incumbent, and one curve must lead from
+                the moving start to the goal (`_is_steering`).
         """
         path, options, best = proposal.path, self._task.options, self._best
         switches = path.switches + path.holding_switches
@@ -342,9 +342,9 @@ class PlanningLoop:
         """Fit the variants of a motion to its path, and keep each that beats the incumbent.
 
         The incumbent is the best plan so far. Variants are motions by other rules, such as faster
-        ramps (`list_variant_rules`). They come in groups. The first variant of a group that becomes
-        the incumbent ends the trials of that group. The curves that were refused for `motion` are
-        added to those of the variant.
+        ramps (`list_variant_rules`). They come in groups. In a group, the trials end as soon as a
+        variant becomes the incumbent. Reasons for which curves were refused in the fit of `motion`
+        are put before the variant's own reasons.
 
         Args:
             proposal: Proposal with the path.
@@ -373,9 +373,9 @@ class PlanningLoop:
             rules: Rules for its motion. Only `trajectory` is read.
 
         Returns:
-            True if the rules ask for a polynomial, the options name no method, the path has steps,
-            and the start does not steer. A start steers if one curve must lead from there to the
-            goal.
+            True if the rules ask for a polynomial, the options name no method, and the path has
+            steps. False in any case if one curve must lead from the moving start to the goal
+            (`_is_steering`).
         """
         free = self._task.options.trajectory is None and path.steps > 0
         return free and rules.trajectory == "polynomial" and not self._is_steering
@@ -415,8 +415,8 @@ class PlanningLoop:
 
         Raises:
             DeadlineError: The deadline of the plan passed.
-            FitError: The path has no motion, there is no incumbent, and the start steers. A start
-                steers if one curve must lead from there to the goal.
+            FitError: The path has no motion, there is no incumbent, and one curve must lead from
+                the moving start to the goal (`_is_steering`).
         """
         began, best, options = self._since, self._best, self._task.options
         motion = self._fit(proposal, rules)
@@ -484,8 +484,8 @@ class PlanningLoop:
 
         Raises:
             DeadlineError: The deadline of the plan passed.
-            FitError: The path has no motion, there is no incumbent (best plan so far), and the
-                start steers. A start steers if one curve must lead from there to the goal.
+            FitError: The path has no motion, there is no incumbent (best plan so far), and one
+                curve must lead from the moving start to the goal (`_is_steering`).
         """
         best, deadline = self._best, self.progress.deadline
         if best is None and proposal.for_comparison and self.progress.has_deadline:

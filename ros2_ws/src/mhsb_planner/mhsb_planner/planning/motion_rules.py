@@ -47,9 +47,9 @@ SHORT_MOTION_TIME_FACTOR = 1.5
 def fit_rules(options: PlanOptions, of_path: TrajectoryKind | None = None) -> FitRules:
     """Return the rules by which the first motion of a path is made.
 
-    A motion is a polynomial or follows the path. The method is that of the options. If they name
-    none, it is `of_path`, and if this is None, that of the planner. A polynomial may exceed V_max
-    (allowed piston speed) by `options.max_speed_excess`, unless only `of_path` asks for it.
+    A motion is a polynomial or follows the path. The options decide between the two, else
+    `of_path`, else the planner. A polynomial may exceed V_max (allowed piston speed) by
+    `options.max_speed_excess`, unless only `of_path` asks for it.
 
     Args:
         options: Options of the plan.

@@ -16,7 +16,7 @@ noise of a joint's sensor.
 
 
 def describe_limit_excess(machine: Machine, posture: FloatArray) -> str:
-    """Return a clause that names the joints that are beyond their limits in a posture.
+    """Describe which joints are beyond their limits in a posture.
 
     Args:
         machine: The arm.

@@ -92,9 +92,9 @@ def compute_even_turning(
 def find_rest_steps(turning: SlewMotion, via_step: int | None) -> IntArray:
     """Find the steps of the whole arm before which the joints in the plane must come to rest.
 
-    In a series of steps the slew may turn alone. The first step of each such series is returned,
-    unless it is step 0, and the first step after the series. The step after a via point is
-    returned, too.
+    The joints must come to rest before the slew turns alone for one or more steps, and before the
+    first step after these. Step 0 needs no rest before it. The joints must also come to rest before
+    the step after a via point.
 
     Args:
         turning: Slew motion along a path.
