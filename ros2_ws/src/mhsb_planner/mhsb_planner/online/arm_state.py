@@ -133,16 +133,15 @@ class ArmState:
         """Return the present time of plans: the time by which plans are stamped.
 
         It is the extrapolated time of the arm's clock minus `plan_delay_ns`. If the arm has been
-        silent for more than `OLDEST_STATE`, the ROS clock replaces the extrapolated time if it is
-        earlier. The arm itself may publish the ROS clock, which then stands still with the arm.
+        silent for more than `OLDEST_STATE`, the extrapolated time is limited to the ROS clock. A
+        simulator may publish that clock; it then stands still while the simulator is suspended.
 
         Args:
             steady_time: Present time by the steady clock [s].
             ros_ns: Present time by the ROS clock [ns].
 
         Returns:
-            Time of plans [ns]. If no stamp has come from the arm, it is `ros_ns` without a
-            subtraction.
+            Time of plans [ns]; `ros_ns` if no stamp has come from the arm.
         """
         silence = self.clock_estimator.time_since_last_stamp(steady_time)
         if silence == math.inf:

@@ -54,18 +54,21 @@ class ArmStops:
     def find_void_time(
         self, stop_ns: int, age: float = 0.0, received_at: float | None = None
     ) -> float | None:
-        """Find the time up to which goals are void, after the arm's report of its last stop.
+        """Find the time up to which goals are void, from the arm's report of its last stop.
 
-        Void goals end as stopped. They were sent before the report was received, and not later than
-        `OLD_STOP` after the stop. If this is the first report, they were sent before the stop: the
-        first messages that a planner receives may be seconds old, and the stop is then older
-        than it seems. A stop that this planner called for (~/stop) makes no goal void. Each call
-        accounts for one reported stop, unless the stop came before the call, or the last call is
-        more than `OWN_REPORT` ago.
+        A goal is void if it was sent before the report was received, and at most `OLD_STOP` after
+        the stop. At the first report it must have been sent before the stop. The first messages
+        that a planner receives may be seconds old, and the stop is then older than it seems.
+
+        A stop that this planner has called for makes no goal void. The report is ascribed to the
+        oldest call without a report, unless the stop came more than `OLD_STOP` before this call.
+        All calls are dropped if the last one is more than `OWN_REPORT` ago.
 
         If the report came more than `LATE_REPORT` after its stop, this process was suspended. Goals
         that came in this time may still be unread. The report then counts as received `LATE_REPORT`
         later than now, so that these goals are void, too.
+
+        The method stores the time of the stop, and removes the call to which it ascribes it.
 
         Args:
             stop_ns: Time of the stop by the arm's clock [ns]; 0 means never.

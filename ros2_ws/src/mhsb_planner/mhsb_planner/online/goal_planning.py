@@ -100,6 +100,9 @@ class GoalPlanning:
         - No plan can start from the arm's state: the goal waits on or is refused (`_postpone`).
         - The plan in force leads to the goal already: the goal takes over this plan.
         - Otherwise a plan is requested.
+
+        In the last three cases, an arm that has not reported its machine within `START_UP` after
+        its first state is taken to have the planner's machine. A warning says so.
         """
         state, pending_goal = self._state, self._state.waiting
         if pending_goal is None or state.request or state.unconfirmed:
@@ -210,8 +213,8 @@ class GoalPlanning:
         The arm counts as moving until the trajectory of `start` has ended. The commit horizon (time
         until the new plan takes over) then covers planning, transport, confirmation and the
         machine's dead time. For an arm at rest the horizon does not cover planning, because the
-        plan is stamped when it is ready. The deadline is the same in both cases: the horizon of a
-        moving arm without its part for transport. A moving goal is extrapolated.
+        plan is stamped when it is ready. The deadline is always computed as for a moving arm: it is
+        the horizon without its part for transport. A moving goal is extrapolated.
 
         Args:
             pending_goal: The goal.
@@ -285,8 +288,8 @@ class GoalPlanning:
           Otherwise the goal is refused.
         - Any other exception: the goal is refused with `INTERNAL`.
 
-        After a plan, the time of planning is added to `horizon_estimator`. After a `DeadlineError`,
-        `LATE_PLAN_FACTOR` times this time is added.
+        After a plan, the time until its first motion becomes a sample of `horizon_estimator`. After
+        a `DeadlineError`, the sample is `LATE_PLAN_FACTOR` times the time since the request.
 
         Args:
             request: Request that was answered.

@@ -59,8 +59,8 @@ class HandOver:
 
         Args:
             state: State of the lifecycle. `unconfirmed` and the arm's `own_command` are written.
-            on_confirmed: Called at once with each command that is sent to an arm that does not
-                report which plan it executes. The arm is assumed to follow the command.
+            on_confirmed: Called at once with each sent command if the arm does not report which
+                plan it executes. The arm is then assumed to follow the command.
         """
         self.horizon_estimator = CommitHorizonEstimator()
         self._state = state
@@ -231,17 +231,18 @@ class HandOver:
             self.horizon_estimator.add_transport_time(state.now - sent.planned_at)
 
     def is_overdue(self, sent: UnconfirmedPlan) -> bool:
-        """Return whether a sent command without an answer counts as not taken by the arm.
+        """Return whether the arm's answer to a sent command is overdue.
+
+        The command's change is the time at which it leaves the previous command. If the arm has
+        been silent since the change, its confirmation may just be late.
 
         Args:
             sent: The command.
 
         Returns:
-            True if the command was sent more than `LONGEST_WAIT` ago in real time. Also True if two
-            conditions are met: it was sent more than `CONFIRMATION_TIMEOUT` ago, and the arm has
-            sent a state more than this time after the command's change. The change is the time at
-            which the command leaves the previous one. If the arm has been silent since the change,
-            its confirmation may just be late.
+            True if the command was sent more than `LONGEST_WAIT` ago in real time. Also True if it
+            was sent more than `CONFIRMATION_TIMEOUT` ago, and the arm has sent a state more than
+            `CONFIRMATION_TIMEOUT` after the change.
         """
         now, estimator = self._state.now, self._state.arm_state.clock_estimator
         waited = now - sent.sent_at
@@ -251,7 +252,7 @@ class HandOver:
         return waited > LONGEST_WAIT or (late > grace and waited > CONFIRMATION_TIMEOUT)
 
     def give_up(self, sent: UnconfirmedPlan, reason: HandOverReason) -> None:
-        """Store that the arm has not taken the command that was sent last.
+        """Store that the arm has not taken the last command.
 
         For the reason `LATE`, the estimated transport time becomes longer. The reason `STAMP` means
         that the arm did not accept the command's stamp. The estimate of the arm's clock then starts

@@ -106,8 +106,8 @@ class LifecycleState:
 
         The goal is refused if the arm reports a fault or another machine file. It is refused if it
         is out of reach, or if its options do not fit. It is also refused if it was sent before the
-        last stop (`void_goals`). An older waiting goal ends as superseded, unless the arm executes
-        a plan for it.
+        last stop (`void_goals`). Otherwise it is added to `stream`, and an older waiting goal ends
+        as superseded, unless the arm executes a plan for it.
 
         Args:
             pending_goal: The new goal.

@@ -32,7 +32,7 @@ class PlanRequest:
     """Request of the goal lifecycle for a plan.
 
     Attributes:
-        epoch: `GoalQueue.epoch` at the request. If it has changed, the answer is void.
+        epoch: `LifecycleState.epoch` at the request. If it has changed, the answer is void.
         pending_goal: Record of the goal.
         target: Place to which the plan must lead: the goal, or the place where a moving goal will
             be.

@@ -180,8 +180,8 @@ class StopSequence:
             - The arm has no fault, and its reference has one publisher.
             - No braking command is confirmed, and fewer than `MAX_BRAKING_COMMANDS` were made.
             - The stop began at most `BRAKING_TIMEOUT` ago.
-            - No other node sends plans that could replace the braking command. This does not count
-              if an obstacle is braked for, since the arm's ~/stop does not know the obstacle.
+            - No other node sends plans that could replace the braking command. This condition is
+              left out if the stop is for an obstacle, which the arm's ~/stop would not consider.
         """
         state, arm = self._state, self._state.arm_state
         is_late = state.now - self._started_at > BRAKING_TIMEOUT
@@ -311,7 +311,7 @@ class StopSequence:
             - It answered with success: True if that was at least `REST_TIME` ago, and the arm
               executes no command of this planner. A motion that has just begun is too slow to be
               told from rest, and decelerates after the answer. If several publishers send the
-              arm's reference, its reports are useless and the time alone decides.
+              arm's reference, the second condition is left out.
             - It answered without success: False.
             - It has not answered: True if three conditions are met. The service could not be called
               or `STOP_TIMEOUT` has passed, only one publisher sends the reference, and no plan is

@@ -84,8 +84,8 @@ class GoalSender(Node):
     def wait_for_planner(self, executor: SingleThreadedExecutor, timeout: float) -> bool:
         """Wait until a planner is found and all subscribers of goals are connected.
 
-        Other subscribers have `DISCOVERY_TIME` after that to be found. If no connection to a
-        subscriber is possible, waiting for it ends after `SEND_AGAIN_AFTER`.
+        After the planner, other subscribers are looked for during `DISCOVERY_TIME`. If no
+        connection to a subscriber is possible, waiting for it ends after `SEND_AGAIN_AFTER`.
 
         Args:
             executor: Executor that serves this node.

@@ -174,7 +174,7 @@ class MoveTipServer:
             machine: Machine of the node.
             decode_goal: Function that returns the goal of a pose message. It raises GoalError or
                 MessageError.
-            lifecycle: State machine of goals, which decides on goals that will be executed.
+            lifecycle: State machine of the goals that will be executed.
             outbox: Outbox with the planning worker. It is used for goals that are planned for but
                 not executed, also to encode their plans as messages.
             make_settings: Function that returns the settings of plans from the node's parameters.

@@ -574,14 +574,14 @@ def _combine_angles(exact: float, least: float, greatest: float) -> Angle:
 
 
 def _convert_pair(name: str, value: Any) -> tuple[float, float] | None:
-    """Convert the value of a parameter of two numbers to a pair of floats.
+    """Convert a parameter value of two numbers to a pair of floats.
 
     Args:
         name: Name of the parameter, for the error, such as `goal_segment` or `goal_box`.
         value: Value of the parameter.
 
     Returns:
-        (x, z) [m]. None if both numbers are 0, which means that the parameter is not used.
+        (x, z) [m]. None if both numbers are 0: the parameter is then not used.
 
     Raises:
         RequestError: The value is not a sequence of two numbers.
