@@ -197,10 +197,11 @@ def compute_charging(
 ) -> tuple[float, float]:
     """Compute the shaft work that charges supply lines before boosts, and its loss by slip.
 
-    A boost begins in an interval whose mode is boosted if the mode of the previous interval is not.
-    The pressure in the actuator's line must then rise from the main pump's to the boosted pressure.
-    The line has this pressure already for a time before the boost. The oil that cylinder, valve and
-    pump gaps take in this time counts, too. A boost in force in the first interval costs nothing.
+    A boost begins in an interval with a boosted mode that follows an interval without. By then the
+    pressure in the actuator's line must have risen from the main pump's pressure to the boosted
+    pressure. The line has the boosted pressure already for a time before the boost. The oil that
+    cylinder, valve and pump gaps take in this time counts, too. A boost in force in the first
+    interval costs nothing.
 
     Args:
         machine: Machine with its circuit and servo settings.
@@ -322,9 +323,10 @@ def _sum_state_energies(
         modes: Mode codes (N, DB, SB), shape (k, n).
 
     Returns:
-        Energies in the order of the fields of `Energy`, shape (7,) [J]: total by the published
-        model (`paper`), main pump, shafts of the servo pumps, losses of the servo pumps, leakage
-        through valves, work of the pistons against gravity, oil that flows to the tank.
+        Energies in the order of the fields of `Energy`, shape (7,) [J]. The first four are total by
+        the published model (`paper`), main pump, shafts of the servo pumps, and their losses. The
+        last three are leakage through valves, work of the pistons against gravity, and oil that
+        flows to the tank.
     """
     energy, power, own = (
         np.zeros(ENERGY_FIELD_COUNT),
@@ -366,10 +368,10 @@ def _integrate_power(
         modes: Mode codes of each interval, shape (k, n).
 
     Returns:
-        Energies in the order of the fields of `Energy`, shape (7,) [J]: published model (`paper`),
-        main pump, shafts of the servo pumps, losses of the servo pumps, leakage through valves,
-        work of the pistons against gravity, oil that flows to the tank. The charging of lines is
-        not included.
+        Energies in the order of the fields of `Energy`, shape (7,) [J]. The first four are total by
+        the published model (`paper`), main pump, shafts of the servo pumps, and their losses. The
+        last three are leakage through valves, work of the pistons against gravity, and oil that
+        flows to the tank. The charging of lines is not included.
     """
     energy, own = np.zeros(ENERGY_FIELD_COUNT), np.empty(speed.shape[1])
     begin, middle, end = (
@@ -402,7 +404,7 @@ def _compute_powers(
     own: FloatArray,
     power: FloatArray,
 ) -> None:
-    """Compute the powers of pumps, losses and loads in one state of motion.
+    """Compute the powers of pumps, losses and loads in one motion state.
 
     The tests compare the powers with a calculation by hand.
 
@@ -414,8 +416,9 @@ def _compute_powers(
         modes: Mode codes (N, DB, SB), shape (n,).
         own: Working memory, shape (n,), overwritten: boosted supply pressure of each actuator [Pa].
         power: Powers in the order of the fields of `Energy`, shape (7,) [W], written in place.
-            These are: all pumps by the published energy model (`paper`), main pump, shafts of the
-            servo pumps, losses of the servo pumps, leakage, work on the loads, oil to the tank.
+            The first four are total by the published model (`paper`), main pump, shafts of the
+            servo pumps, and their losses. The last three are leakage through valves, work of the
+            pistons against gravity, and oil that flows to the tank.
     """
     oil, efficiency = get_shared_hydraulics(m), m.servo_pump_efficiency
     valve, cap, rod = m.valve_coefficient, m.cap_area, m.rod_area
@@ -467,8 +470,8 @@ def _compute_charging_work(
 ) -> tuple[float, float]:
     """Compute the hydraulic work that charges supply lines before boosts.
 
-    A boost begins in an interval whose mode is boosted if the mode of the previous interval is not.
-    The pressure in the actuator's line of volume V then rises by Δp to the boosted pressure:
+    A boost begins in an interval with a boosted mode that follows an interval without. The pressure
+    in the actuator's line of volume V then rises by Δp to the boosted pressure:
 
         work = V Δp²/(2β) + Q Δp T
 

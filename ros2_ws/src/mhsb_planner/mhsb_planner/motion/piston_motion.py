@@ -57,11 +57,11 @@ def convert_to_joints(
 
         q = L⁻¹(length),  q̇ = v/r,  q̈ = (v̇ − r′ q̇²)/r
 
-    L⁻¹ is the joint position that belongs to a cylinder length, v the piston speed, r = dL/dq the
-    moment arm and r′ = dr/dq its slope. The numerical search for a position begins at the position
-    of the previous instant. Beyond a joint limit the cylinder length is extrapolated as a linear
-    function of the joint position. Cylinder lengths beyond the limits therefore give joint
-    positions beyond the limits.
+    L⁻¹ is the joint position that belongs to a cylinder length, and v is the piston speed.
+    r = dL/dq is the moment arm, and r′ = dr/dq its slope. The numerical search for a position
+    begins at the position of the previous instant. Beyond a joint limit the cylinder length is
+    extrapolated as a linear function of the joint position. Cylinder lengths beyond the limits
+    therefore give joint positions beyond the limits.
 
     Args:
         m: Arrays of the machine.

@@ -247,8 +247,8 @@ def iterate_candidates(
 
     1. The polynomial, if `rules.trajectory` is `polynomial`. With `rules.polynomial_only` it is the
        only curve.
-    2. If `coast` is a `Coasting`: the path with ramps (smooth changes of speed), begun at once
-       while the arm still moves.
+    2. If `coast` is a `Coasting`: the path with ramps (smooth changes of speed), which begins at
+       once while the arm still moves.
     3. The path with ramps from rest, after `brake`. Then this path with a further rest before each
        step in which the boost of an actuator begins.
     4. The path step by step with a rest at every node, after `brake`, if `rules.stepped`.
@@ -337,8 +337,8 @@ def _iterate_ramped(
     """Yield curves along a discrete path, with slower and slower changes of speed (ramps).
 
     Each curve after the first is marked to be tried only if the pressure was too low for the
-    previous one. All curves may be slowed if valves or pumps cannot follow. If the curves begin at
-    rest, the last one may also be slowed because of too low pressure.
+    previous one. All curves may be slowed if valves or pumps cannot follow. The last of the curves
+    that begin at rest may also be slowed if the pressure is too low.
 
     Args:
         machine: Machine that moves.
@@ -382,7 +382,7 @@ def _create_polynomial(
     """Create the published curve, one polynomial of degree 6 per joint, as a curve to try.
 
     Two rules hold if the arm moves at the start. The polynomial must not be slowed after its first
-    trial. No joint may go farther in its initial direction than while braking or on the path.
+    trial. No joint may travel farther in its initial direction than braking and the path take it.
 
     Args:
         path: Discrete path.

@@ -78,8 +78,8 @@ def find_contact_ahead(machine: Machine, trajectory: Trajectory, now_ns: int) ->
     """Find the first contact with an obstacle in the remaining part of a trajectory.
 
     The check begins at the trajectory's last point at or before `now_ns`, or else at its first
-    point. After the end of the trajectory nothing is left to check. The margin that discrete paths
-    keep does not count. If the arm is in an obstacle when the check begins, it may leave it.
+    point. After the end of the trajectory the result is None. The margin that discrete paths keep
+    does not count. If the arm is in an obstacle when the check begins, it may leave it.
 
     Args:
         machine: Machine with its obstacles.

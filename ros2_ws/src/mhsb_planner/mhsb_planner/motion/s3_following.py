@@ -247,7 +247,7 @@ def compute_followed_path(
     scale: FloatArray | float,
     last_ramp_factor: float = 1.0,
 ) -> RampedMotion:
-    """Compute a motion along a discrete path that keeps the limits of piston acceleration and jerk.
+    """Compute a motion along a discrete path, within the limits of piston acceleration and jerk.
 
     Each change of the piston speeds is a ramp (smooth change). Motions with longer and longer ramps
     are tried until one keeps the limits. The first ramps are the shortest ones for the fastest step

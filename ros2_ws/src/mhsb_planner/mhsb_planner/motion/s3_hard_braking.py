@@ -80,9 +80,10 @@ def iterate_harder_brakings(
 def _find_braking_within_limits(
     machine: Machine, trajectory: Trajectory, at_ns: int, ramp: Ramp, slack: float
 ) -> Trajectory | None:
-    """Compute a braking motion along a trajectory that keeps the limits of acceleration and jerk.
+    """Compute a braking motion along a trajectory, within the limits of acceleration and jerk.
 
-    Each limit is the larger of the machine's limit and the trajectory's own peak on this stretch.
+    Each limit is the larger of two values: the machine's limit, and the trajectory's own peak on
+    the stretch of its path on which the arm brakes.
 
     Args:
         machine: Machine whose piston acceleration and jerk are the limits.

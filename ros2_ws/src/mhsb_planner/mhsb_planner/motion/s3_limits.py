@@ -99,7 +99,7 @@ class LimitValues(NamedTuple):
     def from_profile(
         cls, machine: Machine, profile: MotionProfile, modes: ModeArray
     ) -> LimitValues:
-        """Compute the quantities that the limits bound, at k states of a motion.
+        """Compute the quantity of each limit in `STATE_LIMITS` at k motion states.
 
         Args:
             machine: Machine with its hydraulics.
@@ -115,7 +115,7 @@ class LimitValues(NamedTuple):
         )
 
     def of(self, limit: StateLimit) -> FloatArray:
-        """Return the quantity that one limit bounds, at each of the k instants.
+        """Return the quantity of one limit at each of the k instants.
 
         Args:
             limit: One of `STATE_LIMITS`.
@@ -137,7 +137,7 @@ def _measure_states(
     tip: FloatArray,
     modes: ModeArray,
 ) -> FloatArray:
-    """Compute the quantities that the limits of `STATE_LIMITS` bound, at k states of a motion.
+    """Compute the quantity of each limit in `STATE_LIMITS` at k motion states.
 
     Each state has its own modes. It is the kernel of `LimitValues.from_profile`. The tests compare
     the result with the methods of `Machine`.
@@ -162,7 +162,7 @@ def _measure_states(
 
 @kernel(borrows=True)
 def _fill_states(m: MachineArrays, motion: LimitInputs, values: FloatArray) -> None:
-    """Compute the quantities that the limits bound, at k states of a motion.
+    """Compute the quantity of each limit in `STATE_LIMITS` at k motion states.
 
     Args:
         m: Arrays of the machine.
@@ -197,7 +197,7 @@ def _measure_ends(
     tip: FloatArray,
     modes: ModeArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute the quantities that the limits of `STATE_LIMITS` bound, at both ends of k intervals.
+    """Compute the quantity of each limit in `STATE_LIMITS` at both ends of k intervals.
 
     Each interval has its own modes, so a point between two intervals may have two values. It is the
     kernel of `EndValues.from_profile`.
@@ -213,8 +213,8 @@ def _measure_ends(
 
     Returns:
         Quantities at the beginnings and quantities at the ends, both of shape (limits, k) in the
-        order of `STATE_LIMITS`, each in the unit of its limit. The third array, shape (k,), has the
-        largest share of a speed limit (`TimeScaling.SPEED`) that each interval uses [-]. If it
+        order of `STATE_LIMITS`. Each is in the unit of its limit. The third array, shape (k,), has
+        the largest share of a speed limit (`TimeScaling.SPEED`) that each interval uses [-]. If it
         exceeds 1, the interval is too fast.
     """
     begin, end = np.empty((_LIMIT_COUNT, len(modes))), np.empty((_LIMIT_COUNT, len(modes)))
@@ -230,7 +230,7 @@ def _measure_ends(
 
 @kernel(borrows=True)
 def _fill_ends(m: MachineArrays, motion: LimitInputs, begin: FloatArray, end: FloatArray) -> None:
-    """Compute the quantities that the limits of `STATE_LIMITS` bound, at both ends of k intervals.
+    """Compute the quantity of each limit in `STATE_LIMITS` at both ends of k intervals.
 
     Each interval has its own modes. If two adjacent intervals have equal modes, the values at their
     common point are computed once.
@@ -274,7 +274,7 @@ class EndValues(NamedTuple):
 
     @classmethod
     def from_profile(cls, machine: Machine, profile: MotionProfile, modes: ModeArray) -> EndValues:
-        """Compute the quantities that the limits bound, at both ends of the intervals of a motion.
+        """Compute the quantity of each limit in `STATE_LIMITS` at both ends of k intervals.
 
         Args:
             machine: Machine with its hydraulics.
@@ -362,8 +362,8 @@ def find_violation_between(
     Args:
         machine: Machine with its obstacles.
         trajectory: Joint trajectory of k points.
-        ends: Quantities that the limits bound, at the ends of the intervals between the points,
-            with the modes of the intervals.
+        ends: Quantities of the limits at the ends of the intervals between the points, with the
+            modes of the intervals.
         middles: Profile (piston speeds and forces) at the middles of the intervals, from
             `compute_middle_profile`.
         deadline: Instant at which the work is given up.
@@ -427,8 +427,8 @@ def _find_unproven_intervals(
         position: Joint positions at the points, shape (k, n) [rad or m].
         velocity: Joint velocities at the points, shape (k, n) [rad/s or m/s].
         acceleration: Joint accelerations at the points, shape (k, n) [rad/s² or m/s²].
-        begin: Quantities that the limits bound, at the beginnings of the k - 1 intervals, one row
-            for each limit of `STATE_LIMITS`, shape (limits, k - 1).
+        begin: Quantities of the limits at the beginnings of the k - 1 intervals, one row for each
+            limit of `STATE_LIMITS`, shape (limits, k - 1).
         middle: Quantities at the middles of the intervals, in the same shape.
         end: Quantities at the ends of the intervals, in the same shape.
 

@@ -70,7 +70,7 @@ class PolynomialCurve:
 def fit_polynomial(
     path: DiscretePath, start: MotionState, delay: float, stretch: float
 ) -> PolynomialCurve:
-    """Fit one polynomial per joint to a discrete path, from a start to rest at the path's end.
+    """Fit one polynomial per joint to a discrete path, with rest at the path's end.
 
     Position and velocity at both ends are met exactly. If the arm moves at the start, its
     acceleration there is met, too. The remaining coefficients fit positions and velocities of the
@@ -137,7 +137,7 @@ def _interpolate_path(
 def _compute_boundary_polynomial(
     start: MotionState, end: FloatArray, duration: float, moving: bool
 ) -> FloatArray:
-    """Compute the polynomial of least degree from a start to rest at an end, for each joint.
+    """Compute, for each joint, the polynomial of least degree from a start state to rest.
 
     Position and velocity are met at both ends. If `moving`, the acceleration at the start is met,
     too.

@@ -49,7 +49,7 @@ def compute_needed_factors(
 
     Args:
         violation: The broken limit, its time and its excess over the limit.
-        ends: Quantities that the limits bound, at the ends of the k intervals.
+        ends: Quantities of the limits at the ends of the k intervals.
         used: Share of V_max, valves and pumps that each interval uses, shape (k,) [-]; 1 is the
             most that is allowed.
         time: Times of the motion's points, shape (k + 1,) [s].

@@ -131,7 +131,7 @@ class SteeredMotion:
 def compute_steered_motion(
     machine: Machine, path: DiscretePath, start: MotionState, stretch: float
 ) -> SteeredMotion:
-    """Compute a motion of a moving arm straight to rest at a path's end.
+    """Compute a motion that brings a moving arm straight to rest at a path's end.
 
     The postures between the path's ends do not matter. Each piston changes its speed to a constant
     one, keeps it, and stops. It keeps V_max and the limits of acceleration and jerk. All pistons
@@ -180,7 +180,7 @@ def _advance(x: float, v: float, a: float, jerk: float, t: float) -> tuple[float
 def _plan_speed_change(
     v0: float, a0: float, v1: float, a_max: float, j: float, jerk: FloatArray, phase: FloatArray
 ) -> tuple[float, float]:
-    """Compute the phases of a piston's change of speed within limited acceleration and jerk.
+    """Plan the phases in which a piston changes its speed with limited acceleration and jerk.
 
     There are three phases: a jerk, constant acceleration, and the opposite jerk.
 

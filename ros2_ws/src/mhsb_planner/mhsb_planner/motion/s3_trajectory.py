@@ -500,8 +500,8 @@ def _widen_limits_to(machine: Machine, posture: FloatArray) -> Machine:
         posture: Joint positions of the start, shape (n,) [rad or m].
 
     Returns:
-        A machine that admits the start. The same object if the start is outside the limits by at
-        most JOINT_TOLERANCE, as a start at a limit may be by rounding.
+        A machine that admits the start. It is `machine` itself if the start is outside the limits
+        by at most JOINT_TOLERANCE, as a start at a limit may be by rounding.
     """
     arrays = machine.arrays
     if _compute_excess(arrays, as_frozen(posture)) <= JOINT_TOLERANCE:
@@ -700,7 +700,7 @@ def _compute_uses(
     """Compute the share of V_max, valves and pumps that each interval of a motion uses.
 
     The allowed speed of a piston is `fastest` times its V_max. If the arm moves at the start, it
-    may already be faster there, and slowing does not help. The factor is then raised to
+    may already be faster there, and slowing does not help. `fastest` is then raised to
     USAGE_RESERVE times the largest ratio of speed to V_max at the start.
 
     The tests compare the result with the same shares by NumPy.

@@ -677,10 +677,10 @@ def _reduce_to_module_budget(
     """Reduce boost in intervals whose modes use more booster modules than are fitted.
 
     A run is a sequence of intervals in which an actuator has one mode. For each interval, the run
-    in mode SB (shared rail) with the least flow becomes DB (own servo pump). This is repeated until
-    the modules suffice or no run is left. Then DB becomes N (main pump alone) in intervals in which
-    `needed` is False. No change makes a run shorter than `dwell`. If an interval still uses too
-    many modules, the check of limits reports it.
+    in mode SB (shared rail) with the least peak flow becomes DB (own servo pump). This is repeated
+    until the modules suffice or no run is left. Then DB becomes N (main pump alone) in intervals in
+    which `needed` is False. No change makes a run shorter than `dwell`. An interval may still use
+    too many modules at the end.
 
     Args:
         m: Arrays of the machine.

@@ -68,8 +68,8 @@ def joint_excess(m: MachineArrays, q: FloatArray) -> FloatArray:
 def compute_outward_excess(lower: FloatArray, upper: FloatArray, position: FloatArray) -> float:
     """Compute how far a motion moves a joint outwards beyond its limits.
 
-    A joint that starts beyond a limit may return, but must not move outwards again. Outward travel
-    therefore counts from the smallest distance beyond the limits so far:
+    A joint that starts beyond a limit may return, but must not move outwards again. From each
+    distance beyond the limits, the smallest distance so far (at least 0) is therefore subtracted:
 
         max_k ( e_k − min_{i ≤ k} max(e_i, 0) )
 

@@ -31,7 +31,7 @@ STATE_LIMITS: tuple[StateLimit, ...] = (
 
 @kernel(borrows=True, forceinline=True)
 def measure_limits(m: MachineArrays, state: LimitInputs) -> tuple[float, ...]:
-    """Return the quantity that each limit in `STATE_LIMITS` bounds, at one instant.
+    """Return the quantity of each limit in `STATE_LIMITS` at one instant.
 
     Args:
         m: Arrays of the machine.
