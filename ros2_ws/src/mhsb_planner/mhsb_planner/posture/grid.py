@@ -22,7 +22,7 @@ ON_LINE = 1e-6
 
 
 def list_grid_nodes(machine: Machine, spacing: float) -> IntArray:
-    """List the grid points of tip positions that lie in the machine's workspace.
+    """List the grid points that lie in the machine's workspace.
 
     A node (i, k) lies at x = i · spacing, z = k · spacing, with
 
@@ -65,7 +65,7 @@ class Grid:
     """
 
     def __init__(self, nodes: IntArray, spacing: float) -> None:
-        """Create the look-up of nodes, and find the up to eight neighbours of each node.
+        """Create the look-up of nodes, and find the neighbours of each node (at most eight).
 
         Args:
             nodes: Integer coordinates (i, k), shape (nodes, 2).

@@ -300,7 +300,7 @@ def _ascend_area(
 def _exclude_samples(
     sample: FloatArray, value: FloatArray, posture: FloatArray, unit: FloatArray
 ) -> None:
-    """Set the area of all samples close to a posture to −1, so that no ascent begins at them.
+    """Set to −1 the areas of all samples close to a posture, so that no ascent begins there.
 
     A sample is close if no joint differs by more than MIN_START_DISTANCE times the joint's unit.
 

@@ -264,8 +264,8 @@ def _sample_psi(m: MachineArrays, tip: tuple[float, float]) -> _PsiSamples:
 def _find_largest_sample(samples: _PsiSamples, value: FloatArray, q: FloatArray) -> float:
     """Find the sample with the largest velocity-polytope area.
 
-    The ends of all intervals come first, then all samples. A later sample is taken only if its area
-    is larger by more than the share SAME_AREA.
+    The ends of all intervals are compared first, then all samples. A later sample is taken only if
+    its area is larger by more than the share SAME_AREA.
 
     Args:
         samples: Samples of the end-link angle ψ at one tip position.

@@ -82,7 +82,7 @@ def _find_critical_angles(m: MachineArrays, x: float, z: float, found: FloatArra
 
     The tip position is given in the frame of these joints, named shoulder, elbow and wrist. Their
     links are L₁, L₂ and L₃ long. The tip lies at the distance R from the shoulder, in the direction
-    φ. A posture becomes infeasible if the wrist reaches the edge of its reach or a joint reaches a
+    φ. A posture becomes infeasible if the wrist gets to the edge of its range, or a joint to a
     limit. The triangles in brackets give ψ for each case:
 
     - Reach and limits of q₂ (shoulder, wrist at distance D, tip):

@@ -36,7 +36,7 @@ FULL_TURN = 2.0 * math.pi
 def search_by_slsqp(
     machine: Machine, position: FloatArray, posture: FloatArray, area: FloatArray
 ) -> None:
-    """Search the postures with the largest velocity polytope at many tip positions by SLSQP.
+    """Search for the postures with the largest velocity polytope at many tip positions, by SLSQP.
 
     The function is a `NodeSolver` of posture tables. It serves for comparison with the global
     search and may miss the largest polytope.
@@ -68,7 +68,7 @@ def find_largest_polytope_by_slsqp(
     seed: int,
     starts: int = DEFAULT_STARTS,
 ) -> tuple[FloatArray, float] | None:
-    """Search the posture with the largest velocity polytope at a tip position by SLSQP.
+    """Search for the posture with the largest velocity polytope at a tip position, by SLSQP.
 
     The polytope contains all velocities of the tip that the pistons' limits allow. The optimisation
     begins at random starts. Each result is moved to the exact tip position and into the joint
