@@ -218,8 +218,7 @@ def build_fixed_j3_graph(
         deadline: Instant at which the work is given up.
 
     Returns:
-        The graph. At tip positions that are no nodes it also uses the posture of the conventional
-        method.
+        The graph. Its `posture_rule` gives postures of the conventional method between the nodes.
 
     Raises:
         RequestError: j3 has the wrong length or is beyond a joint limit.

@@ -48,7 +48,7 @@ def _precedes(states: Records[SearchState], a: int, b: int) -> bool:
 
 @kernel(borrows=True, forceinline=True)
 def sift_up(states: Records[SearchState], heap: IntArray, i: int, state: int) -> None:
-    """Insert a state into the heap, or move a state whose estimate has decreased to its place.
+    """Insert a state into the heap, or move it up after its estimate has decreased.
 
     The caller must set the state's estimate before, and count the states in the heap.
 
@@ -183,7 +183,7 @@ class ExpandedState(NamedTuple):
 def create_open_list(states: int) -> OpenList:
     """Create the state records and the open list of a search that has not begun.
 
-    All states have infinite cost, no parent, and are not in the heap.
+    All states have infinite cost and no parent, and none is in the heap.
 
     Args:
         states: Number of states without the goal.
@@ -269,7 +269,7 @@ def record_path_to(
 
 @kernel
 def trace_path_to_goal(f: OpenList) -> IntArray:
-    """Return the states of the path found, from the first after the start to the goal.
+    """Return the states along the path that was found, without the start.
 
     Args:
         f: Open list of a search that has reached the goal.

@@ -174,7 +174,7 @@ def price_steps(
 
 @kernel(inline="always")
 def _mark_collisions(t: StepCostModel, i: int, first: int, count: int, middle: FloatArray) -> None:
-    """Mark the moves to the postures of a node on which the arm comes too near to an obstacle.
+    """Mark each move to a node's postures if it brings the arm too near to an obstacle.
 
     A move between clear postures is clear if the sum of their clearances is at least the distance
     that the arm travels. It is not clear if it leads from a clear posture to one that is too near.
@@ -265,9 +265,9 @@ def _compute_move_forces(
 ) -> None:
     """Compute the cylinder forces at the middle of the moves that leave a range of postures.
 
-    A move leads straight in joint space from a posture to a posture of a neighbouring node. All
-    moves that leave the postures begin to end - 1 are computed. The rows of a move become NaN if
-    the tip leaves the workspace on the way. The tests compare the result with
+    A move leads straight in joint space from a posture to a posture of a neighbouring node. The
+    moves that leave the postures `begin` to `end` - 1 are computed. The rows of a move become NaN
+    if the tip leaves the workspace on the way. The tests compare the result with
     `compute_middle_forces`.
 
     Args:
