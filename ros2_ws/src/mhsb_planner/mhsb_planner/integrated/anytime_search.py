@@ -384,9 +384,9 @@ def search_lattice(
     A lattice is a regular grid of cylinder lengths, and its points are the possible waypoints.
 
     With an incumbent, A* looks for a path below MAX_SEARCHED_COST_RATIO times the incumbent's cost.
-    Only goal postures with a lower bound below the incumbent's cost are goals. The search may
-    expand as many states as `max_expansions` leaves after `work.expanded`. Its heuristic weight is
-    1, or DEADLINE_HEURISTIC_WEIGHT for an arm of more than three joints if there is a deadline.
+    Only goal postures with a lower bound below the incumbent's cost are goals. The search expands
+    at most `max_expansions` − `work.expanded` states. Its heuristic weight is 1, or
+    DEADLINE_HEURISTIC_WEIGHT for an arm of more than three joints if there is a deadline.
 
     Without an incumbent, A* with the heuristic weight FIRST_HEURISTIC_WEIGHT expands at most
     FIRST_STATES states. If it stops there without a path, a second search without that limit keeps

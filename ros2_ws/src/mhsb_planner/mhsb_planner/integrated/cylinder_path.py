@@ -483,11 +483,11 @@ def count_switches_to_hold(m: MachineArrays, force: FloatArray, modes: ModeArray
 
 @kernel(inline="always")
 def _add_holding_switches(t: PathCostModel, w: PathCostBuffers, at: int) -> float:
-    """Add the cost of the switches to the modes that hold the arm at rest at w.points[at].
+    """Add the cost of switching to the modes that hold the arm at rest in posture w.points[at].
 
     An actuator holds its load in mode N, or in mode DB if the load needs boost. The costs of the
-    mode combinations in w.value[at] are increased in place. The last column stays: it stands for
-    the modes before the first piece, in which no piece arrives.
+    mode combinations in w.value[at] are increased in place. The last column is not changed: it
+    stands for the modes before the first piece, in which no piece arrives.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -607,7 +607,7 @@ def price_path(
 def compute_costs_to_go(
     t: PathCostModel, w: PathCostBuffers, via: FloatArray, start: FloatArray
 ) -> FloatArray:
-    """Compute the least cost from each waypoint of a cylinder path to rest at the path's end.
+    """Compute the least remaining cost from each waypoint of a cylinder path to rest at its end.
 
     Mode switches between pieces count, and so do the switches to the modes that hold the arm at the
     end.

@@ -149,8 +149,8 @@ class IntegratedSearch:
     def improve_path(self, via: FloatArray, spacings: tuple[float, ...]) -> DiscretePath | None:
         """Improve a given cylinder path by local changes, without any search for other paths.
 
-        The goal posture nearest to the last waypoint counts as the path's end. Nearest means the
-        smallest value of the largest difference of a cylinder length.
+        The goal posture nearest to the last waypoint counts as the path's end. The distance of two
+        postures is here the largest difference of a cylinder length.
 
         Args:
             via: Waypoints (cylinder lengths) from the start to a goal posture, shape (points, n)

@@ -668,8 +668,8 @@ def expand(
 
     A state is a lattice point and the mode combination of arrival. The first call expands the
     start. To expand a state means to price the steps to all neighbours of its point. Steps to the
-    goal postures around the point are priced, too. They include the switches to the modes that hold
-    the arm there.
+    goal postures around the point are priced, too. Their costs include the switches to the modes
+    that hold the arm there.
 
     The tests compare the result with scipy.sparse.csgraph.dijkstra on the same points and steps.
 
