@@ -48,9 +48,9 @@ class PaperCase:
         angle. If the other joints have no solution then, joint 3 is moved off it in steps of 1°
         until they have one.
 
-        In all other cases it is the posture of largest velocity polytope (all tip velocities that
-        the pistons allow) with all actuators in mode N (main pump alone). If the machine slews, the
-        slew angle is the one nearest to 0 that puts the tip there.
+        In all other cases it is the posture with the largest velocity polytope in mode N (main pump
+        alone) of all actuators. The polytope contains all tip velocities that the pistons allow. If
+        the machine slews, the slew angle is the one nearest to 0 that puts the tip there.
 
         Args:
             machine: The machine; it may slew.

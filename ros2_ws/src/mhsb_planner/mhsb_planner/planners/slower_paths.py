@@ -27,12 +27,11 @@ def yield_paths_at_falling_speeds(
 ) -> Iterator[PathProposal]:
     """Yield a planner's paths at V_max, and at lower piston speeds if they may help.
 
-    V_max is the allowed piston speed.
-
-    Lower speeds are tried if there is no path, because slower steps need less pressure. If there is
-    one, they are tried as long as slower motions may be cheaper (`progress.min_speed_factor`). The
-    factors of SPEED_FACTORS are tried one after the other until the deadline of the search. An
-    error at a lower speed is only logged, and so is a `NoPathError` after a path.
+    V_max is the allowed piston speed. Lower speeds are tried if there is no path, because slower
+    steps need less pressure. If there is one, they are tried as long as slower motions may be
+    cheaper (`progress.min_speed_factor`). The factors of SPEED_FACTORS are tried one after the
+    other until the deadline of the search. Errors at lower speeds are only logged. A `NoPathError`
+    at V_max is only logged if there is a path.
 
     Args:
         planner: The planner.

@@ -94,8 +94,8 @@ def paths_through_via_points(
     The departure is the posture at rest where the path begins. A leg leads to the next via point,
     the last leg to the goal. Each leg is planned without regard to the next. There are two rounds.
     In the first round, each leg to a via point is the first path that the source finds, in the
-    second round the cheapest. To these legs, each path of the source for the last leg is joined in
-    turn. Each whole path is yielded twice: without and with rests at the via points. Without rests,
+    second round the cheapest. Each path that the source finds for the last leg is joined to these
+    legs. Each whole path is yielded twice: without and with rests at the via points. Without rests,
     the tip may miss the points, because ramps cut the corners.
 
     Args:

@@ -484,8 +484,8 @@ class PlanningLoop:
 
         Raises:
             DeadlineError: The deadline of the plan passed.
-            FitError: The path has no motion, there is no incumbent (best plan so far), and one
-                curve must lead from the moving start to the goal (`_is_steering`).
+            FitError: The path has no motion, no plan has been found before, and one curve must lead
+                from the moving start to the goal (`_is_steering`).
         """
         best, deadline = self._best, self.progress.deadline
         if best is None and proposal.for_comparison and self.progress.has_deadline:

@@ -353,7 +353,7 @@ class SlewingPaths:
         Before the via point, zones are avoided at the slew angle of the start. After it they are
         avoided at the slew angle of the goal. The via points are tips of at most
         MAX_CARRYING_POSTURES postures of the table, and are tried in two rounds. In the first
-        round, the first path found to the via point and from it is taken, in the second round the
+        round, each of the two parts is the first path that is found, in the second round the
         cheapest. Via points without a path are skipped.
 
         Args:
