@@ -65,8 +65,8 @@ class ArmClockEstimator:
         """Add a stamp, and return whether it is not earlier than the previous stamp.
 
         All earlier stamps are dropped if the arm's clock has gone back or has jumped ahead. It has
-        jumped ahead if the stamp is more than `MIN_CLOCK_JUMP` later than the earlier stamps let
-        expect. In each time slot of `STAMP_SPACING` only the least delayed stamp is kept. Stamps
+        jumped ahead if the stamp is more than `MIN_CLOCK_JUMP` later than expected from the earlier
+        stamps. In each time slot of `STAMP_SPACING` only the least delayed stamp is kept. Stamps
         older than `SPEED_WINDOW` are dropped.
 
         Args:

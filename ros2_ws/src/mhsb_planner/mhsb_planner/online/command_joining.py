@@ -71,7 +71,7 @@ def choose_hand_over_times(in_force: Command, now_ns: int, commit_horizon_ns: in
 
 
 def join_commands(in_force: Command, times: HandOverTimes, new: Command) -> Command:
-    """Build the command that repeats the command in force up to the change, and then a new one.
+    """Build a command that repeats the command in force up to the change, then follows a new one.
 
     The old modes stay in force up to the change. If the old trajectory ends before the change, its
     last position is held in between.

@@ -54,8 +54,8 @@ class ExecutionMonitor:
         Four conditions must hold. The arm still executes a plan of this planner. The plan's target
         is within 0.1 mm of the goal. Plan and goal have the same settings. The goal does not move.
 
-        The earlier goal of the plan then ends as replaced. This goal is accepted, with `continued`
-        set in its plan summary. If both are the same goal, nothing is reported.
+        The earlier goal of the plan then ends as replaced. The new goal is accepted, with
+        `continued` set in its plan summary. If both are the same goal, nothing is reported.
 
         Args:
             pending_goal: The goal.

@@ -101,8 +101,8 @@ class GoalPlanning:
         - The plan in force leads to the goal already: the goal takes over this plan.
         - Otherwise a plan is requested.
 
-        In the last three cases, an arm that has not reported its machine within `START_UP` after
-        its first state is taken to have the planner's machine. A warning says so.
+        In the last three cases, the arm may not have reported its machine within `START_UP` after
+        its first state. It is then taken to have the planner's machine, and a warning is logged.
         """
         state, pending_goal = self._state, self._state.waiting
         if pending_goal is None or state.request or state.unconfirmed:
@@ -123,7 +123,7 @@ class GoalPlanning:
             state.outbox.start_planning(state.request)
 
     def _must_wait(self, pending_goal: PendingGoal) -> bool:
-        """Return whether planning for the waiting goal must not begin yet.
+        """Return whether the waiting goal must wait longer before planning begins.
 
         The goal waits until all of these conditions are met, but for at most `LONGEST_WAIT`:
 
@@ -147,7 +147,7 @@ class GoalPlanning:
         return not is_ready and state.now - pending_goal.waiting_since < LONGEST_WAIT
 
     def _postpone(self, pending_goal: PendingGoal, error: MhsbError) -> None:
-        """Let the waiting goal wait on because no plan can start, or refuse it.
+        """Keep a goal waiting for which no plan can start, or refuse it.
 
         The goal is refused at once if the arm has another machine file. Otherwise it is refused
         when it has waited for `LONGEST_WAIT`. If the arm has never sent a state, it is not refused
@@ -248,9 +248,10 @@ class GoalPlanning:
     ) -> tuple[Goal, float]:
         """Choose the place to which a plan for a goal leads, and return it with the goal's period.
 
-        For a moving goal it is extrapolated (`GoalStream.extrapolate`) in real time. If the goal
-        has stopped, or its `needs_exact_place` is set, it is the goal's own place. The period of a
-        stopped goal is still returned, so that the planner keeps the posture near the present one.
+        For a moving goal the place is extrapolated (`GoalStream.extrapolate`) in real time. If the
+        goal has stopped, or its `needs_exact_place` is set, the place is the goal's own. The period
+        of a stopped goal is still returned, so that the planner keeps the posture near the present
+        one.
 
         Args:
             pending_goal: The goal.

@@ -99,7 +99,7 @@ def compose_acceptance_sentence(replan: Replan, goal: Goal) -> str:
 
 
 def compose_at_goal_verdict(goal: Goal, plan_ms: float) -> GoalVerdict:
-    """Compose the verdict on a goal at which the tip is already, with a plan of 0 J and 0 s.
+    """Compose the verdict on a goal that needs no motion, with a plan of 0 J and 0 s.
 
     Args:
         goal: The goal.
@@ -127,7 +127,7 @@ class GoalReports:
     def warn_of_failed_planner(self, log: PlanLog) -> None:
         """Warn of an error that ended a planner after its first motion.
 
-        An error that was the last one already is not repeated.
+        The warning is not repeated if it equals the last one.
 
         Args:
             log: Log of a plan.

@@ -119,9 +119,9 @@ class GoalStream:
     def extrapolate(self, goal: Goal, age: float, commit_horizon: float, dead_time: float) -> Goal:
         """Extrapolate a moving goal to the place at which a plan for it should end.
 
-        It is the place of the goal after three times: the commit horizon (time until the plan takes
-        over), one period of the goal, and the dead time. The first two together count with at most
-        `MAX_LOOKAHEAD_TIME`.
+        The goal is moved by its velocity from its receipt to a time ahead of now. This lead is the
+        sum of the commit horizon (time until the plan takes over), one period of the goal, and the
+        dead time. The first two together count with at most `MAX_LOOKAHEAD_TIME`.
 
         Args:
             goal: Goal that was received last. At least three goals were received.

@@ -201,10 +201,10 @@ class LifecycleState:
         return self.unconfirmed_goals
 
     def end(self, pending_goal: PendingGoal, code: Verdict, sentence: str) -> None:
-        """End a goal, and make all plans for it void that the arm has not confirmed yet.
+        """End a goal, and void those of its plans that the arm has not confirmed yet.
 
         The goal gets a verdict, or an execution report if it was accepted before. If it has ended
-        already, it gets no report. Its execution goes on.
+        already, it gets no report. A plan for it that the arm executes goes on.
 
         Args:
             pending_goal: The goal.

@@ -97,8 +97,8 @@ class PlanRequest:
     def _find_via_points_ahead(self) -> tuple[Position, ...]:
         """Find the via points that the new plan still has to pass.
 
-        If the new plan starts from rest, these are all via points of the settings. The same holds
-        if there is no earlier plan with the same settings. Otherwise they are the via points of the
+        These are all via points of the settings in two cases: the new plan starts from rest, or no
+        earlier plan with the same settings is in force. Otherwise they are the via points of the
         earlier plan that the tip has not passed when the new plan takes over. The tip therefore
         passes each via point once between two rests, even if goals follow each other in motion.
 

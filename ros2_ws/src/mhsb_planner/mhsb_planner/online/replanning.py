@@ -123,8 +123,8 @@ class Replanner:
 
         Args:
             in_force: Command that the new one continues.
-            now_ns: Earliest stamp of the new command, by the clock of the stamp of `in_force` [ns].
-                The new stamp may be a few milliseconds later.
+            now_ns: Earliest stamp of the new command, by the clock that stamps `in_force` [ns]. The
+                new stamp may be a few milliseconds later.
             goal: Goal of the tip in `base_link`, (x, z) or (x, y, z) [m].
             commit_horizon: Commit horizon (time from the new stamp to the change) [s].
             options: Options of the plan.
@@ -162,7 +162,7 @@ class Replanner:
 
         Args:
             in_force: Command that is braked.
-            now_ns: Earliest stamp of the result, by the clock of the stamp of `in_force` [ns]. The
+            now_ns: Earliest stamp of the result, by the clock that stamps `in_force` [ns]. The
                 stamp may be a few milliseconds later.
             commit_horizon: Time from the stamp to the beginning of braking [s]. The result repeats
                 `in_force` during this time.

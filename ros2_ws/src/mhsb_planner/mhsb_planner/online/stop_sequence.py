@@ -207,10 +207,10 @@ class StopSequence:
     def _make_braking(self, own: Command) -> UnconfirmedPlan:
         """Make a command that brakes along the path of the command in force.
 
-        If the stop has an obstacle, a braking is chosen that rests before it, if there is one. The
-        reason of the stop then becomes a sentence on the place of rest, which is also logged. If
-        this takes more than `LATE_SHARE` of the commit horizon (time until braking begins), it is
-        repeated with a longer horizon.
+        If the stop is for an obstacle, a braking that comes to rest before the obstacle is chosen,
+        if there is one. The reason of the stop then becomes a sentence on the place of rest, which
+        is also logged. If the choice takes more than `LATE_SHARE` of the commit horizon (time until
+        braking begins), it is repeated with a longer horizon.
 
         Args:
             own: Command that the arm executes.

@@ -186,9 +186,9 @@ def make_braking_for_obstacle(
 ) -> ZoneStop:
     """Make the command that brakes along the path in force for an obstacle ahead.
 
-    The softest braking is taken that touches no obstacle and rests at least the machine's margin
-    away from all obstacles. If there is none, the braking is taken whose least clearance on the way
-    is greatest, usually the hardest. If several have this clearance, the clearance at rest decides.
+    The result is the softest braking that touches no obstacle and rests at least the machine's
+    margin away from all obstacles. If there is none, it is the braking whose least clearance on the
+    way is greatest, usually the hardest. Among several of these, the clearance at rest decides.
 
     Args:
         machine: Machine with the zones in force.

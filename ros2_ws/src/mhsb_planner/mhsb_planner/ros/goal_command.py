@@ -211,7 +211,7 @@ def _send_and_wait(
 def _request_verdict(
     sender: GoalSender, executor: SingleThreadedExecutor, place: Position, timeout: float
 ) -> GoalVerdict | None:
-    """Send a goal and wait for its verdict; send it again as long as this is NO_STATE.
+    """Send a goal and wait for its verdict; send it again as long as the verdict is NO_STATE.
 
     NO_STATE means that the planner does not know where the arm is. The arm may start later than the
     planner. One line on standard error announces the repetition.

@@ -84,7 +84,7 @@ class GoalSender(Node):
     def wait_for_planner(self, executor: SingleThreadedExecutor, timeout: float) -> bool:
         """Wait until a planner is found and all subscribers of goals are connected.
 
-        After the planner, other subscribers are looked for during `DISCOVERY_TIME`. If no
+        Once a planner is found, other subscribers have `DISCOVERY_TIME` to be found. If no
         connection to a subscriber is possible, waiting for it ends after `SEND_AGAIN_AFTER`.
 
         Args:

@@ -17,10 +17,10 @@ def find_message_times(
 ) -> tuple[float, float]:
     """Find the times at which a message was sent and received, by the steady clock.
 
-    A time that lies in the future counts as the present. The time of receipt is at most
-    `MAX_TRANSPORT_TIME` ago. If the sender's time is longer ago than this, its clock differs from
-    the receiver's, and the message counts as sent when it was received. The same holds if the
-    middleware does not give one of both times.
+    A time of receipt in the future, or one that the middleware does not give, counts as the
+    present. One that is more than `MAX_TRANSPORT_TIME` ago counts as this long ago. The message
+    counts as sent when it was received in three cases: the middleware gives no time of sending,
+    this time is more than `MAX_TRANSPORT_TIME` ago, or it is later than the receipt.
 
     Args:
         info: rclpy's information on the message. `source_timestamp` and `received_timestamp` are
