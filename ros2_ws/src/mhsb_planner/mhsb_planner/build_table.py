@@ -63,9 +63,9 @@ def build_table(
         table: Solver and grid of the table.
         work: Who does the work.
         judge: Number of random entries to compare with the paper's solver from 30 random starts, at
-            about 0.1 s each; 0 compares none. An entry is short if its polytope is more than 0.1 %
-            smaller than the solver's. The command then states an upper bound on the share of short
-            entries in the whole table.
+            about 0.1 s each; 0 compares none. An entry is short if the area of its polytope is more
+            than 0.1 % smaller than the solver's. The command then states an upper bound on the
+            share of short entries in the whole table.
         json: Print the result as JSON.
     """
     arm = load_machine(machine).planar_arm
@@ -103,8 +103,8 @@ def _compare_with_progress(arm: Machine, table: PostureTable, entries: int) -> T
         entries: Number of entries to compare.
 
     Returns:
-        Result of the comparison: number of entries, number of entries whose polytope area is
-        smaller than SLSQP's, and least ratio of the table's area to SLSQP's.
+        Result of the comparison: number of entries compared, number of short entries (with an area
+        more than 0.1 % smaller than SLSQP's), and least ratio of an entry's area to SLSQP's.
     """
     with tqdm(total=entries, unit="entry", desc="judged by SLSQP") as bar:
         return compare_with_slsqp(
@@ -125,9 +125,9 @@ def _collect_result(
         judgement: Comparison with SLSQP; None if there was none.
 
     Returns:
-        Values by key. They are name and hash of the machine, output file, solver, grid spacing [m],
-        and the numbers of nodes, mode combinations and entries. Further ones are the positions
-        (x, z) of nodes without a posture [m], the time [s], and the comparison or None.
+        Values by key: name and hash of the machine, output file, solver, grid spacing [m], numbers
+        of nodes, mode combinations and entries, positions (x, z) of nodes without a posture [m],
+        time [s], and the comparison. The comparison is None if there was none.
     """
     infeasible = table.nodes[~table.feasible] * table.spacing
     return {

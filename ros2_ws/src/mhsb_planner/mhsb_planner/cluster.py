@@ -69,8 +69,9 @@ class Cluster:
 
         Raises:
             ClusterAddressError: The text is not an address.
-            ClusterError: The scheduler does not answer, or the scheduler or a worker cannot load
-                the suite or has other versions.
+            ClusterError: The package `distributed` is missing, or the scheduler does not answer. It
+                is also raised if the scheduler or a worker cannot load the suite, or has other
+                versions than this process.
         """
         with _connect(address) as client:
             try:
@@ -111,12 +112,12 @@ class _ClusterExecutor(Executor):
     """
 
     def __init__(self, address: str, shared: SharedState | None) -> None:
-        """Connect to the scheduler, and send `shared` to it if it is given.
+        """Connect to the scheduler, and send the recipe of the shared state to it.
 
         Args:
             address: Address of the scheduler.
             shared: Function and arguments by which each worker makes the state that tasks share.
-                None means that tasks get only their own arguments.
+                None means that nothing is sent, and that tasks get only their own arguments.
 
         Raises:
             ClusterError: The scheduler does not answer.
@@ -198,7 +199,7 @@ def _cancel(part: weakref.ref[Future[Result]], task: Future[Result]) -> None:
     """Cancel Dask's future if the caller's future was cancelled.
 
     Args:
-        part: Weak reference to Dask's future. If this no longer exists, nothing happens.
+        part: Weak reference to Dask's future. If the future no longer exists, nothing happens.
         task: The caller's future, which is done or cancelled.
     """
     if task.cancelled() and (living := part()) is not None:
@@ -219,8 +220,8 @@ def _connect(address: str) -> Any:
 
     Raises:
         ClusterAddressError: The text is not an address.
-        ClusterError: The package is missing, no scheduler answers within CONNECTED_WITHIN, or the
-            address is not that of a scheduler.
+        ClusterError: The package `distributed` is missing, nothing answers within CONNECTED_WITHIN,
+            or the server at the address is not a scheduler.
     """
     try:
         from distributed import Client
@@ -232,9 +233,14 @@ def _connect(address: str) -> Any:
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
 
     async def request_identity() -> dict[str, Any]:
-        """Return the server's description of itself, or raise TimeoutError after CONNECTED_WITHIN.
+        """Ask the server to describe itself, and return its description.
 
-        `Client` itself would wait without end.
+        `distributed.Client` would wait without end for a server that does not answer.
+
+        Raises:
+            TimeoutError: The server does not answer within CONNECTED_WITHIN.
+            OSError: No server can be reached.
+            ValueError: The address is not valid.
         """
         async with rpc(address, timeout=CONNECTED_WITHIN) as server:
             return await asyncio.wait_for(server.identity(), CONNECTED_WITHIN)
@@ -256,13 +262,13 @@ def _connect(address: str) -> Any:
 
 @cache
 def versions_fingerprint() -> str:
-    """Compute a fingerprint of the suite's sources and of the libraries on which results depend.
+    """Compute a fingerprint of the suite's sources and of the versions of RESULT_LIBRARIES.
 
-    It is computed once in each process and cached.
+    The fingerprint is computed once in each process and cached.
 
     Returns:
-        SHA-256 hash in hexadecimal digits. Packages and libraries that are not installed are left
-        out.
+        SHA-256 hash in hexadecimal digits. Packages and libraries that are not installed do not
+        enter it.
     """
     found = hashlib.sha256()
     for library in RESULT_LIBRARIES:
@@ -320,7 +326,7 @@ class WorkArguments:
             processor.
 
         Raises:
-            UsageError: Both are given.
+            UsageError: Both `jobs` and `scheduler` are given.
             ClusterError: The cluster cannot be used.
         """
         if self.scheduler is None:

@@ -83,7 +83,7 @@ class Deadline:
         """Check that the deadline has not passed.
 
         Args:
-            work: Name of the work that is given up otherwise, as the subject of the error's
+            work: Name of the work that has this deadline. It is the subject of the error's
                 sentence.
 
         Raises:
@@ -96,8 +96,9 @@ class Deadline:
         """Yield sizes of portions of work until the deadline has passed.
 
         The consumer does one portion of work before it requests the next size. The generator
-        measures this time and adapts the size, so that a portion takes about CLOCK_CHECK_PERIOD.
-        Without a deadline it yields `most` without end.
+        measures the time of the portion. It then adapts the size so that a portion takes about
+        CLOCK_CHECK_PERIOD. A size is at most ten times the one before. Without a deadline, all
+        sizes are `most`, without end.
 
         Args:
             first: Size of the first portion, as a number of units such as expanded states.

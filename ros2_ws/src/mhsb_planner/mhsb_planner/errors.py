@@ -140,7 +140,7 @@ class WorkersLostError(MhsbError):
     """Processes or workers ended again and again before their work was done."""
 
     def __init__(self, who: str) -> None:
-        """Compose the message; `who` names the processes or workers, as its subject."""
+        """Compose the message; `who` names the processes or workers and is its subject."""
         super().__init__(
             f"{who} ended by themselves, killed or for want of memory; fewer at a time need less"
         )
@@ -154,7 +154,7 @@ class TableError(MhsbError):
 
         Args:
             path: File of the table.
-            reason: Clause without a subject that says why it cannot be used.
+            reason: Why the table cannot be used, as a clause without a subject.
         """
         super().__init__(f"posture table {path}: {reason}")
 

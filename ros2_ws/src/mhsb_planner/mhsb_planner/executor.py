@@ -169,7 +169,8 @@ def yield_results(tasks: Iterable[Future[Result]], *, in_order: bool = False) ->
             which the tasks are completed.
 
     Yields:
-        Results of the tasks. If a task has failed, its error is raised when its turn comes.
+        Results of the tasks. If a task has failed, the generator raises the task's error in place
+        of its result.
     """
     waiting = list(tasks)
     try:
@@ -186,7 +187,8 @@ def yield_results_of_ranges(
     """Call a function for index ranges that cover 0 … total − 1, and yield the results in order.
 
     The calls run in threads of this process, or on a cluster. Each worker of a cluster gets the
-    function once. If the generator is closed early, calls that have not begun are cancelled.
+    function once. If the generator is closed early, calls that have not begun are cancelled, and
+    the generator waits for the others.
 
     Args:
         work: Function work(begin, end) for the range from `begin` to `end` − 1.
@@ -196,7 +198,8 @@ def yield_results_of_ranges(
             process may use.
 
     Yields:
-        Result of each range, in the order of the ranges.
+        Result of each range, in the order of the ranges. If a call has failed, the generator raises
+        the call's error in place of its result.
 
     Raises:
         RequestError: `jobs` is below 1.
@@ -251,7 +254,8 @@ class _LocalExecutor(ThreadPoolExecutor):
         """Stop the threads as `ThreadPoolExecutor` does, then end the processes.
 
         Args:
-            wait: True to wait for the threads.
+            wait: True to wait for the threads. Also with False, the call waits until each process
+                has ended its present task.
             cancel_futures: True to cancel tasks that have not begun.
         """
         super().shutdown(wait, cancel_futures=cancel_futures)
@@ -260,8 +264,9 @@ class _LocalExecutor(ThreadPoolExecutor):
     def _start_process(self) -> None:
         """Prepare a process for the calling thread. It replaces a process that has crashed.
 
-        The process starts with its first task. It inherits that this thread blocks SIGINT, which
-        would otherwise end it with a traceback while it imports or waits for a task.
+        The process starts with its first task. The calling thread blocks SIGINT from now on, and
+        the process inherits this. Otherwise SIGINT would end the process with a traceback while it
+        imports modules or waits for a task.
         """
         spawn = multiprocessing.get_context("spawn")
         process = ProcessPoolExecutor(
@@ -303,7 +308,7 @@ def perform(
     """Execute a task in the calling thread.
 
     The call is work(state, *args, **named), or work(*args, **named) if `shared` is None. The first
-    task of a thread makes the state.
+    task of a thread makes the state, and the thread keeps it (STATES_PER_THREAD).
 
     Args:
         shared: Function and arguments that make the state. None means that there is no state.
@@ -355,7 +360,8 @@ def _perform_with_process_state(work: Callable[..., Result], *given: Any) -> Res
         Result of the task.
 
     Raises:
-        KeyboardInterrupt: SIGINT has come, also while the process imported or waited for the task.
+        KeyboardInterrupt: SIGINT has come during the task, or since the process was started or
+            ended its last task.
     """
     try:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

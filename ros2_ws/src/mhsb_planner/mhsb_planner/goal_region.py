@@ -61,7 +61,7 @@ class _Region:
     """
 
     def __post_init__(self) -> None:
-        """Check all fields. Sizes must be above 0, offsets x and z may have any sign.
+        """Check all fields. Sizes must be above 0; offsets x and z may have any sign or be 0.
 
         Raises:
             RequestError: A value is not finite, a size is not above 0, or an absolute value exceeds
@@ -222,15 +222,15 @@ def create_region(
     """Create a goal region from a user's values, of which at most one may be given.
 
     Args:
-        tolerance: Radius of a disc [m], or None.
-        segment: Offset (x, z) of a segment's other end from the goal [m], or None.
-        box: Half of a rectangle's sizes along x and z [m], or None.
+        tolerance: Radius of a disc around the goal [m], or None.
+        segment: Offset (x, z) from the goal to the other end of a segment [m], or None.
+        box: Half widths of a rectangle along x and z, with the goal at its centre [m], or None.
 
     Returns:
         The region. None if all values are None.
 
     Raises:
-        RequestError: More than one value is given, or a size is out of range.
+        RequestError: More than one value is given, or a value is not finite or out of range.
     """
     given = {"tolerance": tolerance, "segment": segment, "box": box}
     names = [name for name, value in given.items() if value is not None]
@@ -290,7 +290,7 @@ def angle_range(psi: Angle) -> tuple[float, float] | None:
 
     Returns:
         Least and greatest angle [rad], equal if `psi` is one angle. None if any angle is
-        admissible, also for a range of a whole turn or more.
+        admissible: if `psi` is None, or a range of a whole turn or more.
     """
     if psi is None or not isinstance(psi, tuple):
         return None if psi is None else (psi, psi)

@@ -109,11 +109,11 @@ class Plan:
         ])  # fmt: skip
 
     def to_csv(self, file: str | Path) -> Path:
-        """Write the timed motion as a CSV file, with a line for each point of the trajectory.
+        """Write the motion over time as a CSV file, with a line for each point of the trajectory.
 
-        The columns are: time [s]; position, velocity and acceleration of each joint [rad or m, per
-        s and s²]; mode of each actuator (N, DB or SB); planned pressure in the supply line of each
-        actuator [Pa]; tip in `base_link` [m].
+        The columns are: time [s]; position [rad or m], velocity [rad/s or m/s] and acceleration
+        [rad/s² or m/s²] of each joint; mode of each actuator (N, DB or SB); planned pressure in the
+        supply line of each actuator [Pa]; position of the tip in `base_link` [m].
 
         Args:
             file: The file. It is written completely or not at all. Missing folders are created.
@@ -138,7 +138,7 @@ class Plan:
 
     @property
     def gap(self) -> float:
-        """Relative distance of the motion's energy E from the lower bound: E / bound − 1 [-].
+        """Relative excess of the motion's energy E over the lower bound: E / bound − 1 [-].
 
         E is the energy in the reading in which the plan was made. The value is 0 if the bound is 0.
         """
@@ -175,9 +175,8 @@ class Plan:
         """Compute the cost of the motion, w₁ E + w₂ T + w₃ S + w₄ M.
 
         E is the energy in the reading that the options choose [J], T the duration [s], and S the
-        number of mode switches. M is the manipulability loss [m]: the share of the velocity
-        polytope's area that is lost, compared with a reference, integrated over the length of the
-        tip's path.
+        number of mode switches. M is the manipulability loss [m]: the lost share of the velocity
+        polytope's area, integrated along the tip's path (`search.manipulability_loss`).
 
         Args:
             options: Options that give the weights w₁ to w₄ and the energy reading.
@@ -193,8 +192,8 @@ class Plan:
     def is_cheaper_than(self, other: Plan, options: PlanOptions) -> bool:
         """Return whether this plan costs less than another one.
 
-        Costs with a relative difference of at most COST_ROUNDING count as equal. Then energy,
-        duration and joint travel decide, in this order and with the same rounding.
+        Costs with a relative difference of at most COST_ROUNDING count as equal. If the costs are
+        equal, energy, duration and joint travel decide, in this order and with the same rounding.
 
         Args:
             other: The other plan.

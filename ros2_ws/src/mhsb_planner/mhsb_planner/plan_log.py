@@ -103,9 +103,12 @@ class PlanLog:
     ) -> None:
         """Append an entry on an error, unless this proposer has an entry with the same reason.
 
+        The reason is the error's sentence. The type of the error precedes it if the error is not an
+        `MhsbError`.
+
         Args:
             proposer: Name of the proposer in the log.
-            error: The error. The type of an error that is no `MhsbError` is part of the reason.
+            error: The error.
             outcome: NO_PATH or FAILED.
         """
         expected = isinstance(error, MhsbError)

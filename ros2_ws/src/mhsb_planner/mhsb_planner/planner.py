@@ -157,7 +157,8 @@ class Planner:
 
         An arm that moves at the start can come to rest in several ways. They are tried in this
         order until there is a plan: steering (one curve straight to the goal), coasting (all joints
-        slow down together), and `brake`. Without a deadline, equal requests give equal plans.
+        slow down together), and `brake`. If none of them gives a plan, the error of the first one
+        is raised. Without a deadline, equal requests give equal plans.
 
         Args:
             goal: Goal of the tip in `base_link`: (x, z) [m], or (x, y, z) if joint 1 slews. The
@@ -169,12 +170,14 @@ class Planner:
                 can only steer or coast.
             options: Options of the plan; None means the defaults.
             deadline: Instant at which the search for cheaper motions ends. The first plan with a
-                deadline in a process compiles all code. Its deadline is later by that time.
+                deadline in a process compiles all code, and the time for this is added to the
+                deadline.
             remainder: Remaining part of the plan in force, with stamp 0; None if no plan is in
                 force. If it ends at the goal, only a motion that is cheaper by MIN_REPLACEMENT_GAIN
-                replaces it. If it is short and ends near the goal, steering is tried.
-            log: Log that is written in place, also if there is no plan. None means that only the
-                plan contains the log.
+                replaces it. Steering is tried only if the remainder lasts at most
+                MAX_REMAINING_TIME and ends near the goal.
+            log: Log to which entries are added, also if there is no plan. None means a new log,
+                which only the plan contains.
 
         Returns:
             The cheapest plan found.
@@ -187,8 +190,10 @@ class Planner:
             StartError: The start is beyond joint limits, and no motion leads back.
             FitError: No motion along any path keeps the limits.
             DeadlineError: No motion was found before the deadline.
-            RequestError: Goal or start are not finite numbers, start or deadline have a wrong type,
-                or the planner does not exist or cannot use `area_weight`.
+            RequestError: Start or deadline has a wrong type. Goal, start or a via point has a wrong
+                number of values. It is also raised if goal or start is not finite, if the goal
+                region is larger than the workspace, or if the planner does not exist or cannot use
+                `area_weight`.
         """
         options = options or PlanOptions()
         if not isinstance(start, MotionState):
@@ -228,14 +233,17 @@ class Planner:
         raise self._append_remarks(refused, start)
 
     def _exclude_warm_up(self, kind: str, deadline: Deadline) -> Deadline:
-        """Compile and load all code before the first plan with a deadline in this process.
+        """Compile and load all code, and add the time for this to a plan's deadline.
+
+        This happens only before the first plan with a deadline in this process, once for each path
+        planner.
 
         Args:
             kind: Name of the path planner.
             deadline: Deadline of the plan. With NO_DEADLINE nothing is compiled.
 
         Returns:
-            The deadline, later by the time that compiling and loading took.
+            The later deadline, or the given one if nothing was compiled.
         """
         if deadline.instant == math.inf or (kind, self.machine.slews) in _warmed_up:
             return deadline
@@ -304,9 +312,9 @@ class Planner:
             options: Options of the plan.
 
         Raises:
-            RequestError: Goal, via point or start have a wrong number of values, or goal or start
-                have values that are not finite. Also if the goal region is larger than the
-                workspace, or if the planner does not exist or cannot use `area_weight`.
+            RequestError: Goal, start or a via point has a wrong number of values. It is also raised
+                if goal or start is not finite, if the goal region is larger than the workspace, or
+                if the planner does not exist or cannot use `area_weight`.
         """
         n, slews = self.machine.joint_count, self.machine.slews
         if len(goal) != 2 + slews or not all(math.isfinite(value) for value in goal):
@@ -339,10 +347,11 @@ class Planner:
         remainder: Trajectory | None,
         options: PlanOptions,
     ) -> list[Trajectory | Coasting | Steering | None]:
-        """List the ways in which a moving arm can come to rest, the better first.
+        """List the ways in which a moving arm can come to rest, the preferred first.
 
         1. Steering: one curve straight to the goal. It is listed if the remaining part of the plan
-           in force lasts at most MAX_REMAINING_TIME and ends near the goal.
+           in force lasts at most MAX_REMAINING_TIME and ends within MAX_GOAL_DISTANCE of the goal.
+           If the goal moves (`period` above 0), MAX_STREAMED_GOAL_DISTANCE applies instead.
         2. Coasting: the pistons come to rest within their limits of acceleration and jerk. It is
            listed if the arm then keeps joint limits, workspace and clearance from obstacles, or if
            there is no `brake`.
@@ -373,16 +382,14 @@ class Planner:
     def _ends_at_goal(self, goal: Position, remainder: Trajectory, options: PlanOptions) -> bool:
         """Return whether the remaining part of the plan in force ends at the goal or in its region.
 
-        The end link must have an admissible angle there, too.
-
         Args:
             goal: Goal of the tip in `base_link` [m].
             remainder: Remainder of the plan in force. Only `position` is read.
             options: Options with goal region, end-link angle and via points.
 
         Returns:
-            True if it does. False if there are via points, because it is not known which of them
-            have been passed.
+            True if it ends there with an admissible end-link angle. False if there are via points,
+            because it is not known which of them have been passed.
         """
         end = remainder.position[-1]
         return options.is_goal_reached(self.machine, goal, end) and not options.via
@@ -398,8 +405,8 @@ class Planner:
         """Create the request for paths.
 
         The departure is the posture from which paths are searched. If the motion steers to a moving
-        goal and the end-link angle ψ is free, ψ is restricted. It may then differ from its value at
-        the departure by at most MAX_POSTURE_TURN_RATE times the goal's period.
+        goal and the options leave the end-link angle ψ free, the request restricts ψ. It may differ
+        from its value at the departure by at most MAX_POSTURE_TURN_RATE times the goal's period.
 
         Args:
             goal: Goal of the tip in `base_link` [m].
@@ -410,8 +417,8 @@ class Planner:
             options: Options of the plan.
 
         Returns:
-            The request. Its departure is the posture of rest to which `brake` leads. If this is
-            None, it is the posture of the start.
+            The request. Its departure is the posture in which `brake` comes to rest, or the start's
+            posture if `brake` is None.
         """
         area = create_area_cost(options.area_weight, self.graph.table)
         departure = start.position
@@ -431,11 +438,12 @@ class Planner:
 def warm_up(planner: Planner, kinds: Iterable[str] | None = None) -> None:
     """Compile and load all kernels that a plan needs.
 
-    The first plan with a deadline in a process does this by itself. Obstacles are removed from the
-    planner's machine during these calls. Machine and graph are restored at the end.
+    The first plan with a deadline in a process does this by itself. Afterwards, plans of this
+    process do it no more for these path planners.
 
     Args:
-        planner: The planner.
+        planner: The planner. Obstacles are removed from its machine during the call. Its machine
+            and graph are restored at the end.
         kinds: Names of the path planners that will be used; None means all.
     """
     compile_planner()

@@ -21,7 +21,8 @@ class PlanProgress:
         has_motion: True if a motion has been found.
         min_speed_factor: Estimated factor on V_max (allowed piston speed), 0 to 1 [-]. Motions
             planned for a lower speed will not be cheaper than the incumbent (cheapest plan so far).
-            It is 0 if there is no incumbent, or if it costs much more than the cheapest path.
+            It is 0 if there is no incumbent, or if the incumbent costs much more than the cheapest
+            path.
         log: Log of proposals.
     """
 

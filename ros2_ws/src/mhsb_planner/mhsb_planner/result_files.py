@@ -44,6 +44,9 @@ def write_json(path: Path, content: Mapping[str, Any] | Sequence[Any]) -> Path:
 
     Returns:
         The path.
+
+    Raises:
+        OSError: The file or a directory cannot be written.
     """
     return _write_atomically(path, lambda file: file.write(json.dumps(content, indent=2) + "\n"))
 
@@ -59,6 +62,9 @@ def _write_atomically(path: Path, write: Callable[[TextIO], object]) -> Path:
 
     Returns:
         The path.
+
+    Raises:
+        OSError: The file or a directory cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with replace_file(path) as part, part.open("w", encoding="utf-8", newline="") as file:
