@@ -574,8 +574,8 @@ def _step_to_goal(
 ) -> None:
     """Price the step from a lattice point to a goal posture; record the cheapest path to the goal.
 
-    The step is skipped if a lower bound shows that it leads to no cheaper path, or to none below
-    the cost limit.
+    A lower bound on the cost of the path over this step is computed first. The step is skipped if
+    the bound reaches the cost limit or the cost of the cheapest known path.
 
     Args:
         problem: Cost model, lattice and goals.

@@ -399,7 +399,7 @@ def _free_coordinate_ranges(machine: Machine, psi: Interval) -> FloatArray:
 
     Returns:
         Lower end, upper end and unit of each coordinate, shape (n - 2, 3) [rad or m]. The unit is 1
-        rad, or range/π of a telescope.
+        rad for an angle, and the range divided by π for a telescope.
     """
     a = machine.arrays
     if machine.has_telescope:

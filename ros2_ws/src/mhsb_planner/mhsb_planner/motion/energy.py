@@ -197,8 +197,8 @@ def compute_charging(
 ) -> tuple[float, float]:
     """Compute the shaft work that charges supply lines before boosts, and its loss by slip.
 
-    A boost begins in an interval with a boosted mode that follows an interval without. By then the
-    pressure in the actuator's line must have risen from the main pump's pressure to the boosted
+    A boost begins in an interval in a boosted mode if the interval before was in mode N. By then
+    the pressure in the actuator's line must have risen from the main pump's pressure to the boosted
     pressure. The line has the boosted pressure already for a time before the boost. The oil that
     cylinder, valve and pump gaps take in this time counts, too. A boost in force in the first
     interval costs nothing.
@@ -470,8 +470,8 @@ def _compute_charging_work(
 ) -> tuple[float, float]:
     """Compute the hydraulic work that charges supply lines before boosts.
 
-    A boost begins in an interval with a boosted mode that follows an interval without. The pressure
-    in the actuator's line of volume V then rises by Δp to the boosted pressure:
+    A boost begins in an interval in a boosted mode if the interval before was in mode N. The
+    pressure in the actuator's line of volume V then rises by Δp to the boosted pressure:
 
         work = V Δp²/(2β) + Q Δp T
 

@@ -126,8 +126,8 @@ def smooth_path(
             stays.
 
     Returns:
-        Motion of the pistons. It begins at the start of `beginning.coast`. If this is None, it
-        begins at the path's first posture.
+        Motion of the pistons. It begins at the start of `beginning.coast`, or at the path's first
+        posture if `beginning.coast` is None.
     """
     machine, start, length, duration = path
     coast, delay, first_ramp = beginning

@@ -669,8 +669,8 @@ def _describe_passed_limit(
         machine: Machine that moves.
         limits: Arrays of the machine with the joint limits. A joint that starts beyond a limit must
             not move farther out.
-        candidate: Curve that is tried. If its `furthest_travel` is set, pistons may not move
-            farther than this by more than `rules.max_overrun`.
+        candidate: Curve that is tried. If its `furthest_travel` is set, pistons may exceed this
+            travel by at most `rules.max_overrun`.
         position: Joint positions at the sampled points, shape (m, n) [rad or m].
         rules: Settings of the fit, with `max_overrun`.
 

@@ -203,9 +203,9 @@ class StampOrder:
         """Begin without a stamp.
 
         Args:
-            several_publishers: Function without arguments, called at each step back of the stamps.
-                If the ROS graph shows several publishers, it returns a sentence with their names,
-                otherwise an empty text.
+            several_publishers: Function without arguments, called if a stamp is earlier than the
+                previous one. If the ROS graph shows several publishers, it returns a sentence with
+                their names, otherwise an empty text.
         """
         self.publisher_conflict = ""
         self._several_publishers = several_publishers

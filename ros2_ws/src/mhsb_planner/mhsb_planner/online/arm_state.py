@@ -156,9 +156,9 @@ class ArmState:
             steady_time: Present time by the steady clock [s].
 
         Returns:
-            Position, velocity and acceleration of all joints. It is the reference if this was
-            received at most `OLDEST_STATE` ago, otherwise the measured state. None if both are
-            older or missing.
+            Position, velocity and acceleration of all joints: those of the reference, or of the
+            measured state if the reference is missing or older than `OLDEST_STATE`. None if both
+            are missing or older.
         """
         received = (self.reference, self.measured)
         fresh = (each.state for each in received if each and each.is_fresh(steady_time))

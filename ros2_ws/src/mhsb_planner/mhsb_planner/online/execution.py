@@ -137,8 +137,8 @@ class Execution:
         """Judge how the execution ends if the arm holds before the plan's end.
 
         If the arm reports a fault, the execution is aborted at once. Otherwise the first call
-        chooses the result by the place of the reference, and stores it with the time in
-        `dropped_since`. It is returned when `REASON_NS` have passed since the first call.
+        chooses the result (`_judge_by_reference`) and stores it with the time in `dropped_since`.
+        The stored result is returned when `REASON_NS` have passed since the first call.
 
         Args:
             arm_state: Arm state.

@@ -332,8 +332,8 @@ class GoalPlanning:
         Returns:
             True if two conditions are met. First, no event since the request has made the plan void
             (`epoch`). Second, the arm still executes the plan that it executed at the request. If
-            this was the request's `start_command`, the arm may also hold its position at the end of
-            this command, at most `EARLY_NS` before it.
+            that plan was the request's `start_command`, the arm may instead hold, from `EARLY_NS`
+            before the end of that command.
         """
         state, start = self._state, request.start_command
         in_force_ns = state.arm_state.plan_in_force_ns

@@ -202,7 +202,7 @@ class GoalReports:
 
         Args:
             pending_goal: The goal.
-            outcome: Code of how the execution has ended.
+            outcome: Outcome of the execution.
             sentence: The outcome in words.
             reason: Verdict code of the cause; None if the report states no cause.
         """

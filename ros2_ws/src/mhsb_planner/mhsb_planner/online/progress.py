@@ -39,8 +39,9 @@ class Progress:
     def update(self, execution: Execution, now_ns: int) -> None:
         """Update the elapsed share, the time left and the energy.
 
-        `now_ns` is limited to the time from `replan.change_ns`, at which the plan leaves the
-        previous one, to the plan's end. The energy of the time since the last update is added.
+        Times before `replan.change_ns` (end of the part that repeats the previous plan) count as
+        this time, and times after the plan's end as its end. The energy of the time since the last
+        update is added.
 
         Args:
             execution: Execution of the plan in force.

@@ -197,8 +197,8 @@ def make_braking_for_obstacle(
         commit_horizon: Time from the stamp to the beginning of braking [s]. The result repeats
             `in_force` during this time.
         since_ns: Time at which the obstacle was set, in the time of plans [ns]. From then to its
-            stamp, the result measures `passed_clearance`. If this is negative and the arm is clear
-            now, the arm has passed the obstacle already.
+            stamp, the result measures `passed_clearance`. If the measured clearance is negative and
+            the arm is clear now, the arm has passed the obstacle already.
 
     Returns:
         The command with its clearances.

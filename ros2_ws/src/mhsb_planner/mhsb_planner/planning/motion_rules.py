@@ -129,7 +129,7 @@ def list_variant_rules(
 
 
 def describe_rules(rules: FitRules) -> str:
-    """Describe in a few words, for the log, the motion for which rules ask.
+    """Describe in a few words which motion the rules ask for, for the log.
 
     Args:
         rules: The rules.

@@ -21,9 +21,9 @@ def cached_table_path(
 ) -> Path:
     """Return the path of a machine's posture table in the user's cache directory.
 
-    The directory is $XDG_CACHE_HOME/mhsb if this is an absolute path, otherwise ~/.cache/mhsb. The
-    file name contains a hash of the machine without its slewing joint. `load_or_build_table` looks
-    for tables of the solver `global` only.
+    The directory is $XDG_CACHE_HOME/mhsb, or ~/.cache/mhsb if the former is not an absolute path.
+    The file name contains a hash of the machine without its slewing joint. `load_or_build_table`
+    looks for tables of the solver `global` only.
 
     Args:
         machine: Machine of the table; it may have a slewing joint.

@@ -247,7 +247,7 @@ def _ascend_area(
         q: Posture, changed in place, shape (n,) [rad or m].
         area: Area in the posture q [m²/s²].
         strides: First stride, and stride below which the ascent ends [rad]. A sliding joint moves
-            by the length that counts as much (`unit` of `w`).
+            by the stride times its `unit` of `w` [m].
 
     Returns:
         Area in the final posture [m²/s²].

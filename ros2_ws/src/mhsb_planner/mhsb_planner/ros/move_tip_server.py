@@ -241,7 +241,7 @@ class MoveTipServer:
             job.refuse(Verdict.INTERNAL, self._faults.record_fault("a goal of the action", error))
 
     def _begin(self, job: _ActionGoal) -> None:
-        """Decode a goal and its options, and pass it on to be planned for.
+        """Decode a goal and its options, and begin to plan for it.
 
         A goal that will be executed is passed to the goal lifecycle (state machine of goals). A
         goal whose request has `plan_only` is queued; such plans are made one after the other. A

@@ -318,8 +318,8 @@ def _collect_steps_to_goal_node(
             postures.
 
     Returns:
-        Steps in the order of `origins`. The field `origin` is the number of the posture that is
-        left, `end` the index of the goal posture, and `state` NO_STATE.
+        Steps in the order of `origins`. The field `origin` is the number of the posture from
+        which the step starts, `end` the index of the goal posture, and `state` NO_STATE.
     """
     edges = graph.steps.edges
     first, last = edges.first[origins], edges.last[origins]
@@ -372,7 +372,7 @@ def _compute_steps_to_goal(
         goal: Goal of the search.
 
     Returns:
-        Steps in the order of `origins`. The field `origin` is the row of `start` that is left,
+        Steps in the order of `origins`. The field `origin` is the step's row in `start`,
         `end` the index of the goal posture, and `state` NO_STATE.
     """
     groups = np.arange(len(goal.owner))
