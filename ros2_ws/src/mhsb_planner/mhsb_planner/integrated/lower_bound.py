@@ -20,7 +20,6 @@ telescopes a cell holds intervals of all joints that do not close the chain (`te
 
 from __future__ import annotations
 
-import heapq
 import math
 from typing import NamedTuple
 
@@ -33,6 +32,7 @@ from mhsb_model.linkages.linkage import cylinder_length
 from mhsb_model.machine import Machine
 from mhsb_model.types import FloatArray
 from mhsb_planner.goal_region import Angle, Region, angle_range, tip_positions
+from mhsb_planner.integrated.cell_heap import pop_cell, push_cell
 from mhsb_planner.integrated.goal_postures import (
     GoalPostures,
     held_joints,
@@ -245,43 +245,58 @@ def _branch_and_bound(
         Lower bound on the cost [-], inf if no posture reaches the tip position. Then the least of
         `best_sampled_bound` and the bounds for the middle postures of all cells.
     """
-    n = len(cost.start)
-    work, cell = np.empty((5, n)), np.empty((2 * FIRST_CELLS + most_cells, n - 2, 2))
-    elbow = np.empty(len(cell), dtype=np.int64)
+    n, cell_capacity = len(cost.start), 2 * FIRST_CELLS + most_cells
+    work, cell = np.empty((5, n)), np.empty((cell_capacity, n - 2, 2))
+    bound, elbow = np.empty(cell_capacity), np.empty(cell_capacity, dtype=np.int64)
+    heap, waiting = np.empty(cell_capacity, dtype=np.int64), 0
+    low, high = ranges[n - 3, 0], ranges[n - 3, 1]
     for i in range(2 * FIRST_CELLS):
         elbow[i] = -1 if i < FIRST_CELLS else 1
-        cell[i] = ranges[:, :2]
-        low = ranges[n - 3, 0]
-        width = (ranges[n - 3, 1] - low) / FIRST_CELLS
+        _copy_cell(cell[i], ranges)
+        width = (high - low) / FIRST_CELLS
         cell[i, n - 3, 0] = low + (i % FIRST_CELLS) * width
         cell[i, n - 3, 1] = low + (i % FIRST_CELLS + 1) * width
-    first = [(0.0, 0)]
-    first.pop()
     begun, count = 0, 2 * FIRST_CELLS
     while True:
         for i in range(begun, count):
-            bound, middle = _compute_cell_bounds(cost, tip, elbow[i], cell[i], work)
+            bound[i], middle = _compute_cell_bounds(cost, tip, elbow[i], cell[i], work)
             best_sampled_bound = min(best_sampled_bound, middle)
-            if bound < math.inf:
-                heapq.heappush(first, (bound, i))
-        if len(first) == 0:
+            if bound[i] < math.inf:
+                push_cell(bound, heap, waiting, i)
+                waiting += 1
+        if waiting == 0:
             return math.inf, best_sampled_bound
-        bound, i = heapq.heappop(first)
-        width = (cell[i, :, 1] - cell[i, :, 0]) / ranges[:, 2]
-        widest = np.argmax(width)
-        low, high = cell[i, widest, 0], cell[i, widest, 1]
-        full = count + 2 > len(cell)
+        i = pop_cell(bound, heap, waiting)
+        waiting -= 1
+        widest, width = 0, -math.inf
+        for k in range(n - 2):
+            here = (cell[i, k, 1] - cell[i, k, 0]) / ranges[k, 2]
+            if here > width:
+                widest, width = k, here
         if (
-            full
-            or bound >= (1.0 - BOUND_TOLERANCE) * best_sampled_bound
-            or width[widest] < MIN_CELL_WIDTH
+            count + 2 > cell_capacity
+            or bound[i] >= (1.0 - BOUND_TOLERANCE) * best_sampled_bound
+            or width < MIN_CELL_WIDTH
         ):
-            return bound, best_sampled_bound
+            return bound[i], best_sampled_bound
         begun = count
         for half in range(2):
-            elbow[count], cell[count] = elbow[i], cell[i]
-            cell[count, widest, 1 - half] = 0.5 * (low + high)
+            elbow[count] = elbow[i]
+            _copy_cell(cell[count], cell[i])
+            cell[count, widest, 1 - half] = 0.5 * (cell[i, widest, 0] + cell[i, widest, 1])
             count += 1
+
+
+@kernel(borrows=True, forceinline=True)
+def _copy_cell(target: FloatArray, source: FloatArray) -> None:
+    """Copy the intervals of a cell.
+
+    Args:
+        target: Receives lower and upper end of each free coordinate in place, shape (n - 2, 2).
+        source: Lower and upper ends, shape (n - 2, 2 or more).
+    """
+    for k in range(len(target)):
+        target[k, 0], target[k, 1] = source[k, 0], source[k, 1]
 
 
 def bound_cost_to_goals(
