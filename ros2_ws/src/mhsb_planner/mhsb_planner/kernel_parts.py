@@ -2,10 +2,10 @@
 
 A kernel (a function compiled by numba) is compiled for types of arguments, not for their values.
 Calls with the default machine therefore serve for all machines. The parts that take longest come
-first. The last parts use kernels of earlier parts. On two processors the goal checks come between
+first. The last parts use kernels of earlier parts. On two processors the energy bound comes between
 motion and graph search, so that the process with the step costs takes up the graph search. It then
-makes the step graph for both. `mhsb plan` compiles only the parts
-that its planner needs, a planner node compiles all of them.
+makes the step graph for both. `mhsb plan` compiles only the parts that its planner and obstacles
+need, a planner node compiles all of them.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mhsb_model.kernels.pool import compile_ahead
 from mhsb_model.machine import Machine, load_machine
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.integrated.lower_bound import bound_energy_to_goal
-from mhsb_planner.motion import s3_trajectory
+from mhsb_planner.motion import s3_clearance, s3_trajectory
 from mhsb_planner.motion.energy import compute_energy_of_states
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.search import (
@@ -71,12 +71,17 @@ def compile_motion() -> None:
     compute_energy_of_states(machine(), np.ones(1), rest, rest, rest.astype(np.uint8))
 
 
-def compile_goal_checks() -> None:
-    """Compile the clearance of a goal, and the lower bound on the energy of plans to it."""
-    goal_clearance.warm_up(machine())
+def compile_energy_bound() -> None:
+    """Compile the lower bound on the energy of plans to a goal."""
     middle = 0.5 * (machine().arrays.joint_min + machine().arrays.joint_max)
     x, z = machine().tip_position(middle)
     bound_energy_to_goal(machine(), middle, (float(x), float(z)))
+
+
+def compile_clearance() -> None:
+    """Compile the clearance of goals and motions from obstacles."""
+    goal_clearance.warm_up(machine())
+    s3_clearance.warm_up(machine())
 
 
 def compile_moving_starts() -> None:
@@ -136,24 +141,27 @@ _PATH_PARTS = {
 """Parts that only some path planners need, by name of the planner."""
 
 
-def list_parts_for_rest(planner: str) -> tuple[str, ...]:
+def list_parts_for_rest(planner: str, *, has_obstacles: bool) -> tuple[str, ...]:
     """List the parts that a plan from rest without zones in space needs.
 
     Args:
         planner: Name of the path planner.
+        has_obstacles: Whether the arm must keep clear of obstacles.
 
     Returns:
         Import paths ("module:function") in the order in which the parts are started.
     """
     return (
-        *_name_parts(compile_step_costs, compile_motion, compile_goal_checks, compile_graph_search),
+        *_name_parts(compile_step_costs, compile_motion, compile_energy_bound),
+        *_name_parts(compile_graph_search),
         *_PATH_PARTS.get(planner, ()),
+        *(_name_parts(compile_clearance) if has_obstacles else ()),
         *_name_parts(compile_polytope_areas),
     )
 
 
 KERNEL_PARTS = (
-    *list_parts_for_rest("integrated"),
+    *list_parts_for_rest("integrated", has_obstacles=True),
     *_name_parts(compile_moving_starts, compile_remaining_kernels),
 )
 """Import paths of all parts, in the order in which they are started."""

@@ -28,7 +28,7 @@ from mhsb_planner.deadline import NO_DEADLINE, Deadline
 from mhsb_planner.errors import DeadlineError, NoPathError, RequestError
 from mhsb_planner.integrated.search_problem import max_bound_cells
 from mhsb_planner.kernel_parts import compile_planner
-from mhsb_planner.motion import s3_trajectory
+from mhsb_planner.motion import s3_clearance, s3_trajectory
 from mhsb_planner.motion.s3_blend_in import Coasting, compute_coasting
 from mhsb_planner.motion.s3_limits import keeps_position_limits
 from mhsb_planner.motion.s3_state_to_rest import Steering
@@ -457,6 +457,7 @@ def warm_up(planner: Planner, kinds: Iterable[str] | None = None) -> None:
     among_zones.warm_up(planner.machine)
     manipulability_loss.warm_up(planner.machine)
     s3_trajectory.warm_up(planner.machine)
+    s3_clearance.warm_up(planner.machine)
     s3_trajectory.warm_up_moving_starts(planner.machine)
     start = np.array(planner.machine.config.simulation.start_posture)
     describe_overload(planner.machine, planner.graph.table, start)

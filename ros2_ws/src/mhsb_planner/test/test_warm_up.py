@@ -105,6 +105,7 @@ PLAN_FROM_REST = (
     """
 import importlib, sys
 from mhsb_model.machine import load_machine
+from mhsb_model.obstacles.zones import Zones
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.kernel_parts import list_parts_for_rest
 from mhsb_planner.planner import Planner, PlanOptions
@@ -113,14 +114,16 @@ from mhsb_planner.posture.s1_posture_table import PostureTable
 """
     + COUNT_COMPILED
     + """
-machine = load_machine()
-for part in list_parts_for_rest(sys.argv[2]):
+machine, name, far = load_machine(), sys.argv[2], Zones(circles=((-0.5, 0.5, 0.05),))
+if sys.argv[3] == "obstacle":
+    machine = machine.changed(zones=far)
+for part in list_parts_for_rest(name, has_obstacles=sys.argv[3] == "obstacle"):
     module, function = part.split(":")
     getattr(importlib.import_module(module), function)()
 before = compiled()
 planner = Planner(machine, PostureTable.load(sys.argv[1], machine))
 start = MotionState.at_rest(machine.config.simulation.start_posture)
-planner.plan((0.55, 0.60), start, options=PlanOptions(planner=sys.argv[2]))
+planner.plan((0.55, 0.60), start, options=PlanOptions(planner=name))
 print({name: count for name, count in compiled().items() if count != before.get(name)})
 """
 )
@@ -153,8 +156,11 @@ def test_no_kernel_is_compiled_by_the_first_plans(table, tmp_path):
 
 
 @pytest.mark.parametrize("planner", PLANNER_KINDS)
-def test_the_parts_of_a_planner_have_all_kernels_of_its_plan_from_rest(planner, table, tmp_path):
-    done = run_with_table(PLAN_FROM_REST, table, tmp_path, planner)
+@pytest.mark.parametrize("surroundings", ["free", "obstacle"])
+def test_the_parts_of_a_planner_have_all_kernels_of_its_plan_from_rest(
+    planner, surroundings, table, tmp_path
+):
+    done = run_with_table(PLAN_FROM_REST, table, tmp_path, planner, surroundings)
     assert done.stdout.strip() == "{}", done.stderr
 
 

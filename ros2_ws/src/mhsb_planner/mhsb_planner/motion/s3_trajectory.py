@@ -45,7 +45,7 @@ from mhsb_model.trajectory import MAX_DURATION_NS, SECOND_NS, MotionState, Traje
 from mhsb_model.types import FloatArray, ModeArray, as_frozen, frozen
 from mhsb_model.workspace import compute_workspace_excess
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
-from mhsb_planner.motion import s3_clearance, s3_limits
+from mhsb_planner.motion import s3_limits
 from mhsb_planner.motion.energy import Energy, compute_energy_of_profiles, compute_motion_energy
 from mhsb_planner.motion.limits.joint_range import (
     JOINT_TOLERANCE,
@@ -357,6 +357,8 @@ def fit_braking(
 def warm_up(machine: Machine) -> None:
     """Compile the kernels of trajectory, mode schedule, checks and energy for starts at rest.
 
+    The check against obstacles is not compiled (`s3_clearance.warm_up`).
+
     Args:
         machine: Machine that moves in the trial motions.
     """
@@ -366,7 +368,6 @@ def warm_up(machine: Machine) -> None:
     _fit_each(machine, path, start, [(None, None, FitRules())])
     with suppress(FitError):
         fit_trajectory(machine, path, start, StartModes.create_settled(path.start_modes))
-    s3_clearance.warm_up(machine)
     s3_limits.warm_up(machine)
 
 

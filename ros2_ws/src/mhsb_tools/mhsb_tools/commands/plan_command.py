@@ -121,7 +121,8 @@ def plan(
             make_parent_folder(file, what)
     check_coordinates(base, asked)
     changed = zones.add_to(arm.change(base))
-    compile_planner(parts=list_parts_for_rest(options.planner))
+    has_obstacles = bool(changed.obstacles.names)
+    compile_planner(parts=list_parts_for_rest(options.planner, has_obstacles=has_obstacles))
     suite = Planner(changed, load_or_build_table(base, arm.table))
     if posture is None:
         base.check_in_workspace(asked.start)
