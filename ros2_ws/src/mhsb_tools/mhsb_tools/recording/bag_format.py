@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import struct
 import tempfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -13,10 +14,12 @@ from typing import Any
 
 import yaml
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from mhsb_model.errors import MhsbError
+from mhsb_msgs_py.errors import MessageError
 from mhsb_tools.recording import bounded_yaml
 
 METADATA_FILE = "metadata.yaml"
@@ -128,6 +131,29 @@ def get_data_file_path(folder: Path) -> Path:
 def get_typestore_jazzy() -> Typestore:
     """Return the definitions of all message types of ROS 2 Jazzy; loaded once and cached."""
     return get_typestore(Stores.ROS2_JAZZY)
+
+
+def check_structure(type_name: str, data: bytes) -> None:
+    """Check that bytes can be a CDR message of a ROS type, before the middleware decodes them.
+
+    A middleware allocates an array by its stated length before it looks at how many bytes there
+    are. `rosbags` compares every length with the bytes that are left. Values are not checked. Bytes
+    after the end of the message are allowed.
+
+    Args:
+        type_name: ROS type, such as `std_msgs/msg/String`; it must be known to this package.
+        data: Serialized message with its encapsulation header of 4 bytes.
+
+    Raises:
+        MessageError: The bytes are not such a message.
+    """
+    types = get_typestore_jazzy()
+    definition = types.get_msgdef(type_name)
+    try:
+        read = {0: definition.deserialize_cdr_be, 1: definition.deserialize_cdr_le}
+        read[int.from_bytes(data[:2])](data[4:], 0, definition.cls, types)
+    except (KeyError, struct.error, ValueError, SerdeError):
+        raise MessageError(f"{len(data)} bytes were recorded that are no {type_name}") from None
 
 
 def get_type_definition(type_name: str) -> str:

@@ -25,10 +25,10 @@ from mhsb_tools.recording.bag_format import METADATA_FILE, BagContents, BagError
 from mhsb_tools.recording.data_file import DataFile
 from mhsb_tools.recording.mcap_chunk import Chunk
 from mhsb_tools.recording.mcap_copy import McapCopy
-from mhsb_tools.recording.mcap_records import serialize_record
+from mhsb_tools.recording.mcap_records import parse_record
 from mhsb_tools.recording.mcap_structure import RecordFrame
 from mhsb_tools.recording.mcap_survey import Definitions, Survey, survey_file
-from mhsb_tools.recording.mcap_walk import McapWalk
+from mhsb_tools.recording.mcap_walk import McapWalk, yield_messages
 
 TORN_SUFFIX = ".torn"
 """Suffix of the names under which damaged files are kept."""
@@ -214,9 +214,9 @@ def _rewrite(survey: Survey, part: Path) -> BagContents:
 def _copy_readable_parts(survey: Survey, file: DataFile, stream: IO[bytes]) -> BagContents:
     """Copy everything that can be used from a damaged MCAP file into a new one.
 
-    A chunk that occurs several times is written once. Messages outside chunks are put into new
-    chunks. Attachments and metadata records are copied. Only the metadata record of rosbag2 is not
-    copied; a new one is written at the end.
+    The messages of a chunk that occurs several times are written once. Attachments and metadata
+    records are copied. Only the metadata record of rosbag2 is not copied; a new one is written at
+    the end.
 
     Args:
         survey: Findings in the damaged file.
@@ -229,26 +229,26 @@ def _copy_readable_parts(survey: Survey, file: DataFile, stream: IO[bytes]) -> B
     Raises:
         BagError: The budget for reading or unpacking is used up.
     """
-    listed = survey.listed_chunks
     header = survey.header or Header(bag_format.MCAP_PROFILE, "mhsb")
-    copy = McapCopy(stream, _complete_definitions(survey), header, listed)
+    definitions = _complete_definitions(survey)
+    copy = McapCopy(stream, definitions, header, survey.compression, survey.listed_chunks)
     seen = Survey(survey.path)
     for piece in McapWalk(file).iterate_pieces():
         if isinstance(piece, Chunk) and seen.register_chunk(piece):
             copy.add_chunk(piece)
-        elif isinstance(piece, RecordFrame) and piece.opcode == Opcode.MESSAGE:
-            copy.add_message(file.read(piece.at, piece.end - piece.at))
-        elif isinstance(piece, RecordFrame) and (
-            piece.opcode == Opcode.ATTACHMENT
-            or (piece.opcode == Opcode.METADATA and piece.content.name != BAG_METADATA)
-        ):
-            copy.add_attachment_or_metadata(file.read(piece.at, piece.end - piece.at))
-    copy.flush()
+        elif isinstance(piece, RecordFrame):
+            match piece.opcode:
+                case Opcode.MESSAGE:
+                    copy.add_messages(yield_messages(piece, file))
+                case Opcode.ATTACHMENT:
+                    content = file.read(piece.begin, piece.length)
+                    copy.add_attachment(parse_record(Opcode.ATTACHMENT, content))
+                case Opcode.METADATA if piece.content.name != BAG_METADATA:
+                    copy.add_metadata(piece.content)
     contents = summarize_contents(survey, copy.counts, copy.definitions)
     text = bag_format.format_metadata({survey.path.name: contents})
-    own = Metadata(BAG_METADATA, {"serialized_metadata": text})
-    copy.add_attachment_or_metadata(serialize_record(own))
-    copy.finish(contents.start_ns, contents.end_ns)
+    copy.add_metadata(Metadata(BAG_METADATA, {"serialized_metadata": text}))
+    copy.finish()
     return contents
 
 

@@ -15,7 +15,7 @@ from io import BytesIO
 from typing import Any
 
 from mcap import records
-from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
@@ -46,10 +46,7 @@ channels take kilobytes.
 """
 
 COMPRESSED_MAGICS = {"": b"", "lz4": b"\x04\x22\x4d\x18", "zstd": b"\x28\xb5\x2f\xfd"}
-"""First bytes of a chunk's packed content, by the name of its compression."""
-
-KNOWN_COMPRESSIONS = tuple(COMPRESSED_MAGICS)
-"""Names of the compressions that can be unpacked; empty for none."""
+"""First bytes of a chunk's packed content, by the name of its compression; empty for none."""
 
 
 class StructureError(Exception):
@@ -177,17 +174,3 @@ def parse_definition(opcode: int, content: bytes | memoryview) -> Schema | Chann
         raise StructureError(f"a definition has {len(content)} bytes")
     definition: Schema | Channel = parse_record(opcode, content)
     return definition
-
-
-def serialize_record(record: records.McapRecord) -> bytes:
-    """Serialize an MCAP record.
-
-    Args:
-        record: The record.
-
-    Returns:
-        Its bytes with opcode and length.
-    """
-    builder = RecordBuilder()
-    record.write(builder)
-    return bytes(builder.end())

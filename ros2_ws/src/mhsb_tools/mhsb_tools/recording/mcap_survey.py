@@ -118,6 +118,7 @@ class Survey:
             recording.
         unlisted: Number of kept messages in chunks that the summary does not list.
         header: The file's header; None if it is damaged.
+        compression: Name of the compression of the last chunk; empty for none.
     """
 
     path: Path
@@ -134,6 +135,7 @@ class Survey:
     has_contradictions: bool = False
     unlisted: int = 0
     header: Header | None = None
+    compression: str = ""
     _repeated: Counter[int] = field(default_factory=Counter)
     _summaries: list[Summary] = field(default_factory=list)
     _chunks: dict[int, tuple[tuple[int, int, int], int]] = field(default_factory=dict)
@@ -364,6 +366,7 @@ class Survey:
         Args:
             chunk: A verified chunk.
         """
+        self.compression = chunk.header.compression
         for _, definition in chunk.definitions:
             self._define(definition)
             if chunk.header.checksum:

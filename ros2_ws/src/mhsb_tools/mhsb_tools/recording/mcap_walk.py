@@ -19,6 +19,8 @@ from mhsb_tools.recording.data_file import COST_OF_A_MESSAGE, DataFile
 from mhsb_tools.recording.mcap_chunk import (
     Chunk,
     ChunkHeader,
+    RawMessage,
+    get_message_at,
     open_chunk,
     parse_chunk_fields,
 )
@@ -27,7 +29,6 @@ from mhsb_tools.recording.mcap_records import (
     COMPRESSED_MAGICS,
     FILE_MAGIC,
     FIRST_PRIVATE_OPCODE,
-    KNOWN_COMPRESSIONS,
     MAX_CHUNK_SIZE,
     MESSAGE_HEAD,
     RECORD_HEADER,
@@ -99,6 +100,19 @@ Piece = Chunk | RecordFrame | Schema | Channel | Summary | Damage
 
 Walking = Generator[Piece, None, int]
 """Generator that yields pieces and returns the offset at which the walk continues."""
+
+
+def yield_messages(piece: Piece, file: DataFile) -> Iterator[RawMessage]:
+    """Yield the messages of a piece; a piece that is no chunk and no message has none.
+
+    Args:
+        piece: The piece.
+        file: The MCAP file.
+    """
+    if isinstance(piece, Chunk):
+        yield from piece.messages()
+    elif isinstance(piece, RecordFrame) and piece.opcode == Opcode.MESSAGE:
+        yield get_message_at(file.read(piece.at, piece.end - piece.at), 0)
 
 
 class McapWalk:
@@ -340,7 +354,7 @@ class McapWalk:
             return None
         (_, length), content = RECORD_HEADER.unpack_from(head), head[RECORD_HEADER.size :]
         _, _, unpacked, checksum = CHUNK_TIMES.unpack_from(content)
-        for compression in KNOWN_COMPRESSIONS:
+        for compression, magic in COMPRESSED_MAGICS.items():
             fields = CHUNK_TIMES.size + 4 + len(compression) + 8
             stated = int.from_bytes(content[fields - 8 : fields], "little")
             begin = at + RECORD_HEADER.size + fields
@@ -351,7 +365,7 @@ class McapWalk:
                 if checksum == 0 or not self._structure.can_continue_at(begin + size):
                     continue
                 packed = self._file.read(begin, size)
-                if not packed.startswith(COMPRESSED_MAGICS[compression]):
+                if not packed.startswith(magic):
                     continue
                 self._file.count_unpacked(size if not compression else MAX_CHUNK_SIZE)
                 try:

@@ -38,8 +38,7 @@ from mhsb_msgs_py import (
 from mhsb_msgs_py.errors import GoalError, MessageError
 from mhsb_msgs_py.sim_status import HandOverReport, SimulatorReport
 from mhsb_msgs_py.topics import Topic
-from mhsb_tools.recording import cdr_structure
-from mhsb_tools.recording.bag_format import BagError
+from mhsb_tools.recording.bag_format import BagError, check_structure
 
 MAX_MESSAGE_SIZE = 1024 * 1024
 """Largest message that is decoded [bytes], except for trajectories and schedules; the suite's take
@@ -262,7 +261,7 @@ def _check_message(message: RecordedMessage, max_size: int) -> bytes:
         raise MessageError(f"a message has {len(data)} bytes; at most {max_size} are read")
     if log_ns >= LAST_LOG_NS:
         raise MessageError(f"a message was recorded at {log_ns} ns, which is no time of today")
-    cdr_structure.check_structure(type_name, data)
+    check_structure(type_name, data)
     return data
 
 
@@ -494,6 +493,9 @@ class _RecordedClock:
         self._ros_ns, self._log_ns, _ = states.sort_into_arrays(
             1, len(states.numbers) // len(states.log_ns)
         )
+        self._ros_since, self._log_since = (
+            (each - each[0]).astype(np.float64) for each in (self._ros_ns, self._log_ns)
+        )
 
     def ros_time(self, log_ns: int) -> int:
         """Convert the log time of a message (system clock) to ROS time.
@@ -507,19 +509,10 @@ class _RecordedClock:
         Returns:
             ROS time [ns].
         """
-        ros, log = self._ros_ns, self._log_ns
-        if len(log) == 1 or log_ns < log[0]:
-            return int(log_ns) - int(log[0]) + int(ros[0])
-        if log_ns > log[-1]:
-            return int(log_ns) - int(log[-1]) + int(ros[-1])
-        right = min(max(int(np.searchsorted(log, log_ns, side="right")), 1), len(log) - 1)
-        part = slice(right - 1, right + 1)
-        since = np.interp(
-            float(log_ns - log[0]),
-            (log[part] - log[0]).astype(np.float64),
-            (ros[part] - ros[0]).astype(np.float64),
-        )
-        return int(ros[0]) + round(float(since))
+        first_ns, last_ns = int(self._log_ns[0]), int(self._log_ns[-1])
+        inside_ns = min(max(log_ns, first_ns), last_ns)
+        since_ns = np.interp(float(inside_ns - first_ns), self._log_since, self._ros_since)
+        return int(self._ros_ns[0]) + round(float(since_ns)) + log_ns - inside_ns
 
 
 def check_order(recording: Recording) -> None:

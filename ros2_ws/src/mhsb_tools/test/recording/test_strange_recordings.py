@@ -13,6 +13,7 @@ import lz4.frame
 import pytest
 import yaml
 import zstandard
+from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Schema
 from mcap.writer import CompressionType, Writer
@@ -30,7 +31,6 @@ from mhsb_tools.recording.mcap_records import (
     MAX_CHUNK_SIZE,
     RECORD_HEADER,
     parse_definition,
-    serialize_record,
 )
 from mhsb_tools.recording.recording import check_order
 
@@ -416,7 +416,8 @@ def test_strange_quality_of_service_does_not_stop_a_repair(tmp_path, qos):
 def test_a_message_definition_that_is_no_text_is_replaced_by_that_of_its_type(type_name, begin):
     """A file without checksums does not show that its bytes have changed."""
     damaged = Schema(7, b"string\xa4] name", "ros2msg", type_name)
-    content = serialize_record(damaged)[RECORD_HEADER.size :]
+    damaged.write(builder := RecordBuilder())
+    content = bytes(builder.end())[RECORD_HEADER.size :]
     found = parse_definition(Opcode.SCHEMA, content)
     assert (found.id, found.name, found.encoding) == (7, type_name, "ros2msg")
     assert found.data[: len(begin)] == begin
