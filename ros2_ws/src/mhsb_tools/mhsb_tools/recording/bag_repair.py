@@ -17,14 +17,14 @@ from pathlib import Path
 from typing import IO
 
 from mcap.opcode import Opcode
-from mcap.records import Channel, Header, Metadata, Schema
+from mcap.records import Channel, Header, Metadata
 
 from mhsb_tools.recording import bag_format
 from mhsb_tools.recording.bag_folder import BagFolder, find_data_files
 from mhsb_tools.recording.bag_format import METADATA_FILE, BagContents, BagError, BagTopic
 from mhsb_tools.recording.data_file import DataFile
 from mhsb_tools.recording.mcap_chunk import Chunk
-from mhsb_tools.recording.mcap_copy import McapCopy
+from mhsb_tools.recording.mcap_copy import UNKNOWN_SCHEMA, McapCopy
 from mhsb_tools.recording.mcap_records import parse_record
 from mhsb_tools.recording.mcap_structure import RecordFrame
 from mhsb_tools.recording.mcap_survey import Definitions, Survey, survey_file
@@ -34,9 +34,6 @@ TORN_SUFFIX = ".torn"
 """Suffix of the names under which damaged files are kept."""
 BAG_METADATA = "rosbag2"
 """Name of the MCAP metadata record in which rosbag2 repeats a file's metadata."""
-
-UNKNOWN_TYPE = "unknown_msgs/msg/Unknown"
-"""ROS type that stands for types whose definition is lost."""
 
 
 @dataclass(frozen=True)
@@ -253,55 +250,24 @@ def _copy_readable_parts(survey: Survey, file: DataFile, stream: IO[bytes]) -> B
 
 
 def _complete_definitions(survey: Survey) -> Definitions:
-    """Return the schemas and channels of a file, with substitutes for those that are lost.
+    """Return the schemas and channels of a file, with substitutes for channels that are lost.
 
-    A channel that has messages but is lost becomes the topic /unknown/channel_ID. A schema that a
-    channel needs but is lost becomes the type UNKNOWN_TYPE without a definition.
+    A channel that has messages but is lost becomes the topic /unknown/channel_ID. Its schema id is
+    −1, which no schema has.
 
     Args:
         survey: Findings in the file; not changed.
 
     Returns:
-        A new set of definitions. Every message has a channel in it. Every channel has a schema in
-        it, or the schema id 0, which means no schema.
+        A new set of definitions. Every message has a channel in it.
     """
     found = survey.definitions
     definitions = Definitions(dict(found.schemas), dict(found.channels))
-    for channel_id in survey.counts:
-        if channel_id not in definitions.channels:
-            topic = f"/unknown/channel_{channel_id}"
-            schema_id = _unknown_schema(definitions)
-            encoding = bag_format.SERIALIZATION_FORMAT
-            definitions.channels[channel_id] = Channel(channel_id, topic, encoding, {}, schema_id)
-    for channel in list(definitions.channels.values()):
-        if channel.schema_id not in (0, *definitions.schemas):
-            definitions.schemas[channel.schema_id] = _make_unknown_schema(channel.schema_id)
+    for channel_id in survey.counts.keys() - found.channels.keys():
+        topic = f"/unknown/channel_{channel_id}"
+        encoding = bag_format.SERIALIZATION_FORMAT
+        definitions.channels[channel_id] = Channel(channel_id, topic, encoding, {}, -1)
     return definitions
-
-
-def _unknown_schema(definitions: Definitions) -> int:
-    """Return the id of the schema that stands for types that are not known.
-
-    If there is no such schema, it is added to `definitions` under the highest free id.
-
-    Args:
-        definitions: Schemas and channels of the file; the schema is added in place.
-
-    Returns:
-        Id of the schema.
-    """
-    used = {channel.schema_id for channel in definitions.channels.values()}
-    for schema_id, schema in definitions.schemas.items():
-        if schema.name == UNKNOWN_TYPE:
-            return schema_id
-    free = next(n for n in range(2**16 - 1, 0, -1) if n not in used | definitions.schemas.keys())
-    definitions.schemas[free] = _make_unknown_schema(free)
-    return free
-
-
-def _make_unknown_schema(schema_id: int) -> Schema:
-    """Return a schema of the type UNKNOWN_TYPE without a definition."""
-    return Schema(schema_id, b"", bag_format.SCHEMA_ENCODING, UNKNOWN_TYPE)
 
 
 def _nameless(survey: Survey) -> int:
@@ -335,14 +301,14 @@ def _topic(channel: Channel, definitions: Definitions) -> BagTopic:
     Args:
         channel: The channel.
         definitions: Schemas of the file. If the channel's schema is not among them, the topic gets
-            the type UNKNOWN_TYPE.
+            the type of UNKNOWN_SCHEMA.
 
     Returns:
         The topic. If the channel has no type hash, the hash of the ROS type with that name is used,
         or an empty text if the type is unknown here.
     """
     schema = definitions.schema_of(channel)
-    type_name = schema.name if schema else UNKNOWN_TYPE
+    type_name = schema.name if schema else UNKNOWN_SCHEMA.name
     return BagTopic(
         channel.topic,
         type_name,

@@ -70,7 +70,6 @@ class Chunk:
 
     Attributes:
         header: Fields of the chunk record.
-        packed: Content as stored in the file.
         unpacked: Unpacked content, records one after the other.
         channel_ids: Channel id of each message, uint16.
         log_ns: Log time of each message [ns], uint64.
@@ -80,7 +79,6 @@ class Chunk:
     """
 
     header: ChunkHeader
-    packed: bytes
     unpacked: bytes
     channel_ids: np.ndarray
     log_ns: np.ndarray
@@ -187,10 +185,10 @@ def open_chunk(header: ChunkHeader, packed: bytes, *, any_size: bool = False) ->
     unpacked = unpack_chunk(packed, header.compression, size)
     if header.checksum not in (0, zlib.crc32(unpacked)):
         raise StructureError("the checksum of a chunk is wrong")
-    return find_records(header, packed, unpacked)
+    return find_records(header, unpacked)
 
 
-def find_records(header: ChunkHeader, packed: bytes, unpacked: bytes) -> Chunk:
+def find_records(header: ChunkHeader, unpacked: bytes) -> Chunk:
     """Find the records inside the unpacked content of a chunk.
 
     Schemas and channels that cannot be parsed, and records of unknown kinds, are treated in two
@@ -199,7 +197,6 @@ def find_records(header: ChunkHeader, packed: bytes, unpacked: bytes) -> Chunk:
 
     Args:
         header: Fields of the chunk record. Its checksum must have been verified; 0 means none.
-        packed: Content as stored in the file.
         unpacked: Unpacked content.
 
     Returns:
@@ -235,7 +232,6 @@ def find_records(header: ChunkHeader, packed: bytes, unpacked: bytes) -> Chunk:
         at = begin + length
     return Chunk(
         header,
-        packed,
         unpacked,
         np.frombuffer(channels, np.uint16),
         np.frombuffer(log_ns, np.uint64),

@@ -14,13 +14,16 @@ from typing import IO
 from mcap.records import Attachment, Channel, Header, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
-from mhsb_tools.recording.bag_format import BagError
+from mhsb_tools.recording.bag_format import SCHEMA_ENCODING, BagError
 from mhsb_tools.recording.bag_writer import CHUNK_SIZE
 from mhsb_tools.recording.mcap_chunk import Chunk, RawMessage
 from mhsb_tools.recording.mcap_survey import Definitions
 
 MAX_ID = 2**16 - 1
 """Largest id of a schema or channel."""
+
+UNKNOWN_SCHEMA = Schema(0, b"", SCHEMA_ENCODING, "unknown_msgs/msg/Unknown")
+"""Schema of the ROS type that stands for types whose definition is lost."""
 
 COMPRESSION_TYPES = {
     "": CompressionType.NONE,
@@ -54,7 +57,7 @@ class McapCopy:
         Args:
             stream: Binary stream that receives the new file.
             definitions: Schemas and channels of the damaged file. Each of its messages must have a
-                channel in it.
+                channel in it. A channel whose schema is missing gets UNKNOWN_SCHEMA.
             header: Header of the new file.
             compression: Compression of the new file's chunks: `zstd`, `lz4`, or empty for none.
             listed: Keys of the chunks that are known to use these definitions. A key is the first
@@ -177,7 +180,8 @@ class McapCopy:
 
         Args:
             definitions: Schemas and channels with the ids of the damaged file, each channel after
-                its schema. If an id has several definitions, the last one counts.
+                its schema. If an id has several definitions, the last one counts. A channel whose
+                schema is missing gets UNKNOWN_SCHEMA.
 
         Returns:
             Id in the new file of each channel, by its id in the damaged file.
@@ -185,14 +189,15 @@ class McapCopy:
         Raises:
             BagError: All ids are in use.
         """
-        schema_ids: dict[int, int] = {}
+        schema_ids = {0: 0}  # 0 stands for no schema
         channel_ids: dict[int, int] = {}
         for each in definitions:
             if isinstance(each, Schema):
                 schema_ids[each.id] = self._add(each)
-            else:
-                schema_id = schema_ids.get(each.schema_id, 0)  # 0 stands for no schema
-                channel_ids[each.id] = self._add(replace(each, schema_id=schema_id))
+                continue
+            if each.schema_id not in schema_ids:
+                schema_ids[each.schema_id] = self._add(UNKNOWN_SCHEMA)
+            channel_ids[each.id] = self._add(replace(each, schema_id=schema_ids[each.schema_id]))
         return channel_ids
 
     def _add(self, definition: Schema | Channel) -> int:

@@ -19,12 +19,8 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
-from mcap.writer import MCAP0_MAGIC
 
 from mhsb_tools.recording import bag_format
-
-FILE_MAGIC = MCAP0_MAGIC
-"""Bytes with which an MCAP file begins and ends."""
 
 RECORD_HEADER = struct.Struct("<BQ")
 """Opcode and length of the content [bytes]."""

@@ -434,12 +434,10 @@ class Survey:
         """
         self.first_damage = self.first_damage or damage
         self.damaged_bytes += damage.end - damage.begin
-        if damage.messages is None:
+        if damage.messages is None or (damage.messages and len(self.lost) == MAX_LOST):
             self.is_lower_bound = True
-        elif damage.messages and len(self.lost) < MAX_LOST:
-            self.lost[damage.times] = damage.messages
         elif damage.messages:
-            self.is_lower_bound = True
+            self.lost[damage.times] = damage.messages
         if damage.messages != 0:
             part = file.read(damage.begin, min(damage.end - damage.begin, MAX_CHUNK_SIZE))
             find_definitions(part, self._damaged_definitions)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema, Statistics
+from mcap.writer import MCAP0_MAGIC
 
 from mhsb_tools.recording.data_file import COST_OF_A_MESSAGE, DataFile
 from mhsb_tools.recording.mcap_chunk import (
@@ -27,7 +28,6 @@ from mhsb_tools.recording.mcap_chunk import (
 from mhsb_tools.recording.mcap_records import (
     CHUNK_TIMES,
     COMPRESSED_MAGICS,
-    FILE_MAGIC,
     FIRST_PRIVATE_OPCODE,
     MAX_CHUNK_SIZE,
     MESSAGE_HEAD,
@@ -181,9 +181,9 @@ class McapWalk:
         Returns:
             Offset of the first record.
         """
-        if self._file.read(0, len(FILE_MAGIC)) == FILE_MAGIC:
-            return len(FILE_MAGIC)
-        at = len(FILE_MAGIC)
+        if self._file.read(0, len(MCAP0_MAGIC)) == MCAP0_MAGIC:
+            return len(MCAP0_MAGIC)
+        at = len(MCAP0_MAGIC)
         lost: int | None = 0
         try:
             self._structure.check_succession(at)
@@ -588,8 +588,8 @@ class McapWalk:
             that follow.
         """
         yield from self._summary(found.end - 4, found.content.summary_crc)
-        end = found.end + len(FILE_MAGIC)
-        if self._file.read(found.end, len(FILE_MAGIC)) != FILE_MAGIC:
+        end = found.end + len(MCAP0_MAGIC)
+        if self._file.read(found.end, len(MCAP0_MAGIC)) != MCAP0_MAGIC:
             end = min(end, self._file.size)
             yield Damage(found.end, end, "it does not end as an MCAP file", 0)
         if end < self._file.size:

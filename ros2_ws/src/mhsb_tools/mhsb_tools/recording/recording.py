@@ -383,8 +383,8 @@ class _Decoder:
                 len(modes), self._joint_count
             ),
             plans_in_force=tuple(self._timed(topics.PLAN_IN_FORCE, clock)),
-            trajectories=self._all(topics.JOINT_TRAJECTORY),
-            schedules=self._all(topics.MODE_COMMANDS),
+            trajectories=tuple(each.value for each in self._timed(topics.JOINT_TRAJECTORY, clock)),
+            schedules=tuple(each.value for each in self._timed(topics.MODE_COMMANDS, clock)),
             goals=tuple(self._timed(topics.GOAL_POSE, clock)),
             reports=_flatten_reports(self._timed(topics.PLAN_STATUS, clock)),
             hand_overs=_select_kind(HandOverReport, diagnostics),
@@ -454,10 +454,6 @@ class _Decoder:
         quantities = actuator_states.SAMPLE_FIELDS
         time_ns, _, columns = self._hydraulics.sort_into_arrays(len(quantities), self._joint_count)
         return ActuatorTable(time_ns, dict(zip(quantities, columns, strict=True)))
-
-    def _all(self, topic: Topic) -> tuple[Any, ...]:
-        """Return the decoded messages of a topic in the order of log time."""
-        return tuple(value for _, value in sorted(self._values[topic], key=itemgetter(0)))
 
     def _timed(self, topic: Topic, clock: _RecordedClock) -> list[TimedValue]:
         """Return the decoded messages of a topic with their times, in the order of log time.
