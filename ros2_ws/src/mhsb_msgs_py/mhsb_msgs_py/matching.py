@@ -123,14 +123,16 @@ class MatchingSubscriptions:
             offers: dict[Offer, list[str]] = {}
             for each in self._node.get_publishers_info_by_topic(subscribed.topic.name):
                 offer = each.qos_profile.reliability, each.qos_profile.durability
-                if not _matches(subscribed.topic.qos, *offer):
+                if _describe_mismatch(subscribed.topic.qos, offer):
                     name = f"{each.node_namespace.rstrip('/')}/{each.node_name}"
                     offers.setdefault(offer, []).append(name)
             for offer in subscribed.further.keys() - offers.keys():
                 self._node.destroy_subscription(subscribed.further.pop(offer))
             for offer, names in offers.items():
                 publishers = f"{subscribed.topic.name} of {', '.join(names)}"
-                problems.append(f"{publishers} is {_describe_mismatch(subscribed, offer)}")
+                problems.append(
+                    f"{publishers} is {_describe_mismatch(subscribed.topic.qos, offer)}"
+                )
                 if offer not in subscribed.further:
                     self._open(subscribed, offer, problems[-1])
         self.problem = "; ".join(problems)
@@ -173,42 +175,21 @@ class MatchingSubscriptions:
         )
 
 
-def _matches(
-    wanted: QoSProfile, reliability: ReliabilityPolicy, durability: DurabilityPolicy
-) -> bool:
-    """Return whether a subscription receives from a publisher, by the rules of DDS.
+def _describe_mismatch(wanted: QoSProfile, offer: Offer) -> str:
+    """Describe why a subscription receives nothing from a publisher, by the rules of DDS.
 
     Args:
         wanted: Quality of service of the subscription.
-        reliability: Reliability of the publisher.
-        durability: Durability of the publisher.
-
-    Returns:
-        False if the subscription is reliable and the publisher best effort, or if the subscription
-        is transient local and the publisher volatile. Otherwise True.
-    """
-    reliable = wanted.reliability == ReliabilityPolicy.RELIABLE
-    latched = wanted.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    if reliable and reliability == ReliabilityPolicy.BEST_EFFORT:
-        return False
-    return not (latched and durability == DurabilityPolicy.VOLATILE)
-
-
-def _describe_mismatch(subscribed: _SubscribedTopic, offer: Offer) -> str:
-    """Describe how the quality of service of a publisher falls short of the requested one.
-
-    Args:
-        subscribed: The topic.
         offer: Reliability and durability of the publisher.
 
     Returns:
-        "best effort, not reliable", "volatile, not transient local", or both joined by "and".
+        "best effort, not reliable", "volatile, not transient local", or both joined by "and". Empty
+        if the subscription receives from the publisher.
     """
-    reliability, durability = offer
     less = []
-    if reliability == ReliabilityPolicy.BEST_EFFORT:
+    reliabilities, durabilities = zip((wanted.reliability, wanted.durability), offer, strict=True)
+    if reliabilities == (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT):
         less.append("best effort, not reliable")
-    wanted = subscribed.topic.qos.durability
-    if wanted == DurabilityPolicy.TRANSIENT_LOCAL and durability == DurabilityPolicy.VOLATILE:
+    if durabilities == (DurabilityPolicy.TRANSIENT_LOCAL, DurabilityPolicy.VOLATILE):
         less.append("volatile, not transient local")
     return " and ".join(less)

@@ -79,17 +79,13 @@ def spin_node(make_node: Callable[[], Node]) -> int:
             serve_node(make_node, GuardedExecutor) as (executor, node),
             process.grace_period(),
         ):
-            node.create_timer(MAX_WAIT, _do_nothing, clock=Clock(clock_type=ClockType.STEADY_TIME))
+            node.create_timer(MAX_WAIT, lambda: None, clock=Clock(clock_type=ClockType.STEADY_TIME))
             executor.spin()
     except ParameterException as error:
         raise RosArgumentsError(f"after --ros-args: {error}") from error
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     return 0
-
-
-def _do_nothing() -> None:
-    """Do nothing; for a timer that only wakes the executor."""
 
 
 @contextmanager
