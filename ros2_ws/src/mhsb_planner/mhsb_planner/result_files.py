@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TextIO
@@ -49,6 +50,22 @@ def write_json(path: Path, content: Mapping[str, Any] | Sequence[Any]) -> Path:
         OSError: The file or a directory cannot be written.
     """
     return _write_atomically(path, lambda file: file.write(json.dumps(content, indent=2) + "\n"))
+
+
+def replace_non_finite(content: Any) -> Any:
+    """Replace infinite numbers and NaN by None, since JSON has no such numbers.
+
+    Args:
+        content: Nested dictionaries and lists; not changed.
+
+    Returns:
+        A copy with the replacements.
+    """
+    if isinstance(content, dict):
+        return {key: replace_non_finite(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [replace_non_finite(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
 def _write_atomically(path: Path, write: Callable[[TextIO], object]) -> Path:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import json as json_format
-import math
 from collections.abc import Sequence
 from typing import Annotated, Any
 
@@ -20,6 +19,7 @@ from mhsb_model import command_line
 from mhsb_model.command_line import NumberRange
 from mhsb_model.errors import MhsbError
 from mhsb_msgs_py.node_process import run_command_node, spin_until
+from mhsb_planner.result_files import replace_non_finite
 
 QUEUE_DEPTH = 100
 """Messages that wait to be printed; older ones are dropped."""
@@ -137,7 +137,13 @@ def _describe_publishers(node: Node, name: str) -> tuple[str, QoSProfile]:
 
 
 def _find_message_class(type_name: str) -> Any:
-    """Return the Python class of a message type, such as `std_msgs/msg/String`.
+    """Return the Python class of a message type.
+
+    Args:
+        type_name: The type, such as `std_msgs/msg/String`.
+
+    Returns:
+        The class.
 
     Raises:
         TopicError: The package of the type is not installed or does not have the type.
@@ -158,15 +164,6 @@ def format_json(content: Any) -> str:
     Returns:
         The text on one line. Numbers that are not finite are null.
     """
-
-    def replace_non_finite(value: Any) -> Any:
-        """Return a copy of content in which None replaces numbers that are not finite."""
-        if isinstance(value, dict):
-            return {key: replace_non_finite(each) for key, each in value.items()}
-        if isinstance(value, list):
-            return [replace_non_finite(each) for each in value]
-        return None if isinstance(value, float) and not math.isfinite(value) else value
-
     return json_format.dumps(replace_non_finite(content), allow_nan=False)
 
 

@@ -21,7 +21,6 @@ class RecordedGoal:
     """A goal that got its verdict.
 
     Attributes:
-        time_ns: ROS time of the verdict [ns].
         verdict: The verdict, with the goal and the predicted cost of its plan.
         outcome: Outcome of the execution; None if no execution was reported.
         taken_over_ns: ROS time at which the simulator took its plan over [ns], of the last plan if
@@ -31,7 +30,6 @@ class RecordedGoal:
             the next plan takes over or the recording ends [m]; None unless the goal was reached.
     """
 
-    time_ns: int
     verdict: GoalVerdict
     outcome: Outcome | None
     taken_over_ns: int | None
@@ -92,7 +90,6 @@ def evaluate_goals(
             distance = _distance_at_rest(recording, tip, verdict, stamp_ns)
         records.append(
             RecordedGoal(
-                each.time_ns,
                 verdict,
                 outcome,
                 taken_over_ns,

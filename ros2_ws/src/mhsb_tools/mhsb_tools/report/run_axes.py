@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from mhsb_model.figure_style import GREY, MODE_COLOR, Axes
-from mhsb_model.modes import BOOSTED_MODES, Mode
+from mhsb_model.modes import BOOSTED_MODES
 from mhsb_model.types import FloatArray, IntArray, ModeArray
+from mhsb_tools.moves.move_page import yield_mode_spans
 from mhsb_tools.report.recorded_goals import find_take_over_times
 from mhsb_tools.report.recorded_run import EvaluatedRecording
 
@@ -32,51 +33,37 @@ def mark_take_overs(run: EvaluatedRecording, axes: Axes) -> None:
         run: The evaluated recording.
         axes: Axes to draw on, with time [s since the first joint state] as x.
     """
-    for number, time_ns in enumerate(find_take_over_times(run.recording).values()):
+    for time_ns in find_take_over_times(run.recording).values():
         axes.axvline(
             to_seconds(run, time_ns),
             color=GREY,
             linewidth=0.7,
             linestyle=":",
-            label="plan takes over" if number == 0 else None,
+            label="plan takes over",
         )
 
 
 def shade_modes(run: EvaluatedRecording, axes: Axes, actuator: int) -> None:
     """Draw a pale band behind each time span in which an actuator is boosted.
 
-    The band has the colour of the mode. Each boosted mode has one label for a legend.
+    The band has the colour and the label of the mode.
 
     Args:
         run: The evaluated recording.
         axes: Axes to draw on, with time [s since the first joint state] as x.
         actuator: Index of the actuator, from 0.
     """
-    for mode in filter(BOOSTED_MODES.__getitem__, Mode):
-        label: str | None = f"mode {mode.name}"
-        for begin, end in list_mode_spans(run, actuator, mode):
-            axes.axvspan(begin, end, color=MODE_COLOR[mode], alpha=0.25, linewidth=0, label=label)
-            label = None
-
-
-def list_mode_spans(
-    run: EvaluatedRecording, actuator: int, mode: Mode
-) -> list[tuple[float, float]]:
-    """Return the time spans in which an actuator is in a mode.
-
-    Args:
-        run: The evaluated recording.
-        actuator: Index of the actuator, from 0.
-        mode: The mode.
-
-    Returns:
-        Beginning and end of each span [s since the first joint state], in time order. The schedule
-        begins a new span at each change of any actuator's mode, so one span may end where the next
-        begins.
-    """
     time, modes = get_mode_rows(run)
-    rows = np.flatnonzero(modes[:-1, actuator] == mode)
-    return [(float(time[row]), float(time[row + 1])) for row in rows]
+    for begin, end, mode in yield_mode_spans(modes[:, actuator]):
+        if BOOSTED_MODES[mode]:
+            axes.axvspan(
+                time[begin],
+                time[end],
+                color=MODE_COLOR[mode],
+                alpha=0.25,
+                linewidth=0,
+                label=f"mode {mode.name}",
+            )
 
 
 def get_mode_rows(run: EvaluatedRecording) -> tuple[FloatArray, ModeArray]:

@@ -19,6 +19,7 @@ from mhsb_model.goal import Goal
 from mhsb_model.modes import Mode
 from mhsb_model.verdict import Outcome, Verdict
 from mhsb_msgs_py.sim_status import APPLIED_OUTCOME
+from mhsb_planner.result_files import replace_non_finite
 from mhsb_tools.recording.recording import Recording
 from mhsb_tools.report.goal_fates import GoalResult, JudgedGoal, find_unrecorded_goals
 from mhsb_tools.report.recorded_energy import EnergyRecord
@@ -93,7 +94,7 @@ def compute_summary(run: EvaluatedRecording) -> Summary:
         - `goals`: An entry for each goal that got a verdict.
         - `lost`: Position and reason of each lost goal.
     """
-    content: Summary = _without_infinite(_everything(run))
+    content: Summary = replace_non_finite(_everything(run))
     return content
 
 
@@ -472,22 +473,6 @@ def _largest(values: Any) -> float | None:
     array = np.asarray(values, dtype=np.float64).ravel()
     array = array[np.isfinite(array)]
     return float(array.max()) if len(array) else None
-
-
-def _without_infinite(content: Any) -> Any:
-    """Replace infinite numbers and nan by None, which JSON can represent.
-
-    Args:
-        content: Nested dictionaries and lists; not changed.
-
-    Returns:
-        A copy with the replacements.
-    """
-    if isinstance(content, dict):
-        return {key: _without_infinite(value) for key, value in content.items()}
-    if isinstance(content, list):
-        return [_without_infinite(value) for value in content]
-    return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
 def _number(value: float | None, factor: float = 1.0) -> float | None:

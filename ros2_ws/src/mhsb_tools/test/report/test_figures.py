@@ -14,6 +14,7 @@ from mhsb_model.figure_style import DOTS_PER_INCH, FIGURE_WIDTH, choose_extreme_
 from mhsb_model.modes import Mode
 from mhsb_model.verdict import Verdict
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
+from mhsb_tools.moves.move_page import yield_mode_spans
 from mhsb_tools.moves.operating_regions import determine_operating_regions
 from mhsb_tools.recording.bag_reader import read_recording
 from mhsb_tools.recording.recording import TimedValue
@@ -21,7 +22,7 @@ from mhsb_tools.report import figures
 from mhsb_tools.report.estimate_figure import draw_estimate_panels, group_estimates
 from mhsb_tools.report.hydraulic_figures import draw_pressure_limits
 from mhsb_tools.report.recorded_run import evaluate_recording
-from mhsb_tools.report.run_axes import list_mode_spans
+from mhsb_tools.report.run_axes import get_mode_rows
 from mhsb_tools.report.workspace_figure import _draw_goals
 
 NAMES = ["energy.png", "joints.png", "modes.png", "pressures.png", "tip_error.png", "workspace.png"]
@@ -152,6 +153,9 @@ def test_few_points_are_all_drawn(count):
 
 
 def test_spans_of_modes_cover_the_recording(run):
-    assert list_mode_spans(run, 0, Mode.N) == [(0.0, pytest.approx(10.0))]
-    assert list_mode_spans(run, 0, Mode.DB) == [(pytest.approx(10.0), pytest.approx(12.0))]
-    assert list_mode_spans(run, 0, Mode.SB) == []
+    time, modes = get_mode_rows(run)
+    spans = [(time[begin], time[end], mode) for begin, end, mode in yield_mode_spans(modes[:, 0])]
+    assert spans == [
+        (0.0, pytest.approx(10.0), Mode.N),
+        (pytest.approx(10.0), pytest.approx(12.0), Mode.DB),
+    ]
