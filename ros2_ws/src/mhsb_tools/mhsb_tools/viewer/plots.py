@@ -17,7 +17,6 @@ from mhsb_model.figure_style import (
 )
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
-from mhsb_model.types import FloatArray, IntArray
 from mhsb_tools.viewer import energy_flow
 from mhsb_tools.viewer.moment import NO_NUMBERS, SnapshotColumns
 
@@ -75,13 +74,8 @@ class Plots:
             (self._modes, lines.modes + apart),
             (self._energy, lines.energy),
         ):
-            plot.data = (lines.time, *_columns(values))
+            plot.data = (lines.time, *np.array(values.T, dtype=np.float64, order="C"))
         self._losses.content = energy_flow.describe_energies(lines.energy[-1])
-
-
-def _columns(values: FloatArray | IntArray) -> list[FloatArray]:
-    """Return the columns of a matrix as separate contiguous arrays."""
-    return [np.ascontiguousarray(column, dtype=np.float64) for column in values.T]
 
 
 def _plot(

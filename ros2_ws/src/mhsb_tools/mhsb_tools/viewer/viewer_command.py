@@ -1,4 +1,4 @@
-"""Command `viewer`: the arm live in a browser, or playback of a recording."""
+"""Command `view`: the arm live in a browser, or playback of a recording."""
 
 from __future__ import annotations
 

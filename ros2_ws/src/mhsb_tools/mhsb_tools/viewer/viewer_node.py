@@ -6,7 +6,7 @@ import functools
 import queue
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Concatenate, ParamSpec
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -63,8 +63,31 @@ A hundred messages a second take a tenth of a processor.
 SHOWN_PARAMETERS = ("planner", "weights", "payload")
 """Parameters of the planner that the page shows."""
 
+Arguments = ParamSpec("Arguments")
+
 MOVING_SPEED = 0.01  # rad/s
 """Joint speed above which the arm is said to move [rad/s]."""
+
+
+def _in_node_thread(
+    method: Callable[Concatenate[ViewerNode, Arguments], None],
+) -> Callable[Concatenate[ViewerNode, Arguments], None]:
+    """Let a method of the node be called from any thread; the node's thread carries it out.
+
+    Args:
+        method: The method.
+
+    Returns:
+        The method that queues the call and returns at once.
+    """
+
+    @functools.wraps(method)
+    def queue_call(node: ViewerNode, /, *given: Arguments.args, **named: Arguments.kwargs) -> None:
+        """Queue the call behind those before it, and wake the node's thread."""
+        node._queued_actions.put(functools.partial(method, node, *given, **named))
+        node._wake.trigger()
+
+    return queue_call
 
 
 class ViewerNode(GoalSender):
@@ -119,57 +142,16 @@ class ViewerNode(GoalSender):
         self.create_timer(FRAME_PERIOD, self._on_frame, clock=steady)
         self.create_timer(1.0, self._on_second, clock=steady)
 
-    # --- Asked for in the browser, by its threads ------------------------------------------------
-
-    def send_goal(self, *place: float) -> None:
-        """Send a goal to the planner; may be called from any thread.
-
-        Args:
-            place: x and z, or x, y and z if the arm slews, in `base_link` [m].
-        """
-        self._queue_action(functools.partial(self._go, *place))
-
-    def stop(self) -> None:
-        """Stop the arm; may be called from any thread.
-
-        It calls the planner's stop service, or the simulator's if the planner's is not available.
-        The answer appears on the page.
-        """
-        self._queue_action(self._stop)
-
-    def set_planner(self, changes: dict[str, Any]) -> None:
-        """Set parameters of the planner; may be called from any thread.
-
-        Args:
-            changes: Values by name of the parameter.
-        """
-        self._queue_action(functools.partial(self._send_settings, changes))
-
-    def show_abilities(self, velocities: bool, regions: bool) -> None:
-        """Show or hide what the arm is able to do; may be called from any thread.
-
-        Args:
-            velocities: Whether to show the velocity polytope of the tip.
-            regions: Whether to show where boost is needed.
-        """
-        self._queue_action(functools.partial(self._show_abilities, velocities, regions))
-
-    def _queue_action(self, action: Callable[[], None]) -> None:
-        """Let the node's thread call a function; may be called from any thread.
-
-        Args:
-            action: The function, without arguments. It is queued and called after those before it.
-        """
-        self._queued_actions.put(action)
-        self._wake.trigger()
+    # --- Asked for in the browser, by its threads; carried out in the node's thread ---------------
 
     def _run_queued_actions(self) -> None:
         """Call all queued functions, in the node's thread."""
         while not self._queued_actions.empty():
             self._queued_actions.get()()
 
-    def _go(self, *place: float) -> None:
-        """Send a goal, or show on the page that no planner is connected.
+    @_in_node_thread
+    def send_goal(self, *place: float) -> None:
+        """Send a goal to the planner, or show on the page that no planner is connected.
 
         Args:
             place: x and z, or x, y and z if the arm slews, in `base_link` [m].
@@ -181,7 +163,8 @@ class ViewerNode(GoalSender):
             return
         self.send(*place)
 
-    def _stop(self) -> None:
+    @_in_node_thread
+    def stop(self) -> None:
         """Call the planner's stop service, or the simulator's if the planner's is not available.
 
         The answer is shown on the page. If neither service is available, the page says so.
@@ -194,7 +177,8 @@ class ViewerNode(GoalSender):
             lambda done: self._panel.add_sentence(f"stop: {done.result().message}")
         )
 
-    def _send_settings(self, changes: dict[str, Any]) -> None:
+    @_in_node_thread
+    def set_planner(self, changes: dict[str, Any]) -> None:
         """Ask the planner to set parameters; it sets all of them or none.
 
         The answer comes later and is shown on the page. If there is no planner, the page says so.
@@ -225,7 +209,8 @@ class ViewerNode(GoalSender):
         )
         self._settings_known = False  # so that they are read and shown again
 
-    def _show_abilities(self, velocities: bool, regions: bool) -> None:
+    @_in_node_thread
+    def show_abilities(self, velocities: bool, regions: bool) -> None:
         """Show or hide the velocity polytope and the regions that need boost.
 
         Neither appears at once. The polytope is drawn with one of the next frames. Regions are
@@ -261,11 +246,12 @@ class ViewerNode(GoalSender):
             table = load_or_build_table(machine)
             needed = compute_boost_regions(machine.changed(payload=payload).planar_arm, table)
             places = (table.nodes * table.spacing).astype(np.float64)
-            self._queue_action(functools.partial(self._show_regions, payload, places, needed))
+            self._show_regions(payload, places, needed)
 
         self._panel.add_sentence("looking at where boost is needed …")
         threading.Thread(target=compute_regions, daemon=True).start()
 
+    @_in_node_thread
     def _show_regions(self, payload: float, places: FloatArray, needed: IntArray) -> None:
         """Draw the points of the workspace in the colours of the modes that they need.
 
