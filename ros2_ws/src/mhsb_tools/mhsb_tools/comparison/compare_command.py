@@ -31,7 +31,6 @@ from mhsb_tools.comparison.planner_comparison import (
     GROUND_TRUTH,
     ComparedMove,
     Comparison,
-    Ratios,
     compare_all,
     compute_ratios,
     raise_supply_pressure,
@@ -41,7 +40,6 @@ from mhsb_tools.comparison.supply_comparison import (
     format_energy_by_move,
     sum_supply_energies,
 )
-from mhsb_tools.comparison.supply_comparison import as_text as supplies_as_text
 
 DEFAULT_TRUTHS = 10
 """Number of random moves for which the ground truth is searched by default."""
@@ -76,6 +74,9 @@ def compare(
             seconds. When left out, 10, or all moves if there are fewer.
         work: Processes or computers that do the work.
         json_: Print summary.json instead of text.
+
+    Raises:
+        UsageError: `truths` is above `moves`, or the weights cannot be used.
     """
     sought = min(DEFAULT_TRUTHS, moves) if truths is None else truths
     if sought > moves:
@@ -118,9 +119,8 @@ def compare(
                 format_energy_by_move([c.name for c in cases], [c.motions for c in cases], arm)
             )
         )
-    for title, found_there in supplies.items():
-        print("\n".join(supplies_as_text(title, found_there)))
-    print(f"written to {output}")
+    print("\n".join(as_markdown(supplies)))
+    print(f"( ): moves in which a supply takes less than MHSB\nwritten to {output}")
 
 
 def list_compared_moves(machine: Machine, moves: int, truths: int) -> list[ComparedMove]:
@@ -170,36 +170,28 @@ def summarize(comparisons: Sequence[Comparison]) -> dict[str, Any]:
         if kind == BASELINE_PLANNER:
             continue
         found = compute_ratios(comparisons, kind)
-        if len(found.energy) > 0:
+        if len(found["energy"]) > 0:
             summary[kind] = _ratio_numbers(found) | {
                 "failures": {c.name: c.failures[kind] for c in comparisons if kind in c.failures}
             }
     truths = compute_ratios(comparisons, "integrated", GROUND_TRUTH)
-    if len(truths.energy) > 0:
+    if len(truths["energy"]) > 0:
         summary["integrated over ground truth"] = _ratio_numbers(truths)
     return summary
 
 
-def _ratio_numbers(found: Ratios) -> dict[str, Any]:
+def _ratio_numbers(found: dict[str, FloatArray]) -> dict[str, Any]:
     """Return the number of moves, and mean and extremes of each ratio.
 
     Args:
-        found: Ratios of energies and durations of two planners, for at least one move.
+        found: Ratios of two planners as `compute_ratios` returns them, for at least one move.
 
     Returns:
-        A dictionary. `moves` is the count. The other keys are `energy` (planned, reading `paper`),
-        `energy_series` (planned, reading `series`), `energy_simulated`,
-        `simulated_over_planned_ratio` (`energy_simulated` divided by `energy_series`) and
-        `duration`. Each has a dictionary with `geometric_mean`, `least` and `largest`.
+        A dictionary. `moves` is the count. Each key of `found` has a dictionary with
+        `geometric_mean`, `least` and `largest`.
     """
-    return {
-        "moves": len(found.energy),
-        "energy": _spread(found.energy),
-        "energy_series": _spread(found.series),
-        "energy_simulated": _spread(found.simulated),
-        "simulated_over_planned_ratio": _spread(found.simulated_over_planned),
-        "duration": _spread(found.duration),
-    }
+    spreads = {name: _spread(values) for name, values in found.items()}
+    return {"moves": len(found["energy"]), **spreads}
 
 
 def _spread(values: FloatArray) -> dict[str, float]:
@@ -291,9 +283,9 @@ def draw_proportions(cases: Sequence[Comparison], others: Sequence[Comparison], 
             (cases, PURPLE, "Cases 1 to 4"),
         ):
             found = compute_ratios(moves, "integrated")
-            if len(found.series) == 0:
-                continue
-            axes.scatter(found.series, found.simulated, s=12, color=color, label=label)
+            planned, simulated = found["energy_series"], found["energy_simulated"]
+            if len(planned) > 0:
+                axes.scatter(planned, simulated, s=12, color=color, label=label)
         axes.set(
             xlabel=f"planned energy over the {BASELINE_PLANNER} planner's (pumps in series)",
             ylabel="the same, simulated",

@@ -330,34 +330,9 @@ def compare_all(
         yield from yield_results(tasks, in_order=True)
 
 
-@dataclass(frozen=True)
-class Ratios:
-    """Energies and durations of one planner divided by another's, for moves that both planned.
-
-    Attributes:
-        energy: Ratio of planned energies, reading `paper`, shape (moves,).
-        series: Ratio of planned energies, reading `series`, shape (moves,).
-        simulated: Ratio of simulated energies, shape (moves,).
-        duration: Ratio of durations, shape (moves,).
-    """
-
-    energy: FloatArray
-    series: FloatArray
-    simulated: FloatArray
-    duration: FloatArray
-
-    @property
-    def simulated_over_planned(self) -> FloatArray:
-        """Simulated energy ratio divided by the planned one (reading `series`), shape (moves,).
-
-        It is 1 if the simulation shows the saving that was planned.
-        """
-        return self.simulated / self.series
-
-
 def compute_ratios(
     comparisons: Iterable[Comparison], kind: str, baseline: str = BASELINE_PLANNER
-) -> Ratios:
+) -> dict[str, FloatArray]:
     """Divide energies and durations of one planner's motions by those of another planner.
 
     Args:
@@ -367,32 +342,29 @@ def compute_ratios(
         baseline: Name of the planner by whose values they are divided.
 
     Returns:
-        Ratios `kind` / `baseline` of planned energies (in the readings `paper` and `series`, two
-        ways to price boosted oil), simulated energies and durations. Each has shape (moves,), in
-        the order of the comparisons; empty if no move was planned by both.
+        Ratios `kind` / `baseline`, each of shape (moves,), in the order of the comparisons; empty
+        if no move was planned by both. Keys:
+
+        - energy, energy_series: of the planned energies in the readings `paper` and `series`, two
+            ways to price boosted oil
+        - energy_simulated: of the simulated energies
+        - simulated_over_planned_ratio: `energy_simulated` divided by `energy_series`, 1 if the
+            simulation shows the saving that was planned
+        - duration: of the durations
     """
     pairs = [
         (each.records[kind], each.records[baseline])
         for each in comparisons
         if kind in each.records and baseline in each.records
     ]
-
-    def field_ratios(name: str) -> FloatArray:
-        """Return the ratio of one field for every pair of results.
-
-        Uses `pairs`, results of both planners, from the enclosing function.
-
-        Args:
-            name: Name of a field of `PlannerResult`.
-
-        Returns:
-            Ratios, shape (moves,).
-        """
-        return np.array([getattr(own, name) / getattr(base, name) for own, base in pairs])
-
-    return Ratios(
-        field_ratios("energy_j"),
-        field_ratios("energy_series_j"),
-        field_ratios("energy_simulated_j"),
-        field_ratios("duration_s"),
+    energy, series, simulated, duration = (
+        np.array([getattr(own, name) / getattr(base, name) for own, base in pairs])
+        for name in ("energy_j", "energy_series_j", "energy_simulated_j", "duration_s")
     )
+    return {
+        "energy": energy,
+        "energy_series": series,
+        "energy_simulated": simulated,
+        "simulated_over_planned_ratio": simulated / series,
+        "duration": duration,
+    }

@@ -197,34 +197,6 @@ def _energy_at_pressure(
     return add_main_pump_shaft(machine, pressure * oil, motion.duration_s)
 
 
-def as_text(title: str, found: Mapping[str, Any]) -> list[str]:
-    """Format the energies of one set of moves as text.
-
-    Args:
-        title: Name of the set of moves.
-        found: Result of `sum_supply_energies` for these moves.
-
-    Returns:
-        Lines without line breaks; empty if `found` is empty. The first has title and number of
-        moves, and the lowest constant pressure with which every move can be done [MPa]. The second
-        has column titles. A line for each supply follows. It has four energies [kJ]: to the oil and
-        at the shafts, with leakage and without. The number in brackets counts the moves in which
-        the supply takes less than MHSB. A supply without any numbers has no line.
-    """
-    if not found:
-        return []
-    lines = [
-        f"{title}: {found['moves']} moves, energy [kJ]; one pressure for all: "
-        f"{found['one_pressure_pa'] / 1e6:.2f} MPa; ( ) moves in which it takes less than MHSB",
-        f"{'':38s}{'to the oil':>13s}{'at shafts':>13s}{'no leakage: oil':>19s}{'shafts':>13s}",
-    ]
-    for name, numbers in found["systems"].items():
-        cells = _cells(name, numbers)
-        if any(cell.strip() for cell in cells):
-            lines.append(f"{name:38s}" + "".join(f"{cell:>14s}" for cell in cells))
-    return lines
-
-
 def as_markdown(sets: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Format the energies of several sets of moves as Markdown tables.
 
@@ -235,14 +207,16 @@ def as_markdown(sets: Mapping[str, Mapping[str, Any]]) -> list[str]:
         Lines without line breaks. Each set that is not empty has a table with a row for each
         supply. Its four cells are energies [kJ]: to the oil and at the shafts, with leakage and
         without. A missing value is a dash. A number in brackets counts the moves in which the
-        supply takes less than MHSB.
+        supply takes less than MHSB. The title has the lowest constant pressure with which every
+        move can be done [MPa].
     """
     lines = []
     for title, found in sets.items():
         if not found:
             continue
         lines += [
-            f"| {title}, {found['moves']} moves [kJ] | to the oil | at the shafts "
+            f"| {title}, {found['moves']} moves [kJ], one pressure for all: "
+            f"{found['one_pressure_pa'] / 1e6:.2f} MPa | to the oil | at the shafts "
             "| to the oil, no leakage | at the shafts, no leakage |",
             "|---|---|---|---|---|",
         ]

@@ -13,13 +13,12 @@ including inertia and friction.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from mhsb_model.circuit.elements import compute_friction_force
 from mhsb_model.holding import MAX_HELD_SPEED
 from mhsb_model.hydraulics import (
     compute_required_pressures,
@@ -34,6 +33,7 @@ from mhsb_model.trajectory import SECOND_NS, Trajectory
 from mhsb_model.types import FloatArray
 from mhsb_planner.motion.energy import compute_motion_energy
 from mhsb_planner.motion.motion_profile import compute_motion_profile
+from mhsb_tools.study.needed_pressure import compute_moving_forces
 
 LOAD_SENSING_MARGINS = (1e6, 2e6)
 """Pressure margins Δp of load sensing [Pa], the low and the high end of what is usual."""
@@ -43,7 +43,6 @@ LEAKAGE_KEY = "hydraulics.valve.leakage_flow"
 
 _load_pressure = np.vectorize(load_pressure, otypes=[float])
 _valve_margin = np.vectorize(compute_valve_drop, otypes=[float])
-_friction = np.vectorize(compute_friction_force, otypes=[float])
 
 
 @dataclass(frozen=True)
@@ -129,9 +128,7 @@ def compute_loads(machine: Machine, trajectory: Trajectory) -> MotionLoads:
     at = np.union1d(points, (points[1:] + points[:-1]) // 2)
     profile = compute_motion_profile(machine, *trajectory.sample_offsets(at))
     speed = np.where(np.abs(profile.speed) > MAX_HELD_SPEED, profile.speed, 0.0)
-    oil = machine.config.circuit
-    friction = _friction(oil.coulomb_friction, oil.viscous_friction, oil.friction_speed, speed)
-    force = profile.force + profile.inertia + machine.friction_factors * friction
+    force = compute_moving_forces(machine, replace(profile, speed=speed))
     return MotionLoads(at / SECOND_NS, speed, profile.force, force)
 
 

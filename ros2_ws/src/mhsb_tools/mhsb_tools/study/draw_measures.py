@@ -166,8 +166,7 @@ def flow_suffices(machine: Machine, plant: Machine, commands: Sequence[Command])
         times = np.arange(command.stamp_ns, last, round(SAMPLING_STEP * SECOND_NS))
         if not len(times):
             continue
-        states = [command.trajectory.sample(int(time)) for time in times]
-        path = np.array([(each.position, each.velocity, each.acceleration) for each in states])
+        path = np.stack(command.trajectory.sample_many(times), axis=1)
         rows = np.searchsorted(command.schedule.offset_ns, times - command.stamp_ns, "right") - 1
         pressure = compute_needed_pressure(plant, path, command.schedule.modes[np.maximum(rows, 0)])
         arms = np.array([machine.moment_arms(q) for q in path[:, 0]])

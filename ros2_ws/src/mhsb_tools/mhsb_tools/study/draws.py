@@ -315,10 +315,8 @@ class DrawStudy:
             run = replay(simulator, sequence.commands, sequence.duration)
             error = 1e3 * run.tip_error(plant)
             sources = sum_energy_by_source(run.energies).values()
-            sentences, lost = (
-                read_payload_estimate(plant, run),
-                compute_time_lost(sequence.commands, run),
-            )
+            payload = read_payload_estimate(plant, run)
+            lost = compute_time_lost(sequence.commands, run)
             planned = max(compute_planned_time(sequence.commands), run.step)
             return DrawRecord(
                 controller,
@@ -339,10 +337,10 @@ class DrawStudy:
                 energy_shaft_j=sum(source["shaft"] for source in sources),
                 rest_error_mm=None if run.hold_reason else compute_rest_error(error, run.step),
                 flow_suffices=flow_suffices(self._machine, plant, sequence.commands),
-                payload_kg=sentences.value if sentences else None,
-                payload_half_interval_kg=sentences.half_interval if sentences else None,
-                payload_error_percent=sentences.error_percent if sentences else None,
-                payload_holds=sentences.holds if sentences else None,
+                payload_kg=payload.value if payload else None,
+                payload_half_interval_kg=payload.half_interval if payload else None,
+                payload_error_percent=payload.error_percent if payload else None,
+                payload_holds=payload.holds if payload else None,
                 spool_deviation_percent=None
                 if run.hold_reason
                 else measure_spool_deviation(simulator),

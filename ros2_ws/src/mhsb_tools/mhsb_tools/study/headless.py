@@ -88,19 +88,6 @@ class Samples:
     valve_opening: FloatArray
     reference_acceleration: FloatArray
 
-    @classmethod
-    def collect(cls, rows: list[tuple[object, ...]]) -> Samples:
-        """Build the samples from rows of signals, one row for each instant.
-
-        Args:
-            rows: At least one row. Its values are in the order of this class's fields; each is a
-                number or an array of shape (n,).
-
-        Returns:
-            The samples.
-        """
-        return cls(*(np.array(column) for column in zip(*rows, strict=True)))
-
     def column_names(self) -> list[str]:
         """Return the names of the columns of `table`.
 
@@ -195,7 +182,7 @@ class HeadlessRun:
 
     def samples(self) -> Samples:
         """Return the signals of everything simulated so far."""
-        return Samples.collect(self._rows)
+        return Samples(*(np.array(column) for column in zip(*self._rows, strict=True)))
 
     def _run_goal(self, goal: TimedGoal) -> GoalRun:
         """Plan a goal, give the plan to the simulated arm, and simulate until the next goal is due.

@@ -4,15 +4,36 @@ from __future__ import annotations
 
 import numpy as np
 
-from mhsb_model.arrays import MachineArrays
 from mhsb_model.circuit.elements import compute_friction_force
-from mhsb_model.hydraulics import compute_required_pressure
-from mhsb_model.kernels.kernel import kernel
-from mhsb_model.linkages.linkage import moment_arm
+from mhsb_model.hydraulics import compute_required_pressures
 from mhsb_model.machine import Machine
 from mhsb_model.modes import RAIL_MODES
-from mhsb_model.statics import MOTION_WORK, compute_motion_torques, get_chain
 from mhsb_model.types import FloatArray, ModeArray
+from mhsb_planner.motion.motion_profile import MotionProfile, compute_motion_profile
+
+_compute_friction = np.vectorize(compute_friction_force, otypes=[float])
+
+
+def compute_moving_forces(machine: Machine, profile: MotionProfile) -> FloatArray:
+    """Compute the forces that the pistons exert during a motion.
+
+        F = (M q̈ + C q̇ + g)/r + share · friction(v),  v = r q̇
+
+    M q̈ + C q̇ + g are the joint torques by inertia, velocity and gravity, r the moment arms [m] and
+    v the piston speeds [m/s]. The share is each actuator's own factor on the friction.
+
+    Args:
+        machine: The arm.
+        profile: The motion, with the forces from inertia.
+
+    Returns:
+        Piston forces F [N], shape (k, n), positive if they extend the cylinder.
+    """
+    oil = machine.config.circuit
+    friction = _compute_friction(
+        oil.coulomb_friction, oil.viscous_friction, oil.friction_speed, profile.speed
+    )
+    return profile.force + profile.inertia + machine.friction_factors * friction
 
 
 def compute_needed_pressure(
@@ -20,15 +41,12 @@ def compute_needed_pressure(
 ) -> FloatArray:
     """Compute the supply pressure that each actuator needs to follow a reference.
 
-        p = max(P_S, p_hold, p_move)
-        p_hold = p_req(F, 0),  p_move = p_req(F, v)
-        F = (M q̈ + C q̇ + g)/r + friction(v),  v = r q̇
+        p = max(P_S, p_req(F, 0), p_req(F, v))
 
-    P_S is the main pump's pressure [Pa], F the piston force [N], v the piston speed [m/s] and r the
-    moment arm [m]. M q̈ + C q̇ + g are the joint torques by inertia, velocity and gravity. p_req is
-    the planner's law p_L + m(v) + margin: load pressure, pressure drop of the fully open valve, and
-    boost margin [Pa]. Actuators in mode SB (fed by a common rail) get the highest p among them at
-    each instant.
+    P_S is the main pump's pressure [Pa], F the piston force of `compute_moving_forces` [N] and v
+    the piston speed [m/s]. p_req is the planner's law p_L + m(v) + margin: load pressure, pressure
+    drop of the fully open valve, and boost margin [Pa]. Actuators in mode SB (fed by a common rail)
+    get the highest p among them at each instant.
 
     Args:
         machine: The arm.
@@ -39,66 +57,13 @@ def compute_needed_pressure(
     Returns:
         Needed pressure p [Pa], shape (k, n).
     """
-    oil = machine.config.circuit
-    return _needed_pressure(
-        machine.arrays,
-        np.array([oil.coulomb_friction, oil.viscous_friction, oil.friction_speed]),
-        machine.friction_factors,
-        reference,
-        modes,
+    profile = compute_motion_profile(machine, *np.moveaxis(reference, 1, 0))
+    force = compute_moving_forces(machine, profile)
+    need = np.maximum(
+        machine.arrays.supply_pressure,
+        compute_required_pressures(machine.arrays, force, np.zeros_like(force)),
     )
-
-
-@kernel
-def _needed_pressure(
-    m: MachineArrays,
-    friction: FloatArray,
-    share: FloatArray,
-    reference: FloatArray,
-    modes: ModeArray,
-) -> FloatArray:
-    """Compute the supply pressure that each actuator needs to follow a reference (kernel).
-
-        p = max(P_S, p_hold, p_move)
-        p_hold = p_req(F, 0),  p_move = p_req(F, v)
-        F = (M q̈ + C q̇ + g)/r + share · friction(v),  v = r q̇
-
-    P_S is the main pump's pressure [Pa], F the piston force [N], v the piston speed [m/s] and r the
-    moment arm [m]. M q̈ + C q̇ + g are the joint torques by inertia, velocity and gravity. p_req is
-    load pressure plus pressure drop of the fully open valve plus boost margin [Pa]. Actuators in
-    mode SB (fed by a common rail) get the highest p among them at each instant.
-
-    Args:
-        m: The machine's arrays.
-        friction: Coulomb friction [N], viscous friction [N s/m] and friction speed [m/s], shape
-            (3,).
-        share: Factor on each actuator's friction force, shape (n,) [-].
-        reference: q [rad or m], q̇ [rad/s or m/s] and q̈ [rad/s² or m/s²] of n joints at k
-            instants, shape (k, 3, n).
-        modes: Modes in force, shape (k, n).
-
-    Returns:
-        Needed pressure p [Pa], shape (k, n).
-    """
-    rows, n = modes.shape
-    need = np.empty((rows, n))
-    chain = get_chain(m)
-    work, weight, torque = np.empty((MOTION_WORK, n)), np.empty(n), np.empty(n)
-    for k in range(rows):
-        q, qd, qdd = reference[k, 0], reference[k, 1], reference[k, 2]
-        compute_motion_torques(chain, q, qd, qdd, work, weight, torque)
-        rail = 0.0
-        for j in range(n):
-            arm = moment_arm(m.linkage[j], q[j])
-            speed = arm * qd[j]
-            rubbing = compute_friction_force(friction[0], friction[1], friction[2], speed)
-            force = torque[j] / arm + share[j] * rubbing
-            held = compute_required_pressure(m, j, force, 0.0)
-            moved = compute_required_pressure(m, j, force, speed)
-            need[k, j] = max(m.supply_pressure, held, moved)
-            if RAIL_MODES[modes[k, j]]:
-                rail = max(rail, need[k, j])
-        for j in range(n):
-            if RAIL_MODES[modes[k, j]]:
-                need[k, j] = rail
-    return need
+    need = np.maximum(need, compute_required_pressures(machine.arrays, force, profile.speed))
+    on_rail = RAIL_MODES[modes]
+    rail = np.max(need, axis=1, keepdims=True, where=on_rail, initial=0.0)
+    return np.where(on_rail, rail, need)

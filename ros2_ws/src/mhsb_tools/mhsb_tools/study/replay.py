@@ -39,7 +39,7 @@ class Replay:
             rod side and supply line of each actuator, then three common nodes.
         modes: Modes in force, shape (k, n), uint8.
         energies: Energy by circuit element at the end, as `Simulator.energies` [J].
-        interventions: Number of times that the mode guard intervened.
+        interventions: Number of times that the guard boosted or slowed beyond the plan.
         payload: Payload estimates, shape (r, 3): time [s], estimate [kg], standard deviation [kg].
             No rows if the servo does not estimate the payload.
         hold_reason: Why the guard held the plan until the run was ended; empty if it did not.

@@ -210,28 +210,6 @@ def plan_goals(
     return commands, refused
 
 
-def run_controller(
-    script: PlannedScenario, controller: str, machine: Machine | None = None
-) -> Replay:
-    """Simulate a controller that follows the plans of a scenario.
-
-    Args:
-        script: The planned scenario.
-        controller: Name of the controller.
-        machine: Machine to simulate, for example with other gains; None takes that of the scenario.
-
-    Returns:
-        The record of the run.
-
-    Raises:
-        UnknownControllerError: No controller has this name.
-        PressureSensorsError: The controller reads pressures that the machine does not measure.
-        SimulationDivergedError: The simulation diverged.
-    """
-    simulator = Simulator(machine or script.machine, controller)
-    return replay(simulator, script.commands, script.scenario.duration)
-
-
 def compute_supply_overshoot(machine: Machine, run: Replay) -> FloatArray:
     """Compute by how much the pressure in each supply line exceeds what the motion itself needs.
 
@@ -319,7 +297,8 @@ def study_scenario(machine: Machine, scenario: Scenario) -> ScenarioResult:
     script = plan_scenario(machine, scenario)
     records, traces, elements = [], {}, {}
     for controller in select_controllers(machine):
-        run = run_controller(script, controller)
+        simulator = Simulator(script.machine, controller)
+        run = replay(simulator, script.commands, scenario.duration)
         records.append(evaluate_run(script, controller, run))
         traces[controller] = _trace(script.machine, run)
         elements[controller] = list_energy_parts(compute_planned_energy(script, run), run.energies)

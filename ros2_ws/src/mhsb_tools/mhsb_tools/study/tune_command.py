@@ -24,6 +24,7 @@ from mhsb_tools.study.tuning import (
     check_gain_sections,
     get_present_gains,
     make_draws,
+    make_scenario_run,
     tune,
     write_gains,
 )
@@ -155,11 +156,12 @@ def _build_training(arm: Machine, asked: TrainingArguments) -> Training:
         MhsbError: A file of scenarios or variations cannot be read, or does not fit the machine.
     """
     wanted = [each for each in load_scenarios(asked.scenarios, arm) if not each.held_out]
-    scripts = [
-        plan_scenario(arm, each) for each in tqdm(wanted, "plans", leave=False, disable=None)
+    scenarios = [
+        make_scenario_run(plan_scenario(arm, each))
+        for each in tqdm(wanted, "plans", leave=False, disable=None)
     ]
     drawn = make_draws(arm, load_variations(arm, asked.variations), asked.draws, asked.seed)
-    return Training(scripts, list(tqdm(drawn, "draws", asked.draws, leave=False, disable=None)))
+    return Training(scenarios, list(tqdm(drawn, "draws", asked.draws, leave=False, disable=None)))
 
 
 main = command_line.make_main(tune_servo)

@@ -22,6 +22,7 @@ from mhsb_control import REGISTERED_CONTROLLERS, read_gains
 from mhsb_control.cascade import CascadeGains
 from mhsb_control.natural_frequency import find_joint_frequency_ranges
 from mhsb_control.stability import SLOWEST_DECAY, compute_slowest_decay
+from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
 from mhsb_model.files.output_folders import replace_file
 from mhsb_model.machine import Machine
@@ -29,14 +30,9 @@ from mhsb_model.types import FloatArray
 from mhsb_planner.executor import Jobs, SharedStateExecutor, yield_results
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.errors import TuningError
-from mhsb_tools.study.draws import DrawStudy, PlannedSequence
+from mhsb_tools.study.draws import DrawStudy
 from mhsb_tools.study.replay import replay
-from mhsb_tools.study.servo_study import (
-    PlannedScenario,
-    compute_supply_overshoot,
-    evaluate_run,
-    run_controller,
-)
+from mhsb_tools.study.servo_study import PlannedScenario, compute_supply_overshoot
 from mhsb_tools.study.variations import Variations
 
 Gains = dict[str, float]
@@ -82,20 +78,22 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
-class TuningDraw:
-    """A random plant and planned motions on which gains are tried.
+class TuningRun:
+    """A plant and planned motions on which gains are tried.
 
     Attributes:
         machine: The machine that planner and servo know.
         plant: The plant to simulate.
-        sequence: The plans.
+        commands: The plans by increasing stamp.
+        duration: Duration of the run [s].
         number: Number of the draw; also the seed of the sensor noise.
     """
 
     machine: Machine
     plant: Machine
-    sequence: PlannedSequence
-    number: int
+    commands: Sequence[Command]
+    duration: float
+    number: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,38 +101,46 @@ class Training:
     """Runs on which gains are tried.
 
     Attributes:
-        scripts: Scenarios with their plans, to be run on the exact machine.
+        scenarios: Scenarios with their plans, to be run on the exact machine.
         draws: Draws with their plans, to be run on plants that differ from the machine file.
     """
 
-    scripts: Sequence[PlannedScenario]
-    draws: Sequence[TuningDraw] = ()
+    scenarios: Sequence[TuningRun]
+    draws: Sequence[TuningRun] = ()
+
+    @property
+    def runs(self) -> tuple[TuningRun, ...]:
+        """All scenarios, then all draws."""
+        return (*self.scenarios, *self.draws)
 
     @property
     def payloads(self) -> set[float]:
         """All payloads that the arm carries in the training [kg]."""
-        scenarios = {script.scenario.payload for script in self.scripts}
-        return scenarios | {draw.plant.arrays.payload for draw in self.draws}
+        return {run.plant.arrays.payload for run in self.runs}
 
     def cost(self, costs: FloatArray) -> float:
         """Combine the costs of all runs with one set of gains to one cost.
 
         Args:
-            costs: Cost of each scenario, in the order of `scripts`, then of each draw, shape
-                (runs,).
+            costs: Cost of each of `runs`, shape (runs,).
 
         Returns:
             Mean over the scenarios plus the 90 % quantile over the draws. Without scenarios, or
             without draws, that term is 0.
         """
-        scripts, draws = np.split(costs, [len(self.scripts)])
-        in_the_mean = float(scripts.mean()) if len(scripts) else 0.0
-        return in_the_mean + (float(np.quantile(draws, COST_QUANTILE)) if len(draws) else 0.0)
+        scenarios, draws = np.split(costs, [len(self.scenarios)])
+        mean = float(scenarios.mean()) if len(scenarios) else 0.0
+        return mean + (float(np.quantile(draws, COST_QUANTILE)) if len(draws) else 0.0)
+
+
+def make_scenario_run(script: PlannedScenario) -> TuningRun:
+    """Return a planned scenario as a run on the exact machine."""
+    return TuningRun(script.machine, script.machine, script.commands, script.scenario.duration)
 
 
 def make_draws(
     machine: Machine, variations: Variations, count: int, seed: int
-) -> Iterator[TuningDraw]:
+) -> Iterator[TuningRun]:
     """Make the draws (random plants with plans for random goals) with numbers 0 … count − 1.
 
     Args:
@@ -152,18 +158,20 @@ def make_draws(
     study = DrawStudy(machine, variations, seed)
     for number in range(count):
         sequence, plant, _ = study.draw_plant(number)
-        yield TuningDraw(machine, plant, sequence, number)
+        yield TuningRun(machine, plant, sequence.commands, sequence.duration, number)
 
 
-def compute_scenario_cost(script: PlannedScenario, controller: str, gains: Gains) -> float:
-    """Simulate one scenario with given gains, and compute their cost.
+def compute_cost(run: TuningRun, controller: str, gains: Gains) -> float:
+    """Simulate one run with given gains, and compute their cost.
 
-    The cost is tip error RMS [mm] plus supply overshoot [MPa], plus 10 if a relief valve opened. It
-    is 1000 if the simulation diverges or the gains are invalid. The simulated plant is the
-    scenario's machine itself.
+    The cost is tip error RMS [mm] plus supply overshoot [MPa], plus 10 if a relief valve opened. A
+    negative overshoot counts as 0. Another 10 is added if the arm fell, or if the run was ended
+    because the guard (reference governor) held a plan too long. The arm has fallen if the tip error
+    was ever above `FALLEN_ERROR_MM` times the arm's size relative to the paper's arm. The cost is
+    1000 if the simulation diverges or the gains are invalid.
 
     Args:
-        script: The planned scenario.
+        run: The machine that the servo knows, the plant and the plans.
         controller: Name of the controller.
         gains: Value by name of the gain.
 
@@ -171,52 +179,17 @@ def compute_scenario_cost(script: PlannedScenario, controller: str, gains: Gains
         The cost.
     """
     try:
-        tuned = with_gains(script.machine, controller, gains)
-        record = evaluate_run(script, controller, run_controller(script, controller, tuned))
+        tuned = with_gains(run.machine, controller, gains)
+        simulator = Simulator(tuned, controller, seed=run.number, plant=run.plant)
+        record = replay(simulator, run.commands, run.duration)
     except MhsbError:
         return FAILURE_COST
-    return _cost_of_run(
-        record.tip_error_rms_mm, record.supply_overshoot_mpa, record.relief_opened, False
-    )
-
-
-def compute_draw_cost(draw: TuningDraw, controller: str, gains: Gains) -> float:
-    """Simulate one draw (random plant) with given gains, and compute their cost.
-
-    The cost is tip error RMS [mm] plus supply overshoot [MPa], plus 10 if a relief valve opened.
-    Another 10 is added if the arm fell, or if the run was ended because the guard (reference
-    governor) held a plan too long. The arm has fallen if the tip error was ever above
-    `FALLEN_ERROR_MM` times the arm's size relative to the paper's arm. The cost is 1000 if the
-    simulation diverges or the gains are invalid.
-
-    Args:
-        draw: The machine that the servo knows, the plant and the plans.
-        controller: Name of the controller.
-        gains: Value by name of the gain.
-
-    Returns:
-        The cost.
-    """
-    try:
-        tuned = with_gains(draw.machine, controller, gains)
-        simulator = Simulator(tuned, controller, seed=draw.number, plant=draw.plant)
-        run = replay(simulator, draw.sequence.commands, draw.sequence.duration)
-    except MhsbError:
-        return FAILURE_COST
-    error = 1e3 * run.tip_error(draw.plant)
-    overshoot = float(compute_supply_overshoot(draw.plant, run).max() / 1e6)
-    relief = run.energies["relief_valves"] > 0.0
-    fell = bool(error.max() > draw.machine.relative_size * FALLEN_ERROR_MM) or bool(run.hold_reason)
-    return _cost_of_run(float(np.sqrt(np.mean(error**2))), overshoot, relief, fell)
-
-
-def _cost_of_run(rms_mm: float, overshoot_mpa: float, relief: bool, fell: bool) -> float:
-    """Return the cost of a run from tip error RMS [mm] and supply overshoot [MPa].
-
-    A negative overshoot counts as 0. An opened relief valve and a fall add `RELIEF_COST` and
-    `FALL_COST`.
-    """
-    return rms_mm + max(0.0, overshoot_mpa) + RELIEF_COST * relief + FALL_COST * fell
+    error = 1e3 * record.tip_error(run.plant)
+    overshoot = float(compute_supply_overshoot(run.plant, record).max() / 1e6)
+    relief = record.energies["relief_valves"] > 0.0
+    fell = error.max() > run.machine.relative_size * FALLEN_ERROR_MM or bool(record.hold_reason)
+    rms = float(np.sqrt(np.mean(error**2)))
+    return rms + max(0.0, overshoot) + RELIEF_COST * relief + FALL_COST * float(fell)
 
 
 def is_stable(machine: Machine, payloads: set[float], controller: str, gains: Gains) -> bool:
@@ -313,13 +286,13 @@ def tune(
     """
     if controller not in GAIN_RANGES:
         raise TuningError(f"{controller!r} cannot be tuned; valid are {', '.join(GAIN_RANGES)}")
-    if not training.scripts and not training.draws:
+    if not training.runs:
         raise TuningError("there are neither training scenarios nor draws")
     random = np.random.default_rng(seed)
     best = Trial(get_present_gains(machine, controller), math.inf)
     width = 0.5
     done = 0
-    with SharedStateExecutor(jobs, tuple, (*training.scripts, *training.draws)) as pool:
+    with SharedStateExecutor(jobs, tuple, training.runs) as pool:
         while done < budget:
             around = best.gains if done >= budget // 2 else None
             batch = [
@@ -342,7 +315,7 @@ def tune(
 
 
 def _compute_costs(
-    pool: SharedStateExecutor[tuple[PlannedScenario | TuningDraw, ...]],
+    pool: SharedStateExecutor[tuple[TuningRun, ...]],
     training: Training,
     controller: str,
     batch: Sequence[Gains],
@@ -352,7 +325,7 @@ def _compute_costs(
     A run that diverges, or whose gains are invalid, costs `FAILURE_COST`.
 
     Args:
-        pool: Executor whose workers have the scenarios and draws of the training, in this order.
+        pool: Executor whose workers have the runs of the training.
         training: Scenarios, and draws of plants that differ from the machine file.
         controller: Name of the controller.
         batch: Sets of gains.
@@ -360,7 +333,7 @@ def _compute_costs(
     Returns:
         Costs in the same order.
     """
-    count = len(training.scripts) + len(training.draws)
+    count = len(training.runs)
     tasks = [
         pool.submit(_cost, controller, gains, number) for gains in batch for number in range(count)
     ]
@@ -460,21 +433,6 @@ def _draw(
     return gains
 
 
-def _cost(
-    training: Sequence[PlannedScenario | TuningDraw], controller: str, gains: Gains, number: int
-) -> float:
-    """Compute the cost of gains in one run of the training; called in a worker process.
-
-    Args:
-        training: All scenarios, then all draws.
-        controller: Name of the controller.
-        gains: Value by name of the gain.
-        number: Index of the run in `training`.
-
-    Returns:
-        The cost.
-    """
-    each = training[number]
-    if isinstance(each, TuningDraw):
-        return compute_draw_cost(each, controller, gains)
-    return compute_scenario_cost(each, controller, gains)
+def _cost(training: Sequence[TuningRun], controller: str, gains: Gains, number: int) -> float:
+    """Compute the cost of gains in the run with index `number`; called in a worker process."""
+    return compute_cost(training[number], controller, gains)

@@ -92,10 +92,10 @@ def test_ratios_are_taken_of_moves_that_both_planners_have() -> None:
         ],
         "integrated",
     )
-    assert found.energy.tolist() == [2.0]
-    assert found.series.tolist() == [2.0]
-    assert found.simulated.tolist() == [2.5]
-    assert found.simulated_over_planned.tolist() == [1.25]
+    assert found["energy"].tolist() == [2.0]
+    assert found["energy_series"].tolist() == [2.0]
+    assert found["energy_simulated"].tolist() == [2.5]
+    assert found["simulated_over_planned_ratio"].tolist() == [1.25]
 
 
 def test_the_summary_has_geometric_means_and_extremes(tmp_path: Path) -> None:

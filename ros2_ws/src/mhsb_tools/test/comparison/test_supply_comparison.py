@@ -12,7 +12,6 @@ from mhsb_tools.comparison.supply_comparison import (
     PLANNED_SYSTEM,
     Supplied,
     as_markdown,
-    as_text,
     compute_supply_energies,
     format_energy_by_move,
     sum_supply_energies,
@@ -61,7 +60,6 @@ def test_a_motion_is_told_with_every_supply(machine: Machine, motion) -> None:
     assert mhsb["tight"]["hydraulic_j"] < mhsb["leaking"]["hydraulic_j"]
     assert mhsb["leaking"]["hydraulic_j"] < mhsb["leaking"]["shaft_j"]
     for lines in (
-        as_text("moves", found),
         as_markdown({"moves": found, "none": {}}),
         format_energy_by_move(["1-1"], moves, machine),
     ):
@@ -72,4 +70,4 @@ def test_a_motion_is_told_with_every_supply(machine: Machine, motion) -> None:
 
 def test_nothing_that_mhsb_can_do_gives_nothing(machine: Machine) -> None:
     assert sum_supply_energies(machine, [{}]) == {}
-    assert as_text("none", {}) == []
+    assert as_markdown({"none": {}}) == []

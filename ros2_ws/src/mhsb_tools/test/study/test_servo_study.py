@@ -10,9 +10,10 @@ from mhsb_model.holding import choose_holding_modes
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_planner.search.s2_search import Weights
+from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.study.controller_comparison import as_text, compare
 from mhsb_tools.study.energy_comparison import EnergyPart
-from mhsb_tools.study.replay import Replay
+from mhsb_tools.study.replay import Replay, replay
 from mhsb_tools.study.scenarios import Scenario
 from mhsb_tools.study.servo_study import (
     NEED_WINDOW,
@@ -23,7 +24,6 @@ from mhsb_tools.study.servo_study import (
     compute_supply_overshoot,
     evaluate_run,
     plan_scenario,
-    run_controller,
     study_scenario,
 )
 from mhsb_tools.study.study_figures import draw_study
@@ -110,7 +110,8 @@ def test_a_refused_goal_leaves_the_motion_as_it_is(machine: Machine, scenario: S
 
 def test_a_record_has_the_numbers_of_its_run(machine: Machine, scenario: Scenario) -> None:
     script = plan_scenario(machine, scenario)
-    run = run_controller(script, "coordinated")
+    simulator = Simulator(script.machine, "coordinated")
+    run = replay(simulator, script.commands, scenario.duration)
     record = evaluate_run(script, "coordinated", run)
     error = 1e3 * run.tip_error(machine)
     assert record.tip_error_max_mm == pytest.approx(error.max())

@@ -23,13 +23,13 @@ from mhsb_tools.study.tuning import (
     GAIN_RANGES,
     Training,
     Trial,
-    TuningDraw,
+    TuningRun,
     check_gain_sections,
-    compute_draw_cost,
-    compute_scenario_cost,
+    compute_cost,
     get_present_gains,
     is_stable,
     make_draws,
+    make_scenario_run,
     tune,
     with_gains,
     write_gains,
@@ -40,13 +40,12 @@ LIFTED = np.array([1.0, -1.3, -1.7])
 
 
 @pytest.fixture
-def script(
-    machine: Machine, motion: Callable[..., tuple[Trajectory, ModeSchedule]]
-) -> PlannedScenario:
+def script(machine: Machine, motion: Callable[..., tuple[Trajectory, ModeSchedule]]) -> TuningRun:
     """One second of a lift."""
     start = MotionState.at_rest(np.array(machine.config.simulation.start_posture))
     scenario = Scenario("lift", ((0.5, 0.5),), 1.0, 0.0, Weights(0.5, 0.0, 2.0), 0.02, 10.0, False)
-    return PlannedScenario(scenario, machine, (Command(*motion(start, LIFTED)),), ())
+    plans = (Command(*motion(start, LIFTED)),)
+    return make_scenario_run(PlannedScenario(scenario, machine, plans, ()))
 
 
 def test_every_controller_is_tuned_within_ranges_that_hold_its_present_gains(
@@ -64,7 +63,7 @@ def test_every_controller_is_tuned_within_ranges_that_hold_its_present_gains(
     ("controller", "jobs"), list(zip(sorted(GAIN_RANGES), cycle((1, 2)), strict=False))
 )
 def test_the_search_only_improves_and_repeats_itself_whatever_the_processes(
-    script: PlannedScenario, controller: str, jobs: int
+    script: TuningRun, controller: str, jobs: int
 ) -> None:
     seen: list[Trial] = []
     training = Training([script])
@@ -72,18 +71,18 @@ def test_the_search_only_improves_and_repeats_itself_whatever_the_processes(
     assert len(seen) == 10
     assert all(b.cost <= a.cost for a, b in pairwise(seen))
     assert best == tune(script.machine, training, controller, 10, seed=3, jobs=jobs)
-    assert best.cost <= compute_scenario_cost(
+    assert best.cost <= compute_cost(
         script, controller, get_present_gains(script.machine, controller)
     )
-    assert best.cost == compute_scenario_cost(script, controller, best.gains)
+    assert best.cost == compute_cost(script, controller, best.gains)
 
 
-def test_gains_that_diverge_cost_much(script: PlannedScenario) -> None:
-    assert compute_scenario_cost(script, "coordinated", {"position_gain": float("nan")}) == 1e3
+def test_gains_that_diverge_cost_much(script: TuningRun) -> None:
+    assert compute_cost(script, "coordinated", {"position_gain": float("nan")}) == 1e3
 
 
 def test_gains_that_let_the_arm_swing_itself_up_cost_much_without_a_run(
-    script: PlannedScenario,
+    script: TuningRun,
 ) -> None:
     machine, payloads = script.machine, {10.0, 13.0}
     assert is_stable(machine, payloads, "independent", {"force_damping": 2.1, "position_gain": 0.5})
@@ -105,7 +104,7 @@ def test_gains_of_another_law_than_the_cascade_s_need_no_linear_model(
     assert is_stable(machine, {10.0}, "other", {"gain": 2.0})
 
 
-def test_what_cannot_be_tuned_is_an_error(script: PlannedScenario) -> None:
+def test_what_cannot_be_tuned_is_an_error(script: TuningRun) -> None:
     with pytest.raises(TuningError, match="valid are coordinated, independent"):
         tune(script.machine, Training([script]), "magic", 1)
     with pytest.raises(TuningError, match="neither training scenarios nor draws"):
@@ -144,33 +143,33 @@ def test_a_file_without_the_gain_gets_a_line_and_without_the_section_is_an_error
 
 
 @pytest.fixture(scope="module")
-def draws(machine: Machine) -> list[TuningDraw]:
+def draws(machine: Machine) -> list[TuningRun]:
     return list(make_draws(machine, load_variations(machine), 2, 7))
 
 
 def test_a_draw_costs_what_its_record_in_the_study_says(
-    machine: Machine, draws: list[TuningDraw]
+    machine: Machine, draws: list[TuningRun]
 ) -> None:
     [record, _] = DrawStudy(machine, load_variations(machine), 7).run_draw(1)
     gains = get_present_gains(machine, "coordinated")
     assert record.tip_error_rms_mm is not None
     assert record.supply_overshoot_mpa is not None
     assert not record.relief_opened
-    assert compute_draw_cost(draws[1], "coordinated", gains) == pytest.approx(
+    assert compute_cost(draws[1], "coordinated", gains) == pytest.approx(
         record.tip_error_rms_mm + max(0.0, record.supply_overshoot_mpa)
     )
-    assert compute_draw_cost(draws[1], "coordinated", {"position_gain": float("nan")}) == 1e3
+    assert compute_cost(draws[1], "coordinated", {"position_gain": float("nan")}) == 1e3
 
 
 def test_of_draws_a_high_quantile_counts_of_scenarios_the_mean(
-    script: PlannedScenario, draws: list[TuningDraw]
+    script: TuningRun, draws: list[TuningRun]
 ) -> None:
     costs = np.array([1.0, 3.0, 10.0, 20.0])
     assert Training([script, script], draws).cost(costs) == pytest.approx(2.0 + 19.0)
     assert Training([], draws).cost(costs[2:]) == pytest.approx(19.0)
     assert Training([script]).cost(costs[:1]) == 1.0
     plants = {draw.plant.arrays.payload for draw in draws}
-    assert Training([script], draws).payloads == plants | {script.scenario.payload}
+    assert Training([script], draws).payloads == plants | {10.0}
 
 
 def test_with_gains_changes_one_controller(machine: Machine) -> None:
