@@ -17,6 +17,8 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import MotionState
@@ -69,10 +71,8 @@ class Range:
         Returns:
             `count` values, or only one if both ends are equal.
         """
-        if self.low == self.high:
-            return [self.low]
-        step = (self.high - self.low) / (count - 1)
-        return [*(self.low + k * step for k in range(count - 1)), self.high]
+        values: list[float] = np.linspace(self.low, self.high, count).tolist()
+        return values if self.low < self.high else [self.low]
 
     def clip(self, value: float) -> float:
         """Return the value in the range that is nearest to the given one."""
@@ -123,21 +123,6 @@ class OperatingPoint:
 
 class NoOperatingPointError(MhsbError):
     """No examined point has a plan."""
-
-    def __init__(self, pressure: Range, v_max: Range, failure: str) -> None:
-        """Compose the message of the error.
-
-        Args:
-            pressure: Range of the supply pressure P_S that was searched [Pa].
-            v_max: Range of V_max (piston speed for planning) that was searched [m/s].
-            failure: Sentence that says why there is no plan at the point of lowest P_S and V_max.
-        """
-        self.pressure = pressure
-        self.v_max = v_max
-        super().__init__(
-            f"no plan at any supply pressure in {pressure.low:g} … {pressure.high:g} Pa with V_max "
-            f"in {v_max.low:g} … {v_max.high:g} m/s; at the first: {failure}"
-        )
 
 
 def find_best_operating_point(
@@ -354,7 +339,11 @@ class _Search:
         curve = tuple(self._samples[point] for point in sorted(self._samples))
         best = min(curve, key=lambda sample: sample.cost)
         if best.failure:
-            raise NoOperatingPointError(*self._ranges, curve[0].failure)
+            pressure, v_max = self._ranges
+            raise NoOperatingPointError(
+                f"no plan at any supply pressure in {pressure.low:g} … {pressure.high:g} Pa with "
+                f"V_max in {v_max.low:g} … {v_max.high:g} m/s; at the first: {curve[0].failure}"
+            )
         point = best.supply_pressure, best.v_max
         return OperatingPoint(best, self._plan(point), self.machine_at(point), curve)
 

@@ -21,7 +21,6 @@ from mhsb_planner.cases.paper_cases import PaperCase, load_paper_cases
 from mhsb_planner.executor import Jobs, yield_results_of_ranges
 from mhsb_planner.integrated import integrated_search
 from mhsb_planner.posture import s1_global_search
-from mhsb_planner.posture.grid import list_grid_nodes
 from mhsb_planner.posture.s1_global_search import build_posture_table
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search.discrete_path import DiscretePath
@@ -248,20 +247,17 @@ def area_settings() -> dict[str, Setting]:
     return {area_run(w4): Setting(case, area_weight=w4) for w4 in AREA_WEIGHTS}
 
 
-def count_work_units(machine: Machine, asked: Mapping[str, Setting]) -> int:
+def count_work_units(asked: Mapping[str, Setting]) -> int:
     """Return the number of work units that `evaluate` reports as its progress.
 
     Args:
-        machine: The arm.
         asked: Settings to evaluate, by name of the run.
 
     Returns:
-        Number of runs, plus the number of nodes of all posture tables. There is one table for the
-        machine's own supply pressure, and one for each other pressure for which a setting needs its
-        own table.
+        Number of runs, plus the number of posture tables. There is one table for the machine's own
+        supply pressure, and one for each other pressure for which a setting needs its own table.
     """
-    tables = {setting.table_pressure for setting in asked.values()} | {None}
-    return len(tables) * len(list_grid_nodes(machine, machine.spacing)) + len(asked)
+    return len({setting.table_pressure for setting in asked.values()} | {None}) + len(asked)
 
 
 def evaluate(
@@ -301,7 +297,9 @@ def evaluate(
     tables: dict[float | None, PostureTable] = {} if known is None else {**known.tables}
     for pressure in (None, *(s.table_pressure for s in asked.values())):
         if pressure not in tables:
-            tables[pressure] = _table(machine.changed(supply_pressure=pressure), jobs, report_units)
+            changed = machine.changed(supply_pressure=pressure)
+            tables[pressure] = build_posture_table(changed, jobs=jobs)
+            report_units(1)
     evaluator = _Evaluator(machine, tables, asked)
     if jobs is None or isinstance(jobs, int):
         evaluator.own_graph(jobs)
@@ -380,35 +378,6 @@ class _Evaluator:
             graph = _graph(own, self._tables[first.table_pressure], first)
             found |= {name: _run(graph, self._asked[name]) for name in names}
         return found
-
-
-def _table(machine: Machine, jobs: Jobs, report_units: Progress) -> PostureTable:
-    """Build the posture table of a machine (best posture for each node of the grid).
-
-    Args:
-        machine: The arm.
-        jobs: Number of threads, or a cluster; None takes one thread for each processor.
-        report_units: Function that is called with the number of nodes done since its last call.
-
-    Returns:
-        The table.
-    """
-    reported = 0
-
-    def progress(done: int, total: int) -> None:
-        """Report the number of nodes that were done since the last call.
-
-        Calls `report_units` of the enclosing function, and stores the count for the next call.
-
-        Args:
-            done: Number of nodes done so far.
-            total: Number of all nodes; not used.
-        """
-        nonlocal reported
-        report_units(done - reported)
-        reported = done
-
-    return build_posture_table(machine, jobs=jobs, progress=progress)
 
 
 def _graph(own: StepGraph, table: PostureTable, setting: Setting) -> StepGraph:
