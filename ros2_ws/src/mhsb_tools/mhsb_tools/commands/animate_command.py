@@ -100,6 +100,10 @@ def animate(
         namespace: Namespace of the recorded topics, such as /left; none when left out.
         film: What is shown of the recording or plan, and how.
         json_: Print one JSON object instead of text.
+
+    Raises:
+        UsageError: `output` does not end in .gif, not exactly one of recording and plan is given,
+            an option has no effect, or no instant of the time range was recorded.
     """
     if output.suffix.lower() != FILE_SUFFIX:
         raise UsageError(f"--output: '{output}' must end in {FILE_SUFFIX}")

@@ -38,6 +38,9 @@ def call(
         service: Name of the service, such as mhsb_planner/stop.
         timeout: How long to wait for the service, and again for its answer [s].
         json: Print the answer as a JSON object with success and message.
+
+    Raises:
+        ServiceError: There is no such service, it gives no answer in time, or it refuses.
     """
     with run_command_node(lambda: Node("mhsb_call")) as (executor, node):
         answer = _call_trigger(node, executor, service, timeout)

@@ -586,7 +586,9 @@ def _count_points_left(machine: Machine) -> dict[str, Any]:
         - left: count of points with a posture clear of obstacles
     """
     plane, in_space = machine.planar_arm, bool(machine.obstacles.is_in_space.any())
-    psi, turned = _end_link_angles(plane), _slew_angles(machine) if in_space else np.zeros(1)
+    psi, turned, m = _end_link_angles(plane), np.zeros(1), machine.arrays
+    if in_space:
+        turned = np.linspace(m.joint_min[0], m.joint_max[0], SLEW_SAMPLES)
     near = [
         angle
         for angle in turned
@@ -610,11 +612,6 @@ def _count_points_left(machine: Machine) -> dict[str, Any]:
         "reached": reached,
         "left": left,
     }
-
-
-def _slew_angles(machine: Machine) -> FloatArray:
-    """Return the angles of the slew at which zones are tested [rad], from limit to limit."""
-    return np.linspace(machine.arrays.joint_min[0], machine.arrays.joint_max[0], SLEW_SAMPLES)
 
 
 def _is_clear_of_zones(machine: Machine, slew: float, postures: FloatArray) -> bool:

@@ -148,7 +148,8 @@ def _demo(
         output: Folder for the results.
         machine: Machine file; None is the suite's own arm.
         goals: Goals file; None is the suite's file for this machine.
-        of_simulator: Plant file, and file of what the servo has learnt; None for neither.
+        of_simulator: Plant file, and file of what the servo has learnt. None for one that is not
+            used.
         view: Start the viewer in a browser as well.
 
     Returns:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from mhsb_model.errors import ArgumentError
 from mhsb_model.figure_style import (
@@ -29,6 +30,8 @@ from mhsb_sim.mechanics.linkage_shapes import BARREL_PAINT, compute_planar_bars
 from mhsb_tools.moves.move import MoveRecord
 from mhsb_tools.moves.move_page import draw_mode_bars, yield_mode_spans
 from mhsb_tools.moves.workspace_drawing import draw_obstacles, draw_workspace_axes
+
+ByteArray = npt.NDArray[np.uint8]
 
 FIGURE_SIZE = (8.0, 4.64)  # width, height [in]
 PER_MPA = 1e-6
@@ -115,15 +118,14 @@ def write_film(
     return count
 
 
-def _quantize_frames(frames: list[FloatArray]) -> Iterator[Any]:
+def _quantize_frames(frames: list[ByteArray]) -> Iterator[Any]:
     """Yield the frames as images that all share one palette of `PALETTE_SIZE` colours.
 
     The palette is made from a few frames that are spread evenly over the film, and from a picture
     with all mode colours. No dithering is used, so that static parts do not flicker.
 
     Args:
-        frames: At least one picture, each of shape (height, width, 3). The values must be integers
-            of type uint8, although the annotation names floats.
+        frames: At least one picture, each of shape (height, width, 3), uint8.
 
     Yields:
         Each frame as a palette image, in order.
@@ -136,7 +138,7 @@ def _quantize_frames(frames: list[FloatArray]) -> Iterator[Any]:
         yield Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
 
 
-def _swatches(width: int) -> FloatArray:
+def _swatches(width: int) -> ByteArray:
     """Return a picture with one stripe for each colour that the palette of the film must contain.
 
     Args:
@@ -191,7 +193,7 @@ class _Film:
             figure.set_layout_engine("none")
             self._still = self._canvas.copy_from_bbox(figure.bbox)
 
-    def frame(self, time: float) -> FloatArray:
+    def frame(self, time: float) -> ByteArray:
         """Draw the picture of one instant.
 
         Args:

@@ -49,6 +49,11 @@ def param(
         value: New value; an array is [0.65, 0.1, 0.9, 0.3].
         timeout: How long to wait for the node, and for each answer [s].
         json: Print values, by name, as one JSON object; NaN and infinite numbers are null.
+
+    Raises:
+        UsageError: The action takes fewer or more words.
+        ParameterError: There is no such node or parameter, the value has a wrong type, or the node
+            refuses it or does not answer in time.
     """
     given = [each for each in (name, value) if each is not None]
     words = {"list": "NODE", "get": "NODE NAME", "set": "NODE NAME VALUE"}[action]

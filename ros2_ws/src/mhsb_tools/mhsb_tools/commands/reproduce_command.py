@@ -102,6 +102,9 @@ def reproduce(
         machine: Machine file (YAML) of three joints; the suite's own arm when left out.
         work: Who does the work.
         json_: Print summary.json instead of text.
+
+    Raises:
+        RequestError: The machine has another number of joints than the paper's arm.
     """
     arm = load_machine(machine)
     if arm.joint_count != PAPER_JOINT_COUNT:
@@ -116,7 +119,7 @@ def reproduce(
     asked = settings() | integrated_settings() | area_settings()
     for scale in HEURISTIC_SCALES:
         asked |= published_settings(scale=scale)
-    total = count_work_units(arm, asked) + len(FITTED_RUNS) + len(PAPER_FIGURES) + 1
+    total = count_work_units(asked) + len(FITTED_RUNS) + len(PAPER_FIGURES) + 1
     with tqdm(total=total, unit="step", desc="reproduce") as bar:
         runs = evaluate(arm, asked, workers, bar.update)
         fits = fit_runs(runs, [name for name in FITTED_RUNS if name in runs.runs])

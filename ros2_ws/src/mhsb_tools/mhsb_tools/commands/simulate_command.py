@@ -312,8 +312,8 @@ def compose_missed_sentence(result: GoalRun, interventions: int, causes: str) ->
 
     Args:
         result: Result of the missed goal.
-        interventions: Number of times in the whole run that the mode guard (it boosts actuators
-            that cannot hold their load) intervened.
+        interventions: Number of times in the whole run that the guard boosted actuators beyond the
+            plan or slowed the plan.
         causes: What may be why, as `describe_possible_causes` returns it.
     """
     times = "once" if interventions == 1 else f"{interventions} times"
@@ -435,8 +435,8 @@ def summarize(
         energies: Energy by circuit element [J], as `Simulator.energies`.
         seconds: Wall time of planning and simulating [s].
         elements: Planned and simulated energy of each part of the circuit [J].
-        interventions: Number of times that the mode guard (it boosts actuators that cannot hold
-            their load) intervened.
+        interventions: Number of times that the guard boosted actuators beyond the plan or slowed
+            the plan.
 
     Returns:
         A dictionary; units are at the ends of the keys. `goals` has a dictionary for each goal, as
