@@ -2,7 +2,7 @@
 
 The lattice covers the whole ranges of the joints, and the start is one of its points. A step leads
 to one of the 3ⁿ − 1 neighbours. A goal posture is reached from the lattice points around it. Steps
-are priced only when the search looks at them.
+are priced only when no path that seems cheaper is left (`deferred_steps`).
 
 Steps run along the axes and all diagonals. If the spacing is equal for all cylinders, some path
 over the lattice therefore has the strokes of the straight move, and about its duration. It costs
@@ -14,7 +14,7 @@ A state is a lattice point and the mode combination in which it was reached. The
 least of the lower bounds `least_move_cost` to the goal postures. It is consistent.
 
 A lattice point is reached when the search first looks at a step to it, even if the step is dropped.
-Only reached points get a row in the search's memory, and rows are added on demand. A large lattice
+Only reached points have a place in the search's memory (`lattice_points`). A large lattice
 therefore takes little time to create.
 """
 
@@ -40,6 +40,24 @@ from mhsb_planner.integrated.cylinder_path import (
     least_move_cost,
     price_piece,
 )
+from mhsb_planner.integrated.deferred_steps import (
+    NO_STEP,
+    STEP_COUNT,
+    DeferredSteps,
+    create_deferred_steps,
+    defer_step,
+    take_due_step,
+)
+from mhsb_planner.integrated.lattice_points import (
+    ROW_COUNT,
+    STATE_COUNT,
+    LatticePoints,
+    create_lattice_points,
+    find_slot,
+    find_state,
+    with_more_room,
+    with_more_rows,
+)
 from mhsb_planner.search.lower_bound import bound_cost_to_nearest
 from mhsb_planner.search.open_list import (
     ARRAYS_FULL,
@@ -49,6 +67,7 @@ from mhsb_planner.search.open_list import (
     NO_STATE,
     SEARCH_EXHAUSTED,
     SEARCH_PAUSED,
+    WAITING_COUNT,
     ExpandedState,
     OpenList,
     create_open_list,
@@ -59,9 +78,9 @@ from mhsb_planner.search.open_list import (
 )
 from mhsb_planner.search.s2_step import DURATION_COLUMN, STEP_INADMISSIBLE, Postures
 
-FIRST_EXPANSION_BATCH, MAX_EXPANSION_BATCH = 4, 50
-"""Number of states to expand before the first look at the clock, and largest number between two
-looks.
+FIRST_EXPANSION_BATCH, MAX_EXPANSION_BATCH = 20, 400
+"""Number of steps and states to take before the first look at the clock, and largest number between
+two looks.
 """
 
 LENGTH_ROUNDING = 1e-9
@@ -72,8 +91,16 @@ END_POINT_TOLERANCE = 0.05
 spacing.
 """
 
+GOAL_ROW = -1
+"""Row that stands for the goal postures, all of which are one state."""
+
+DEFERRED_STEPS_PER_ROW = 8
+"""Number of deferred steps for which there is room at first, per row for a lattice point [-]."""
+
 FIRST_ROWS = 1000
-"""Number of rows for lattice points at first; it doubles each time that the search needs more."""
+"""Number of rows for lattice points, and of states, at first. Each doubles when the search needs
+more.
+"""
 
 
 class Lattice(NamedTuple):
@@ -242,139 +269,29 @@ def _stack_padded(rows: tuple[FloatArray, ...]) -> FloatArray:
     return frozen(filled)
 
 
-class LatticePointData(NamedTuple):
-    """Data of the lattice points that the search has reached, one row for each point.
-
-    The states of the point in row r have the numbers r · patterns to (r + 1) · patterns − 1.
-
-    Attributes:
-        row: Row of each lattice point plus 1; 0 if the point has not been reached, shape (points,).
-        rows: Number of rows in use, shape (1,).
-        point: Number of the lattice point of each row, shape (rows,).
-        remaining: Lower bound on the cost from each row's point to the cheapest goal posture, shape
-            (rows,) [-].
-        force: Piston forces at each row's point, shape (rows, n) [N]; NaN until they are computed.
-        best: Cheapest state of each row's point so far, shape (rows,); NO_STATE if there is none.
-        reached: Index of the goal posture at the end of the best path so far, shape (1,).
-        indices: Lattice indices of the point that is being expanded, and of the neighbour to which
-            a step is priced, shape (2, n).
-    """
-
-    row: IntArray
-    rows: IntArray
-    point: IntArray
-    remaining: FloatArray
-    force: FloatArray
-    best: IntArray
-    reached: IntArray
-    indices: IntArray
-
-
-def create_point_data(lattice: Lattice, rows: int) -> LatticePointData:
-    """Create the data of reached lattice points for a search that has not begun.
-
-    Args:
-        lattice: The lattice; its number of points and joints give the shapes.
-        rows: Number of reached lattice points for which memory is allocated.
-
-    Returns:
-        Data with `rows` rows, none of them in use.
-    """
-    return LatticePointData(
-        row=np.zeros(int(np.prod(lattice.shape)), dtype=np.int64),
-        rows=np.zeros(1, dtype=np.int64),
-        point=np.empty(rows, dtype=np.int64),
-        remaining=np.empty(rows),
-        force=np.full((rows, len(lattice.shape)), np.nan),
-        best=np.full(rows, NO_STATE),
-        reached=np.full(1, NO_STATE),
-        indices=np.empty((2, len(lattice.shape)), dtype=np.int64),
-    )
-
-
-def _with_more_rows(known: LatticePointData) -> LatticePointData:
-    """Return a copy of the data of reached lattice points with twice as many rows.
-
-    The old rows keep their contents, and the new rows are free.
-
-    Args:
-        known: Data of the lattice points that the search has reached, one row for each point.
-
-    Returns:
-        The data. Fields without rows are shared with `known`.
-    """
-    more = len(known.point)
-    return known._replace(
-        point=np.append(known.point, np.empty(more, dtype=np.int64)),
-        remaining=np.append(known.remaining, np.empty(more)),
-        force=np.vstack([known.force, np.full((more, known.force.shape[1]), np.nan)]),
-        best=np.append(known.best, np.full(more, NO_STATE)),
-    )
-
-
-@kernel(borrows=True)
+@kernel(borrows=True, forceinline=True)
 def _load_point(
-    known: LatticePointData, lattice: Lattice, row: int, points: Postures, i: int
+    t: PathCostModel, known: LatticePoints, lattice: Lattice, row: int, points: Postures, i: int
 ) -> None:
-    """Write the cylinder lengths and joint positions of a reached lattice point to points[i].
+    """Write a reached lattice point to points[i]: lengths, joint positions and piston forces.
 
-    The piston forces points.force[i] stay as they are.
-
-    Args:
-        known: Data of the lattice points that the search has reached, one row for each point. The
-            lattice indices of the point are written to known.indices[i].
-        lattice: The lattice.
-        row: Row of the point in `known`.
-        points: Postures with cylinder lengths and forces, changed in place.
-        i: Index of the posture to write: 0 for the point that is being expanded, 1 for a neighbour.
-    """
-    rest, at = known.point[row], known.indices[i]
-    for j in range(len(lattice.shape)):
-        at[j] = rest // lattice.stride[j]
-        rest -= at[j] * lattice.stride[j]
-        points.length[i, j] = lattice.length[j, at[j]]
-        points.posture[i, j] = lattice.angle[j, at[j]]
-
-
-@kernel(inline="always")
-def _load_forces(
-    t: PathCostModel, known: LatticePointData, row: int, points: Postures, i: int
-) -> None:
-    """Write the piston forces of a reached lattice point to points[i].
-
-    The forces are computed at the first call for the point and stored in known.force. The posture
-    must be in points[i] already.
+    The forces are computed at the first call for the point and stored in known.force.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
         known: Data of the lattice points that the search has reached, one row for each point. Its
             forces are written in place.
+        lattice: The lattice.
         row: Row of the point in `known`.
-        points: Postures; row i of the forces is written in place.
-        i: Index of the posture to write.
+        points: Postures with cylinder lengths and forces, changed in place.
+        i: Index of the posture to write: 0 for the origin of a step, 1 for its target.
     """
+    for j in range(len(lattice.shape)):
+        points.length[i, j] = lattice.length[j, known.indices[row, j]]
+        points.posture[i, j] = lattice.angle[j, known.indices[row, j]]
     if math.isnan(known.force[row, 0]):
         piston_forces(t.machine, points.posture[i], known.force[row])
     copy_row(points.force[i], known.force[row])
-
-
-@kernel(borrows=True)
-def _add_row(known: LatticePointData, point: int) -> int:
-    """Assign the next free row of the search data to a lattice point.
-
-    Args:
-        known: Data of the lattice points that the search has reached, changed in place. A row must
-            be free.
-        point: Number of the lattice point, which has no row yet.
-
-    Returns:
-        The row.
-    """
-    row = known.rows[0]
-    known.rows[0] += 1
-    known.row[point] = row + 1
-    known.point[row] = point
-    return row
 
 
 @kernel(borrows=True, forceinline=True)
@@ -453,27 +370,58 @@ class StepTarget(NamedTuple):
     """Lattice point or goal posture to which a step leads.
 
     Attributes:
-        first_state: Number of the state that is reached in mode combination 0.
-        state_stride: Difference between the state numbers of successive combinations. It is 1 for a
-            lattice point. It is 0 for a goal posture, because all combinations lead to the one goal
-            state.
+        row: Row of the lattice point; GOAL_ROW for a goal posture.
         lower_bound: Lower bound on the cost from the target to the goal.
     """
 
-    first_state: int
-    state_stride: int
+    row: int
     lower_bound: float
+
+
+@kernel(borrows=True)
+def _add_row(problem: LatticeProblem, known: LatticePoints, number: int, slot: int) -> int:
+    """Assign the next free row to a lattice point that has none.
+
+    Args:
+        problem: Cost model, lattice and goals.
+        known: Data of the lattice points that the search has reached, changed in place. A row must
+            be free.
+        number: Number of the lattice point.
+        slot: Slot of the point in the hash table.
+
+    Returns:
+        The row.
+    """
+    t, lattice, goals = problem
+    row: int = known.counts[ROW_COUNT]
+    known.counts[ROW_COUNT] += 1
+    known.table[slot] = row + 1
+    rest, length = number, known.force[row]
+    for j in range(len(lattice.shape)):
+        index = rest // lattice.stride[j]
+        rest -= index * lattice.stride[j]
+        known.indices[row, j] = index
+        length[j] = lattice.length[j, index]
+    point = known.records[row]
+    point.number = number
+    point.remaining = bound_cost_to_nearest(t.circuit, length, goals.length, t.weight)
+    point.cost = math.inf
+    point.pattern = 0
+    point.newest = NO_STATE
+    length[0] = math.nan  # the forces are not computed yet
+    return row
 
 
 @kernel(borrows=True)
 def _relax_step(
     t: PathCostModel,
     f: OpenList,
-    known: LatticePointData,
+    known: LatticePoints,
     origin: ExpandedState,
-    target: int,
+    target: StepTarget,
+    pattern: int,
     cost: float,
-    least: float,
+    weight: float,
 ) -> bool:
     """Record a step to one state if it makes this state cheaper.
 
@@ -486,38 +434,38 @@ def _relax_step(
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
         f: Open list and state records, changed in place.
         known: Data of the lattice points that the search has reached. The cheapest state of the
-            target's point (known.best) is updated in place.
+            target's point is updated in place, and a missing state is created.
         origin: State from which the step leads.
-        target: Number of the state that is reached. The last state is the goal, which has no point.
+        target: Lattice point or goal to which the step leads.
+        pattern: Index of the mode combination of the step.
         cost: Cost of the path from the start to the target.
-        least: Weighted heuristic: heuristic weight times lower bound on the cost from the target to
-            the goal.
+        weight: Heuristic weight.
 
     Returns:
         True if the step was recorded.
     """
-    patterns = len(t.patterns)
-    row, p = target // patterns, target % patterns
-    if target < len(f.states) - 1:
-        best: int = known.best[row]
-        if best == NO_STATE:
-            known.best[row] = target
-        elif cost >= f.states[best].cost + t.weight[2] * t.switches[best % patterns, p]:
+    row: int = target.row
+    state: int = len(f.states) - 1
+    if row != GOAL_ROW:
+        point = known.records[row]
+        if cost >= point.cost + t.weight[2] * t.switches[point.pattern, pattern]:
             return False
-        elif cost < f.states[best].cost:
-            known.best[row] = target
-    if cost >= f.states[target].cost:
+        state = find_state(known, row, pattern)
+        if cost < point.cost:
+            point.cost = cost
+            point.pattern = pattern
+    if cost >= f.states[state].cost:
         return False
-    record_path_to(f, target, origin.state, origin.next_depth, cost, least)
+    record_path_to(f, state, origin.state, origin.next_depth, cost, weight * target.lower_bound)
     return True
 
 
-@kernel(inline="always")
+@kernel(borrows=True)
 def _price_step_to(
     t: PathCostModel,
     w: PathCostBuffers,
     f: OpenList,
-    known: LatticePointData,
+    known: LatticePoints,
     origin: ExpandedState,
     target: StepTarget,
     rule: SearchRule,
@@ -552,13 +500,12 @@ def _price_step_to(
                 + t.weight[1] * cost[p, DURATION_COLUMN]
             )
             switches = t.switches[origin.pattern, p]
-            if target.state_stride == 0:
+            if target.row == GOAL_ROW:
                 switches += count_switches_to_hold(t.machine, w.points.force[1], t.patterns[p])
             there += t.weight[2] * switches + w.shortfall[p]
             if there + least < rule.cost_limit:
-                state = target.first_state + p * target.state_stride
-                left = rule.heuristic_weight * least
-                gained = _relax_step(t, f, known, origin, state, there, left) or gained
+                weight = rule.heuristic_weight
+                gained = _relax_step(t, f, known, origin, target, p, there, weight) or gained
     return gained
 
 
@@ -567,7 +514,7 @@ def _step_to_goal(
     problem: LatticeProblem,
     w: PathCostBuffers,
     f: OpenList,
-    known: LatticePointData,
+    known: LatticePoints,
     origin: ExpandedState,
     k: int,
     rule: SearchRule,
@@ -587,72 +534,153 @@ def _step_to_goal(
         k: Index of the goal posture, which must be within one lattice step of the point.
         rule: Cost limit; paths of this cost or more are dropped.
     """
-    goals, target = problem.goals, StepTarget(len(f.states) - 1, 0, 0.0)
+    goals = problem.goals
     cost = origin.cost + least_move_cost(problem.cost_model, w.points.length[0], goals.length[k])
-    if cost >= min(rule.cost_limit, f.states[target.first_state].cost):
+    if cost >= min(rule.cost_limit, f.states[len(f.states) - 1].cost):
         return
     for j in range(goals.length.shape[1]):
         w.points.posture[1, j] = goals.posture[k, j]
         w.points.length[1, j] = goals.length[k, j]
         w.points.force[1, j] = goals.force[k, j]
+    target = StepTarget(GOAL_ROW, 0.0)
     if _price_step_to(problem.cost_model, w, f, known, origin, target, rule):
         known.reached[0] = k
 
 
-@kernel(inline="always")
-def _step_to_neighbour(
-    problem: LatticeProblem,
-    w: PathCostBuffers,
+@kernel(borrows=True, forceinline=True)
+def _is_useless(
+    t: PathCostModel,
     f: OpenList,
-    known: LatticePointData,
-    origin: ExpandedState,
-    point: int,
+    known: LatticePoints,
+    pattern: int,
+    row: int,
+    cost: float,
     rule: SearchRule,
-) -> None:
-    """Price the step from an expanded state to a neighbouring lattice point.
+) -> bool:
+    """Return whether a step to a lattice point is of no use, by a lower bound on its cost.
 
-    The step may reach several states of the point, one in each mode combination. Those that become
-    cheaper enter the open list. With `reachability_only` the step is skipped if the point has a
-    state already. It is also skipped if a lower bound on its cost shows one of these:
+    That is so if one of these holds:
 
     - It leads to no path below the cost limit, or to none cheaper than the known path to the goal.
     - It costs no less than the cheapest state of the point, plus the mode switches from there to
       the modes of the expanded state. It then makes no state of the point cheaper.
+    - The point has a state already, with `reachability_only`.
+
+    Args:
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
+        f: Open list and state records.
+        known: Data of the lattice points that the search has reached.
+        pattern: Mode combination of the state from which the step leads.
+        row: Row of the point to which it leads.
+        cost: Lower bound on the cost of the path from the start over this step.
+        rule: Cost limit, and `reachability_only`.
+
+    Returns:
+        True if the step need not be priced.
+    """
+    point = known.records[row]
+    if rule.reachability_only and point.cost < math.inf:
+        return True
+    if cost >= point.cost + t.weight[2] * t.switches[pattern, point.pattern]:
+        return True
+    goal_cost = f.states[len(f.states) - 1].cost
+    return cost + point.remaining >= min(rule.cost_limit, goal_cost)
+
+
+@kernel(inline="always")
+def _defer_step(
+    problem: LatticeProblem,
+    w: PathCostBuffers,
+    f: OpenList,
+    known: LatticePoints,
+    deferred: DeferredSteps,
+    origin: ExpandedState,
+    number: int,
+    rule: SearchRule,
+) -> None:
+    """Put the step from an expanded state to a neighbouring lattice point among the deferred steps.
 
     Args:
         problem: Cost model, lattice and goals.
-        w: Working memory of the thread. Row 0 of its points must hold the expanded point; the other
-            rows are overwritten.
-        f: Open list and state records, changed in place.
+        w: Working memory of the thread. Row 0 of its points must hold the expanded point.
+        f: Open list and state records.
         known: Data of the lattice points that the search has reached, changed in place.
+        deferred: Steps that wait to be priced, changed in place.
         origin: The expanded state.
-        point: Number of the neighbouring point.
+        number: Number of the neighbouring point.
         rule: Cost limit, heuristic weight, and `reachability_only`.
     """
-    t, lattice, goals = problem
-    row = known.row[point] - 1
-    is_new = row == NO_STATE
-    if rule.reachability_only and not is_new and known.best[row] != NO_STATE:
-        return
-    if is_new:
-        row = _add_row(known, point)
-    _load_point(known, lattice, row, w.points, 1)
-    if is_new:
-        known.remaining[row] = bound_cost_to_nearest(
-            t.circuit, w.points.length[1], goals.length, t.weight
-        )
-    least = known.remaining[row]
-    best: int = known.best[row]
+    t, lattice, _ = problem
+    slot = find_slot(known.table, known.records, number)
+    row: int = known.table[slot] - 1
+    if row < 0:
+        row = _add_row(problem, known, number, slot)
+    for j in range(len(lattice.shape)):
+        w.points.length[1, j] = lattice.length[j, known.indices[row, j]]
     cost = origin.cost + least_move_cost(t, w.points.length[0], w.points.length[1])
-    if cost + least >= min(rule.cost_limit, f.states[len(f.states) - 1].cost):
+    if _is_useless(t, f, known, origin.pattern, row, cost, rule):
         return
-    if best != NO_STATE:
-        switches = t.switches[origin.pattern, best % len(t.patterns)]
-        if cost >= f.states[best].cost + t.weight[2] * switches:
-            return
-    _load_forces(t, known, row, w.points, 1)
+    least = rule.heuristic_weight * known.records[row].remaining
+    defer_step(deferred, origin.state, row, cost, least)
+
+
+@kernel(inline="always")
+def _price_deferred_step(
+    problem: LatticeProblem,
+    w: PathCostBuffers,
+    f: OpenList,
+    known: LatticePoints,
+    deferred: DeferredSteps,
+    number: int,
+    rule: SearchRule,
+) -> None:
+    """Price a step that was deferred, if it may still be of use.
+
+    The step may reach several states of the point, one in each mode combination. Those that become
+    cheaper enter the open list.
+
+    Args:
+        problem: Cost model, lattice and goals.
+        w: Working memory of the thread, overwritten.
+        f: Open list and state records, changed in place.
+        known: Data of the lattice points that the search has reached, changed in place.
+        deferred: Steps that wait to be priced.
+        number: Number of the step in `deferred.records`.
+        rule: Cost limit, heuristic weight, and `reachability_only`.
+    """
+    t, lattice, _ = problem
+    step = deferred.records[number]
+    row: int = step.row
+    origin: ExpandedState = _get_origin(t, f, known, step.origin)
+    if _is_useless(t, f, known, origin.pattern, row, step.cost, rule):
+        return
+    start: int = 0
+    if origin.state != NO_STATE:
+        start = known.states[origin.state].row
+    _load_point(t, known, lattice, start, w.points, 0)
+    _load_point(t, known, lattice, row, w.points, 1)
     f.counts[GENERATED_COUNT] += 1
-    _price_step_to(t, w, f, known, origin, StepTarget(row * len(t.patterns), 1, least), rule)
+    _price_step_to(t, w, f, known, origin, StepTarget(row, known.records[row].remaining), rule)
+
+
+@kernel(inline="always")
+def _get_origin(t: PathCostModel, f: OpenList, known: LatticePoints, state: int) -> ExpandedState:
+    """Describe a state that is expanded, or from which a deferred step leads.
+
+    Args:
+        t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
+        f: Open list and state records.
+        known: Data of the lattice points that the search has reached.
+        state: Number of the state; NO_STATE stands for the start.
+
+    Returns:
+        Mode combination, cost and depth of the state.
+    """
+    pattern, cost, depth = len(t.patterns), 0.0, 0
+    if state != NO_STATE:
+        pattern, cost = known.states[state].pattern, f.states[state].cost
+        depth = f.states[state].depth
+    return ExpandedState(state, pattern, cost, depth + 1)
 
 
 @kernel(borrows=True)
@@ -660,15 +688,17 @@ def expand(
     problem: LatticeProblem,
     w: PathCostBuffers,
     f: OpenList,
-    known: LatticePointData,
+    known: LatticePoints,
+    deferred: DeferredSteps,
     rule: SearchRule,
     limit: int,
 ) -> int:
-    """Expand up to `limit` states of an A* search over a lattice; call again to continue.
+    """Take up to `limit` steps and states of an A* search over a lattice; call again to continue.
 
     A state is a lattice point and the mode combination of arrival. The first call expands the
-    start. To expand a state means to price the steps to all neighbours of its point. Steps to the
-    goal postures around the point are priced, too. Their costs include the switches to the modes
+    start. To expand a state means to find the steps to all neighbours of its point. They are priced
+    later, before the search expands a state whose estimate is as high. Steps to the goal postures
+    around the point are priced at once. Their costs include the switches to the modes
     that hold the arm there.
 
     The tests compare the result with scipy.sparse.csgraph.dijkstra on the same points and steps.
@@ -678,42 +708,59 @@ def expand(
         w: Working memory of the thread, overwritten.
         f: Open list and state records, changed in place; the last state is the goal.
         known: Data of the lattice points that the search has reached, changed in place.
+        deferred: Steps that wait to be priced, changed in place.
         rule: Cost limit, heuristic weight, and `reachability_only`.
-        limit: Largest number of states to take from the open list in this call. A state is taken
+        limit: Largest number of deferred steps and of states to take in this call. A state is taken
             but not expanded if another state of the same point and a mode switch cost less.
 
     Returns:
-        SEARCH_PAUSED after `limit` states, GOAL_FOUND, or SEARCH_EXHAUSTED if there is no path
-        below the cost limit. ARRAYS_FULL means that `known` has too few free rows for the
-        neighbours of the next state. The caller must then add rows and call again.
+        SEARCH_PAUSED after `limit` steps and states, GOAL_FOUND, or SEARCH_EXHAUSTED if there is no
+        path below the cost limit. ARRAYS_FULL means that `known` or `deferred` have too little room
+        for the neighbours of the next state. The caller must then add room and call again.
     """
     t, lattice, goals = problem
-    patterns, at = len(t.patterns), known.indices[0]
+    moves = len(lattice.moves)
     state: int
-    best: int
+    row: int
     for _ in range(limit):
-        if known.rows[0] + len(lattice.moves) + 1 > len(known.point):
+        if (
+            known.counts[ROW_COUNT] + moves + 1 > len(known.records)
+            or known.counts[STATE_COUNT] + len(t.patterns) > len(known.states)
+            or deferred.counts[STEP_COUNT] + moves > len(deferred.records)
+        ):
             return ARRAYS_FULL
+        state = NO_STATE
         if f.counts[EXPANDED_COUNT] == 0:
-            row, origin = _add_row(known, lattice.start), ExpandedState(NO_STATE, patterns, 0.0, 1)
+            slot = find_slot(known.table, known.records, lattice.start)
+            row = _add_row(problem, known, lattice.start, slot)
+            deferred.start_bound[0] = known.records[row].remaining
         else:
+            estimate = math.inf
+            if f.counts[WAITING_COUNT] > 0:
+                state = f.heap[0]
+                estimate = f.states[state].estimate
+            due = take_due_step(deferred, estimate)
+            if due != NO_STEP:
+                _price_deferred_step(problem, w, f, known, deferred, due, rule)
+                continue
             state = pop_first_state(f)
             if state == NO_STATE:
                 return SEARCH_EXHAUSTED
             if state == len(f.states) - 1:
                 return GOAL_FOUND
-            row, own, cost = state // patterns, state % patterns, f.states[state].cost
-            best = known.best[row]
-            if cost > f.states[best].cost + t.weight[2] * t.switches[best % patterns, own]:
+            row = known.states[state].row
+            point = known.records[row]
+            switches = t.switches[point.pattern, known.states[state].pattern]
+            if f.states[state].cost > point.cost + t.weight[2] * switches:
                 continue
-            origin = ExpandedState(state, own, cost, f.states[state].depth + 1)
+        origin = _get_origin(t, f, known, state)
         f.counts[EXPANDED_COUNT] += 1
-        _load_point(known, lattice, row, w.points, 0)
-        _load_forces(t, known, row, w.points, 0)
+        _load_point(t, known, lattice, row, w.points, 0)
+        at = known.indices[row]
         for move in lattice.moves:
-            point = _find_neighbour(lattice, at, move)
-            if point != NO_STATE:
-                _step_to_neighbour(problem, w, f, known, origin, point, rule)
+            number = _find_neighbour(lattice, at, move)
+            if number != NO_STATE:
+                _defer_step(problem, w, f, known, deferred, origin, number, rule)
         for k in range(len(goals.length)):
             if _is_around(lattice, at, goals.length[k]):
                 _step_to_goal(problem, w, f, known, origin, k, rule)
@@ -746,9 +793,11 @@ class LatticeSearch:
             goals: Goal postures in which the path may end.
         """
         self._problem, self._memory = LatticeProblem(t, lattice, goals), memory
-        rows = max(FIRST_ROWS, len(lattice.moves) + 1)
-        self._open_list = create_open_list(rows * len(t.patterns))
-        self._known = create_point_data(lattice, rows)
+        moves, patterns = len(lattice.moves), len(t.patterns)
+        rows, states = max(FIRST_ROWS, moves + 1), max(FIRST_ROWS, patterns)
+        self._open_list = create_open_list(states)
+        self._known = create_lattice_points(len(lattice.shape), rows, states)
+        self._deferred = create_deferred_steps(DEFERRED_STEPS_PER_ROW * rows)
 
     @property
     def expanded_count(self) -> int:
@@ -758,7 +807,7 @@ class LatticeSearch:
     @property
     def reached_count(self) -> int:
         """Number of lattice points that the search has looked at so far, also by dropped steps."""
-        return int(self._known.rows[0])
+        return int(self._known.counts[ROW_COUNT])
 
     @property
     def priced_count(self) -> int:
@@ -804,16 +853,29 @@ class LatticeSearch:
                 self._memory,
                 self._open_list,
                 self._known,
+                self._deferred,
                 rule,
                 min(portion, max_expansions - self.expanded_count),
             )
             if status == ARRAYS_FULL:
-                self._open_list = enlarge_open_list(self._open_list)
-                self._known = _with_more_rows(self._known)
+                self._add_room()
             elif status != SEARCH_PAUSED or self.expanded_count >= max_expansions:
                 break
         self.exhausted = status == SEARCH_EXHAUSTED
         return self._read_path() if status == GOAL_FOUND else None
+
+    def _add_room(self) -> None:
+        """Double the memory for rows, states and deferred steps, each if half of it is in use."""
+        known, deferred, t = self._known, self._deferred, self._problem.cost_model
+        moves = len(self._problem.lattice.moves)
+        rows, states = known.counts.tolist()
+        if 2 * (rows + moves + 1) > len(known.records):
+            self._known = with_more_rows(self._known)
+        if 2 * (states + len(t.patterns)) > len(known.states):
+            self._known = self._known._replace(states=with_more_room(known.states))
+            self._open_list = enlarge_open_list(self._open_list)
+        if 2 * (deferred.counts[STEP_COUNT] + moves) > len(deferred.records):
+            self._deferred = deferred._replace(records=with_more_room(deferred.records))
 
     def _read_path(self) -> tuple[FloatArray, int]:
         """Read the path that has been found from the state records.
@@ -823,9 +885,8 @@ class LatticeSearch:
             index of the goal posture.
         """
         lattice, way = self._problem.lattice, trace_path_to_goal(self._open_list)
-        rows = way[:-1] // len(self._problem.cost_model.patterns)
-        points = np.append(lattice.start, self._known.point[rows])
-        index = (points[:, None] // lattice.stride) % lattice.shape
+        rows = self._known.states["row"][way[:-1]]
+        index = self._known.indices[np.append(0, rows)]
         corners = lattice.length[np.arange(len(lattice.shape)), index]
         goal = int(self._known.reached[0])
         return np.vstack([corners, self._problem.goals.length[goal]]), goal
