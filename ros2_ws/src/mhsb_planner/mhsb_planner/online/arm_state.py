@@ -20,6 +20,13 @@ from mhsb_planner.online.rest_detector import OLDEST_STATE, RestDetector
 NO_PLAN = 0
 """Value of `plan_in_force` while the arm holds its position without a plan."""
 
+LONGEST_SILENCE = 2.0
+"""Age of the arm's last state up to which its plan in force can be continued [s].
+
+On a busy machine states may be late by more than a second. An arm that is silent for longer may
+have ended in motion.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class ReceivedState:
@@ -148,6 +155,15 @@ class ArmState:
             return ros_ns
         now_ns = self.clock_estimator.extrapolate_ns(steady_time)
         return (min(now_ns, ros_ns) if silence > OLDEST_STATE else now_ns) - self.plan_delay_ns
+
+    def is_silent(self, steady_time: float) -> bool:
+        """Return whether no state of the arm was received in the last `LONGEST_SILENCE`.
+
+        Args:
+            steady_time: Present time by the steady clock [s].
+        """
+        received = [each.received_at for each in (self.reference, self.measured) if each]
+        return steady_time - max(received, default=-math.inf) > LONGEST_SILENCE
 
     def get_fresh_state(self, steady_time: float) -> MotionState | None:
         """Return the reference that the servo follows, or else the measured state.

@@ -5,6 +5,7 @@ The time of plans is the arm's clock minus the delay that speed scaling has caus
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from mhsb_model.verdict import Outcome
@@ -110,7 +111,8 @@ class ExecutionMonitor:
         - A further plan for the same goal is waited for, is being made, or was sent without an
           answer yet.
         - The arm has been silent for more than `REFERENCE_TIMEOUT`: it may be frozen, or its
-          messages may be late. After `LONGEST_WAIT` the last reports decide.
+          messages may be late. After `LONGEST_WAIT` the last reports decide, and the sentence says
+          for how long the arm has been silent.
         - The tip has reached the end of the plan, but the goal has moved on and still moves.
         """
         state, execution, now = self._state, self._state.execution, self._state.now
@@ -122,6 +124,9 @@ class ExecutionMonitor:
         ending = execution.judge(state.settings.machine, state.arm_state, state.now_ns)
         if ending is None:
             return
+        if LONGEST_WAIT <= silence < math.inf:
+            sentence = f"{ending.sentence}; nothing has been heard of the arm for {silence:.1f} s"
+            ending = ending._replace(sentence=sentence)
         moves_on = not execution.ends_at_goal and state.stream.is_moving(now)
         if ending.outcome is not Outcome.REACHED or not moves_on:
             state.execution = None

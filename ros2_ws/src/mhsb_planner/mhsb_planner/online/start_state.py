@@ -49,7 +49,8 @@ def find_start_command(arm_state: ArmState, steady_time: float, now_ns: int) -> 
     """Find the command that a plan made now has to continue.
 
     Some arms report which plan they execute; others do not. A state is fresh if it was received at
-    most `OLDEST_STATE` ago. The first source that exists decides:
+    most `OLDEST_STATE` ago. From an arm that is silent (`ArmState.is_silent`) no plan can start.
+    Otherwise the first source that exists decides:
 
     1. This planner's last confirmed command, if the arm reports that it executes this command.
     2. A fresh reference of the arm. If it rests, the result holds the arm there. If it moves,
@@ -76,6 +77,8 @@ def find_start_command(arm_state: ArmState, steady_time: float, now_ns: int) -> 
         raise OtherMachineError(arm_state.machine_difference)
     if arm_state.publisher_conflict:
         raise NoStateError(f"where the arm is is not known: {arm_state.publisher_conflict}")
+    if arm_state.is_silent(steady_time):
+        raise NoStateError(mismatch=arm_state.qos_mismatch)
     own, reference, measured = arm_state.own_command, arm_state.reference, arm_state.measured
     if own is not None and arm_state.plan_in_force_ns == own.stamp_ns:
         return own

@@ -613,6 +613,21 @@ def test_without_a_state_a_goal_waits_and_is_then_refused(world):
     assert 1.9 < world.now - began < 2.2
 
 
+def test_of_an_arm_that_ended_in_motion_no_state_is_known(world):
+    first = under_way(world)
+    world.arm.frozen = True
+    world.pass_time(2.5)
+    sent, stamp = len(world.sent), world.send_goal(*DOWN)
+    began = world.now
+    assert world.verdict(stamp).code is Verdict.NO_STATE
+    assert 1.9 < world.now - began < 2.2
+    assert len(world.sent) == sent
+    world.ros_ahead = 30.0  # the ROS clock goes on
+    ending = world.execution_report(first)
+    assert ending.outcome is Outcome.ABORTED
+    assert "nothing has been heard of the arm for " in ending.sentence
+
+
 def test_an_arm_moved_by_somebody_else_is_asked_to_stop_first(world):
     other = under_way(world)
     world.life.handle_clock_jump("the planner was started anew")  # it forgets its own command

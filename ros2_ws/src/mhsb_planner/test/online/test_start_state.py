@@ -74,6 +74,19 @@ def test_a_stale_state_is_no_state():
         find_start_command(view, WALL, NOW)
 
 
+@pytest.mark.parametrize("reported", [True, False])
+def test_the_own_plan_of_an_arm_that_is_silent_is_not_continued(reported):
+    own = own_command()
+    stamp = own.stamp_ns if reported else None
+    for age, found in ((1.9, True), (2.1, False)):
+        view = ArmState(3, measured=heard(MOVING, age), plan_in_force_ns=stamp, own_command=own)
+        if found:
+            assert find_start_command(view, WALL, NOW) is own
+        else:
+            with pytest.raises(NoStateError, match="start the arm"):
+                find_start_command(view, WALL, NOW)
+
+
 def test_forgetting_leaves_nothing_behind():
     view = ArmState(3, reference=heard(REST), plan_in_force_ns=0, own_command=own_command())
     view.forget()
