@@ -8,6 +8,7 @@ whole suite.
 from __future__ import annotations
 
 import importlib
+import sys
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -20,20 +21,24 @@ if TYPE_CHECKING:
     from mhsb_model.machine import load_machine as load_machine
     from mhsb_model.mode_schedule import ModeSchedule as ModeSchedule
     from mhsb_model.modes import Mode as Mode
+    from mhsb_model.obstacles.zones import Zones as Zones
     from mhsb_model.trajectory import MotionState as MotionState
     from mhsb_model.trajectory import Trajectory as Trajectory
 
 
-def import_on_use(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]:
-    """Make a package's `__getattr__`, which imports each exported name at its first use.
+def import_on_use(
+    package: str, modules: Mapping[str, str]
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """Make a package's `__getattr__` and `__dir__`, for names that are imported at their first use.
 
     Args:
-        package: Name of the package, for error messages.
+        package: Name of the package.
         modules: Mapping from each exported name to the full name of the module that defines it.
 
     Returns:
-        Function that takes an exported name and returns its object. It imports the module that
-        defines the name. It raises AttributeError for other names.
+        Two functions. The first takes an exported name, imports the module that defines it, and
+        returns its object. It raises AttributeError for other names. The second lists the names of
+        the package, those included that have not been imported yet.
     """
 
     def get_export(name: str) -> Any:
@@ -46,10 +51,14 @@ def import_on_use(package: str, modules: Mapping[str, str]) -> Callable[[str], A
             raise AttributeError(f"module '{package}' has no attribute '{name}'")
         return getattr(importlib.import_module(modules[name]), name)
 
-    return get_export
+    def list_names() -> list[str]:
+        """List the names of the package: those it has, and those it exports."""
+        return sorted({*vars(sys.modules[package]), *modules})
+
+    return get_export, list_names
 
 
-__getattr__ = import_on_use(
+__getattr__, __dir__ = import_on_use(
     __name__,
     {
         "MhsbError": "mhsb_model.errors",
@@ -58,6 +67,7 @@ __getattr__ = import_on_use(
         "load_machine": "mhsb_model.machine",
         "ModeSchedule": "mhsb_model.mode_schedule",
         "Mode": "mhsb_model.modes",
+        "Zones": "mhsb_model.obstacles.zones",
         "MotionState": "mhsb_model.trajectory",
         "Trajectory": "mhsb_model.trajectory",
     },

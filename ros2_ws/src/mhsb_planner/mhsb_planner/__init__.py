@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from mhsb_planner.posture.s1_posture_table import PostureTable as PostureTable
     from mhsb_planner.search.s2_search import Weights as Weights
 
-__getattr__ = import_on_use(
+__getattr__, __dir__ = import_on_use(
     __name__,
     {
         "Deadline": "mhsb_planner.deadline",

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from mhsb_sim.simulation.simulator import Simulator as Simulator
     from mhsb_sim.simulation.supervised_arm import SupervisedArm as SupervisedArm
 
-__getattr__ = import_on_use(
+__getattr__, __dir__ = import_on_use(
     __name__,
     {
         "Simulator": "mhsb_sim.simulation.simulator",

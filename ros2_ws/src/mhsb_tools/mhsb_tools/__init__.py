@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from mhsb_tools.moves.move_page import plot_plan as plot_plan
     from mhsb_tools.recording.bag_reader import read_recording as read_recording
 
-__getattr__ = import_on_use(
+__getattr__, __dir__ = import_on_use(
     __name__,
     {
         "move_of_plan": "mhsb_tools.moves.move",

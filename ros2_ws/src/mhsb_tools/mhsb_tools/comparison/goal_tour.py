@@ -22,7 +22,7 @@ from mhsb_tools.comparison.supply_comparison import (
     compute_supply_energies,
     sum_supply_energies,
 )
-from mhsb_tools.comparison.supply_systems import remove_leakage
+from mhsb_tools.moves.supply_systems import remove_leakage
 
 
 def compare_on_tour(machine: Machine, goals: Iterable[Position]) -> dict[str, Any]:

@@ -40,7 +40,7 @@ from mhsb_tools.comparison.supply_comparison import (
     Supplied,
     compute_supply_energies,
 )
-from mhsb_tools.comparison.supply_systems import SupplyEnergy, remove_leakage
+from mhsb_tools.moves.supply_systems import SupplyEnergy, remove_leakage
 from mhsb_tools.study.replay import Replay, replay
 
 BASELINE_PLANNER = "table"

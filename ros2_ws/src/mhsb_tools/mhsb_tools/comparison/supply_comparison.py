@@ -17,7 +17,7 @@ from mhsb_model.hydraulics import compute_valve_leakage, get_shared_hydraulics
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import Trajectory
-from mhsb_tools.comparison.supply_systems import (
+from mhsb_tools.moves.supply_systems import (
     SupplyEnergy,
     add_main_pump_shaft,
     baselines,

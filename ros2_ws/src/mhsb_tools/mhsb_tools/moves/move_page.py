@@ -23,6 +23,7 @@ from mhsb_model.figure_style import (
     open_figure,
     rgb,
 )
+from mhsb_model.goal import format_position
 from mhsb_model.hydraulics import get_shared_hydraulics
 from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode, find_strongest_modes
@@ -52,9 +53,9 @@ RANGE_MARGIN = 0.15
 def draw_move_page(move: MoveRecord, file: Path) -> None:
     """Draw one page about a move and write it as PNG.
 
-    On the left are the tip's path and the energy flow. On the right are joint positions and modes
-    over time. Below them, each actuator has its operating region (possible speeds and forces) and
-    its pressures over time.
+    The title ends with the duration. On the left are the tip's path and the energy flow. On the
+    right are joint positions and modes over time. Below them, each actuator has its operating
+    region (possible speeds and forces) and its pressures over time.
 
     Args:
         move: The move.
@@ -62,7 +63,7 @@ def draw_move_page(move: MoveRecord, file: Path) -> None:
     """
     n = move.machine.joint_count
     with open_figure(file, PAGE_HEIGHT, LEFT_WIDTH + COLUMN_WIDTH * n) as figure:
-        figure.suptitle(move.title, fontweight="bold")
+        figure.suptitle(f"{move.title}: {move.duration:.2f} s", fontweight="bold")
         left, right = figure.subfigures(
             1, 2, squeeze=False, width_ratios=(LEFT_WIDTH, COLUMN_WIDTH * n)
         )[0]
@@ -79,20 +80,22 @@ def draw_move_page(move: MoveRecord, file: Path) -> None:
         _draw_pressures(move, pressures.subplots(1, n, squeeze=False, sharey=True)[0])
 
 
-def plot_plan(plan: Plan, file: str | Path, title: str = "planned motion") -> None:
+def plot_plan(plan: Plan, file: str | Path, title: str = "") -> None:
     """Draw one page about a planned motion and write it to a file.
 
     Args:
         plan: The plan.
         file: File to write, such as `move.png` or `move.pdf`; its suffix chooses the format. If
             drawing fails, no incomplete file is left.
-        title: Title of the page.
+        title: Title of the page; empty for a title with start, goal and payload.
 
     Raises:
         FigureFormatError: matplotlib has no format of this suffix.
     """
-    goal = tuple(plan.machine.tip_in_base(plan.motion.trajectory.position[-1]).tolist())
-    draw_move_page(move_of_plan(plan.machine, plan, goal, title), Path(file))
+    ends = plan.machine.tip_in_base(plan.motion.trajectory.position[[0, -1]]).tolist()
+    start, goal = (format_position(tip, ".2f") for tip in ends)
+    title = title or f"{start} to {goal}, payload {plan.machine.arrays.payload:g} kg"
+    draw_move_page(move_of_plan(plan.machine, plan, tuple(ends[-1]), title), Path(file))
 
 
 # --- Path, joints, modes -------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from mhsb_tools.comparison.supply_comparison import (
     format_energy_by_move,
     sum_supply_energies,
 )
-from mhsb_tools.comparison.supply_systems import SupplyEnergy, baselines, remove_leakage
+from mhsb_tools.moves.supply_systems import SupplyEnergy, baselines, remove_leakage
 
 RIVAL = "constant pressure"
 

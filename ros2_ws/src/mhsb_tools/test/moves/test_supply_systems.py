@@ -10,7 +10,7 @@ from mhsb_model.command import Command
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_sim.simulation.simulator import Simulator
-from mhsb_tools.comparison.supply_systems import (
+from mhsb_tools.moves.supply_systems import (
     MotionLoads,
     PumpMap,
     baselines,
