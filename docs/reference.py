@@ -244,8 +244,7 @@ INTERFACES: dict[str, tuple[str, ...]] = {
         "mhsb_planner.planners.path_planner.PathRequest: goal planar_goal start departure modes "
         "options begins_at_goal",
         "mhsb_planner.motion.s4_mode_schedule.StartModes: modes age",
-        "mhsb_planner.planners.options.PlanOptions: weights energy_reading goal_psi goal_region "
-        "trajectory initial_j3 search heuristic_scale area_weight",
+        "mhsb_planner.planners.options.PlanOptions",
         "mhsb_planner.search.s2_graph.StepGraph: machine table layout",
         "mhsb_planner.progress.PlanProgress: has_motion search_deadline",
         "mhsb_planner.deadline.Deadline: check remaining has_passed",

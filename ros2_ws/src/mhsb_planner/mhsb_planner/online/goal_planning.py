@@ -445,7 +445,7 @@ class GoalPlanning:
             if pending_goal.has_verdict:
                 code = Verdict.DEADLINE
             spent = self._state.now - pending_goal.received_at
-            tries = f"{MAX_LATE_PLANS} tries at the longest lead, {spent:.1f} s in all"
+            tries = f"{MAX_LATE_PLANS} tries at the longest commit horizon, {spent:.1f} s in all"
             self._state.end(pending_goal, code, f"{sentence}, in {tries}")
         elif replan is not None:
             self._send_plan(request, replan)

@@ -91,7 +91,7 @@ def compose_acceptance_sentence(replan: Replan, goal: Goal) -> str:
     end = plan.path.tip[-1].tolist() if plan.path.steps > 0 else goal.position
     sentence = f"the tip goes to {format_position(end)} in {plan.duration:.1f} s"
     if plan.path.statistics.out_of_time:
-        sentence += ", the best found within its lead"
+        sentence += ", the best found within the commit horizon"
     excess = plan.motion.speed_excess
     if excess >= MIN_REPORTED_EXCESS:
         sentence += f", pistons up to {100 * excess:.2g} % faster than V_max"

@@ -436,7 +436,7 @@ def find_refusal(node: Node, machine: Machine, changes: Sequence[Parameter]) -> 
     if 0.0 < values["planning_budget"] < SHORTEST_LEAD:
         return (
             f"planning_budget {values['planning_budget']:g} s is too short for a hand-over; give "
-            f"at least {SHORTEST_LEAD:g} s, or 0 to let the lead adapt"
+            f"at least {SHORTEST_LEAD:g} s, or 0 to let it adapt"
         )
     if values["area_weight"] > 0.0 and not REGISTERED_PLANNERS[values["planner"]].weighs_area:
         return (

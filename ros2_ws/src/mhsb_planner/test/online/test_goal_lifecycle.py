@@ -193,7 +193,7 @@ def test_planning_that_never_comes_in_time_ends_with_not_found_or_deadline(new_w
     stamp = world.send_goal(*DOWN)
     verdict = world.verdict(stamp)
     assert verdict.code is Verdict.DEADLINE
-    assert re.search(r"3 tries at the longest lead, \d+\.\d s in all", verdict.sentence)
+    assert re.search(r"3 tries at the longest commit horizon, \d+\.\d s in all", verdict.sentence)
     world.execution_report(1)
     world.check_that_each_goal_was_answered_once()
 

@@ -204,7 +204,7 @@ def test_a_zone_that_the_arm_cannot_have_is_refused_from_the_start(ros_context, 
         (
             {"planning_budget": 0.005},
             "planning_budget 0.005 s is too short for a hand-over; give at least 0.01 s, or 0 to "
-            "let the lead adapt",
+            "let it adapt",
         ),
         ({"payload": math.nan}, "payload is nan; it must be a number"),
         ({"v_max": math.nan}, "v_max is nan; it must be a number"),
