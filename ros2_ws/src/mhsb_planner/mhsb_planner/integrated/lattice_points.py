@@ -88,10 +88,11 @@ def create_lattice_points(joints: int, rows: int, states: int) -> LatticePoints:
     Returns:
         Data without any row or state in use.
     """
+    records = create_records(LatticePoint, rows)
     return LatticePoints(
-        table=_create_table(rows),
+        table=_create_table(records, 0),
         counts=np.zeros(2, dtype=np.int64),
-        records=create_records(LatticePoint, rows),
+        records=records,
         indices=np.empty((rows, joints), dtype=np.int64),
         force=np.empty((rows, joints)),
         states=create_records(LatticeState, states),
@@ -99,9 +100,16 @@ def create_lattice_points(joints: int, rows: int, states: int) -> LatticePoints:
     )
 
 
-def _create_table(rows: int) -> IntArray:
-    """Create an empty hash table for a number of rows."""
-    return np.zeros(2 << rows.bit_length(), dtype=np.int64)
+def _create_table(points: Records[LatticePoint], used: int) -> IntArray:
+    """Create a hash table with the rows of lattice points.
+
+    Args:
+        points: Lattice point of each row. There are slots for all rows.
+        used: Number of rows in use, which are entered.
+    """
+    table = np.zeros(2 << len(points).bit_length(), dtype=np.int64)
+    _fill_table(table, points, used)
+    return table
 
 
 def with_more_rows(known: LatticePoints) -> LatticePoints:
@@ -113,11 +121,10 @@ def with_more_rows(known: LatticePoints) -> LatticePoints:
     Returns:
         The data. Fields without rows are shared with `known`.
     """
-    table = _create_table(2 * len(known.records))
-    _fill_table(table, known.records, int(known.counts[ROW_COUNT]))
+    records = with_more_room(known.records)
     return known._replace(
-        table=table,
-        records=with_more_room(known.records),
+        table=_create_table(records, int(known.counts[ROW_COUNT])),
+        records=records,
         indices=with_more_room(known.indices),
         force=with_more_room(known.force),
     )
