@@ -103,6 +103,18 @@ def test_every_number_of_every_file_has_a_finite_range():
     assert without == []
 
 
+def test_no_number_of_a_file_has_two_limits_of_one_kind():
+    """Pydantic would check the one that comes last, not the narrower one."""
+    list(modules())
+    doubled = [
+        f"{section.__name__}.{name}"
+        for section in set(sections())
+        for name, field in section.model_fields.items()
+        if len({type(each) for each in field.metadata}) < len(field.metadata)
+    ]
+    assert doubled == []
+
+
 def places(content: Any, path: tuple[Any, ...] = ()):
     """Where numbers stand in a file, as keys."""
     if isinstance(content, dict | list):

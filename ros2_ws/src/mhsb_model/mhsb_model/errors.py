@@ -118,12 +118,16 @@ class OutOfWorkspaceError(MhsbError):
 
 OTHER_UNITS = {
     "rad": (("degrees", math.pi / 180.0),),
-    "m": (("mm", 1e-3),),
+    "m": (("cm", 1e-2), ("mm", 1e-3)),
     "m/s": (("mm/s", 1e-3),),
     "Pa": (("bar", 1e5), ("MPa", 1e6)),
     "m³/s": (("L/min", 1e-3 / 60.0),),
+    "s": (("ms", 1e-3),),
+    "-": (("%", 1e-2),),
 }
-"""Units that are mistaken for an SI unit, by that unit, each with its factor to SI."""
+"""Units that are mistaken for an SI unit, by that unit, each with its factor to SI.
+
+The unit "-" is that of a share."""
 
 
 def suggest_unit(
@@ -136,7 +140,8 @@ def suggest_unit(
 
     Args:
         values: One or several values as the user gave them, taken to be in `unit`.
-        unit: SI unit that was expected, such as "rad". An unknown unit gives no suggestion.
+        unit: SI unit that was expected, such as "rad"; "-" for a share. An unknown unit gives no
+            suggestion.
         is_admissible: Function that says whether values in the SI unit are within their range.
 
     Returns:
@@ -151,7 +156,7 @@ def suggest_unit(
     if not fitting:
         return ""
     meanings = (
-        f"{_format_values(values)} {name} are {_format_values(converted)} {unit}"
+        f"{_format_values(values)} {name} are {_format_values(converted)} {unit}".removesuffix(" -")
         for name, converted in fitting.items()
     )
     return f"; in {' or '.join(fitting)}? {', '.join(meanings)}"

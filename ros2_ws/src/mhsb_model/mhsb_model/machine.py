@@ -19,7 +19,11 @@ from mhsb_model.arrays import MachineArrays, collect_actuator_values, make_machi
 from mhsb_model.curve_limits import CurveLimits, derive_curve_limits
 from mhsb_model.errors import MachineFileError, OutOfWorkspaceError, suggest_unit
 from mhsb_model.files.machine_files import find_machine_file, read_machine_file
-from mhsb_model.files.machine_rules import check_actuator_speed_limits, check_machine_rules
+from mhsb_model.files.machine_rules import (
+    check_actuator_speed_limits,
+    check_boost_pressure,
+    check_machine_rules,
+)
 from mhsb_model.files.schema_problems import describe_validation_errors
 from mhsb_model.files.value_paths import get_value, set_value
 from mhsb_model.inverse_kinematics import tip_postures
@@ -860,7 +864,8 @@ def load_machine(
     Raises:
         MachineFileError: The file cannot be read or breaks rules. It has fewer than three joints,
             or fewer than four with a slew. Or it gives an actuator a higher speed than the common
-            V_max. The error lists all problems of the first check that fails.
+            V_max, or booster modules a pressure that is not above the main pump's. The error lists
+            all problems of the first check that fails.
     """
     file = find_machine_file(path)
     machine = Machine.from_content(read_machine_file(file), str(file), schema)
@@ -871,8 +876,9 @@ def load_machine(
             f"more: the tip takes {tip}, what is chosen is the rest"
         )
         raise MachineFileError(str(file), [problem])
-    if too_fast := check_actuator_speed_limits(machine.config):
-        raise MachineFileError(str(file), too_fast)
+    config = machine.config
+    if problems := check_actuator_speed_limits(config) + check_boost_pressure(config):
+        raise MachineFileError(str(file), problems)
     return machine
 
 

@@ -34,6 +34,8 @@ NonNegative = Annotated[float, Field(ge=0)]
 Angle = Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)]
 Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE, le=MAX_COORDINATE)]
 Length = Annotated[float, Field(ge=1e-4, le=20)]
+LinkageLength = Annotated[float, Field(ge=1e-4, le=5)]
+PistonDiameter = Annotated[float, Field(ge=1e-4, le=1)]
 Mass = Annotated[float, Field(ge=0, le=MAX_MASS)]
 Inertia = Annotated[float, Field(ge=0, le=1e9)]
 Volume = Annotated[float, Field(ge=1e-10, le=1)]
@@ -86,12 +88,12 @@ class Platform(Section):
     """Platform that turns about the vertical and carries the arm; only its inertia matters."""
 
     length: NonNegative = Field(le=20, description="slew's axis to joint 2, forwards [m]")
-    mass: Mass = Field(ge=1e-6, description="[kg]")
+    mass: float = Field(ge=1e-6, le=MAX_MASS, description="[kg]")
     center_of_mass: float = Field(
         ge=-20, le=20, description="ahead of the slew's axis, negative behind it [m]"
     )
-    inertia: Inertia = Field(
-        ge=1e-9, description="about the vertical through the centre of mass [kg m²]"
+    inertia: float = Field(
+        ge=1e-9, le=1e9, description="about the vertical through the centre of mass [kg m²]"
     )
 
     @property
@@ -103,7 +105,7 @@ class Platform(Section):
 class Pin(Section):
     """A pin of a linkage in polar coordinates about the joint's axis."""
 
-    radius: Length = Field(le=5, description="distance from the joint's axis [m]")
+    radius: LinkageLength = Field(description="distance from the joint's axis [m]")
     angle: Angle = Field(description="from the x axis of the frame the pin is fixed in [rad]")
 
 
@@ -133,9 +135,9 @@ class FourBar(Section):
 
     kind: Literal["four_bar"]
     rocker_pivot: Pin
-    rocker_length: Length = Field(le=5, description="pivot to tip [m]")
+    rocker_length: LinkageLength = Field(description="pivot to tip [m]")
     rocker_side: Literal["left", "right"] = Field(description="of pivot → child pin")
-    coupler_length: Length = Field(le=5, description="rocker's tip to child pin [m]")
+    coupler_length: LinkageLength = Field(description="rocker's tip to child pin [m]")
     child_pin: Pin = Field(description="of the coupler")
     parent_pin: Pin = Field(description="of the cylinder")
 
@@ -154,8 +156,8 @@ class RackAndPinion(Section):
     """
 
     kind: Literal["rack_and_pinion"]
-    pitch_radius: Length = Field(le=5, description="R of the pinion [m]")
-    bore: Length = Field(le=1, description="piston diameter [m]")
+    pitch_radius: LinkageLength = Field(description="R of the pinion [m]")
+    bore: PistonDiameter = Field(description="piston diameter [m]")
     racks: int = Field(default=1, ge=1, le=8, description="that turn the pinion together [-]")
 
     @property
@@ -173,11 +175,11 @@ class Motor(Section):
     """
 
     kind: Literal["motor"]
-    displacement: Volume = Field(le=0.01, description="D, of the motor's shaft [m³/rad]")
+    displacement: float = Field(ge=1e-10, le=0.01, description="D, of the motor's shaft [m³/rad]")
     gear_ratio: float = Field(
         ge=0.01, le=10_000, description="i, turns of the shaft for one slewed [-]"
     )
-    pitch_radius: Length = Field(le=5, description="R of the ring gear [m]")
+    pitch_radius: LinkageLength = Field(description="R of the ring gear [m]")
 
     @property
     def area(self) -> float:
@@ -200,8 +202,8 @@ JOINT_KINDS = ("revolute", "prismatic", "slew")
 class Cylinder(Section):
     """A single-rod cylinder."""
 
-    bore: Length = Field(le=1, description="piston diameter [m]")
-    rod: Length = Field(le=1, description="rod diameter [m]")
+    bore: PistonDiameter = Field(description="piston diameter [m]")
+    rod: PistonDiameter = Field(description="rod diameter [m]")
 
     @property
     def areas(self) -> tuple[float, float]:
@@ -367,13 +369,13 @@ class MainPump(Section):
     """Main pump (MP) at constant pressure that feeds all actuators."""
 
     pressure: float = Field(ge=1e5, le=MAX_SUPPLY_PRESSURE, description="supply pressure P_S [Pa]")
-    max_flow: Flow = Field(le=0.1, description="[m³/s]")
+    max_flow: float = Field(ge=1e-10, le=0.1, description="[m³/s]")
 
 
 class ServoPump(Section):
     """Servo pump (SP) of one booster module."""
 
-    max_flow: Flow = Field(le=0.01, description="[m³/s]")
+    max_flow: float = Field(ge=1e-10, le=0.01, description="[m³/s]")
     efficiency: float = Field(
         ge=0.01, le=1, description="hydraulic power out over power in, slip apart [-]"
     )
@@ -383,8 +385,8 @@ class ServoPump(Section):
         exclude_if=lambda given: given == 0.0,
         description="from its outlet back to its inlet at 10 MPa, beside max_flow [m³/s]",
     )
-    max_boost_pressure: Pressure = Field(
-        le=MAX_SUPPLY_PRESSURE, description="highest boosted supply pressure [Pa]"
+    max_boost_pressure: float = Field(
+        ge=1, le=MAX_SUPPLY_PRESSURE, description="highest boosted supply pressure [Pa]"
     )
 
 
@@ -642,7 +644,7 @@ class Stiction(Section):
 class Accumulator(Section):
     """Gas-loaded accumulator behind the main pump."""
 
-    volume: Volume = Field(le=0.1, description="of the gas at its precharge [m³]")
+    volume: float = Field(ge=1e-10, le=0.1, description="of the gas at its precharge [m³]")
     precharge: Pressure = Field(description="pressure at which the gas fills it [Pa]")
     exponent: float = Field(default=1.4, ge=1, le=2, description="polytropic [-]")
 

@@ -29,6 +29,10 @@ def test_an_error_keeps_its_sentence_and_its_data_on_its_way_to_another_process(
     [
         (17.0, "rad", -2.0, 2.0, "; in degrees? 17 degrees are 0.2967 rad"),
         (550.0, "m", 0.0, 1.0, "; in mm? 550 mm are 0.55 m"),
+        (6.3, "m", 0.01, 1.0, "; in cm? 6.3 cm are 0.063 m"),
+        (63.0, "m", 0.0, 1.0, "; in cm or mm? 63 cm are 0.63 m, 63 mm are 0.063 m"),
+        (30.0, "s", 0.0, 0.5, "; in ms? 30 ms are 0.03 s"),
+        (12.0, "-", 0.0, 0.5, "; in %? 12 % are 0.12"),
         (12.0, "m/s", 1e-4, 1.0, "; in mm/s? 12 mm/s are 0.012 m/s"),
         (40.0, "Pa", 1e5, 1e7, "; in bar? 40 bar are 4e+06 Pa"),
         (4.0, "Pa", 1e5, 1e7, "; in bar or MPa? 4 bar are 4e+05 Pa, 4 MPa are 4e+06 Pa"),

@@ -232,6 +232,32 @@ def test_swapped_limits_are_asked_about_and_nothing_else_is_said_of_the_joint(lo
         ),
         (["joints", 0, "actuator"], {"speed": 0.01}, r"actuator\.speed: there is no such key"),
         (["joints", 0, "linkage", "kind"], "wheel", r"0\.linkage: there is no kind 'wheel'; giv"),
+        (
+            ["joints", 0, "cylinder", "bore"],
+            6.3,
+            r"bore: must be at most 1 m \(is 6\.3\); in cm or mm\? 6\.3 cm are 0\.063 m",
+        ),
+        (
+            ["joints", 0, "linkage", "parent_pin", "radius"],
+            12.0,
+            r"radius: must be at most 5 m \(is 12\.0\); in cm or mm\? 12 cm are 0\.12 m",
+        ),
+        (
+            ["hydraulics", "servo_pump", "max_boost_pressure"],
+            16,
+            r"_pressure: 16 Pa must be above the main pump's 4e\+06 Pa; in MPa\? 16 MPa are",
+        ),
+        (
+            ["hydraulics", "servo_pump", "max_boost_pressure"],
+            4e6,
+            r"must be above the main pump's 4e\+06 Pa; raise it, or set modules\.count to 0$",
+        ),
+        (["imperfections"], {"valve_overlap": 12}, r"\(is 12\); in %\? 12 % are 0\.12$"),
+        (
+            ["imperfections"],
+            {"computing_delay": 30},
+            r"must be at most 0\.5 s \(is 30\); in ms\? 30 ms are 0\.03 s$",
+        ),
     ],
 )
 def test_a_spoiled_value_is_refused_by_its_path_with_value_and_limit(load, keys, value, sentence):

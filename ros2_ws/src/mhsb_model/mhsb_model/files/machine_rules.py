@@ -9,7 +9,14 @@ from __future__ import annotations
 from itertools import pairwise
 
 from mhsb_model.errors import suggest_unit_of_number
-from mhsb_model.schema import JOINT_KINDS, AnyJoint, MachineConfig, Section, unit_of
+from mhsb_model.schema import (
+    JOINT_KINDS,
+    MAX_SUPPLY_PRESSURE,
+    AnyJoint,
+    MachineConfig,
+    Section,
+    unit_of,
+)
 
 
 def check_machine_rules(config: MachineConfig) -> list[str]:
@@ -49,6 +56,31 @@ def check_actuator_speed_limits(config: MachineConfig) -> list[str]:
         f"{most:g} m/s, which no actuator exceeds; raise that, and give the slower ones their own"
         for j, own in enumerate(joint.actuator.max_piston_speed for joint in config.joints)
         if own is not None and own > most
+    ]
+
+
+def check_boost_pressure(config: MachineConfig) -> list[str]:
+    """Check that booster modules can raise the pressure above that of the main pump.
+
+    The rule is for machine files alone. A program may raise the main pump's pressure beyond the
+    highest boost pressure, for instance to compare supplies.
+
+    Args:
+        config: Content of a machine file.
+
+    Returns:
+        One string `path: sentence`, or an empty list. A machine without modules has no problem.
+    """
+    highest, supply = (
+        config.hydraulics.servo_pump.max_boost_pressure,
+        config.hydraulics.main_pump.pressure,
+    )
+    if config.hydraulics.modules.count == 0 or highest > supply:
+        return []
+    hint = suggest_unit_of_number(highest, "Pa", supply, MAX_SUPPLY_PRESSURE)
+    return [
+        f"hydraulics.servo_pump.max_boost_pressure: {highest:g} Pa must be above the main pump's "
+        f"{supply:g} Pa{hint or '; raise it, or set modules.count to 0'}"
     ]
 
 

@@ -149,7 +149,8 @@ def _describe_problem(item: Any, model: type[BaseModel]) -> str:
 def _describe_passed_limit(item: Any, unit: str, value: str) -> str:
     """Describe a number beyond its limit, and suggest another unit if that may be meant.
 
-    A unit is suggested if the number, converted from it, is within the limit.
+    A unit is suggested if the number, converted from it, is within the limit. A number without
+    unit is taken for a share, which may be meant in percent, if its limit is 1 or less.
 
     Args:
         item: One entry of pydantic's `ValidationError.errors()`, of a type in LIMIT_ERRORS.
@@ -162,7 +163,8 @@ def _describe_passed_limit(item: Any, unit: str, value: str) -> str:
     key, words, what_to_do = LIMIT_ERRORS[item["type"]]
     limit = item["ctx"][key]
     low, high = (limit, math.inf) if key in ("gt", "ge") else (-math.inf, limit)
-    hint = suggest_unit_of_number(float(item["input"]), unit.strip(), low, high)
+    si_unit = unit.strip() or ("-" if high <= 1.0 else "")
+    hint = suggest_unit_of_number(float(item["input"]), si_unit, low, high)
     return f"must be {words} {limit:g}{unit}{value}{hint or f'; {what_to_do}'}"
 
 

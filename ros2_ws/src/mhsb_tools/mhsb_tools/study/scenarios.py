@@ -34,7 +34,7 @@ PayloadMass = Annotated[float, Field(ge=0, le=10_000)]
 class GoalSequence(Section):
     """Goals that follow one another at a fixed interval, whether the arm has arrived or not."""
 
-    interval: Duration = Field(le=600, description="from one goal to the next [s]")
+    interval: float = Field(ge=1e-5, le=600, description="from one goal to the next [s]")
     weights: tuple[Weight, Weight, Weight] = Field(
         description="of energy [1/J], time [1/s] and mode switches [-]"
     )
