@@ -41,12 +41,15 @@ def _restored(
 def suggest_name(name: str, known_names: Iterable[str]) -> str:
     """Return "; did you mean NAME?" with the most similar known name; empty if none is similar.
 
+    The dashes of options do not count: they would make short options similar to each other.
+
     Args:
         name: Name that is not known.
         known_names: All names that are known.
     """
-    near = difflib.get_close_matches(name, sorted(known_names), 1)
-    return f"; did you mean {near[0]}?" if near else ""
+    bare = {known.lstrip("-"): known for known in sorted(known_names)}
+    near = difflib.get_close_matches(name.lstrip("-"), bare, 1)
+    return f"; did you mean {bare[near[0]]}?" if near else ""
 
 
 class ArgumentError(MhsbError):
@@ -60,10 +63,13 @@ class MachineFileError(MhsbError):
     """A machine file cannot be used.
 
     Attributes:
+        kind: Kind of file, with which the message begins.
         source: Name of the file.
         problems: Everything that is wrong, each as `path: sentence`. The error message lists the
             first `MAX_LISTED_PROBLEMS`.
     """
+
+    kind = "machine file"
 
     def __init__(self, source: str, problems: Sequence[str]) -> None:
         """Make the message from the file and its problems.
@@ -77,14 +83,14 @@ class MachineFileError(MhsbError):
         """
         self.source = source
         self.problems = tuple(problems)
-        super().__init__(f"machine file {source}: " + "; ".join(self._list_problems()))
+        super().__init__(f"{self.kind} {source}: " + "; ".join(self._list_problems()))
 
     def format_lines(self) -> list[str]:
         """Format the message: one line for a single problem, else a title and a line for each."""
         listed = self._list_problems()
         if len(listed) == 1:
             return [str(self)]
-        return [f"machine file {self.source}:", *(f"  {problem}" for problem in listed)]
+        return [f"{self.kind} {self.source}:", *(f"  {problem}" for problem in listed)]
 
     def _list_problems(self) -> list[str]:
         """Return the first `MAX_LISTED_PROBLEMS` problems, then how many more there are."""

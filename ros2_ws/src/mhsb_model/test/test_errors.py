@@ -9,6 +9,7 @@ from mhsb_model.command_line import NumberRange, UsageError, _check_ranges
 from mhsb_model.errors import (
     MachineFileError,
     OutOfWorkspaceError,
+    suggest_name,
     suggest_unit,
     suggest_unit_of_number,
 )
@@ -22,6 +23,19 @@ def test_an_error_keeps_its_sentence_and_its_data_on_its_way_to_another_process(
         assert type(other) is type(error)
         assert str(other) == str(error)
         assert vars(other) == vars(error)
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("--deadline", ""),
+        ("--machin", "; did you mean --machine?"),
+        ("--gaol", "; did you mean --goal?"),
+        ("arm3", "; did you mean mhsb_arm3?"),
+    ],
+)
+def test_a_misspelt_name_is_asked_about_and_another_word_is_not(name, hint):
+    assert suggest_name(name, ("--goal", "--machine", "--start", "mhsb_arm3")) == hint
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mhsb_model.errors import ArgumentError, MhsbError
+from mhsb_model.errors import ArgumentError, MachineFileError, MhsbError
 
 
 class SimulationDivergedError(MhsbError):
@@ -33,6 +33,12 @@ class ModeError(MhsbError):
 
 class PlantError(MhsbError):
     """The simulated arm has other numbers of joints or modules than its servo assumes."""
+
+
+class PlantFileError(MachineFileError):
+    """A plant file cannot be used."""
+
+    kind = "plant file"
 
 
 class FaultError(ArgumentError):

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from mhsb_control import load_machine
-from mhsb_model.errors import MachineFileError, MhsbError
+from mhsb_model.errors import MachineFileError, MhsbError, suggest_name
 from mhsb_model.files.yaml_files import YamlFileError, read_yaml
 from mhsb_model.machine import Machine
 from mhsb_model.schema import MachineConfig
-from mhsb_sim.errors import PlantError
+from mhsb_sim.errors import PlantError, PlantFileError
 
 COMPARED_COUNTS: tuple[tuple[str, Callable[[Machine], object]], ...] = (
     ("joints", lambda machine: machine.joint_count),
@@ -61,25 +61,36 @@ def load_plant(machine: Machine, file: Path) -> Machine:
         The machine to simulate.
 
     Raises:
-        MachineFileError: The file cannot be read, has other sections than a machine file, or gives
-            no valid machine.
+        PlantFileError: The file cannot be read, has other sections than a machine file, or gives no
+            valid machine.
     """
     try:
         content = read_yaml(file)
-    except YamlFileError as error:
-        raise MachineFileError(str(file), [error.reason]) from None
-    sections = MachineConfig.model_fields
-    if not isinstance(content, dict) or not content or not set(content) <= set(sections):
-        problem = f"is no plant file: it is to name what differs in {', '.join(sections)}"
-        raise MachineFileError(str(file), [problem])  # the content of a wrong file is not repeated
-    if MACHINE_FILE_KEY in content:
-        return load_machine(file)
-    try:
+        sections = MachineConfig.model_fields
+        if not isinstance(content, dict) or not _has_sections(content):
+            # The content of another kind of file is not repeated, not even its keys.
+            problem = f"is no plant file: it is to name what differs in {', '.join(sections)}"
+            raise PlantFileError(str(file), [problem])
+        if MACHINE_FILE_KEY in content:
+            return load_machine(file)
         return machine.with_values(flatten_sections(content))
+    except YamlFileError as error:
+        raise PlantFileError(str(file), [error.reason]) from None
     except MachineFileError as error:
-        raise MachineFileError(str(file), error.problems) from None
+        raise PlantFileError(str(file), error.problems) from None
     except MhsbError as error:
-        raise MachineFileError(str(file), [str(error)]) from None
+        raise PlantFileError(str(file), [str(error)]) from None
+
+
+def _has_sections(content: dict[Any, Any]) -> bool:
+    """Return whether more than half of the keys are sections of a machine file, or misspelt ones.
+
+    Args:
+        content: Content of a file.
+    """
+    sections = MachineConfig.model_fields
+    found = sum(bool(suggest_name(str(key), sections)) for key in content)
+    return 2 * found > len(content)
 
 
 def flatten_sections(content: dict[Any, Any], above: str = "") -> dict[str, Any]:

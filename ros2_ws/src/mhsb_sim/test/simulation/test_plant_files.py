@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from mhsb_model.errors import MachineFileError
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine
+from mhsb_sim.errors import PlantFileError
 from mhsb_sim.simulation.plant_files import check_plant, load_plant
 
 
@@ -49,14 +49,18 @@ def test_the_realistic_plant_is_of_the_suites_build_and_differs(machine: Machine
         ("circuit: {softness: 1.0}", "circuit.softness: there is no such key"),
         ("circuit: {bulk_modulus: -1.0}", "circuit.bulk_modulus: must be at least 100000 Pa"),
         ("joints: {7: {link: {mass: 1.0}}}", "there is no '7'; valid are 0, 1, 2"),
+        ("cicuit: {bulk_modulus: 1.0e+9}", "cicuit: there is no such key; did you mean circuit?"),
+        ("payload: {mass: 9}\nmotion: {}\ntool: 1", "tool: there is no such key; leave it out, or"),
+        ("name: arm\nsecret: 1", "is no plant file"),
+        ("schema_version: 2", "is not a machine file: it lacks name"),
         ("payload: [", "is not YAML"),
     ],
 )
 def test_a_file_that_is_none_is_refused_in_a_sentence(
     machine: Machine, tmp_path: Path, text: str, sentence: str
 ) -> None:
-    with pytest.raises(MachineFileError) as error:
+    with pytest.raises(PlantFileError) as error:
         load_plant(machine, written(tmp_path, text))
     assert sentence in str(error.value)
-    assert "plant.yaml" in str(error.value)
+    assert str(error.value).startswith(f"plant file {tmp_path}/plant.yaml: ")
     assert "secret" not in str(error.value)
