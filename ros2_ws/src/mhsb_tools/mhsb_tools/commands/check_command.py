@@ -96,6 +96,7 @@ def collect_facts(machine: Machine) -> dict[str, Any]:
         - joints: a list with a dictionary for each joint: range, moment arm, stroke, load
         - hydraulics: pressures, flows and speeds
         - controllers: names of the controllers that work with the machine's sensors
+        - default_controller: the one of them that runs unless another is chosen
         - pressure_sensors: whether the machine has pressure sensors
         - length_sensors: their class, rate, and the time in which a frozen one is found
         - dead_bands: valve openings below which no oil flows, extending and retracting [-]
@@ -115,6 +116,7 @@ def collect_facts(machine: Machine) -> dict[str, Any]:
         "joints": [_joint_facts(machine, j) for j in range(machine.joint_count)],
         "hydraulics": _hydraulic_facts(machine),
         "controllers": list(select_controllers(machine)),
+        "default_controller": default_controller(machine),
         "pressure_sensors": measures_pressures(machine),
         "length_sensors": _length_sensor_facts(machine),
         "dead_bands": list(machine.config.imperfections.overlaps),
@@ -150,7 +152,11 @@ def format_report(machine: Machine) -> list[str]:
     lines += _joint_lines(found["joints"]) + _hydraulic_lines(found["hydraulics"])
     lines += _own_lines(found["joints"])
     sensors = "pressure sensors" if found["pressure_sensors"] else "length sensors alone"
-    lines.append(f"controllers that suit its {sensors}: {', '.join(found['controllers'])}")
+    names = [
+        f"{name} (default)" if name == found["default_controller"] else name
+        for name in found["controllers"]
+    ]
+    lines.append(f"controllers that suit its {sensors}: {', '.join(names)}")
     lines += _sensor_and_valve_lines(found["length_sensors"], found["dead_bands"])
     lines += _curve_and_compensator_lines(machine)
     if dead_time := compute_dead_time(machine):
@@ -326,21 +332,23 @@ def _joint_lines(joints: list[dict[str, Any]]) -> list[str]:
     """Format range, moment arm, stroke and load of all joints as a table.
 
     The last two columns are for the arm straight out (all joint positions 0): torque [N m] and load
-    pressure p_L [MPa]. Each is "-" for a slew drive. If position 0 is outside the joint's range, a
-    remark stands there instead.
+    pressure p_L [MPa]. Each is "-" for a slew drive, and if position 0 is outside the joint's
+    range. A line below the table then says that the arm cannot be straight.
 
     Args:
         joints: One dictionary for each joint, as `_joint_facts` returns it.
 
     Returns:
-        A line of column titles, then one line for each joint. The columns are: number from 1, kind
-        of linkage, range [deg], moment arm [mm], stroke [mm], torque, load pressure. A telescope
-        has its range in mm, "-" as moment arm, and a force [N] instead of the torque.
+        A line of column titles, then one line for each joint, then the line on a bent arm. The
+        columns are: number from 1, kind of linkage, range [deg], moment arm [mm], stroke [mm],
+        torque, load pressure. A telescope has its range in mm, "-" as moment arm, and a force [N]
+        instead of the torque.
     """
     lines = [
         "joint  linkage        range [deg]      moment arm [mm]   stroke [mm]   "
         "straight out: [N m]  p_L [MPa]"
     ]
+    bent: list[str] = []
     for number, joint in enumerate(joints, start=1):
         slides, pressure = "range_m" in joint, joint["straight_out_load_pressure_pa"]
         lower, upper = (
@@ -349,15 +357,20 @@ def _joint_lines(joints: list[dict[str, Any]]) -> list[str]:
         torque = joint["straight_out_force_n" if slides else "straight_out_torque_nm"]
         least, largest = joint["moment_arm_m"]
         arms = f" mm{'-':>14s}" if slides else f"  {1e3 * least:7.1f} …{1e3 * largest:6.1f}"
-        shown = "    outside the joint's range"
-        if joint["linkage"] in SLEW_DRIVES:
-            shown = f"{'-':>10s} {'-':>16s}"
+        shown = f"{'-':>10s} {'-':>16s}"
+        if torque is None and joint["linkage"] not in SLEW_DRIVES:
+            bent.append(str(number))
         if torque is not None:
             newtons = f"{torque:8.1f} N" if slides else f"{torque:10.1f}"
             shown = f"{newtons} {pressure / 1e6:16.2f}"
         lines.append(
             f"{number:5d}  {joint['linkage']:12s} {lower:7.1f} …{upper:6.1f}{arms}"
             f"  {1e3 * joint['stroke_m']:12.1f}  {shown}"
+        )
+    if bent:
+        lines.append(
+            f"position 0 is outside the range of joint {', '.join(bent)}: the arm cannot be "
+            "straight, and its loads are less than those straight out"
         )
     return lines
 
@@ -554,6 +567,8 @@ def _workspace_lines(found: dict[str, Any], first: int, *, has_boosters: bool) -
     """
     by_joint = ", ".join(f"joint {j}: {n}" for j, n in enumerate(found["boosted_by_joint"], first))
     highest = "highest boost" if has_boosters else "supply"
+    between = "; a posture table searches between them, and may reach a few more"
+    between = between if found["no_posture"] else ""
     return [
         f"of {found['points']} points {found['spacing_m'] * 1e3:g} mm apart, in the posture that "
         "loads the cylinders least:",
@@ -561,7 +576,7 @@ def _workspace_lines(found: dict[str, Any], first: int, *, has_boosters: bool) -
         *([f"  {found['boosted']} need boost ({by_joint})"] if has_boosters else []),
         f"  {found['too_heavy']} are beyond the {highest} pressure",
         f"  {found['no_posture']} have no posture within the joint limits at "
-        f"{found['end_link_angles']} angles of the end link",
+        f"{found['end_link_angles']} angles of the end link{between}",
     ]
 
 

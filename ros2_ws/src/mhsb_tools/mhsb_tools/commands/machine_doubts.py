@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mhsb_model import hydraulics
 from mhsb_model.errors import suggest_unit_of_number
 from mhsb_model.machine import Machine
 
@@ -38,6 +39,13 @@ def list_doubts(machine: Machine, held_points: int) -> list[str]:
         for key, relief in reliefs.items()
         if relief < supply
     ]
+    boost, relief = float(arrays.max_boost_pressure), circuit.line_relief_pressure
+    if arrays.module_count > 0 and supply <= relief < boost:
+        doubts.append(
+            f"circuit.line_relief_pressure {relief / 1e6:g} MPa is below "
+            f"hydraulics.servo_pump.max_boost_pressure {boost / 1e6:g} MPa, which lines then never "
+            "reach; raise it above that pressure"
+        )
     if held_points == 0:
         doubts.append(
             f"the arm holds its payload of {arrays.payload:g} kg nowhere in the workspace; lower "
@@ -51,6 +59,7 @@ def list_doubts(machine: Machine, held_points: int) -> list[str]:
             f"hydraulics.main_pump.max_flow {flow:g} m³/s is {flow / needed:.0f} times what all "
             f"cylinders take at V_max ({needed:.3g} m³/s){hint}"
         )
+    doubts += _list_unreachable_speeds(machine)
     step, delay = config.simulation.step, config.imperfections.computing_delay
     steps = delay / step
     if abs(steps - round(steps)) > STEP_TOLERANCE:
@@ -59,3 +68,42 @@ def list_doubts(machine: Machine, held_points: int) -> list[str]:
             f"{1e3 * step:g} ms; {1e3 * round(steps) * step:g} ms are simulated, so give that"
         )
     return doubts
+
+
+def _list_unreachable_speeds(machine: Machine) -> list[str]:
+    """List the actuators that cannot reach their V_max, even without a load.
+
+    The flow of the largest pump and the fully open valve at the highest supply pressure both limit
+    the speed. The faster direction counts, which is retraction for the flow.
+
+    Args:
+        machine: The machine.
+
+    Returns:
+        One sentence with the speed that each of these actuators can reach, and what limits it.
+        Empty if all reach their V_max.
+    """
+    m = machine.arrays
+    oil, slow = hydraulics.get_shared_hydraulics(m), []
+    supply = hydraulics.get_max_supply_pressure(oil, m.module_count)
+    flow = max(m.main_pump_flow, hydraulics.get_max_servo_pump_flow(oil, m.module_count))
+    for j, (cap, rod) in enumerate(zip(m.cap_area, m.rod_area, strict=True)):
+        by_valve = max(
+            hydraulics.compute_speed_from_drop(
+                m.valve_coefficient[j],
+                cap,
+                rod,
+                supply - hydraulics.load_pressure(cap, rod, m.tank_pressure, 0.0, direction),
+                direction,
+            )
+            for direction in (1.0, -1.0)
+        )
+        speed, cause = min((by_valve, "its valve"), (flow / rod, "the pump's flow"))
+        if speed < m.max_piston_speed[j]:
+            slow.append(f"{j + 1} reaches {1e3 * speed:.1f} mm/s by {cause}")
+    if not slow:
+        return []
+    return [
+        f"V_max of {1e3 * m.max_piston_speed.max():.1f} mm/s is beyond what pump and valves give "
+        f"without a load: actuator {', '.join(slow)}; lower motion.max_piston_speed"
+    ]

@@ -526,12 +526,14 @@ def as_text(summary: dict[str, Any]) -> list[str]:
         for goal in summary["goals"]
         for warning in goal.get("warnings", ())
     ]
+    is_slowed = summary["guard_interventions"] > 0
+    reference = ", from the reference that the guard slows" if is_slowed else ""
     main, servo = (summary["energy_by_source_j"][name] for name in ("main_pump", "servo_pumps"))
     return [
         *lines,
         *warnings,
         f"tip error {summary['tip_error_rms_mm']:.2f} mm RMS, "
-        f"{summary['tip_error_max_mm']:.2f} mm at most, from the reference that the guard slows",
+        f"{summary['tip_error_max_mm']:.2f} mm at most{reference}",
         f"pressures at most {summary['max_supply_pressure_mpa']:.2f} MPa in the supply lines, "
         f"{summary['max_chamber_pressure_mpa']:.2f} MPa in the chambers",
         f"to the oil {main['hydraulic']:.0f} J of the main pump, {servo['hydraulic']:.0f} J of the "

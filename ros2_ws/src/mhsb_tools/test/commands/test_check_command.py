@@ -36,6 +36,23 @@ def test_the_report_gives_loads_and_moment_arms_of_the_stretched_arm(machine):
     assert "23 mode patterns" in text
 
 
+def test_the_report_says_once_that_the_arm_cannot_be_straight(machine, slider_crank_machine):
+    [remark] = (each for each in check.format_report(machine) if "cannot be straight" in each)
+    assert remark == (
+        "position 0 is outside the range of joint 2: the arm cannot be straight, and its loads are "
+        "less than those straight out"
+    )
+    low, high = (getattr(slider_crank_machine.arrays, name) for name in ("joint_min", "joint_max"))
+    assert np.all((low <= 0.0) & (high >= 0.0))
+    assert "cannot be straight" not in "\n".join(check.format_report(slider_crank_machine))
+
+
+def test_the_report_says_why_a_posture_table_reaches_more_points(machine, four_bar_machine):
+    remark = "; a posture table searches between them, and may reach a few more"
+    for arm, is_missing in ((machine, True), (four_bar_machine, False)):
+        assert (remark in "\n".join(check.format_report(arm))) == is_missing
+
+
 def test_the_report_tells_what_an_actuator_has_of_its_own(machine):
     own = machine.with_values(
         {
@@ -215,7 +232,9 @@ def test_it_names_the_controllers_that_suit_the_sensors(machine, run):
     assert check.collect_facts(machine)["controllers"] == names[True]
     code, output, errors = run("excavator_1to14")
     assert code == 0, errors
-    suitable = ", ".join(names[False])
+    facts = check.collect_facts(load_machine("excavator_1to14"))
+    assert facts["default_controller"] == "lag_compensated"
+    suitable = ", ".join(names[False]).replace("lag_compensated", "lag_compensated (default)")
     assert f"controllers that suit its length sensors alone: {suitable}\n" in output
 
 

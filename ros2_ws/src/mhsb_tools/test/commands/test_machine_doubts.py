@@ -1,5 +1,7 @@
 """Doubts about machine files that the schema allows."""
 
+import math
+
 import pytest
 
 from mhsb_control import load_machine
@@ -35,6 +37,38 @@ def test_the_shipped_machines_raise_no_doubt(name):
 )
 def test_a_doubt_names_value_limit_and_remedy(values, sentence):
     assert list_doubts(load_machine("excavator_1to14").with_values(values), 100) == [sentence]
+
+
+def test_lines_that_are_relieved_below_the_highest_boost_pressure_are_a_doubt(machine):
+    low = machine.with_values({"circuit.line_relief_pressure": 9e6})
+    assert list_doubts(low, 100) == [
+        "circuit.line_relief_pressure 9 MPa is below hydraulics.servo_pump.max_boost_pressure 10 "
+        "MPa, which lines then never reach; raise it above that pressure"
+    ]
+    assert list_doubts(low.changed(module_count=0), 100) == []
+
+
+@pytest.mark.parametrize(
+    ("values", "cause"),
+    [({}, "the pump's flow"), ({"hydraulics.valve.rated_flow": 1e-6}, "its valve")],
+)
+def test_a_v_max_beyond_pump_or_valve_is_a_doubt_that_names_what_limits(machine, values, cause):
+    fast = machine.with_values({"motion.max_piston_speed": 0.12} | values)
+    cylinder, oil = fast.config.joints[0].cylinder, fast.config.hydraulics
+    cap = math.pi / 4 * cylinder.bore**2
+    rod = math.pi / 4 * (cylinder.bore**2 - cylinder.rod**2)
+    # Force balance: inlet (p_S - c inlet² v²) = outlet (p_T + c outlet² v²), c from the rated flow.
+    c = oil.valve.rated_pressure_drop_per_land / oil.valve.rated_flow**2
+    by_valve = max(
+        (inlet * oil.servo_pump.max_boost_pressure - outlet * oil.tank_pressure)
+        / (c * (inlet**3 + outlet**3))
+        for inlet, outlet in ((cap, rod), (rod, cap))
+    )
+    speed = min(math.sqrt(by_valve), oil.main_pump.max_flow / rod)
+    [doubt] = list_doubts(fast, 100)
+    assert "V_max of 120.0 mm/s is beyond" in doubt
+    assert f"actuator 1 reaches {1e3 * speed:.1f} mm/s by {cause}, 2 reaches " in doubt
+    assert doubt.endswith("; lower motion.max_piston_speed")
 
 
 def test_a_main_pump_that_is_far_too_large_is_asked_about_in_another_unit():

@@ -82,20 +82,22 @@ def test_a_missed_goal_is_told_with_distance_time_and_interventions(count, times
     )
 
 
-def test_tip_errors_are_named_as_those_from_the_slowed_reference():
+@pytest.mark.parametrize(
+    ("interventions", "reference"), [(1, ", from the reference that the guard slows"), (0, "")]
+)
+def test_tip_errors_are_named_as_those_from_the_slowed_reference(interventions, reference):
     zeros = ("max_supply_pressure_mpa", "max_chamber_pressure_mpa", "mode_switches")
-    others = ("guard_interventions", "simulated_s", "real_time_factor")
+    others = ("simulated_s", "real_time_factor")
     goal = {"x": 0.55, "z": 0.6, "time_s": 3.0, "goal_distance_mm": 1.0}
     pumps = {name: {"hydraulic": 0.0, "shaft": 0.0} for name in ("main_pump", "servo_pumps")}
     summary = dict.fromkeys((*zeros, *others), 0) | {
         "goals": [goal],
+        "guard_interventions": interventions,
         "energy_by_source_j": pumps,
         "tip_error_rms_mm": 1.0,
         "tip_error_max_mm": 2.5,
     }
-    assert "tip error 1.00 mm RMS, 2.50 mm at most, from the reference that the guard slows" in (
-        as_text(summary)
-    )
+    assert f"tip error 1.00 mm RMS, 2.50 mm at most{reference}" in as_text(summary)
 
 
 def test_a_run_is_not_lost_if_its_estimates_can_no_longer_be_written(tmp_path, monkeypatch):
