@@ -134,7 +134,7 @@ def test_the_time_that_plans_count_on_is_checked_without_a_controller(
 ) -> None:
     with pytest.raises(MachineFileError) as refused:
         load(changed_file(tmp_path, coordinated={"preview": 3.0}))
-    sentence = "servo.coordinated.preview: must be at most 1 s (is 3.0); lower it"
+    sentence = "servo.coordinated.preview: must be at most 1 s (is 3.0); in ms? 3 ms are 0.003 s"
     assert refused.value.problems == (sentence,)
 
 

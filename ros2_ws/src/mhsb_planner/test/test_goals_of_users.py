@@ -116,6 +116,7 @@ def test_goals_that_make_no_sense_are_refused_with_a_sentence(options, sentence)
 
 
 @pytest.mark.parametrize("region", [Disc(20.0), Segment(0.0, -20.0), BoxRegion(12.0, 16.0)])
-def test_a_region_beyond_the_workspace_is_refused_and_millimetres_are_suggested(planner, region):
-    with pytest.raises(RequestError, match=r"at most 2.058 m .* in mm\? 20 mm are 0.02 m"):
+def test_a_region_beyond_the_workspace_is_refused_and_other_units_are_suggested(planner, region):
+    hint = r"in cm or mm\? 20 cm are 0\.2 m, 20 mm are 0\.02 m"
+    with pytest.raises(RequestError, match=rf"at most 2\.058 m .* {hint}"):
         planner.plan(GOAL, START, options=PlanOptions(goal_region=region))
