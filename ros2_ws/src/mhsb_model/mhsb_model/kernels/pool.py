@@ -40,7 +40,7 @@ def compile_ahead(
     Args:
         parts: Functions without arguments that call the kernels, as `MODULE:FUNCTION`.
         report_progress: Function that gets a line of text at the start and after each function.
-            None shows a progress bar.
+            None shows a progress bar, without a terminal one line on stderr.
     """
     cache_folder.set_kernel_cache_folder()
     if cache_folder.find_write_problem(Path(os.environ[cache_folder.CACHE_VARIABLE])):
@@ -82,11 +82,13 @@ class _LineProgress:
 
 
 class _BarProgress:
-    """Progress bar on a terminal; without a terminal it shows nothing."""
+    """Progress bar on a terminal; without a terminal it prints one line at the start."""
 
     def __init__(self, total: int) -> None:
         """Show an empty bar for a number of functions to compile."""
         self._bar = tqdm(total=total, desc="compiling kernels, once", disable=None)
+        if self._bar.disable:
+            print("compiling kernels, which happens once, for about half a minute", file=sys.stderr)
 
     def update(self, done: int) -> None:
         """Set the bar to the number of functions that are done; close it after the last one.

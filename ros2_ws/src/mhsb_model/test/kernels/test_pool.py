@@ -76,6 +76,26 @@ def lines(child):
     return child.communicate(timeout=120)[0].splitlines()
 
 
+def test_without_a_terminal_one_line_says_that_kernels_are_compiled(tmp_path):
+    (tmp_path / "parts.py").write_text(PARTS)
+    program = "from mhsb_model.kernels.pool import compile_ahead\ncompile_ahead(['parts:quick'])\n"
+    environment = {
+        **os.environ,
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+        "PYTHONPATH": os.pathsep.join((str(tmp_path), os.environ["PYTHONPATH"])),
+    }
+    for expected in (1, 0):  # the second time there is nothing to compile
+        done = subprocess.run(
+            [sys.executable, "-c", program],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+        assert done.stderr.count("compiling kernels") == expected
+        assert done.stdout == ""
+
+
 def test_all_parts_are_done_and_told(start, tmp_path):
     assert lines(start("slow", "slow", "slow")) == [
         *(f"compiling kernels, which happens once: {done} of 3 parts" for done in range(4)),
