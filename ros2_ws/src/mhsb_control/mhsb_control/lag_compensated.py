@@ -399,10 +399,11 @@ def compute_declared_commands(
 ) -> tuple[FloatArray | None, FloatArray | None]:
     """Compute the commands at the knots of both inverse curves from the file's valve table.
 
-        u = o + (1 − o) T⁻¹(v/V)^(1/n)
+        u = o + (1 − o) [T⁻¹(v/V)]^(1/n)
 
-    o is the overlap, T the table, n the exponent of the opening, and V the speed at the full
-    command. A speed beyond V has the command 1.
+    v is the speed at a knot, SPEED_KNOTS times `max_speed`. o is the overlap, T the table, n the
+    exponent of the opening, and V the speed at the full command. A speed beyond V has the
+    command 1.
 
     Args:
         valves: Section `imperfections` of the machine file.

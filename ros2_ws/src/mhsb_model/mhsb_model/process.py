@@ -116,10 +116,10 @@ def make_command_entry(module: str) -> Callable[[], int]:
 def make_node_entry(module: str) -> Callable[[], NoReturn]:
     """Make the entry point of a node.
 
-    SIGINT, SIGTERM and SIGHUP end the node with code 0. The entry point starts a thread that
-    watches for these signals, and calls `configure_memory_release`. Then it imports the module and
-    calls its `main`. At the end it exits with the code of `main`, without cleaning up the
-    interpreter.
+    SIGINT, SIGTERM and SIGHUP end the node with code 0. SIGHUP stays ignored if it was ignored
+    before. The entry point starts a thread that watches for these signals, and calls
+    `configure_memory_release`. Then it imports the module and calls its `main`. At the end it exits
+    with the code of `main`, without cleaning up the interpreter.
 
     Args:
         module: Name of a module with a function `main` that returns the exit code.

@@ -113,10 +113,11 @@ class ModeGuard:
         return combine_modes(scheduled, requested, reserve, release, modules, per_mode)
 
     def record_modes(self, scheduled: ModeArray, prepared: ModeArray, in_force: ModeArray) -> None:
-        """Record the modes of the plan for the governor, and count deviations from them.
+        """Give `prepared` to the governor, and count deviations of the modes from `scheduled`.
 
-        The number of boosts rises by 1 if the modes in force differ from `scheduled` now but did
-        not differ at the last call. While they differ, `sentence` names both.
+        `scheduled` is only compared; it is not stored. The number of boosts rises by 1 if the modes
+        in force differ from `scheduled` now but did not differ at the last call. While they differ,
+        `sentence` names both.
 
         Args:
             scheduled: Modes that the plan has at present, uint8[n].

@@ -196,7 +196,9 @@ def yield_straight_paths(task: SearchProblem) -> Iterator[CylinderPath | None]:
 
     The first round tries every STRAIGHT_GOAL_STRIDE-th goal posture. The goal posture with the
     least lower bound on the cost comes first. If a line was found, the second round tries the
-    skipped goal postures beside the one where the best line ends.
+    skipped goal postures beside the one where the best line ends. A round ends early, without an
+    error, at the first goal posture whose lower bound is not below the cost of the best line. It
+    also ends early when the search deadline has passed.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
@@ -204,7 +206,7 @@ def yield_straight_paths(task: SearchProblem) -> Iterator[CylinderPath | None]:
     Yields:
         Lines, each cheaper than all lines before. None is yielded after the first FIRST_LINES
         trials, and again at the end of the first round, if there is no line yet. The caller can
-        then try something else.
+        then try something else. If the search deadline has passed, None comes without trials.
     """
     count = len(task.goal_lower_bounds)
     order = _sort_by_lower_bound(task, np.arange(0, count, STRAIGHT_GOAL_STRIDE))

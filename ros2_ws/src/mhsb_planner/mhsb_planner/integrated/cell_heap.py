@@ -46,7 +46,10 @@ def push_cell(bound: FloatArray, heap: IntArray, size: int, cell: int) -> None:
 
 @kernel(borrows=True, forceinline=True)
 def pop_cell(bound: FloatArray, heap: IntArray, size: int) -> int:
-    """Remove the first cell of the heap, without counting.
+    """Remove the cell of least bound from the heap, without counting.
+
+    If several cells have the least bound, the one of least number is removed. The caller reduces
+    the size by 1.
 
     Args:
         bound: Bound of each cell, not NaN.

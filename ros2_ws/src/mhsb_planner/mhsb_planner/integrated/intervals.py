@@ -153,7 +153,8 @@ def tip_relative_to_link_end(
 
     Returns:
         Range of the distance D [m], and range of the direction φ + α [rad], measured from the same
-        axis as θ and φ. No possible value lies outside these ranges.
+        axis as θ and φ. Both enclose all possible values, the direction up to whole turns: its
+        range may be shifted by a multiple of 2π.
     """
     cosine = cosine_range(low - direction[1], high - direction[0])
     nearest = min(max(link * cosine[1], radius[0]), radius[1])

@@ -674,7 +674,9 @@ def _get_origin(t: PathCostModel, f: OpenList, known: LatticePoints, state: int)
         state: Number of the state; NO_STATE stands for the start.
 
     Returns:
-        Mode combination, cost and depth of the state.
+        Number of the state, mode combination of arrival, and cost from the start. `next_depth` is
+        the depth of the states that it leads to: its own depth (steps from the start) + 1. For the
+        start, the mode combination is len(t.patterns), the cost 0, and `next_depth` 1.
     """
     pattern, cost, depth = len(t.patterns), 0.0, 0
     if state != NO_STATE:

@@ -108,8 +108,9 @@ def _iterate_gentler_motions(machine: Machine, start: MotionState) -> Iterator[R
 
     In each motion all pistons stop by one common ramp (smooth change of speed), which begins after
     a delay. The ramp of `_choose_ramp` is tried first, then the shortest ramp from V_max if it
-    differs. For each ramp, the delay grows from 0 in MOST_PARTS equal steps. Longer delays and
-    ramps need less acceleration or jerk.
+    differs. For each ramp, the delay grows from 0 in MOST_PARTS steps of T₂/2. T₂ is the time in
+    which the ramp's acceleration builds up. Each delay is rounded up to a multiple of
+    RAMP_TIME_STEP. Longer delays and ramps need less acceleration or jerk.
 
     Args:
         machine: Machine that moves.

@@ -323,6 +323,9 @@ def find_first_violation(
 ) -> Violation | None:
     """Find the first limit that a trajectory breaks under its mode schedule.
 
+    Obstacles are checked only if no other limit is broken, so an earlier contact is not reported
+    beside a later violation. Of all other limits, the violation that is first in time is returned.
+
     Args:
         machine: Machine with its obstacles.
         trajectory: Joint trajectory of k points.

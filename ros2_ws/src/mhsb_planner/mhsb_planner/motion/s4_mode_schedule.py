@@ -337,8 +337,9 @@ def _choose_interval_modes(
 
     First the intervals are determined in which each actuator needs boost. If boost would only hold
     a load for a short time, it is dropped, since the closed valve holds the load. Then boost, and
-    shared boost (SB), begin earlier by `rules.lead` and are lengthened to `rules.min_dwell`. Last,
-    boost is reduced if too few booster modules are fitted.
+    shared boost (SB), begin earlier by `rules.lead` and are lengthened to `rules.min_dwell`. Boost
+    at the start stays as it is until `age` has reached `rules.min_dwell`. Last, boost is reduced if
+    too few booster modules are fitted; intervals may still use too many.
 
     It is the kernel of `compute_interval_modes`. The tests check its result against each rule.
 

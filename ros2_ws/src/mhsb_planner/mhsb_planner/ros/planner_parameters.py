@@ -327,6 +327,7 @@ def declare_changeable(node: Node, machine: Machine) -> None:
             V_max (planned piston speed) and zones.
 
     Raises:
+        ParameterValueError: An initial value has a wrong type or is out of its range.
         UsageError: The initial values, for example from the command line, cannot be used together.
     """
     arrays = machine.arrays

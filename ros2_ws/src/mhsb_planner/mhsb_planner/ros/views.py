@@ -286,8 +286,9 @@ def _convert_to_points(
 ) -> list[Point]:
     """Convert positions in the arm's plane to points of a frame.
 
-    In `base_link`, the plane of an arm that slews is turned by the slew angle. In `work_plane`, the
-    plane is laid flat, and the slew angle has no effect.
+    In `base_link`, the plane of an arm that slews is turned by the slew angle; without slew,
+    (x, z) becomes (x, 0, z). In `work_plane`, (x, z) becomes (x, z, 0), and the slew angle has no
+    effect.
 
     Args:
         machine: Machine of the arm.

@@ -341,8 +341,9 @@ def _reconstruct_turning(
         slew: Stroke and limits of the slew.
 
     Returns:
-        Slew motion along the whole path: path step, slew angle [rad] and duration [s] of each step
-        of the whole arm.
+        Slew motion along the whole path, in p steps of the whole arm. It has the path step and the
+        duration [s] of each; the path step is REST_STEP if the slew turns alone. The slew angles
+        [rad] are p + 1, at the start and after each step.
     """
     _, duration, oil, corner = path
     i, k = len(corner) - 1, len(angle) - 1

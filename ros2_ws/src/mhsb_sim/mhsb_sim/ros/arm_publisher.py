@@ -125,6 +125,7 @@ class ArmPublisher:
         """Publish the plan in force and the modes in force, each if it has changed.
 
         The node calls this method after each of its callbacks. After `restart` both are published.
+        `publish_due` has the modes published every MODES_PERIOD_NS even if they have not changed.
         """
         in_force_ns = self._arm.plan_stamp_ns
         if in_force_ns != self._in_force_ns:

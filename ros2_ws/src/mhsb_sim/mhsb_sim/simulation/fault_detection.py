@@ -273,9 +273,9 @@ class Saturation:
     def evaluate(self, sample: ArmSample) -> Finding:
         """Update the time for which each command has been saturated, and return the longest.
 
-        A command is saturated if it is at least `full_command_share`. One unsaturated sample resets
-        the time of its command to 0. Each call counts as WATCH_PERIOD_NS, so call it once in that
-        period.
+        A command is saturated if its magnitude is at least `full_command_share`; -1 is saturated,
+        too. One unsaturated sample resets the time of its command to 0. Each call counts as
+        WATCH_PERIOD_NS, so call it once in that period.
 
         Args:
             sample: State of the arm.

@@ -103,7 +103,12 @@ def animate(
 
     Raises:
         UsageError: `output` does not end in .gif, not exactly one of recording and plan is given,
-            an option has no effect, or no instant of the time range was recorded.
+            an option has no effect, or fewer than two samples lie in the time range.
+        BagError: The recording cannot be read, or has fewer than two hydraulic states during its
+            references.
+        ArgumentError: The film would have too many frames.
+        MhsbError: Start or goal does not suit the arm, no motion was found, or a file cannot be
+            used.
     """
     if output.suffix.lower() != FILE_SUFFIX:
         raise UsageError(f"--output: '{output}' must end in {FILE_SUFFIX}")

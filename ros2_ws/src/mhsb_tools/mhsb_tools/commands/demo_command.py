@@ -156,8 +156,9 @@ def _demo(
         The content of summary.json.
 
     Raises:
-        MhsbError: A file cannot be used, a goal has the wrong number of coordinates for the arm, or
-            a process failed.
+        MhsbError: A file or the output folder cannot be used, or a goal has the wrong number of
+            coordinates for the arm. Or a planner node or simulator node already runs in this ROS
+            domain, or a process failed.
     """
     arm = load_machine(machine)  # an unusable file is reported here, not by a node
     file = goals or find_machine_config_file(GOALS_FILE, arm.name)

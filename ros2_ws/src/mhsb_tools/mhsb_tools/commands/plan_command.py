@@ -85,7 +85,8 @@ def plan(
     Give --start and --goal, or --case for a case of the paper. The start posture is that of the
     posture table in normal mode. With the planner `fixed`, it has the initial angle of joint 3 if
     one is given. Arms that slew have positions X Y Z, others X Z. Energies are in J, lengths in m,
-    angles in rad, times in s.
+    angles in rad, times in s. With --supply-pressure-range or --v-max-range, the motion is planned
+    at many pressures or speeds, and the cheapest plan is printed.
 
     Args:
         move: Start, goal and points between them.
@@ -106,6 +107,8 @@ def plan(
         UsageError: An option has no effect, or options exclude each other. These are
             `start_posture` with `start` or `case`, NAME with NAME_range (such as `v_max`), and any
             two of `goal_tolerance`, `goal_segment` and `goal_box`.
+        MhsbError: No plan was found, or a file cannot be used. With `explain`, the log of a failed
+            planning is printed to stderr.
     """
     command_line.check_suffix("plot", plot, ".png")
     command_line.check_suffix("csv", csv, ".csv")

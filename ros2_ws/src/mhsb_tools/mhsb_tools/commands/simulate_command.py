@@ -338,7 +338,8 @@ def build_plant(machine: Machine, file: Path | None, vary: Sequence[str]) -> Mac
         The plant, with all factors applied.
 
     Raises:
-        UsageError: A factor is malformed, its key does not exist, or its value is 0 or no number.
+        UsageError: A factor is malformed, or its key does not exist. Or the plant's value at KEY,
+            before it is multiplied, is 0 or no number. A factor of 0 is no such error.
         MachineFileError: The plant file cannot be used, or a varied value is out of range.
         MhsbError: config/variations.yaml cannot be used for this machine.
     """

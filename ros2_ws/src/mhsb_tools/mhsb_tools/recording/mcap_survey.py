@@ -360,8 +360,13 @@ class Survey:
     def _add_chunk(self, chunk: Chunk) -> None:
         """Count the messages of a chunk and add its schemas and channels.
 
-        If the chunk occurred before, its messages are counted separately as repeated. Definitions
-        in a chunk with a checksum are also stored among the reliable ones.
+        Sets `compression` to that of the chunk. Definitions in a chunk with a checksum are also
+        stored among the reliable ones. A definition that contradicts another, or makes all
+        together too large, sets `has_contradictions`, and `first_damage` if that is None.
+
+        If the chunk occurred before, its messages are only counted separately as repeated. Else, if
+        it has messages, `counts` grows, `start_ns` and `end_ns` are extended, and `summary` becomes
+        None. A message of an undefined channel sets `first_damage` if that is None.
 
         Args:
             chunk: A verified chunk.

@@ -52,6 +52,8 @@ def compute_tip_motion(recording: Recording, machine: Machine, followed: Traject
 
     Returns:
         Motion of the tip. Joint states before the first or after the last reference are left out.
+        `moving` is True from the first to the last time at which the reference moves, rests between
+        included.
 
     Raises:
         BagError: Joint states and references do not overlap in time.

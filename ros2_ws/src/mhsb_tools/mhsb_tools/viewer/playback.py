@@ -148,8 +148,9 @@ class Playback:
             at: Time since the recording's first joint state [s].
 
         Returns:
-            A state every PLOT_STEP, from PLOT_SPAN before `at` (or 0 if that is later) to `at`.
-            Pressures and energies that were not recorded are nan.
+            A state every PLOT_STEP, from PLOT_SPAN before `at` (or 0 if that is later) to `at`. The
+            last state may lie up to PLOT_STEP after `at`. Pressures and energies that were not
+            recorded are nan. If no modes were recorded, all are N (code 0).
         """
         seconds = np.arange(max(0.0, at - PLOT_SPAN), at + PLOT_STEP, PLOT_STEP)
         times_ns = self._began_ns + np.round(seconds * SECOND_NS).astype(np.int64)

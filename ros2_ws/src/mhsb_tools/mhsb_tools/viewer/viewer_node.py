@@ -374,9 +374,11 @@ class ViewerNode(GoalSender):
         """Show the newest joint states on the page; called every FRAME_PERIOD.
 
         First, joint states and actuator states are subscribed to if a browser is open, or
-        unsubscribed from if none is. If no new joint states have come, nothing is shown. Plots,
-        velocity polytope and the sentence on the arm's state are updated only in every
-        FRAMES_PER_PLOT-th shown frame.
+        unsubscribed from if none is. If no new joint states have come, nothing is shown. If the
+        states cannot be decoded, a sentence on the page says so at once, and the arm is not shown.
+
+        Every FRAMES_PER_PLOT-th shown frame also updates the plots, the sentence on the arm's
+        state, and the velocity polytope if it is switched on.
         """
         self._update_stream_subscriptions(bool(self._server.get_clients()))
         data = self._newest.pop(topics.JOINT_STATES.name, None)
