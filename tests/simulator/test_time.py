@@ -28,8 +28,11 @@ def until_warning(observer, text, timeout=15.0):
 
 
 def until_no_warning(observer, text):
-    """A busy machine may have it warn of something else meanwhile."""
-    observer.until(lambda: text not in latest(observer).sentence)
+    """A busy machine may have it warn of something else meanwhile.
+
+    A node that has ended is forgotten after 20 s if its farewell is lost (lease of Fast DDS).
+    """
+    observer.until(lambda: text not in latest(observer).sentence, 30.0)
 
 
 def lag(observer):

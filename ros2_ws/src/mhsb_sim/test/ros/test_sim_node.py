@@ -35,7 +35,7 @@ class Served:
             self.sentences.append(report.sentence)
 
     def until(self, condition: Callable[[], bool]) -> None:
-        assert spin_until(self.executor, condition, 15.0)
+        assert spin_until(self.executor, condition, 15.0), self.sentences[-5:]
 
 
 @pytest.fixture
@@ -61,7 +61,8 @@ def test_the_systems_clock_set_back_or_ahead_changes_nothing_but_is_told(
     assert steps.max() < SECOND_NS
 
     served.node._restart_arm()  # as ~/reset does: it takes the system's time anew
-    served.until(lambda: served.sentences[-1] == "running")
+    # Of something else, such as its lag, it may warn on a busy machine.
+    served.until(lambda: "the system's clock" not in served.sentences[-1])
     served.references.clear()
     served.until(lambda: len(served.references) > 20)
     assert abs(served.references[-1].stamp_ns - time.time_ns()) < SECOND_NS
