@@ -229,16 +229,17 @@ class GuardedExecutor(SingleThreadedExecutor):
     ) -> SetParametersResult:
         """Set all parameters of a request, or none of them.
 
-        They are refused if there are more than `MOST_CHANGES`, or if the node refuses them. They
-        are also refused if one of them is unknown, has an unknown type, or would be deleted
-        although it must not be. If a callback raises an exception, a fault is recorded and the
-        node's parameters are restored.
+        The parameters are refused if there are more than `MOST_CHANGES`, or if the node refuses
+        them. They are also refused if a parameter is unknown, has an unknown type, or would be
+        deleted although it must not be. If a callback raises an exception, a fault is recorded and
+        the node's parameters are restored.
 
         Args:
             node: Node of the parameters.
             service: The service that sets parameters.
             parameters: Parameters of the request.
-            request: Request of the service's type that contains `parameters` and no others.
+            request: The same parameters as a request of the service's type. The service's callback
+                gets this request, so it must not contain other parameters.
 
         Returns:
             The result. If the parameters are refused, its reason is one printable sentence.

@@ -58,8 +58,8 @@ def from_clock(message: Time) -> int:
         Absolute time [ns].
 
     Raises:
-        MessageError: The time is before 1970, or later than `LATEST_PRESENT`, so that later times
-            would not fit into a message. Or its nanoseconds are 10⁹ or more.
+        MessageError: The time is before 1970 or later than `LATEST_PRESENT`. Or its nanoseconds are
+            10⁹ or more. Up to `LATEST_PRESENT`, stamps of future plans still fit into a message.
     """
     if not 0 <= message.sec <= LATEST_PRESENT:
         raise MessageError(
