@@ -40,8 +40,8 @@ def convert_to_plane(m: MachineArrays, position: Position, preferred_slew: float
     """Convert a position in `base_link` into the arm's plane, and find the slew angle for it.
 
     A slewing arm moves in a vertical plane that its joint 1 turns. Positions in the plane have
-    their origin at joint 2. The slew angle is one at which the arm faces the position. The arm is
-    never turned away to reach behind itself.
+    their origin at joint 2. The slew angle is one at which the arm faces the position. Slew angles
+    at which the arm would reach the position behind its back are not considered.
 
     Args:
         m: Arrays of the machine.

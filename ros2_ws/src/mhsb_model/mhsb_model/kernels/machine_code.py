@@ -17,11 +17,11 @@ from llvmlite.binding import parse_assembly
 
 
 def store_machine_code_alone(dispatcher: Any) -> None:
-    """Make a dispatcher store its compiled versions without their LLVM bitcode.
+    """Make a dispatcher store empty functions in place of its compiled versions' LLVM bitcode.
 
-    A version is the kernel compiled for one combination of argument types. Without bitcode its file
-    is smaller and loads faster, but other kernels cannot be linked with it. The stored bitcode then
-    defines only empty functions. Nothing changes if numba lacks the necessary attributes.
+    A version is the kernel compiled for one combination of argument types. Its machine code is
+    stored as usual. The file is smaller and loads faster, but other kernels cannot be linked with
+    the version. Nothing changes if numba lacks the necessary attributes.
 
     Args:
         dispatcher: Numba dispatcher that caches on disk, changed in place. Only Python may call its

@@ -45,7 +45,8 @@ def list_row_numbers(linkage: FourBar) -> list[float]:
     The order is: rocker pivot (x, z) and cylinder pin (x, z) [m]; lengths of rocker and coupler
     [m]; +1 or −1 for the rocker tip to the left or right of the line from rocker pivot to child
     pin; child pin (x, z) at q = 0 [m]. Points are in the parent link's frame with the origin at the
-    joint. The kind of linkage, the first number of a row, is not included.
+    joint. Kernels take a row of numbers that begins with the kind of linkage. This first number is
+    not included.
 
     Args:
         linkage: Four-bar of a machine file.

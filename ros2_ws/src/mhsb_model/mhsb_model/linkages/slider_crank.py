@@ -25,8 +25,8 @@ def list_row_numbers(linkage: SliderCrank) -> list[float]:
     """Return the numbers that describe a slider-crank linkage in the form that kernels take.
 
     u and v are the distances of both pins, on the parent and the child link, from the joint's axis.
-    θ₀ is the angle between the pins at q = 0. The kind of linkage, the first number of a row, is
-    not included.
+    θ₀ is the angle between the pins at q = 0. Kernels take a row of numbers that begins with the
+    kind of linkage. This first number is not included.
 
     Args:
         linkage: Slider-crank of a machine file.

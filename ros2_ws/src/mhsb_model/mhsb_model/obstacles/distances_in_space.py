@@ -37,8 +37,8 @@ def compute_point_distance(rows: FloatArray, k: int, x: float, y: float, z: floa
         z: Point in `base_link`, up [m].
 
     Returns:
-        Distance from the surface [m], negative inside the zone. The row's link radius is not
-        subtracted.
+        Distance from the surface [m], negative inside the zone. The radius of the link that must
+        keep clear, which the row also has, is not subtracted.
     """
     kind = rows[k, KIND_COLUMN]
     if kind == SPACE_BOX_KIND:
