@@ -375,9 +375,10 @@ def compute_speed_gain(
 
     x is the valve opening and k_h the stiffness of the oil [N/m]. A and a are the piston areas on
     the cap side and the rod side. β/V_A and β/V_B are the stiffnesses of the oil in the two
-    chambers [Pa/m³]. Δp_A and Δp_B are the pressure drops over the edge of each chamber that opens
-    for a motion in the demanded direction. S(Δp) is √Δp, but linear below the laminar pressure and
-    constant above the drop that a pressure compensator keeps. S' is its derivative.
+    chambers [Pa/m³]. For each chamber the valve has one edge to the line and one to the tank. Δp_A
+    and Δp_B are the pressure drops over the edges that are open during a motion in the demanded
+    direction. S(Δp) is √Δp, but linear below the laminar pressure and constant above the drop that
+    a pressure compensator keeps. S' is its derivative.
 
     Args:
         axis: State of the cylinder's control axis, with the demanded speed and stiffnesses.

@@ -56,7 +56,7 @@ class DriveSettings(Record):
     30 % smaller and larger, N = 5: RMS error −10.9 and −3.2 % (mhsb_arm3; overshoot −0.00 and
     −0.05 MPa), −4.5 and −1.3 % (excavator; overshoot −0.37 and −2.48 MPa)."""
     min_excitation: float = 0.3
-    """Smallest Σ (Q_cmd − Q) of a window that is used, in full flows, 0 … 10.
+    """Smallest |Σ (Q_cmd − Q)| of a used window, as a multiple of a pump's full flow, 0 … 10.
 
     Origin: chosen; a tenth of what a step to full flow gives in one window.
 
@@ -245,18 +245,19 @@ def accumulate_pump_window(
 ) -> bool:
     """Add a pump's window to the sums of the least squares, unless it is to be discarded.
 
-    The window is discarded in two cases, in which Σ (Q_cmd − Q) is the sum for the present estimate
-    of the delay:
-    - |Σ (Q_cmd − Q)| is below `min_excitation` full flows.
-    - ΔQ corresponds to a lag outside `min_lag_ratio` … `max_lag_ratio` times the machine file's.
+    Let x be Σ (Q_cmd − Q) for the present estimate of the delay, divided by `full_flow`. The window
+    is discarded in two cases:
+
+    - |x| is below `min_excitation`.
+    - ΔQ/x corresponds to a lag outside `min_lag_ratio` … `max_lag_ratio` times the machine file's.
 
     The weight of earlier windows is multiplied by `forgetting_factor`.
 
     Args:
-        squares: Sums x², x y and y² for each delay in rows 0 to 2, updated in place; float64[4,
-            d + 1]. x is Σ (Q_cmd − Q) and y is ΔQ of a window, both in full flows.
+        squares: Sums x², x y and y² for each delay in rows 0 to 2, updated in place; float64[4, d +
+            1]. x is Σ (Q_cmd − Q) and y is ΔQ of a window, both divided by `full_flow`.
         flow_errors: Σ (Q_cmd − Q) of the window for each delay [m³/s], float64[d + 1].
-        rise: ΔQ of the window, in full flows.
+        rise: ΔQ of the window, divided by `full_flow`.
         own: Estimates of the pumps' dynamics. Reads `delay`, `full_flow` and `file_theta`.
         settings: Tuned numbers.
 
@@ -283,8 +284,10 @@ def accumulate_pump_window(
 def estimate_lag_and_delay(own: PumpDynamics, squares: FloatArray, settings: DriveSettings) -> None:
     """Estimate delay, θ and lag of the pumps by least squares with a prior.
 
-    Each window gives x = Σ (Q_cmd − Q) and y = ΔQ, both in full flows. θ_file is the prior, w its
-    weight, h the control period, and σ `flow_deviation`:
+    The control steps of a motion are grouped into windows. For each window, x is Σ (Q_cmd − Q) over
+    its steps, and y is ΔQ, the rise of the flow. Both are divided by `full_flow`. θ_file is the
+    prior, w its weight, h the control period, and σ `flow_deviation`. In the equations, Σ is a sum
+    over windows:
 
         θ = (Σ x y + w θ_file) / (Σ x² + w),   w = (σ / (`initial_deviation` θ_file))²
         residual = Σ (y − θ x)² + w (θ − θ_file)²,   τ = −h / ln(1 − θ)

@@ -504,10 +504,14 @@ def compute_charging_flow_limit(s: ServoArguments, p: PumpState) -> float:
 
     The flow has two parts, each at least 0. The first part is the flow that the main pump has left:
     Q_MP − Σ (A_dir |v_ref| + leakage) over all actuators. The second part comes from the oil stored
-    in the manifold: k C (p − p_kept), with the capacity C and the gain k = `pressure_gain`. p is
-    the lowest line pressure, and p_kept the greater of two pressures. One is
-    `min_manifold_pressure_share` P_S. The other is the pressure that actuators moving in mode N
-    need, plus `manifold_reserve`, but at most P_S.
+    in the manifold: k C (p − p_kept).
+
+    C is the capacity and k the gain `pressure_gain`. p is the lowest line pressure. p_kept is the
+    greater of two pressures:
+
+    - `min_manifold_pressure_share` P_S
+    - min(p_N + `manifold_reserve`, P_S). p_N is the highest pressure that an actuator moving in
+      mode N needs.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo.

@@ -31,7 +31,7 @@ def build_closed_loop_matrix(
     control loop's slow estimate of f. w is the integral part of the position loop:
 
         R⁻¹ M R⁻¹ ë = −f
-        ḟ = k_h (ė + w) + ω_F (d + k_p k_h/ω_F e − f)
+        ḟ = k_h (ė + w) + ω_F (d + (k_p k_h/ω_F) e − f)
         τ ḋ = f − d
         ẇ = k_i e
 

@@ -422,9 +422,9 @@ def accumulate_valve_window(
     """Add one step of a valve to its window, and update the estimates if the window is full.
 
     A window is discarded if the valve saturates, is shut or opens against the motion. It is also
-    discarded if the reference reverses, starts or stops. A window in which the reference rests all
-    the time is used; the sign of the opening then gives the direction. `evaluate_valve_window`
-    evaluates a full window.
+    discarded if the reference reverses, starts or stops. If the reference rests all the time, the
+    window is used. Its direction (`sign`) is then the sign of the valve opening.
+    `evaluate_valve_window` evaluates a full window.
 
     Args:
         valves: Estimates, updated in place. An update also writes `gain` and `overlap`, clipped to
@@ -471,15 +471,15 @@ def evaluate_valve_window(
     """Update the estimates from a full window of a valve, or discard the window.
 
     A piston that moved less than the share `min_stroke_share` of the reference's stroke was stuck.
-    A piston lags if it moved at least `min_stroke_lag` length deviations less than the estimates
-    predict. There are three cases:
+    A piston lags if its stroke falls short of the predicted stroke by `min_stroke_lag`
+    `length_deviation` or more. There are three cases:
 
     - The reference moves steadily, and the piston was not stuck. The Kalman filter
       (`update_valve_filter`) updates all estimates.
     - The reference moves slowly or rests, and the piston was not stuck. If the piston lags, the
       filter updates the estimates with the present gain taken as known.
     - The piston was stuck. If it lags, the overlap of its direction rises to the value that
-      explains this. If the reference moves, the line must also have had `min_driving_pressure`
+      explains the lag. If the reference moves, the line must also have had `min_driving_pressure`
       beyond the load pressure all the time.
 
     Any other window is discarded.
@@ -487,11 +487,15 @@ def evaluate_valve_window(
     The noise of a window has three parts: `length_deviation`, the share `stroke_deviation` of the
     stroke, and the stroke that corresponds to the spool's lag behind its command.
 
-    A window is surprising if the reference moves, the line had that pressure, and the stroke is
-    much too short: below the prediction by more than `surprise` standard deviations, and below
-    `min_gain` times the prediction. Such a window is not used until there are `min_surprises` of
-    them in sequence. The most likely cause is then overlap, which rises to the value that explains
-    the lag.
+    A window is surprising if three conditions hold:
+
+    - The reference moves.
+    - The line had `min_driving_pressure` beyond the load pressure all the time.
+    - The stroke is much too short: below the prediction by more than `surprise` standard
+      deviations, and below `min_gain` times the prediction.
+
+    Surprising windows are not used until there are `min_surprises` of them in sequence. The most
+    likely cause is then overlap, which rises to the value that explains the lag.
 
     Args:
         valves: Estimates, updated in place: `surprises` of the valve, and after an update all g,
