@@ -395,7 +395,7 @@ def update_friction(
 
 @kernel(inline="always")
 def move_port_valve(circuit: Circuit, k: int) -> None:
-    """Advance the opening of a port valve by a substep, with the pressures before it.
+    """Advance the opening of a port valve by a substep, with the pressures at the substep's start.
 
     Args:
         circuit: The circuit. Writes the opening into `valves`, and the coefficient of the chamber
@@ -588,8 +588,8 @@ def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
     The list has the elements of the present substep with their flows and slopes.
 
     Isolating valves shut the chambers off, tightly in both directions. They follow
-    `isolating_command`. If the machine has lock valves (`lock_valve_opening` above 0), they also
-    shut in two cases:
+    `isolating_command`. If `lock_valve_opening` is above 0, the isolating valves also act as lock
+    valves. They then shut in two more cases:
     - The opening of the servo valve is below `lock_valve_opening`.
     - The pilot pressure, that of the line, is below the higher chamber pressure divided by
       LOCK_VALVE_PILOT_RATIO.

@@ -85,7 +85,7 @@ class ArmPublisher:
         return [self._publishers[topic.name] for topic in (topics.REFERENCE, topics.JOINT_STATES)]
 
     def restart(self) -> None:
-        """Begin all periods anew, and forget what was published.
+        """Start all publishing periods at the present time, and forget what was published.
 
         The node calls this method after simulated time has been set. The plan in force and the
         modes are then published again, even if they have not changed.

@@ -292,7 +292,7 @@ class DisagreeingLine:
     closes_valves = True
 
     def __init__(self, machine: Machine) -> None:
-        """Set the time in mode N and the filtered difference of each line to 0.
+        """Set each line's time in mode N and its filtered difference from the other lines to 0.
 
         Args:
             machine: The machine.

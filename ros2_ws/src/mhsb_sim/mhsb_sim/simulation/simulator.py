@@ -386,8 +386,7 @@ class Simulator:
             reference: Rows for position, velocity and acceleration of the reference, float64[3, n].
             position: True joint positions, float64[n], [rad or m].
             pressure: Pressures of all nodes, float64[3 n + 3], [Pa]: cap side, rod side and line of
-                actuator 1, then of actuator 2 and so on; at last rail, manifold (behind the main
-                pump) and tank.
+                each actuator in turn, and then rail, manifold (behind the main pump) and tank.
             modes: Modes in force, uint8[n].
         """
         reference[:] = self._signals.reference[0]
