@@ -358,8 +358,9 @@ def yield_lattice_paths(
 def _lattice_cost_models(t: PathCostModel, best: CylinderPath | None) -> tuple[PathCostModel, ...]:
     """Return the two cost models by which a lattice is searched one after the other.
 
-    In the first model a slow cylinder needs no boost to hold a load. If there is no incumbent, mode
-    switches also cost nothing in the first model.
+    The first model is a simplification. It does not have the rule that a cylinder with a speed up
+    to `t.circuit.rest_speed` counts as held, and may need boost for its load. If there is no
+    incumbent, mode switches also cost nothing in the first model.
 
     Args:
         t: Cost model of the search problem.

@@ -26,7 +26,7 @@ def _precedes(bound: FloatArray, a: int, b: int) -> bool:
 
 @kernel(borrows=True, forceinline=True)
 def push_cell(bound: FloatArray, heap: IntArray, size: int, cell: int) -> None:
-    """Insert a cell into the heap, without counting.
+    """Insert a cell into the heap. The caller keeps the number of cells.
 
     Args:
         bound: Bound of each cell, not NaN.

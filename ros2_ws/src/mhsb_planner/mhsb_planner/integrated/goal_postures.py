@@ -230,8 +230,8 @@ def _sample_telescopic_chain(
         z: Tip position upward [m].
         between: Least and greatest admissible ψ [rad]; None if ψ is free.
         spacing: Largest distance of two samples of ψ [rad]. A grid over m joints has the spacing
-            spacing^(1/m) [rad] in each, so that its size hardly depends on m. For a telescope,
-            range/π stands for 1 rad.
+            s^(1/m) rad in each joint, and s is the number `spacing`. The number of grid points is
+            then proportional to 1/s for every m. For a telescope, range/π stands for 1 rad.
 
     Returns:
         Three arrays, one row for each posture within limits:
@@ -332,7 +332,7 @@ def _tabulate_postures(
 ) -> FloatArray:
     """List the postures on a grid of inner joint angles and end-link angles ψ, for turning joints.
 
-    The tests compare the result with the same samples in plain Python.
+    The unit tests compare the result with the same samples in plain Python.
 
     Args:
         m: Arrays of the machine.

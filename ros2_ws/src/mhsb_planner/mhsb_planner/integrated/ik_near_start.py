@@ -134,7 +134,7 @@ def _search_near_postures(
     keep their start positions. The best posture is the one with the least lower bound on the cost
     from the start.
 
-    The tests compare the result with the same search in plain Python.
+    The unit tests compare the result with the same search in plain Python.
 
     Args:
         m: Arrays of the machine.

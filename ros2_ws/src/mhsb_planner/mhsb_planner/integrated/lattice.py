@@ -128,7 +128,8 @@ class Lattice(NamedTuple):
 def lattice_even_in_lengths(machine: Machine, posture: FloatArray, spacing: float) -> Lattice:
     """Create a lattice of cylinder lengths with the same spacing for all cylinders.
 
-    The lengths at the joint limits are lattice lengths, too.
+    From the start posture on, neighbouring lattice lengths have the distance `spacing`. The lengths
+    at the joint limits are added, so the outermost distances may be shorter.
 
     Args:
         machine: The arm without a slewing joint.
@@ -153,7 +154,7 @@ def lattice_even_in_angles(machine: Machine, posture: FloatArray, reach: float) 
 
     The spacing of a turning joint [rad] is `reach` divided by the length of the stretched arm
     beyond it. Inner joints thus make smaller steps. For a telescope it is `reach` itself [m]. The
-    joint limits are lattice positions, too.
+    joint limits are added as lattice positions, so the outermost distances may be shorter.
 
     Args:
         machine: The arm without a slewing joint.
@@ -665,7 +666,10 @@ def _price_deferred_step(
 
 @kernel(inline="always")
 def _get_origin(t: PathCostModel, f: OpenList, known: LatticePoints, state: int) -> ExpandedState:
-    """Describe a state that is expanded, or from which a deferred step leads.
+    """Describe the state in which a step starts.
+
+    It is the state that the search expands, or the origin of a deferred step. A deferred step has
+    been found earlier and is priced now.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -703,7 +707,8 @@ def expand(
     around the point are priced at once. Their costs include the switches to the modes
     that hold the arm there.
 
-    The tests compare the result with scipy.sparse.csgraph.dijkstra on the same points and steps.
+    The unit tests compare the result with scipy.sparse.csgraph.dijkstra on the same points and
+    steps.
 
     Args:
         problem: Cost model, lattice and goal postures.

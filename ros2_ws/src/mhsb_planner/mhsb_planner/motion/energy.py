@@ -323,9 +323,9 @@ def _sum_state_energies(
         modes: Mode codes (N, DB, SB), shape (k, n).
 
     Returns:
-        Energies in the order of the fields of `Energy`, shape (7,) [J]. The first four are total by
-        the published model (`paper`), main pump, shafts of the servo pumps, and their losses. The
-        last three are leakage through valves, work of the pistons against gravity, and oil that
+        Energies in the order of the fields of `Energy`, shape (7,) [J]. Index 0: total by the
+        published model (`paper`). 1: main pump. 2: shafts of the servo pumps. 3: losses of the
+        servo pumps. 4: leakage through valves. 5: work of the pistons against gravity. 6: oil that
         flows to the tank.
     """
     energy, power, own = (
@@ -368,9 +368,9 @@ def _integrate_power(
         modes: Mode codes of each interval, shape (k, n).
 
     Returns:
-        Energies in the order of the fields of `Energy`, shape (7,) [J]. The first four are total by
-        the published model (`paper`), main pump, shafts of the servo pumps, and their losses. The
-        last three are leakage through valves, work of the pistons against gravity, and oil that
+        Energies in the order of the fields of `Energy`, shape (7,) [J]. Index 0: total by the
+        published model (`paper`). 1: main pump. 2: shafts of the servo pumps. 3: losses of the
+        servo pumps. 4: leakage through valves. 5: work of the pistons against gravity. 6: oil that
         flows to the tank. The charging of lines is not included.
     """
     energy, own = np.zeros(ENERGY_FIELD_COUNT), np.empty(speed.shape[1])
@@ -406,7 +406,7 @@ def _compute_powers(
 ) -> None:
     """Compute the powers of pumps, losses and loads in one motion state.
 
-    The tests compare the powers with a calculation by hand.
+    The unit tests compare the powers with a calculation by hand.
 
     Args:
         m: Arrays of the machine.
@@ -416,9 +416,9 @@ def _compute_powers(
         modes: Mode codes (N, DB, SB), shape (n,).
         own: Working memory, shape (n,), overwritten: boosted supply pressure of each actuator [Pa].
         power: Powers in the order of the fields of `Energy`, shape (7,) [W], written in place.
-            The first four are total by the published model (`paper`), main pump, shafts of the
-            servo pumps, and their losses. The last three are leakage through valves, work of the
-            pistons against gravity, and oil that flows to the tank.
+            Index 0: total by the published model (`paper`). 1: main pump. 2: shafts of the servo
+            pumps. 3: losses of the servo pumps. 4: leakage through valves. 5: work of the pistons
+            against gravity. 6: oil that flows to the tank.
     """
     oil, efficiency = get_shared_hydraulics(m), m.servo_pump_efficiency
     valve, cap, rod = m.valve_coefficient, m.cap_area, m.rod_area
@@ -480,7 +480,7 @@ def _compute_charging_work(
     pumps is not included. If no actuator was on the shared rail before, the actuators that join it
     also charge the rail's volume, in equal parts.
 
-    The tests compare the result with sums computed by hand.
+    The unit tests compare the result with sums computed by hand.
 
     Args:
         m: Arrays of the machine.

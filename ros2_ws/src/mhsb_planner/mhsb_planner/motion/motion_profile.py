@@ -132,7 +132,7 @@ def _compute_middle_profile(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Compute the profile of a trajectory half-way in time between its points.
 
-    The tests compare the result with the profile of states from `Trajectory.sample_many`.
+    The unit tests compare the result with the profile of states from `Trajectory.sample_many`.
 
     Args:
         m: Arrays of the machine, with its payload.
@@ -178,8 +178,8 @@ def compute_profile_arrays(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Compute piston speeds, gravity forces, tip positions and inertia forces of k states.
 
-    This is the kernel of `compute_motion_profile`. The tests compare the result with the methods of
-    `Machine`.
+    This is the kernel of `compute_motion_profile`. The unit tests compare the result with the
+    methods of `Machine`.
 
     Args:
         m: Arrays of the machine, with its payload.

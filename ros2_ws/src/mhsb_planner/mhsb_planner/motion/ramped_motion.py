@@ -204,7 +204,7 @@ def _sample_pistons(
     beginning, the acceleration builds up until T₂, begins to decrease at T₁, and is 0 from T₁ + T₂
     on. Ramps may have begun before time 0.
 
-    The tests compare the result with a numerical convolution of the path.
+    The unit tests compare the result with a numerical convolution of the path.
 
     Args:
         time: Times in ascending order from the start of the motion, shape (k,) [s].

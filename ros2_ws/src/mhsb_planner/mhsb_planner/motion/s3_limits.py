@@ -139,8 +139,8 @@ def _measure_states(
 ) -> FloatArray:
     """Compute the quantity of each limit in `STATE_LIMITS` at k motion states.
 
-    Each state has its own modes. It is the kernel of `LimitValues.from_profile`. The tests compare
-    the result with the methods of `Machine`.
+    Each state has its own modes. It is the kernel of `LimitValues.from_profile`. The unit tests
+    compare the result with the methods of `Machine`.
 
     Args:
         m: Arrays of the machine.

@@ -253,7 +253,7 @@ def _plan_phases(
     constant speed with which a piston arrives earliest is found by bisection. Then the speed of
     each piston that would arrive before the last one, or before `least`, is lowered.
 
-    The tests check that the ends are reached, that the limits are kept, and that no bang-bang
+    The unit tests check that the ends are reached, that the limits are kept, and that no bang-bang
     motion is shorter.
 
     Args:

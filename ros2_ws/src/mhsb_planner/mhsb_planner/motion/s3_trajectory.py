@@ -502,7 +502,7 @@ def _widen_limits_to(machine: Machine, posture: FloatArray) -> Machine:
 
     Returns:
         A machine that admits the start. It is `machine` itself if the start is outside the limits
-        by at most JOINT_TOLERANCE, as a start at a limit may be by rounding.
+        by at most JOINT_TOLERANCE. Rounding may put a start at a limit so far outside.
     """
     arrays = machine.arrays
     if _compute_excess(arrays, as_frozen(posture)) <= JOINT_TOLERANCE:
@@ -704,7 +704,7 @@ def _compute_uses(
     may already be faster there, and slowing does not help. `fastest` is then raised to
     USAGE_RESERVE times the largest ratio of speed to V_max at the start.
 
-    The tests compare the result with the same shares by NumPy.
+    The unit tests compare the result with the same shares by NumPy.
 
     Args:
         speed: Piston speeds at the motion's k + 1 points, shape (k + 1, n) [m/s].

@@ -232,21 +232,24 @@ class ScheduledMotion:
     ) -> ScheduledMotion:
         """Compute the modes of a trajectory, with a standstill at its end if switches need time.
 
-        If an actuator would be switched twice within `rules.min_dwell`, a standstill is added at
-        the trajectory's end. It lasts 2 `rules.min_dwell`, long enough for two switches.
+        Each mode must last at least `rules.min_dwell`. If a mode lasts less, a standstill of 2
+        `rules.min_dwell` is added at the trajectory's end, and all modes are computed again. The
+        standstill gives room to switches near the trajectory's end. Switches far from the end may
+        still follow each other too closely.
 
         Args:
             machine: Machine with its hydraulics and modules.
             trajectory: Joint trajectory.
             start: Modes in force at the beginning, and time since each actuator's last switch.
-            preferred: Modes that the graph search (S2) chose around each point, shape (points, n).
-                Only SB has an effect: an actuator that needs boost then gets SB. None means no
-                preference.
+            preferred: Modes that the search for the discrete path chose, at each point, shape
+                (points, n). Only SB has an effect: an actuator that needs boost then gets SB. None
+                means no preference.
             rules: Rules for switching.
 
         Returns:
-            Trajectory with its profile and its modes, and with the standstill if it was needed. Its
-            `keeps_dwell` may be False in spite of the standstill.
+            Trajectory with its profile and its modes, and with the standstill if it was needed.
+            `keeps_dwell` of the result is False if a mode lasts less than `rules.min_dwell` in
+            spite of the standstill.
         """
         once = cls._create_without_rest(machine, trajectory, start, preferred, rules)
         if once.keeps_dwell:
@@ -272,9 +275,9 @@ class ScheduledMotion:
             machine: Machine with its hydraulics and modules.
             trajectory: Joint trajectory.
             start: Modes in force at the beginning, and time since each actuator's last switch.
-            preferred: Modes that the graph search (S2) chose around each point, shape (points, n).
-                Only SB has an effect: an actuator that needs boost then gets SB. None means no
-                preference.
+            preferred: Modes that the search for the discrete path chose, at each point, shape
+                (points, n). Only SB has an effect: an actuator that needs boost then gets SB. None
+                means no preference.
             rules: Rules for switching.
 
         Returns:
@@ -341,7 +344,7 @@ def _choose_interval_modes(
     at the start stays as it is until `age` has reached `rules.min_dwell`. Last, boost is reduced if
     too few booster modules are fitted; intervals may still use too many.
 
-    It is the kernel of `compute_interval_modes`. The tests check its result against each rule.
+    It is the kernel of `compute_interval_modes`. The unit tests check its result against each rule.
 
     Args:
         m: Arrays of the machine.
@@ -349,9 +352,9 @@ def _choose_interval_modes(
         speed: Piston speeds, shape (k, n) [m/s].
         force: Piston forces under gravity, shape (k, n) [N].
         inertia: Piston forces from inertia, shape (k, n) [N].
-        preferred: Modes that the graph search (S2) chose around each instant, shape (k, n). Only SB
-            has an effect: an actuator that needs boost then gets SB, even if one servo pump would
-            suffice.
+        preferred: Modes that the search for the discrete path chose, at each instant, shape (k, n).
+            Only SB has an effect: an actuator that needs boost then gets SB, even if one servo pump
+            would suffice.
         start: Modes in force at the first instant, shape (n,).
         age: Time since the last switch of each actuator, shape (n,) [s].
         hold: Modes after the last instant, shape (n,).
@@ -486,10 +489,10 @@ def _lacks_pressure_to_accelerate(
 ) -> np.ndarray:
     """Determine when the main pump's pressure is too low for an actuator to accelerate its load.
 
-    The pressure must carry the load (gravity and inertia) and the drop over the valve. A part of
-    the boost margin must remain, too. The result is False if the piston does not move against the
-    load, or if its speed is at most 0.9 MAX_HELD_SPEED. Speeds and loads are multiplied by
-    NEED_FACTOR as a reserve.
+    The pressure must carry the load (gravity and inertia) and the drop over the valve. In addition,
+    MARGIN_SHARE_WITHOUT_INERTIA of the boost margin (pressure in reserve) must remain for friction
+    and control. The result is False if the piston does not move against the load, or if its speed
+    is at most 0.9 MAX_HELD_SPEED. Speeds and loads are multiplied by NEED_FACTOR as a reserve.
 
     Args:
         m: Arrays of the machine.
@@ -633,10 +636,11 @@ def _enforce_shared_boost_dwell(
     """Adjust the intervals of boost in mode SB so that SB and DB each last long enough.
 
     A boosted actuator is in mode SB (shared rail) or DB (own servo pump). A run is a sequence of
-    boosted intervals, with parts in SB and parts in DB. SB parts begin earlier by `rules.lead`.
-    SB parts shorter than `rules.min_dwell` are lengthened, first at the end. DB parts that are then
-    shorter than this become SB. A run that is itself shorter becomes DB as a whole, unless SB is in
-    force just before or after it. The intervals before `free` stay as they are.
+    boosted intervals, with parts in SB and parts in DB. A run shorter than `rules.min_dwell`
+    becomes DB as a whole, unless SB is in force just before or after it. In all other runs, SB
+    parts begin earlier by `rules.lead`. SB parts shorter than `rules.min_dwell` are lengthened,
+    first at the end. Then DB parts shorter than `rules.min_dwell` become SB. The intervals before
+    `free` stay as they are.
 
     Args:
         time: Limits of the intervals, shape (k,) [s].

@@ -280,7 +280,8 @@ class GoalPlanning:
         If an event has made the plan void (`epoch` has changed), or if the plan in force has
         changed, the goal is planned for again. Otherwise the answer decides:
 
-        - A plan: it is sent. An error that ended its planner is logged.
+        - A plan: it is sent. If a planner failed after its first motion for this plan, a warning is
+          logged.
         - None: the arm is at the goal already, and the goal ends.
         - `DeadlineError`: the goal is planned for again with a longer commit horizon (time until a
           new plan takes over). It is refused after `MAX_LATE_PLANS` tries at the longest horizon.

@@ -59,8 +59,8 @@ class HandOver:
 
         Args:
             state: State of the lifecycle. `unconfirmed` and the arm's `own_command` are written.
-            on_confirmed: Called at once with each sent command if the arm does not report which
-                plan it executes. The arm is then assumed to follow the command.
+            on_confirmed: Called only if the arm does not report which plan it executes: at once
+                with each sent command. The arm is then assumed to follow the command.
         """
         self.horizon_estimator = CommitHorizonEstimator()
         self._state = state

@@ -62,8 +62,8 @@ def find_start_command(arm_state: ArmState, steady_time: float, now_ns: int) -> 
     Args:
         arm_state: Arm state.
         steady_time: Present time by the steady clock [s].
-        now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans. A
-            command that holds gets this stamp.
+        now_ns: Present time of plans [ns]. It is the arm's clock minus the delay that the arm's
+            speed scaling has caused so far. A command that holds gets this stamp.
 
     Returns:
         This planner's own command, or a command that holds the position in the modes in force.

@@ -124,7 +124,7 @@ class StopSequence:
     def join(self, done: Callable[[bool, str], None], goals: list[PendingGoal]) -> None:
         """Let a user's request to stop wait for this stop.
 
-        If a goal was to be planned for after the stop, it now ends with the stop.
+        If a goal waits to be planned for after the stop, this goal now ends with the stop, too.
 
         Args:
             done: Called once with success and sentence when the stop is finished.

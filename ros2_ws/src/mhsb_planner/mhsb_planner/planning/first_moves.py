@@ -197,7 +197,7 @@ def _paths_over_first_moves(
 def _first_moves(
     machine: Machine, table: PostureTable, task: PathRequest
 ) -> Iterator[DiscretePath]:
-    """Yield first moves alone: paths from an inadmissible departure to nearby postures.
+    """Yield paths that lead from an inadmissible departure to a nearby posture, and end there.
 
     Straight moves come first. One leads to the departure (posture at rest where the path begins)
     clipped to the joint limits. The others lead to nearby postures of the table. At most

@@ -343,8 +343,9 @@ class PlanningLoop:
 
         The incumbent is the best plan so far. Variants are motions by other rules, such as faster
         ramps (`list_variant_rules`). They come in groups. In a group, the trials end as soon as a
-        variant becomes the incumbent. Reasons for which curves were refused in the fit of `motion`
-        are put before the variant's own reasons.
+        variant becomes the incumbent. Each motion has a list `refused`: the curves that its fit
+        refused, with reasons. If a variant becomes the incumbent, the list of `motion` is put in
+        front of the variant's list.
 
         Args:
             proposal: Proposal with the path.

@@ -364,7 +364,7 @@ def find_largest_polytopes_of_chain(
     begins at the best samples, and at the best postures of other combinations. The search may miss
     the largest area.
 
-    The tests compare the result with SLSQP from many starts.
+    The unit tests compare the result with SLSQP from many starts.
 
     Args:
         m: Arrays of the machine.

@@ -334,7 +334,7 @@ def find_largest_polytopes_3r(
     three turning joints, so its posture has one free coordinate, the end-link angle ψ. Samples of ψ
     are compared, and local maxima that could be the largest are refined.
 
-    The tests compare the result with a dense scan of ψ on both elbow branches.
+    The unit tests compare the result with a dense scan of ψ on both elbow branches.
 
     Args:
         m: Arrays of the machine.

@@ -156,7 +156,7 @@ def compute_area_from_limits(
 
         ½ Σ |p × e|
 
-    The tests compare the result with half-space intersection and convex hull.
+    The unit tests compare the result with half-space intersection and convex hull.
 
     Args:
         cross: Cross products C_i × C_j, shape (n, n) [-].

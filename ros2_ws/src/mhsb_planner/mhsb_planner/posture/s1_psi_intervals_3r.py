@@ -179,7 +179,7 @@ def find_feasible_intervals(m: MachineArrays, x: float, z: float, found: FloatAr
     given in the frame of these joints. An interval can be a single point. It can end at the angle
     at which the next interval begins.
 
-    The tests compare the result with a fine scan of ψ.
+    The unit tests compare the result with a fine scan of ψ.
 
     Args:
         m: Arrays of the machine.

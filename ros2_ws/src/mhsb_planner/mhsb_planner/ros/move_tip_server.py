@@ -218,9 +218,10 @@ class MoveTipServer:
     def _on_accepted(self, handle: Any) -> None:
         """Begin a goal that rclpy has accepted.
 
-        If `MOST_GOALS` goals have no result yet, the new goal ends at once with the verdict code
-        `DEADLINE`. The sentence then says that the goal must be sent again later. If `_begin`
-        raises an exception, this is recorded as a fault, and the goal ends with `INTERNAL`.
+        If `MOST_GOALS` goals have no result yet, the new goal ends at once. Its verdict has the
+        code `DEADLINE` and a sentence that asks the client to send the goal again later. If
+        `_begin` raises an exception, the exception is recorded as a fault, and the goal ends with
+        `INTERNAL`.
 
         Args:
             handle: rclpy's handle of the goal.

@@ -113,7 +113,7 @@ def make_zones(values: Mapping[str, Any], slews: bool) -> Zones:
 
 
 def _describe_numbers(kind: str) -> str:
-    """Describe the numbers of a zone, for arms with and without a slew.
+    """Describe what the numbers of a zone parameter mean, for arms with and without a slew.
 
     Args:
         kind: Kind of zone: boxes, circles, cylinders or spheres.

@@ -162,7 +162,7 @@ def expand(
     becomes useless in the list is removed without expansion; it still counts towards `limit`. The
     caller must hold the lock `PricedSteps.guard()`.
 
-    The tests compare the result with scipy.sparse.csgraph.dijkstra on the same graph.
+    The unit tests compare the result with scipy.sparse.csgraph.dijkstra on the same graph.
 
     Args:
         open_list: Open list and records of all states. Written in place.

@@ -121,7 +121,7 @@ def price_steps(
     inadmissible if a joint that needs boost is not boosted. Combinations that boost further joints
     are admissible only if the neighbour has no other admissible combination.
 
-    The tests compare the result with steps computed one by one in plain NumPy.
+    The unit tests compare the result with steps computed one by one in plain NumPy.
 
     Args:
         cost_model: Postures, forces, obstacles and hydraulic numbers of the graph.
@@ -176,14 +176,15 @@ def price_steps(
 def _mark_collisions(t: StepCostModel, i: int, first: int, count: int, middle: FloatArray) -> None:
     """Mark each move to a node's postures if it brings the arm too near to an obstacle.
 
-    A move between clear postures is clear if the sum of their clearances is at least the distance
-    that the arm travels. It is not clear if it leads from a clear posture to one that is too near.
-    All other moves are checked along the way. Moves that are marked already are skipped.
+    A move between two clear postures is collision-free if the sum of their clearances is at least
+    the distance that the arm travels. A move from a clear posture to one that is too near is marked
+    without a check. All other moves are checked along the way. Moves that are marked already are
+    skipped.
 
     Args:
         t: Postures, clearances and obstacles of the graph. Clearances are negative if a posture is
             too near.
-        i: Number of the posture that the moves leave.
+        i: Number of the posture in which the moves start.
         first: Number of the first posture of the node that is reached.
         count: Number of postures of that node.
         middle: Forces at the middle of each move, shape (count or more, n) [N]. If the move to
@@ -263,12 +264,12 @@ def _compute_move_forces(
     begin: int,
     end: int,
 ) -> None:
-    """Compute the cylinder forces at the middle of the moves that leave a range of postures.
+    """Compute the cylinder forces at the middle of the moves that start in a range of postures.
 
     A move leads straight in joint space from a posture to a posture of a neighbouring node. The
-    moves that leave the postures `begin` to `end` - 1 are computed. The rows of a move become NaN
-    if the tip leaves the workspace on the way. The tests compare the result with
-    `compute_middle_forces`.
+    moves that start in the postures `begin` to `end` - 1 are computed. The rows of a move become
+    NaN if the tip is outside the workspace anywhere on the way. The unit tests compare the result
+    with `compute_middle_forces`.
 
     Args:
         empty: Arrays of the machine without payload.

@@ -51,7 +51,7 @@ class PublishedSearch:
 
     The goal counts as one more node, the last.
 
-    The tests compare it with the same search written with dictionaries, on steps whose costs
+    The unit tests compare it with the same search written with dictionaries, on steps whose costs
     follow the equations.
     """
 
@@ -212,11 +212,11 @@ class PublishedSearch:
         return weight[0] * cost[:, self._query.energy_column] + weight[1] * cost[:, DURATION_COLUMN]
 
     def _relax(self, link: SearchEdge, cost: float) -> None:
-        """Replace the label of the node that a step reaches if the path with this step is cheaper.
+        """Replace a node's label if the path over a given step to this node is cheaper.
 
-        A label is the cost of the cheapest path to a node, and its last step. A final label stays,
-        and so does a label of equal cost. The step counts as generated. A new label is put on the
-        open list.
+        A label has the cost of the cheapest path to a node, and the last step of this path. A final
+        label is not replaced, and neither is a label of equal cost. The step counts as generated. A
+        new label is put on the open list.
 
         Args:
             link: Step that reaches the node or the goal.

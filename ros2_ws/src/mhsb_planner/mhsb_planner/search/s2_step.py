@@ -386,7 +386,7 @@ def price_steps_to_node(
     consistent if its combination boosts exactly the joints that need boost. If no step is
     consistent, steps that also boost other joints are admitted (STEP_UNNEEDED_BOOST).
 
-    The tests compare the result with the module's equations in plain NumPy.
+    The unit tests compare the result with the module's equations in plain NumPy.
 
     Args:
         c: Hydraulic coefficients of the machine.

@@ -280,7 +280,8 @@ def compute_least_times(
         m: Arrays of the whole arm, with the slew as joint 1.
         rows: Zones in space, one row each with kind and shape, float64[rows, ROW_WIDTH].
         path: The path, cut into stretches.
-        angle: Slew angle after each number of parts, float64[parts + 1], [rad].
+        angle: Slew angle at the ends of the parts of the stroke, float64[parts + 1], [rad]. Index
+            k: k parts are done.
         slew: Stroke and limits of the slew.
 
     Returns:
@@ -337,7 +338,8 @@ def _reconstruct_turning(
     Args:
         last_steps: Last step to each state, second result of `compute_least_times`.
         path: The path, cut into stretches.
-        angle: Slew angle after each number of parts, float64[parts + 1], [rad].
+        angle: Slew angle at the ends of the parts of the stroke, float64[parts + 1], [rad]. Index
+            k: k parts are done.
         slew: Stroke and limits of the slew.
 
     Returns:

@@ -233,10 +233,11 @@ class SlewingPaths:
     ) -> Iterator[PathProposal]:
         """Yield clear paths of the whole arm among zones in space, by three methods.
 
-        The methods take turns in the order of `schedule_in_turn`:
+        The methods yield paths alternately, in the order of `schedule_in_turn`:
 
         - Direct: planar paths as if there were no zones.
-        - Past shadows: planar paths that are clear at every slew angle of the turn.
+        - Past shadows: planar paths that are clear at every slew angle between start and goal. A
+          zone's shadow is the part of the arm's plane that is in the zone at any of these angles.
         - Carried: planar paths through a via point at which the arm may slew.
 
         Each planar path is combined with a slew motion on which the arm keeps clear. If there is no
@@ -244,8 +245,8 @@ class SlewingPaths:
         which the slew turns alone, is yielded a second time, with rests at these places.
 
         If zones raise the cost of a direct path by no more than FREE_COST_FACTOR, the other methods
-        are dropped. An error ends only its own method. If the deadline has passed and a path has
-        been found, the function returns.
+        end. An error ends only its own method. If the deadline has passed and a path has been
+        found, the function returns.
 
         Args:
             task: Path request of the whole arm.
