@@ -88,7 +88,7 @@ def animate(
 ) -> None:
     """Draw a recording, or a plan, as an animated GIF.
 
-    Give a recording, or --start and --goal of a plan, or --case for one of the paper's. The film
+    Give a recording, or --start and --goal of a plan, or --case for a case of the paper. The film
     shows the arm with its cylinders in the colours of their modes, the tip's path, and modes and
     supply pressures [MPa] over time [s].
 
@@ -171,8 +171,8 @@ def _read_recorded_move(
         over, in the move's time [s].
 
     Raises:
-        BagError: The recording cannot be read, or has fewer than two hydraulic states during its
-            references.
+        BagError: The recording cannot be read. Or fewer than two hydraulic states were recorded
+            between the first and the last reference.
     """
     # Recordings are decoded by ROS; plans are animated without it.
     from mhsb_tools.recording.bag_reader import read_recording

@@ -152,8 +152,8 @@ def _energy_lines(summary: Mapping[str, Any], tour: Mapping[str, Any]) -> list[s
     """Format the energy of a demo, and the planned energies of the same goals by other methods.
 
     Args:
-        summary: The report's summary; reads `energy_measured_j`, energy of main pump (`mp`) and
-            servo pumps (`sp`) [J].
+        summary: The report's summary. Only `energy_measured_j` is read: a dictionary with the
+            simulated energy of the main pump (`mp`) and of the servo pumps (`sp`) [J].
         tour: Planned energies for the same goals, each motion from rest to rest, as
             `compare_on_tour` returns them.
 

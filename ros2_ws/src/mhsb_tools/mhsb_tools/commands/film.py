@@ -85,8 +85,8 @@ def write_film(
         goals: Goals to mark, in time order. At each instant only the latest one is marked.
         file: GIF file to write; an existing one is replaced.
         speed: Seconds of the move that pass in one second of the film.
-        rate: Frames in one second of the film. The delay between frames is rounded to hundredths of
-            a second, at least two, because GIFs store it so.
+        rate: Frames in one second of the film. GIFs store the delay between frames in hundredths of
+            a second. The delay is rounded to this unit, and is at least 0.02 s.
         width: Width of the picture [pixels].
 
     Returns:

@@ -90,9 +90,9 @@ class MoveArguments:
             machine: The arm.
 
         Returns:
-            Start posture, shape (n,) [rad, telescopes m]; None if the option was left out. Then the
-            tip's position in `base_link`, (x, z) or (x, y, z) [m]: that of the posture, else the
-            value of `--start`; None if both were left out.
+            Start posture, shape (n,) [rad, telescopes m]; None without `--start-posture`. Then the
+            tip's position in `base_link`, (x, z) or (x, y, z) [m]: that of the start posture, else
+            the value of `--start`; None without both options.
 
         Raises:
             UsageError: The posture has a wrong number of values, or is given together with
@@ -395,9 +395,9 @@ def list_replaced_values(asked: PaperCase) -> list[str]:
             none.
 
     Returns:
-        Phrases such as `--goal 0.6 0.1 in place of its 0.55 0.6`. There is one for each of start,
-        goal, weights, planner and angle of joint 3 that differs from the case. Empty if the request
-        is based on no case.
+        Phrases such as `--goal 0.6 0.1 in place of its 0.55 0.6` (0.55 0.6 is the goal of the
+        case). There is one for each of start, goal, weights, planner and angle of joint 3 that
+        differs from the case. Empty if the request is based on no case.
 
     Raises:
         RequestError: The paper has no case of this name.

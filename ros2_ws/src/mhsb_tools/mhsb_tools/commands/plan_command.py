@@ -445,9 +445,9 @@ def compute_polytope_areas(planner: Planner, plan: Plan) -> dict[str, float | No
 
     Returns:
         A dictionary: `area_discrete_m2_s2` and `area_m2_s2` (mean area along the discrete path and
-        along the motion; None if the tip does not move), `area_reference_m2_s2` (area from which on
-        a polytope counts as full), and `area_shortfall_m` [m] (length of a path without any area
-        that would lose as much).
+        along the motion; None if the tip does not move), `area_reference_m2_s2` (smallest area that
+        counts as full), and `area_shortfall_m` [m], the shortfall. It equals the length of a path
+        with area 0 that would have the same shortfall.
     """
     motion, reference = plan.motion, compute_reference_area(planner.graph.table)
     path = compute_area_along_path(planner.machine, plan.path)
@@ -465,8 +465,9 @@ def format_area(area: dict[str, float | None]) -> str:
 
     Args:
         area: Result of `compute_polytope_areas`. The line shows `area_m2_s2` (mean area along the
-            motion), `area_reference_m2_s2` (area from which on a polytope counts as full) and
-            `area_shortfall_m` (length of a path without any area that would lose as much).
+            motion), `area_reference_m2_s2` (smallest area that counts as full) and
+            `area_shortfall_m`. The shortfall is the length of a path with area 0 that would have
+            the same manipulability loss [m].
 
     Returns:
         The line without a line break. If `area_m2_s2` is None, it says only that the tip does not

@@ -59,8 +59,8 @@ def _messages(bag: BagFolder, names: dict[str, Topic]) -> Iterator[RecordedMessa
     error is raised.
 
     Args:
-        bag: Recording with its data files. Its `problem` must be None; otherwise `listed_count` is
-            None, and BagError is raised after the last message.
+        bag: Recording with its data files. `bag.problem` must be None. Otherwise `bag.listed_count`
+            is None, too, and the comparison of numbers at the end raises BagError.
         names: Topics to yield, by their absolute names.
 
     Yields:

@@ -151,9 +151,10 @@ class Survey:
     def lost_count(self) -> int:
         """Number of messages known to be lost.
 
-        If the file has statistics, it is their number of messages minus the number of kept
-        messages, at least 0. Kept messages in chunks that the summary does not list are not
-        subtracted. Without statistics, it is the sum of `lost`.
+        If the file has statistics, the result is W - K, but at least 0. W is the number of written
+        messages by the statistics, and K the number of kept messages. Kept messages in chunks that
+        the summary does not list do not count in K. Without statistics, the result is the sum over
+        `lost`: messages in damaged chunks by the chunks' message indexes.
         """
         if self.written is not None:
             return max(0, self.written - (self.kept - self.unlisted))

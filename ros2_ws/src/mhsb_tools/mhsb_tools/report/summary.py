@@ -251,8 +251,8 @@ def _energies(energy: EnergyRecord) -> Summary:
     Returns:
         Four entries:
 
-        - energy_planned_j, energy_planned_series_j: planned energy in the readings `paper` and
-          `series`, two ways to price boosted oil [J]
+        - energy_planned_j, energy_planned_series_j: planned energy [J] with two prices of boosted
+          oil, `paper` and `series` (energy readings)
         - energy_measured_j: a dictionary with the energy of main pump (`mp`) and servo pumps (`sp`)
           [J]
         - energy_span_s: time from the first to the last report

@@ -90,8 +90,9 @@ def load_protocol(machine: Machine, path: Path | None = None) -> Protocol:
     Raises:
         YamlFileError: The file cannot be read.
         ScenarioError: Its content is invalid.
-        VariationError: The variations are invalid or do not fit the machine.
-        MhsbError: The machine does not have a value that varies, or a value leaves its range.
+        VariationError: The variations in the file are invalid, or there are none.
+        MhsbError: The machine does not have a value that a variation names, a varied value would be
+            outside its range, or a value with a factor is no number.
     """
     path = path or find_config_file(BENCHMARK_FILE)
     file = read_study_file(path, ProtocolFile)

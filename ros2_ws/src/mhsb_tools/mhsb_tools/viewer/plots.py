@@ -63,7 +63,7 @@ class Plots:
         self._losses: Any = gui.add_markdown(energy_flow.describe_energies(NO_NUMBERS))
 
     def show(self, lines: SnapshotColumns) -> None:
-        """Replace the lines of all plots, and the sentence that describes the last energies.
+        """Replace the lines of all plots, and the sentence on the energies at their end.
 
         Args:
             lines: States of the arm over time, at least one.
