@@ -1,7 +1,7 @@
 """Codec of `ActuatorSample` as sensor_msgs/JointState with one name for each quantity.
 
 No standard message describes hydraulic actuators. JointState has a stamp and named numbers, which
-plotting tools show by name. So each quantity is an entry such as `actuator_1/cap_pressure`, whose
+plotting tools show by name. So each quantity is an entry such as `actuator_1/cap_pressure`. Its
 value in SI units is in `position`. `velocity` and `effort` stay empty.
 """
 

@@ -175,7 +175,7 @@ def _find_row_of_other_length(rows: Rows, length: int) -> tuple[int, int]:
     """Find the first row whose length is not the expected one.
 
     Args:
-        rows: A 2-D array, whose rows all have the same length, or one sequence for each row.
+        rows: A 2-D array, or one sequence for each row.
         length: Expected length.
 
     Returns:

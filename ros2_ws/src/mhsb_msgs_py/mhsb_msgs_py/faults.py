@@ -149,14 +149,14 @@ class Faults:
         return guarded
 
     def get_recent_fault(self) -> str:
-        """Return the sentence of the last fault; empty after `SHOWN_FOR` seconds."""
+        """Return the sentence on the latest fault; empty `SHOWN_FOR` seconds after the fault."""
         return self.last if time.monotonic() - self._last_at < SHOWN_FOR else ""
 
     def get_status_values(self) -> dict[str, str]:
         """Return the values that describe the faults in a status on /diagnostics.
 
         Returns:
-            `faults`, the number of faults, and `last_fault`, the sentence of the last one.
+            `faults`, the number of faults, and `last_fault`, the sentence on the latest fault.
         """
         return {"faults": str(self.count), "last_fault": self.last}
 

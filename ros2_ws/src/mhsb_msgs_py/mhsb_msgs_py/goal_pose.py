@@ -1,11 +1,11 @@
 """Codec of `Goal` as geometry_msgs/PoseStamped.
 
 A goal can be given in two frames. In `base_link` it is (x, z), and y must be 0. `work_plane` is the
-arm's plane laid flat, for viewers that know only x and y. In this frame the goal is (x, y), and z
-must be 0. Arms that slew go to any (x, y, z) in `base_link`. For them, `work_plane` is the plane in
-which the arm is when the goal comes. The orientation has no meaning, and a quaternion of zeros is
-accepted. An orientation with NaN is refused, since it shows a faulty sender. The stamp identifies
-the goal.
+arm's plane as its x-y plane, for viewers that know only x and y. In this frame the goal is (x, y),
+and z must be 0. Arms that slew go to any (x, y, z) in `base_link`. For them, `work_plane` is the
+plane in which the arm is when the goal comes. The orientation has no meaning, and a quaternion of
+zeros is accepted. An orientation with NaN is refused, since it shows a faulty sender. The stamp
+identifies the goal.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ def decode(message: PoseStamped, frame_prefix: str = "", to_base: ToBase | None 
     """Decode a pose to a goal; whether the arm can go there is not checked.
 
     Args:
-        message: The pose, in `base_link` or in `work_plane` (the arm's plane laid flat: x forward,
-            y up).
+        message: The pose, in `base_link` or in `work_plane` (the arm's plane as the x-y plane: x
+            forward, y up).
         frame_prefix: Text before the names of frames.
         to_base: Function for arms that slew, which converts (x, y) in `work_plane` to (x, y, z) in
             `base_link` [m]. None for arms that do not slew.
@@ -112,7 +112,7 @@ def _goal_as_sent(position: Point, flat: bool, stamp_ns: int, slews: bool) -> Go
 
     Args:
         position: Position of the pose [m].
-        flat: Whether the frame is `work_plane` (the arm's plane laid flat).
+        flat: Whether the frame is `work_plane` (the arm's plane as its x-y plane).
         stamp_ns: Stamp of the message [ns].
         slews: Whether the arm slews.
 

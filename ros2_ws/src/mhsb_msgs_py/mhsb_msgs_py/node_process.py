@@ -34,7 +34,7 @@ LONGEST_DESTRUCTION = 5.0
 """Time in which a node must be destroyed, or its process ends with code 1 [s].
 
 Fast DDS 2.14 may wait for ever for the end of a callback if another participant leaves at the same
-moment. It keeps Python's lock meanwhile, so that no signal could end the process."""
+moment. Fast DDS keeps Python's lock meanwhile, so that no signal could end the process."""
 
 PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 """Environment variable with the path of Fast DDS's profile."""
@@ -222,7 +222,7 @@ def run_command_node(
 def _warn_of_unknown_parameters(node: Node) -> None:
     """Log a warning for each parameter of the command line that the node does not have.
 
-    rclpy drops such parameters silently.
+    rclpy ignores such parameters without a message.
 
     Args:
         node: The node.

@@ -45,7 +45,8 @@ def encode(
         namespace: Namespace of the simulator that sends it.
 
     Returns:
-        Message with one status, whose `hardware_id` is the full name of the simulator's node.
+        Message with one status. The status has the full name of the simulator's node as
+        `hardware_id`.
     """
     encoded = (
         _encode_hand_over(report)

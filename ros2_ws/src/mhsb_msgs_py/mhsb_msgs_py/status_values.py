@@ -147,7 +147,7 @@ class StatusValues:
         """Return a value as a member of an enumeration.
 
         Args:
-            key: Key of the value. Its text is that of a member.
+            key: Key of the value. The text is the value of a member.
             choices: The enumeration.
 
         Returns:
