@@ -74,7 +74,7 @@ class SimulatorReport:
         sentence: Sentence for a person; it names the fault or the warning if there is one.
         faulty: Whether a fault has stopped the arm, so that it accepts no plans.
         sim_time_ns: Simulated time [ns].
-        real_time_factor: Simulated time over real time since the last report [-].
+        real_time_factor: Simulated time over real time since the previous report [-].
         main_pump_j: Energy that the main pump has delivered since the start [J].
         servo_pumps_j: Energy that all servo pumps have delivered since the start [J].
         warning: Whether the sentence warns of something that has not stopped the arm.

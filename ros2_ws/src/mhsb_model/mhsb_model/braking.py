@@ -123,8 +123,8 @@ def extract_remainder(trajectory: Trajectory, at_ns: int) -> Trajectory | None:
         at_ns: Absolute time at which the part begins [ns].
 
     Returns:
-        The part, whose stamp 0 stands for `at_ns`. None if less than `MIN_POINT_SPACING_NS` is
-        left.
+        The part of the trajectory. Its stamp 0 stands for `at_ns`. None if less than
+        `MIN_POINT_SPACING_NS` is left.
     """
     if trajectory.end_ns - at_ns < MIN_POINT_SPACING_NS:
         return None
@@ -246,7 +246,7 @@ def _find_remaining_point_times(trajectory: Trajectory, at_ns: int) -> IntArray:
 
     The first point time is 0. The others are the trajectory's own later points, so that the quintic
     pieces between them stay the same. There are two exceptions. Points less than
-    `MIN_POINT_SPACING_NS` after `at_ns` are dropped, which changes the first interval slightly. If
+    `MIN_POINT_SPACING_NS` after `at_ns` are removed, which changes the first interval slightly. If
     the first remaining point is more than `MAX_POINT_SPACING_NS` after `at_ns`, another point is
     inserted half-way to it.
 

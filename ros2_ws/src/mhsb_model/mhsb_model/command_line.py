@@ -366,9 +366,9 @@ def _check_ranges(kinds: Mapping[str, Any], values: Mapping[str, Any]) -> None:
         values: Value of each argument by its name.
 
     Raises:
-        UsageError: A number is outside its range. The sentence names the first such argument, its
-            range and the number. It suggests another unit if the number, converted from that unit,
-            is within the range.
+        UsageError: A number is outside its range. The error's sentence names the first such
+            argument, its range and the number. It suggests another unit if the number, converted
+            from that unit, is within the range.
     """
     for name, value in values.items():
         limits = _get_range(kinds.get(name))

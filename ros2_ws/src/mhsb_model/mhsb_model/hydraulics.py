@@ -484,7 +484,8 @@ def scale_leakage(land_leakage: float, ratio: FloatOrArray) -> FloatOrArray:
 
     Args:
         land_leakage: Share s of the leakage past the lands at the rated drop [-].
-        ratio: Drop from supply to tank divided by the rated one, r ≥ 0 [-]; any shape.
+        ratio: Pressure drop from supply to tank, divided by the rated pressure drop, r ≥ 0 [-]; any
+            shape.
 
     Returns:
         Factor f [-], in the shape of `ratio`.

@@ -495,7 +495,7 @@ class Machine:
     def without_obstacles(self) -> Machine:
         """Return a copy of the machine without any obstacles.
 
-        Keep-out zones, ground, base, self-collision and shadows are dropped. `file_rating` is kept,
+        Keep-out zones, ground, base, self-collision and shadows are removed. `file_rating` is kept,
         but `arrays.external_leakage` becomes 0.
         """
         bare = self._make_similar_machine(self.config.model_dump(exclude={"keep_out"}), self.name)
@@ -614,8 +614,8 @@ class Machine:
     def postures(self, x: float, z: float, psi: FloatArray) -> FloatArray:
         """Compute postures within the joint limits for a tip position and given end-link angles.
 
-        For three revolute joints the result is complete. For longer chains and telescopes it is a
-        sample, in which the additional joints take evenly spaced positions.
+        For three revolute joints the result is complete. For longer chains and telescopes the
+        result is a sample: the additional joints take evenly spaced positions.
 
         Args:
             x: Tip position in the arm's plane, forward [m].
@@ -756,7 +756,7 @@ class Machine:
 
     @cached_property
     def obstacles(self) -> Obstacles:
-        """Everything that the arm keeps clear of: obstacles of the file, then the shadows.
+        """Everything that the arm keeps clear of: obstacles of the file, then shadows of zones.
 
         Obstacles of the file are zones, ground, base and the arm itself. Shadows are obstacles in
         the arm's plane that stand for zones in space.
@@ -806,15 +806,15 @@ class Machine:
         return problems
 
     def check_in_workspace(self, position: Position) -> None:
-        """Check that a position is in the workspace, in which the tip may be asked to work.
+        """Check that a position is in the workspace, as goals for the tip must be.
 
         Args:
             position: (x, z), or (x, y, z) if joint 1 slews, in `base_link` [m].
 
         Raises:
             OutOfWorkspaceError: x, the distance from the origin, or the slew's angle is outside its
-                limits. The origin is joint 1, or joint 2 of a slewing arm. The sentence suggests
-                another unit if the position fits in it.
+                limits. The origin is joint 1, or joint 2 of a slewing arm. The error's sentence
+                suggests another unit if the position fits in it.
         """
         limit = self._describe_workspace_limit(position)
         if limit:

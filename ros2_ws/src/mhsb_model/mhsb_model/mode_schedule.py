@@ -64,12 +64,12 @@ class ModeSchedule:
 
     @property
     def end_ns(self) -> int:
-        """Absolute time of the last row, whose modes stay in force for good [ns]."""
+        """Absolute time of the last row [ns]; its modes stay in force for all later times."""
         return self.stamp_ns + int(self.offset_ns[-1])
 
     @property
     def switch_count(self) -> int:
-        """Number of mode changes between the rows, summed over the actuators."""
+        """Number of mode changes from row to row, summed over the actuators."""
         return int(np.count_nonzero(np.diff(self.modes.astype(np.int64), axis=0)))
 
     def shifted(self, delta_ns: int) -> ModeSchedule:

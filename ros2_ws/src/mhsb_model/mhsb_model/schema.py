@@ -327,8 +327,8 @@ def _choose_joint_kind(content: Any) -> str:
         content: A joint as read from the file, or a joint object.
 
     Returns:
-        "prismatic" or "slew" if the content has this kind. Otherwise "revolute", whose validation
-        then reports a wrong kind.
+        "prismatic" or "slew" if the content has this kind. Otherwise "revolute"; the validation of
+        this kind then reports a wrong kind.
     """
     kind = content.get("kind") if isinstance(content, dict) else getattr(content, "kind", None)
     return kind if kind in ("prismatic", "slew") else "revolute"

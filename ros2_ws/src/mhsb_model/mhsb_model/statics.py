@@ -257,7 +257,7 @@ def _add_slew_torques(
 
         I = I₀ + Σ m ρ² + Σ J cos²φ
         τ₁ = I q̈₁ + İ q̇₁
-        τⱼ = τⱼ,before − ½ ∂I/∂qⱼ q̇₁²,   j > 1
+        τⱼ = τⱼ,before − ½ (∂I/∂qⱼ) q̇₁²,   j > 1
 
     q₁ is the slew's angle and qⱼ the position of joint j. I is the inertia of the whole arm about
     the slew's axis, and I₀ the inertia of the platform alone. ρ is the distance of each mass m from

@@ -103,8 +103,8 @@ class PlanSummary:
         switches: Number of mode changes, summed over the actuators.
         plan_ms: Time from receiving the goal to publishing the plan [ms].
         lower_bound_j: Lower bound on the energy of every plan to this goal [J].
-        lead_ms: Time from receiving the goal to the instant at which the new curve leaves the old
-            [ms].
+        lead_ms: Time from receiving the goal to the instant at which the new curve deviates from
+            the old curve [ms].
         continued: Whether the plan in force already leads to the goal, so that nothing was
             published.
         speed_excess: Largest |v|/V_max − 1 of a piston [-]; negative if V_max is kept.
@@ -194,8 +194,8 @@ class ExecutionReport:
         goal_stamp_ns: Stamp of the goal [ns].
         plan_stamp_ns: Stamp of the last plan that was sent for it [ns].
         attempts: Number of plans that were sent for it.
-        lead_ms: Time from receiving the goal to the instant at which the last plan's curve leaves
-            the old one [ms].
+        lead_ms: Time from receiving the goal to the instant at which the last plan's curve deviates
+            from the old one [ms].
         reason: Verdict code that explains an abort, for instance DEADLINE or FAULT; else None.
     """
 

@@ -184,15 +184,15 @@ def compute_constants(machine: Machine, substep: float) -> Records[CircuitConsta
     Flows at a rated pressure drop become coefficients: Q/√Δp of an orifice, Q/Δp of a linear valve.
     Volumes become capacities V/β, and lags τ become decays e^(−substep/τ).
 
-    The bulk modulus β depends on the difference ΔT of the oil's temperature from FILE_TEMPERATURE,
-    and so does the viscosity µ (`compute_viscosity_ratio`):
+    The bulk modulus β and the viscosity µ (`compute_viscosity_ratio`) depend on the difference ΔT
+    of the oil's temperature from FILE_TEMPERATURE:
 
         β/β_file = e^(−k_β ΔT)
 
     k_β is BULK_MODULUS_SLOPE. Viscous friction is proportional to µ. The laminar flows of the
     rail's bleed valve, of the servo valves' lands and of the servo pumps' slip are proportional to
-    1/µ. The pressure drop at which an orifice turns laminar is proportional to µ², since it follows
-    from the Reynolds number.
+    1/µ. The pressure drop at which an orifice becomes laminar is proportional to µ², since it
+    follows from the Reynolds number.
 
     Components that the machine file leaves out get values that switch them off: bristle stiffness
     0, accumulator volume 0, spool rate inf.

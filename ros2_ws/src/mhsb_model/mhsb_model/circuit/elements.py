@@ -24,7 +24,7 @@ def compute_orifice_flow(k: float, drop: float, laminar: float) -> tuple[float, 
 
         Q = k Δp / (Δp² + Δp_c²)^¼
 
-    The flow tends to k √|Δp| with the sign of Δp if |Δp| ≫ Δp_c. It is smooth through zero.
+    The flow tends to k √|Δp| with the sign of Δp if |Δp| ≫ Δp_c. The function is smooth at Δp = 0.
 
     Args:
         k: Flow coefficient [m³/(s √Pa)].
@@ -391,7 +391,7 @@ def compute_accumulator_capacity(
 
     With p V^n = p₀ V₀^n:
 
-        C = −dV/dp = V₀/(n p) (p₀/p)^(1/n)
+        C = −dV/dp = [V₀/(n p)] (p₀/p)^(1/n)
 
     Args:
         pressure: Oil pressure p [Pa].
@@ -421,7 +421,7 @@ AIR_EXPONENT = 1.4
 def compute_air_factor(bulk_modulus: float, air: float, pressure: float) -> float:
     """Compute the factor by which free air raises the compressibility of the oil.
 
-        β/β_e = (1 + r β/(n p)) / (1 + r),   r = α/(1 − α) (p₀/p)^(1/n)
+        β/β_e = (1 + r β/(n p)) / (1 + r),   r = [α/(1 − α)] (p₀/p)^(1/n)
 
     β_e is the effective bulk modulus, and r the ratio of the air's volume to the oil's. The air
     follows p V^n = constant with n = AIR_EXPONENT. It does not dissolve. The compression of the oil

@@ -52,7 +52,7 @@ class CircuitConstants(Record):
     manifold_capacity: float
     """Capacity V/β of the main pump's manifold [m³/Pa]."""
     laminar_pressure: float
-    """Pressure drop at which an orifice turns laminar [Pa]."""
+    """Pressure drop at which an orifice becomes laminar [Pa]."""
     leakage_coefficient: float
     """Coefficient of a servo valve's leakage that does not pass a work port [m³/(s √Pa)]."""
     land_conductance: float

@@ -34,8 +34,8 @@ from mhsb_model.types import FloatArray, IntArray
 POSITION_TOLERANCE = 1e-5
 """Excess over a joint limit that is tolerated [rad, m].
 
-A braking command samples its plan anew every 20 ms. Across a jump of the jerk by 1000 rad/s³ it
-then leaves the plan's curve by this much."""
+A braking command samples its plan again every 20 ms. Across a jump of the jerk by 1000 rad/s³ it
+then deviates from the plan's curve by this much."""
 
 POSITION_ROUNDING = 8.0 * 2.0**-52
 """Relative error of a position in a message, from rounding and a few operations before it.

@@ -188,8 +188,8 @@ def _describe_wrong_length(item: Any, value: str) -> str:
 def _describe_unknown_key(key: str, keys: Sequence[str]) -> str:
     """Describe a key that the schema does not have, and suggest valid ones.
 
-    The sentence does not repeat the key; the caller puts the path, which ends with the key, before
-    it.
+    The result is a sentence without the key. The caller puts the path, which ends with the key,
+    before this sentence.
 
     Args:
         key: Unknown key.

@@ -86,7 +86,7 @@ def _find_postures_closed_by_telescope(
 
     For each end-link angle ψ the extension of this telescope follows from the tip position. There
     are up to two solutions if the telescope is beyond both revolute joints, otherwise up to one.
-    Solutions beyond the joint limits are dropped. The first revolute joint has the index 0.
+    Solutions beyond the joint limits are left out. The first revolute joint has the index 0.
 
     Args:
         m: Planar machine (without a slewing joint).

@@ -43,7 +43,7 @@ IMPORT_PATTERN = re.compile(rb"^from (mhsb_[\w.]+) import (?:\(([^)]*)\)|(.*))",
 """Import of names from a module of the suite: the module, and the names in or without brackets."""
 
 CONSTANT_PATTERN = re.compile(rb"\b[A-Z][A-Z0-9_]*\b")
-"""Name in capitals, by which an imported constant is recognized."""
+"""Pattern of names in capitals. An imported name that fits it counts as a constant."""
 
 FOLDER_CAPACITY = 3
 """Number of newest cache folders that are kept; other checkouts or versions may use them."""

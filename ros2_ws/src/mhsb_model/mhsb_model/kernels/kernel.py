@@ -27,7 +27,7 @@ class Kernel:
         """Wrap a function without importing numba or compiling anything.
 
         Args:
-            function: Python function, whose name and docstring the kernel takes over.
+            function: Python function. The kernel gets its name and docstring.
             options: Options of `numba.njit`.
             reads: True if the function writes to no argument.
         """

@@ -104,9 +104,10 @@ class _BarProgress:
 def _find_marker_files(parts: Sequence[str]) -> dict[str, Path]:
     """Return the path of each function's marker file.
 
-    The file exists if the kernels that the function calls are in the cache. Its name is a hash of
-    the function's name, all kernel sources, their folder, the Python version and the processor. The
-    folder matters, since numba identifies kernels by it, too. NUMBA_CACHE_DIR must be set.
+    The file exists if the kernels that the function calls are in the cache. The file's name is a
+    hash of the function's name, all kernel sources, their folder, the Python version and the
+    processor. The folder matters, since numba identifies kernels by it, too. NUMBA_CACHE_DIR must
+    be set.
 
     Args:
         parts: Functions as `MODULE:FUNCTION`.

@@ -81,7 +81,7 @@ class SharedDispatcher:
         - If a stored version could not be read, all stored versions are deleted. The second run
           compiles.
 
-        Errors of numba's compiler are raised at once, and so are all errors of the second run.
+        Errors of numba's compiler and all errors of the second run are raised at once.
 
         Args:
             compile_version: Function without arguments that compiles or loads a version.

@@ -1,6 +1,6 @@
 """Sorting inside kernels.
 
-Numba's own `ndarray.sort` is compiled anew with each kernel that calls it. That takes a second,
+Numba's own `ndarray.sort` is compiled again with each kernel that calls it. That takes a second,
 longer than most kernels take.
 """
 

@@ -130,8 +130,8 @@ def evaluate_four_bar(
     """Compute rocker, cylinder length and moment arm of a four-bar linkage at a joint angle.
 
     Points are in the parent link's frame, with the origin at the joint: rocker pivot R, cylinder
-    pin K, child pin C, and rocker tip P, at which the cylinder pushes. Vectors are the rocker W = P
-    − R, the coupler V = P − C and the cylinder U = P − K. a and b are the lengths of rocker and
+    pin K, child pin C, and rocker tip P. The cylinder pushes at P. Vectors are the rocker W = P −
+    R, the coupler V = P − C and the cylinder U = P − K. a and b are the lengths of rocker and
     coupler, and µ is the transmission angle between them. σ = ±1 says on which side of the line RC
     the tip P is. × is the cross product:
 

@@ -38,8 +38,8 @@ def build_linkage_row(linkage: Linkage, lower: float = 0.0) -> FloatArray:
 
     Args:
         linkage: Linkage of a machine file.
-        lower: Lower limit of a slew [rad], at which its cylinder length is set to 0 m. Other
-            linkages ignore it.
+        lower: Lower limit of a slew [rad]. The slew's cylinder length is set to 0 m at this angle.
+            Other linkages ignore it.
 
     Returns:
         float64[LINKAGE_WIDTH]: the kind of linkage, then its numbers, filled up with zeros.

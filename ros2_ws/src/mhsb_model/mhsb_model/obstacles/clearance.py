@@ -49,7 +49,7 @@ from mhsb_model.types import FloatArray, IntArray
 MIN_PART_TRAVEL = 1e-3
 """Travel below which a part of a move is not divided further [m].
 
-Within such a part the clearance is at most half of this less than at its ends."""
+Within such a part the clearance is lower than at its ends by at most half of this value."""
 
 MAX_HALVINGS = 32
 """Largest number of times that a part of a move is halved."""

@@ -119,8 +119,8 @@ def _project_zone(
             the sector that the plane sweeps [m]. Not used for a sphere.
 
     Returns:
-        Row of a circle (for a sphere) or a box in the plane, float64[ROW_WIDTH]. Its link index is
-        one less than in `row`, since the planar arm has no slew.
+        Row of a circle (for a sphere) or a box in the plane, float64[ROW_WIDTH]. The result's link
+        index is one less than in `row`, since the planar arm has no slew.
     """
     shadow = np.zeros_like(row)
     shadow[[KIND_COLUMN, LINK_COLUMN]] = BOX_KIND, row[LINK_COLUMN] - 1

@@ -78,8 +78,8 @@ def zone_numbers(slews: bool) -> Mapping[str, tuple[str, ...]]:
         slews: Whether joint 1 of the arm slews.
 
     Returns:
-        Names of the numbers [m] in order, by kind; for instance "circles" gives x, z and radius. It
-        is `IN_SPACE` for an arm that slews, otherwise `IN_PLANE`.
+        Names of the numbers [m] in order, by kind; for instance "circles" gives x, z and radius.
+        The result is `IN_SPACE` for an arm that slews, otherwise `IN_PLANE`.
     """
     return IN_SPACE if slews else IN_PLANE
 
