@@ -218,9 +218,9 @@ class InverseCurve:
     def restore(self, learnt: DirectionResponse) -> None:
         """Replace the curve by a curve from an estimates file.
 
-        The file's curve is interpolated at the knots of this curve. The standard deviations are
-        those of the file, but at most those of a new curve. The correlations are those of a new
-        curve.
+        This curve has values at given speeds, its knots. The file's curve is interpolated at these
+        knots. The standard deviations are those of the file, but at most those of a new curve. The
+        correlations are those of a new curve.
 
         Args:
             learnt: The curve of the file.
@@ -317,7 +317,7 @@ class InverseCurve:
         """Move the covariance towards the initial one.
 
         Args:
-            time: Time since the last call [s].
+            time: Time since the previous call [s].
         """
         share = min(time / self._settings.forgetting_time, 1.0)
         self.covariance += share * (self._prior - self.covariance)
@@ -370,7 +370,7 @@ class DelayEstimate:
             expected: Mean speed that the commands should have caused in the window, for each
                 candidate delay, float64[c], [m/s].
             moved: Measured mean speed [m/s].
-            time: Time since the last call [s].
+            time: Time since the previous call [s].
         """
         keep = max(1.0 - time / self._forgetting_time, 0.0)
         self._moved = keep * self._moved + time * moved**2

@@ -742,10 +742,10 @@ def set_supply_targets(
 
     The first time is when a pump command sent now acts. The second time is the preview point, a
     fixed time ahead. `compute_supply_need` gives both pressures, with the bias d (an estimate of
-    the unmodelled force) added to all forces. The first target is at least the second one, so that
-    the line is charged in time. If the piston reverses before the preview point, the first target
-    is also at least the pressure that holds the whole force at standstill. The pump has to carry
-    this force when the piston reverses.
+    the unmodelled force) added to all forces. The first target is at least the second target, so
+    that the line is charged in time. If the piston reverses before the preview point, the first
+    target is also at least the pressure that holds the whole force at standstill. The pump has to
+    carry this force when the piston reverses.
 
     Args:
         axis: State of the cylinder's control axis. Writes `supply_target` and `target_ahead` [Pa]

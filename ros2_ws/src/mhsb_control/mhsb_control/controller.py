@@ -57,9 +57,9 @@ class ServoSignals:
         serves: Actuator that each module serves, int64[m]; −1 if idle.
         circuit: Circuit as the controller knows it, not the simulated one. The controller writes
             `valve_command` and `join_command` of its actuators, and `flow_command` and
-            `to_rail_command` of its modules. Its pump flows are measured by the pumps' speeds. Its
-            positions of join valves and diverters are computed: they follow their commands as the
-            machine file describes.
+            `to_rail_command` of its modules. The pump flows in `circuit` are measured by the pumps'
+            speeds. Its positions of join valves and diverters are computed: they follow their
+            commands as the machine file describes.
         valve_overlap: Overlaps of each valve that the controller compensates, extending and
             retracting, as shares of the spool's stroke, float64[n, 2]; 0 if the controller does not
             estimate overlaps. The controller writes them.
@@ -131,8 +131,8 @@ class Controller(Protocol):
     `search_ranges` are the gains that `tune` searches; without them the controller is left out."""
 
     usual_error: float
-    """Normal distance of the tip from its reference, for an arm of the paper's size [m]. It is
-    scaled to other arms, and the reference governor slows down by it."""
+    """Normal distance of the tip from its reference, for an arm of the paper's size [m]. The
+    distance is scaled to other arms; the reference governor slows the plan by it."""
 
     preview: float
     """Time by which modes are prepared in advance [s], 0 if none are. The reference reaches further

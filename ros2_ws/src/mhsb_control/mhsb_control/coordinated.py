@@ -370,7 +370,7 @@ def compute_speed_gain(
 
     The valve's flow coefficient is that of the machine file, not an estimated one.
 
-        G = K [A β/V_A S(Δp_A) + a β/V_B S(Δp_B)]/k_h
+        G = K [A (β/V_A) S(Δp_A) + a (β/V_B) S(Δp_B)]/k_h
         κ = |x| K [(A β/V_A)² S'(Δp_A) + (a β/V_B)² S'(Δp_B)]/k_h
 
     x is the valve opening and k_h the stiffness of the oil [N/m]. A and a are the piston areas on
@@ -681,7 +681,8 @@ def join_line(s: ServoArguments, p: PumpState, j: int, settings: CoordinationSet
     Returns:
         Opening of the join valve, 0 … 1. It is 1 if the line is joined. Before that, the valve is
         throttled to the sum of two flows: what the line needs beyond its own pump, and what raises
-        the line's pressure to its target. It is 0 if the rail's pressure is not above the line's.
+        the line's pressure to its target. The valve is shut if the rail's pressure is not above the
+        line's.
     """
     axis, c, line_pressure = s.axes[j], s.constants[0], s.sensors[j].line_pressure
     drop = s.rail_pressure[0] - line_pressure

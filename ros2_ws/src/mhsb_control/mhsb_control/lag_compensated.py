@@ -17,8 +17,8 @@ oscillation does not pass through the delayed feedback, which would excite it. T
 part: the learnt curve removes lasting errors. An integral would wind up while a dead band is
 learnt.
 
-At rest the position is corrected by single commands. A new correction begins only when the last one
-has acted.
+At rest the position is corrected by single commands. A new correction begins only when the previous
+correction has acted.
 
 Speeds beyond the fastest known knot of a curve are limited until the curve is known. Servo pumps
 deliver the flow A_dir |v| that the pistons take at the demanded speeds. A_dir is the piston area

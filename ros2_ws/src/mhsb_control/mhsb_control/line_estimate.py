@@ -301,8 +301,8 @@ def compute_fed_flows(s: ServoArguments, fed: FloatArray, shut_opening: float) -
             Column 0 is the flow of all pumps, idle ones included, minus their slip [m³/s]. Column 1
             is 1 if a pump that is not idle feeds the line or rail, else 0. Column 2 is the slip
             [m³/s].
-        shut_opening: Largest opening, towards the line or towards the rail, at which a diverter
-            counts as shut on that side; only for column 1.
+        shut_opening: A diverter counts as shut on one side (towards the line or towards the rail)
+            if its opening to this side is at most `shut_opening`. Used only for column 1.
     """
     fed[:] = 0.0
     modules, module_home, serves, c = s.modules, s.module_home, s.serves, s.constants[0]
@@ -337,7 +337,7 @@ def accumulate_balance(
 ) -> bool:
     """Add one step to an oil balance, and return whether its window of steps is complete.
 
-    The window starts anew if the set of lines or `manifold_feeds` has changed. The first call of a
+    A new window starts if the set of lines or `manifold_feeds` has changed. The first call of a
     window only records the flow of the pumps, so a window takes `window_steps` + 1 calls. The rail
     is the line that several servo pumps feed in shared boost. The oil that the rail itself takes
     counts only in the balance of the rail.
@@ -351,7 +351,7 @@ def accumulate_balance(
         k: Index of the balance: k < n for line k alone, n for the rail with its joined lines.
         members: Set of the lines in the balance, bit j for line j; 0 discards the window.
         manifold_feeds: 1 if the main pump may feed the lines as well, else 0.
-        flow: Flow of the servo pumps into these lines [m³/s].
+        flow: Flow of the servo pumps into the lines of `members` [m³/s].
         step: Control period [s].
         window_steps: Number of steps that a window sums up.
 

@@ -1,4 +1,4 @@
-"""Strokes, torques and rates of a machine, by which relative tuned numbers are multiplied."""
+"""Strokes, torques and rates of a machine: the units of tuned numbers without dimension."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def compute_braking_rate(machine: Machine) -> float:
     A piston at the speed V_max is braked by the main pump's pressure P_S in its return chamber, on
     the rod-side area a. All other joints are at rest:
 
-        rate = min P_S a r²/(M_jj V_max)
+        rate = min (P_S a r²/(M_jj V_max))
 
     r is the moment arm [m] and M_jj the joint's inertia [kg m²]. The minimum is taken over all
     joints and over random postures. Gravity is neglected.

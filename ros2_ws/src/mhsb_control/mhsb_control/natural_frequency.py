@@ -1,4 +1,4 @@
-"""Natural frequencies of the arm on the oil in its cylinders, from which the gains are set."""
+"""Natural frequencies of the arm on the oil in its cylinders. The gains are computed from them."""
 
 from __future__ import annotations
 

@@ -191,7 +191,7 @@ def build_drive_estimates(
 def update_drive_estimates(
     d: DriveEstimates, modules: Records[ModuleState], settings: DriveSettings
 ) -> bool:
-    """Add one step of all pumps to the window, and predict each pump's flow.
+    """Add one step of all pumps to the present window of steps, and predict each pump's flow.
 
     Call it before the pumps get new commands. Each pump's flow is predicted for the instant when
     the next command begins to act. A window has `window_steps` steps. At its end, lag and delay are
@@ -207,7 +207,7 @@ def update_drive_estimates(
         settings: Tuned numbers.
 
     Returns:
-        True if lag and delay were estimated anew in this step.
+        True if lag and delay were estimated again in this step.
     """
     own = d.record[0]
     reach = own.largest_change / own.theta

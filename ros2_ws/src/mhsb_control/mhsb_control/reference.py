@@ -159,7 +159,7 @@ class ReferencePreview:
 
         Returns:
             True if, now or at point `PREVIEW_POINT`, another row of the mode schedule applies than
-            at the last call. True at the first call after `follow`.
+            at the previous call. True at the first call after `follow`.
         """
         now, ahead = self._rows
         self._evaluate(self._spacing_ns, time_ns - self.trajectory.stamp_ns)
@@ -291,8 +291,8 @@ def scale_speed(state: FloatArray, rate: float, change: float) -> None:
     `change` times the velocity at full speed is added to the acceleration.
 
     Args:
-        state: Position, velocity and acceleration, float64[3, n]. The last two are written in
-            place.
+        state: Position, velocity and acceleration, float64[3, n]. Velocity and acceleration are
+            written in place.
         rate: Rate s.
         change: Rate of change ds/dt [1/s].
     """

@@ -69,7 +69,7 @@ MachineConfigWithGains = build_schema(REGISTERED_CONTROLLERS)
 """Schema of a machine file with the gains of all registered controllers."""
 
 ServoWithGains = MachineConfigWithGains.model_fields["servo"].annotation
-"""Schema of its section `servo`, by which machines are pickled."""
+"""Schema of its section `servo`; pickled machines contain it."""
 
 
 def get_controller_class(name: str) -> type[Controller]:
@@ -190,8 +190,8 @@ def make_controller(
         machine: The machine as declared in its file (the real one may differ).
         signals: Arrays that the controller reads and writes in each step. They must contain present
             readings.
-        learnt: Learnt response of each actuator by its name, with which the controller begins.
-            None: the controller begins with the values of the machine file.
+        learnt: Learnt response of each actuator by its name; the controller's first estimate. None:
+            the controller begins with the values of the machine file.
 
     Returns:
         The controller, in its initial state.

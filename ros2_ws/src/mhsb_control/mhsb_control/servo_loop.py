@@ -52,7 +52,7 @@ class ServoLoop:
             controller: Name of a registered controller, such as "coordinated".
             machine: The machine as declared in its file (the real one may differ).
             signals: Signals with the present sensor readings; they are shared with the caller.
-            learnt: Learnt response of each actuator by its name, with which the controller begins.
+            learnt: Learnt response of each actuator by its name; the controller's first estimate.
                 None to begin with the values of the machine file.
 
         Raises:
@@ -81,8 +81,8 @@ class ServoLoop:
         Reference, mode guard and modes are not changed.
 
         Args:
-            learnt: Learnt response of each actuator by its name, with which the new controller
-                begins. None to begin with the values of the machine file.
+            learnt: Learnt response of each actuator by its name; the new controller's first
+                estimate. None to begin with the values of the machine file.
 
         Raises:
             ArgumentError: `learnt` is given, but the controller does not learn.
@@ -111,7 +111,7 @@ class ServoLoop:
     def update_reference(self, time_ns: int) -> None:
         """Evaluate the reference now and ahead, and update the modes if necessary.
 
-        Modes and booster modules are set anew if another row of the mode schedule applies, now or
+        Modes and booster modules are set again if another row of the mode schedule applies, now or
         at the preview point.
 
         Args:
@@ -124,7 +124,7 @@ class ServoLoop:
         """Run the mode guard and the controller for the present sensor readings.
 
         The guard may slow the plan or request boost. If its requests have changed, modes and
-        modules are set anew. Then the controller writes its commands into `signals`.
+        modules are set again. Then the controller writes its commands into `signals`.
         """
         if self._watch():
             self.prepare_modes()

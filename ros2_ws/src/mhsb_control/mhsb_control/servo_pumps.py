@@ -584,9 +584,9 @@ def compute_rail_demand(s: ServoArguments, p: PumpState, pending: float) -> floa
 
     Args:
         s: Signals, circuit, axes and estimates of the servo.
-        p: State of the pumps. Changed in place: the rail's entries of `volume` and
-            `leakage_uncertainty` (the last ones) are written, and `charging_flow_left` is reduced
-            by the charging flow.
+        p: State of the pumps. Changed in place: the rail's entries (at the end) of `volume` and
+            `leakage_uncertainty` are written, and `charging_flow_left` is reduced by the charging
+            flow.
         pending: Oil that earlier commands still bring into the rail [m³]; it limits the result.
 
     Returns:

@@ -253,7 +253,7 @@ class EstimatedValve(Record):
     least_driving_pressure: float
     """Least `driving_pressure` in the present window [Pa]."""
     surprises: int
-    """Number of windows in sequence, up to the last one, whose stroke overlap alone explains."""
+    """Number of surprising windows in sequence, the last window included."""
     steps: int
     """Number of steps in the present window."""
     sign: float

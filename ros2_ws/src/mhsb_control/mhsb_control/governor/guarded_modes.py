@@ -28,7 +28,7 @@ def combine_modes(
     3. An actuator with a request goes to N if the schedule does not boost it.
 
     Each of these three steps begins with the actuator that has the largest reserve. If modules have
-    failed, the three steps may not suffice. Then all requests are dropped, and the scheduled modes
+    failed, the three steps may not suffice. Then all requests are ignored, and the scheduled modes
     are lowered one actuator at a time in the same order. First SB becomes DB, then DB becomes N.
 
     Args:

@@ -68,7 +68,7 @@ class ModeGuard:
             signals: Signals of the servo controller, which the guard reads in each step.
             reference: The reference, which the guard slows.
             usual_error: Distance of the tip from its reference that is normal for an arm of the
-                paper's size [m]. It is scaled with the size of the machine.
+                paper's size [m]. The guard scales the distance with the size of the machine.
         """
         modules = machine.config.hydraulics.modules
         self._per_mode = modules.per_mode
@@ -79,7 +79,7 @@ class ModeGuard:
         self.watch = bind_kernel(run_governor_step, self._state)
 
     def reset(self) -> None:
-        """Restart the filters, drop all boost requests, and set the plan to full speed.
+        """Restart the filters of pressures, end all boost requests, and set the plan to full speed.
 
         The counts of interventions and the delay of the reference behind the plan are kept.
         """

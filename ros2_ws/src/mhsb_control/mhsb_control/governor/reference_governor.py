@@ -12,8 +12,8 @@ reserve that the main pump leaves in mode N is too small, the actuator is booste
 when the reserve has been large for a while. If boost does not suffice, or does not act yet, the
 plan is slowed. The rate of the plan falls with the smallest reserve, with a valve that stays nearly
 open, and with the tip's distance from its reference. A plan is held only if the line of a moving
-actuator has almost no pressure beyond p_L. Otherwise the rate stays at a small value, with which
-the arm still moves.
+actuator has almost no pressure beyond p_L. Otherwise the rate stays at a small value, and the arm
+still moves.
 """
 
 from __future__ import annotations
@@ -294,7 +294,7 @@ def build_governor_state(
         signals: Signals of the servo controller; their arrays are shared, not copied.
         reference: The reference that is slowed; its speed scaling is shared.
         usual_error: Distance of the tip from its reference that is normal for an arm of the paper's
-            size [m]. It is multiplied by the machine's relative size.
+            size [m]. The governor multiplies the distance by the machine's relative size.
         settings: Tuned numbers.
 
     Returns:
