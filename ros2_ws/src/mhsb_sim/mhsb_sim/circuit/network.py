@@ -546,7 +546,7 @@ def connect_lands(circuit: Circuit, j: int, count: int) -> int:
 
     Args:
         circuit: The circuit. Writes into `net` in place, and adds to `supply_flow` of the actuator.
-        j: Index of the actuator, whose spool has been moved in this substep.
+        j: Index of the actuator. Its spool must have been moved in this substep.
         count: Number of elements so far.
 
     Returns:

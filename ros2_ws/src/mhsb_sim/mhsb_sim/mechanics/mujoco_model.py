@@ -182,7 +182,7 @@ def _add_link(
 
 
 def _draw_platform(body: mujoco.MjsBody, platform: Platform) -> None:
-    """Draw the platform of a slew as a turntable, whose radius is the distance to joint 2.
+    """Draw the platform of a slew as a turntable with the distance to joint 2 as radius.
 
     Args:
         body: Body of the platform.

@@ -5,7 +5,7 @@ Frames:
 - `base_link` at joint 1 (x forward, y to the left, z up),
 - `link_1` … at the joints, with x along the link,
 - `tip` at the end,
-- `work_plane` at the base, with the arm's plane laid flat (x forward, y up).
+- `work_plane` at the base, with the arm's plane as its x-y plane (x forward, y up).
 
 A positive angle raises the link, so that joints turn about −y. Telescopes slide along x, from the
 tip of the link before. If joint 1 slews, it turns about z. `base_link` then lies on its axis at the

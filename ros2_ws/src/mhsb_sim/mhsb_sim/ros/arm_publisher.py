@@ -148,8 +148,8 @@ class ArmPublisher:
         """Return whether the simulator's report is due.
 
         The period of the report is normally REPORT_PERIOD. It is DELAY_PERIOD if the plan delay has
-        changed since the last report. The plan delay is the time that the reference lags behind the
-        plan because of speed scaling.
+        changed since the previous report. The plan delay is the time that the reference lags behind
+        the plan because of speed scaling.
 
         Returns:
             True if the period is over in simulated time or in real time.
@@ -161,10 +161,10 @@ class ArmPublisher:
         return max(time.monotonic() - wall, passed_ns / SECOND_NS) >= period
 
     def publish_report(self, sentence: str, level: Level) -> None:
-        """Publish the simulator's report on /diagnostics, and begin its period anew.
+        """Publish the simulator's report on /diagnostics, and start its publishing period again.
 
         Besides sentence and level, the report has these values:
-        - simulated time, and its speed relative to real time since the last report;
+        - simulated time, and its speed relative to real time since the previous report;
         - energies of the pumps [J];
         - time of the last stop, and plan delay [s];
         - number of interventions of the mode guard, which changes the plan's modes;

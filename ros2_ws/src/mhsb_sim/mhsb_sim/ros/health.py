@@ -72,7 +72,7 @@ class Health:
         return self._arm.fault or "; ".join(filter(None, self._list_warnings())) or well
 
     def has_changed(self) -> bool:
-        """Return whether the health has changed in kind since the last call.
+        """Return whether the health has changed in kind since the previous call.
 
         The kind consists of the state of the arm, the set of present warnings, and the text on
         duplicate publishers. Numbers in the other warnings do not belong to it. A warning counts as
@@ -85,7 +85,7 @@ class Health:
         return before not in (None, self._last_key)
 
     def log(self, logger: Any) -> None:
-        """Write the sentence to a log at its level.
+        """Write `sentence` to a log, with the log level of `level`.
 
         Each level has a call of its own, since rclpy requires one call site per level.
 

@@ -29,7 +29,7 @@ class Pacer:
 
     Attributes:
         factor: Simulated seconds per second of the clock.
-        clock_ns: Clock time of the reference instant, at which there is no lag [ns].
+        clock_ns: Clock time of the reference instant [ns]. The lag is 0 at this instant.
         sim_ns: Simulated time of that instant [ns].
         lag_ns: Lag of simulated time at the last wake, in clock time [ns].
         lags: Whether the lag is large enough for a warning.
@@ -49,8 +49,8 @@ class Pacer:
         """Compute the simulated time up to which to simulate now, and update `lag_ns` and `lags`.
 
         The node calls it each time it wakes. The result is the simulated time that belongs to the
-        clock time. At most CATCH_UP × `factor` × (clock time since the last call) is simulated. At
-        most LONGEST_WAKE_NS of clock time counts for one call. The part of a lag beyond
+        clock time. At most CATCH_UP × `factor` × (clock time since the previous call) is simulated.
+        At most LONGEST_WAKE_NS of clock time counts for one call. The part of a lag beyond
         LARGEST_LAG_NS is given up: the reference instant is moved by it. `lags` becomes True above
         a lag of LAGS_NS, and False again at KEEPS_UP_NS.
 
@@ -74,7 +74,7 @@ class Pacer:
         return min(ideal_ns, sim_ns + round(passed_ns * self.factor * CATCH_UP))
 
     def restart(self, clock_ns: int, sim_ns: int) -> None:
-        """Make the present the reference instant, at which there is no lag.
+        """Make the present the reference instant, so that the lag is 0 now.
 
         Call it after a change of `factor` and after a reset of simulated time.
 

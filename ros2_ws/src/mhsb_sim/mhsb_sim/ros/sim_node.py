@@ -165,9 +165,9 @@ class SimNode(Node):
         self._restart_pacing()
 
     def _restart_pacing(self) -> None:
-        """Tie simulated time to real time anew from now, and publish all reports.
+        """Make the present the new reference of simulated and real time, and publish all reports.
 
-        Any lag is forgotten, and all periods of publishing begin anew.
+        Any lag is forgotten, and all publishing periods start at the present.
         """
         self._pacer.restart(time.monotonic_ns(), self._arm.simulator.time_ns)
         self._publisher.restart()
@@ -205,7 +205,7 @@ class SimNode(Node):
         reports on plans are published at the end.
 
         Args:
-            raw: Serialised message, from which the stamp is read.
+            raw: Serialised message. Only its stamp is read.
             topic: Name of the message's topic, for the report.
             wall: Present time of the steady clock [s].
         """

@@ -169,7 +169,7 @@ def read_parameters(node: Node) -> SimParameters:
     """Read the present values of all parameters but `machine` and `plant`.
 
     Args:
-        node: The node, on which the parameters are declared.
+        node: The node that gets the parameters.
 
     Returns:
         The values. Each symptom that supervision watches, such as `following_error`, has a pair of

@@ -120,8 +120,8 @@ def compute_reading(channel: SensorChannel, reading: float, before: float, step:
             place.
         reading: Reading of a healthy sensor, in the unit of the sensor.
         before: Last result for this sensor.
-        step: Time since the last call [s]. It is added to `silent` if the sensor is dead; otherwise
-            `silent` becomes 0.
+        step: Time since the previous call [s]. It is added to `silent` if the sensor is dead;
+            otherwise `silent` becomes 0.
 
     Returns:
         The reading, in the unit of the sensor.
@@ -148,8 +148,8 @@ def read_sensors(
 
     Offsets and errors first grow by their drift in one step. The order of sensors is: n lengths;
     cap, rod and line pressure of actuator 1, then of actuator 2 and so on; pressure of the rail;
-    speeds of the m servo pumps, as flows. A length sensor measures the joint position, whose
-    resolution rounds its reading.
+    speeds of the m servo pumps, as flows. A length sensor measures the joint position, and its
+    reading is rounded to the sensor's resolution.
 
     Args:
         noise_rows: Noise of many steps, one row per step and one column per sensor, float64[rows, 4

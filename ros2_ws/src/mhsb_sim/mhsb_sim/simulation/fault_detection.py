@@ -83,7 +83,7 @@ class DetectionSettings:
     """
 
     min_duration_samples: int = 5
-    """Number of samples, one every WATCH_PERIOD_NS, for which a pressure must last, 1 … 100.
+    """Number of samples that a pressure must last, one every WATCH_PERIOD_NS, 1 … 100.
 
     Shorter peaks and dips are ignored. Origin: chosen."""
     common_loss_share: float = 0.1

@@ -152,8 +152,8 @@ class FrozenPressure:
         """Find the pressure sensor whose reading has been unchanged for the longest time.
 
         A changed reading sets the time of its sensor to 0. If at least one reading has changed
-        since the last call, WATCH_PERIOD is added to the times of all other sensors. If no reading
-        has changed, no time is changed: the sensors may be slower than the calls.
+        since the previous call, WATCH_PERIOD is added to the times of all other sensors. If no
+        reading has changed, no time is changed: the sensors may be slower than the calls.
 
         Args:
             sample: State of the arm. Only `sensed` (sensor readings) is read.
@@ -461,8 +461,8 @@ class ServoPumpMonitor:
 
     The flow of each pump is compared with the flow of a simulated healthy pump that gets the same
     command. The healthy pump has the lag and at most the power of the machine file. A pump counts
-    as failed if it deviates by more than `pump_deviation` for `pump_failure_time`. These tolerances
-    allow three times the lag of the file.
+    as failed if it deviates by more than `pump_deviation` for `pump_failure_time`. Both tolerances
+    allow a pump lag three times as long as in the machine file.
 
     Attributes:
         failures: Clause that describes each failed pump, by the pump's index from 0.

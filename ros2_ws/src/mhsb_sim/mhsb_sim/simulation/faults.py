@@ -98,7 +98,7 @@ def parse_faults(text: str, machine: Machine) -> tuple[Fault, ...]:
         text: Faults separated by commas. Each is KIND:PLACE if the kind has places, otherwise KIND.
             A kind that has a value may add it: KIND:PLACE:VALUE or KIND::VALUE. Empty words and
             "none" are skipped.
-        machine: The machine, whose actuators, sensors and servo pumps are the possible places.
+        machine: The machine. Its actuators, sensors and servo pumps are the possible places.
 
     Returns:
         The faults in the order of the text.
@@ -116,7 +116,7 @@ def _parse_fault(word: str, machine: Machine) -> Fault:
     Args:
         word: KIND:PLACE if the kind has places, otherwise KIND. A kind that has a value may add it:
             KIND:PLACE:VALUE or KIND::VALUE.
-        machine: The machine, whose actuators, sensors and servo pumps are the possible places.
+        machine: The machine. Its actuators, sensors and servo pumps are the possible places.
 
     Returns:
         The fault. Without a value in the word it has the default value of its kind, or NaN if the

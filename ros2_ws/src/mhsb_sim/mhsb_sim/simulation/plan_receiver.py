@@ -416,7 +416,7 @@ class PlanReceiver:
         Args:
             stamp: Stamp of the plan [ns].
             reason: Reason code; NONE if the plan was applied.
-            text: Clause for the sentence.
+            text: Clause for the report's sentence.
             outcome: The outcome. None stands for applied if the reason is NONE, else for refused.
             jump: Jump of position [rad] and velocity [rad/s]; NaN if unknown.
 

@@ -71,7 +71,7 @@ PRESSURE_COLUMNS = ("cap", "rod", "line")
 """Pressures of an actuator in the order of their sensors."""
 
 TRAJECTORY_CAPACITY = 4
-"""Number of trajectories, the present one included, whose times are recorded."""
+"""Number of trajectories that have recorded times, the present one included."""
 
 
 class Simulator:
@@ -418,7 +418,7 @@ class Simulator:
 
     @property
     def estimates(self) -> list[Estimate]:
-        """Estimates of the present controller; it starts anew when closed valves open."""
+        """Estimates of the present controller. A new controller starts when closed valves open."""
         return self._servo.controller.estimates
 
     def save_estimates(self) -> None:
@@ -462,7 +462,7 @@ class Simulator:
         """Follow a plan from now on, and open the valves if they are closed.
 
         The caller must make sure that the plan continues the present reference. If the valves were
-        closed, the servo starts anew, with the estimates that `save_estimates` stored last.
+        closed, the servo starts again, with the estimates of the latest call of `save_estimates`.
 
         Args:
             trajectory: Trajectory of the plan.
@@ -595,7 +595,7 @@ class Simulator:
         """Advance by one step of the servo, with all its steps of circuit and mechanics.
 
         If the plant has a supply sag, the main pump's pressure is set for this step first. If a
-        fault has lowered that pressure, the lower one of both counts.
+        fault has lowered that pressure, the lower of both pressures counts.
 
         Raises:
             SimulationDivergedError: The state is no longer finite, or far too large.

@@ -95,7 +95,7 @@ class SupervisedArm:
         return 0 if self.halted else self.simulator.plan_stamp_ns
 
     def take_reports(self) -> list[HandOverReport]:
-        """Return the hand-over reports (one on each plan) since the last call, and forget them.
+        """Return the hand-over reports (one on each plan) since the previous call, and forget them.
 
         Returns:
             The reports in time order.
@@ -302,7 +302,7 @@ class SupervisedArm:
         """Restart a diverged simulation in the arm's last posture, with closed valves.
 
         If that posture is not finite or cannot be held, the simulation starts in the start posture.
-        Supervision begins anew, and plans stamped up to now are refused.
+        Supervision starts from its initial state, and plans stamped up to now are refused.
 
         Args:
             time_ns: New simulated time [ns].

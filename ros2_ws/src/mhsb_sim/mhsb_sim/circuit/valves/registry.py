@@ -162,7 +162,7 @@ def read_valve_sections(machine: Machine) -> dict[str, Any]:
     """Check the sections of valves in a machine file against the schemas of their kinds.
 
     Args:
-        machine: Machine, whose file may have the sections `circuit.valves`.
+        machine: Machine. Its file may have sections `circuit.valves`.
 
     Returns:
         Checked section by name of its kind, for each section in the file. Keys that a section

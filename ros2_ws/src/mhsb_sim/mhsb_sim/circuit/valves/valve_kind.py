@@ -18,7 +18,7 @@ from mhsb_model.types import FloatArray
 
 
 class CircuitSite(NamedTuple):
-    """Circuit of a machine, in which valves are placed between nodes."""
+    """Circuit of a machine, to place valves between its nodes."""
 
     machine: Machine
     """Machine with n actuators."""
