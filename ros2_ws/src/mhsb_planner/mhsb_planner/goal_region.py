@@ -219,7 +219,7 @@ Region = Disc | Segment | BoxRegion
 def create_region(
     tolerance: float | None, segment: Point | None, box: Point | None
 ) -> Region | None:
-    """Create a goal region from a user's values, of which at most one may be given.
+    """Create a goal region from a user's values; at most one value may be given.
 
     Args:
         tolerance: Radius of a disc around the goal [m], or None.

@@ -16,8 +16,8 @@ class PlanProgress:
 
     Attributes:
         deadline: Deadline of the whole plan.
-        reserve: Time that is kept for the fit of a motion to a path [s]. It is the mean time of the
-            curves that were tried for the first motion.
+        reserve: Time that is kept for the fit of a motion to a path [s]. The reserve is the mean
+            time of the curves that were tried for the first motion.
         has_motion: True if a motion has been found.
         min_speed_factor: Estimated factor on V_max (allowed piston speed), 0 to 1 [-]. Motions
             planned for a lower speed will not be cheaper than the incumbent (cheapest plan so far).

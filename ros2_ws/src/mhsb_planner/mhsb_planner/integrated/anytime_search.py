@@ -318,8 +318,8 @@ def yield_lattice_paths(
     lattice is searched first with a simpler cost model, then with the real one. The second search
     is skipped if the first finds nothing and there is no incumbent.
 
-    A path found on a lattice is then refined. It is dropped instead if it costs no less than the
-    incumbent and runs within one spacing of it.
+    A path found on a lattice is then refined. The path is discarded instead if it costs no less
+    than the incumbent and runs within one spacing of it.
 
     The function ends after the finest lattice, with or without a path. It ends earlier if the
     incumbent is close to the lower bound (MIN_LATTICE_GAP) or the time is up. With an incumbent it
@@ -538,8 +538,8 @@ def refine(
     segment is left, it is split into three. Then a compass search moves each waypoint by a stride,
     in sweeps with ever smaller strides (`stride_shares` of `SearchLimits`, times the spacing). The
     last waypoint moves by a change of the goal posture. Only sweeps with the last stride price
-    paths exactly; earlier sweeps price them coarsely. Their result is kept only if it is cheaper by
-    exact pricing, too. No change is tried after the deadline.
+    paths exactly; earlier sweeps price them coarsely. A result of coarse pricing is kept only if it
+    is cheaper by exact pricing, too. No change is tried after the deadline.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.
@@ -583,7 +583,7 @@ def _sweep_with_stride(
     A sweep tries to move each waypoint by the stride and keeps what is cheaper. Sweeps price the
     path coarsely, in pieces in which no cylinder moves by more than `piece`. After each sweep the
     path is also priced by the problem's own cost model; this is its real cost. The sweeps end early
-    if the real cost exceeds that of the best path so far. They also end if a sweep lowers the
+    if the real cost exceeds that of the best path so far. The sweeps also end if a sweep lowers the
     coarse cost by less than the share MIN_RELATIVE_GAIN.
 
     Args:

@@ -1,6 +1,7 @@
 """Binary heap of numbered cells, ordered by least bound, then by least number.
 
-Numba would compile `heapq` anew for each kernel that calls it, with lists and their error messages.
+Numba would compile `heapq` again for each kernel that calls it, with lists and their error
+messages.
 """
 
 from __future__ import annotations

@@ -487,7 +487,7 @@ def _add_holding_switches(t: PathCostModel, w: PathCostBuffers, at: int) -> floa
 
     An actuator holds its load in mode N, or in mode DB if the load needs boost. The costs of the
     mode combinations in w.value[at] are increased in place. The last column is not changed: it
-    stands for the modes before the first piece, in which no piece arrives.
+    stands for the modes before the first piece, and no piece arrives in them.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -609,8 +609,8 @@ def compute_costs_to_go(
 ) -> FloatArray:
     """Compute the least remaining cost from each waypoint of a cylinder path to rest at its end.
 
-    Mode switches between pieces count, and so do the switches to the modes that hold the arm at the
-    end.
+    Mode switches between pieces count. The switches to the modes that hold the arm at the end
+    count, too.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.

@@ -56,8 +56,8 @@ class DeferredSteps(NamedTuple):
         first: First step of each bucket, shape (BUCKET_COUNT,); NO_STEP if the bucket is empty.
         counts: First bucket that may hold steps, and number of entries of `records` in use, shape
             (2,).
-        start_bound: Lower bound on the cost from the start to the goal, from which the ranges of
-            the buckets follow, shape (1,) [-].
+        start_bound: Lower bound on the cost from the start to the goal, shape (1,) [-]. The ranges
+            of the buckets follow from it.
     """
 
     records: Records[DeferredStep]

@@ -96,7 +96,7 @@ def sample_goal_postures(
     feasible interval are among them. For larger m, each coordinate is sampled at intervals of
     `spacing` to the power 1/m, both in rad. With k tip positions, `spacing` is first multiplied by
     k. The number of samples therefore hardly grows with m or k. Postures that come too near to
-    obstacles are dropped, and so are tip positions without any posture.
+    obstacles are left out, and tip positions without any posture are left out, too.
 
     Args:
         machine: The arm without a slewing joint.
@@ -178,7 +178,7 @@ def held_joints(machine: Machine) -> IntArray:
 def _sample_at_tip(
     machine: Machine, x: float, z: float, between: tuple[float, float] | None, spacing: float
 ) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
-    """Sample the postures at one tip position and drop those too near to obstacles.
+    """Sample the postures at one tip position, without postures too near to obstacles.
 
     Args:
         machine: The arm without a slewing joint.

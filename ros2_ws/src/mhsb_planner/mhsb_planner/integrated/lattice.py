@@ -13,9 +13,9 @@ equal spacing in lengths it would not: one millimetre of some cylinders moves th
 A state is a lattice point and the mode combination in which it was reached. The heuristic is the
 least of the lower bounds `least_move_cost` to the goal postures. It is consistent.
 
-A lattice point is reached when the search first looks at a step to it, even if the step is dropped.
-Only reached points have a place in the search's memory (`lattice_points`). A large lattice
-therefore takes little time to create.
+A lattice point is reached when the search first looks at a step to it, even if the step is
+discarded. Only reached points have a place in the search's memory (`lattice_points`). A large
+lattice therefore takes little time to create.
 """
 
 from __future__ import annotations
@@ -355,7 +355,7 @@ class SearchRule(NamedTuple):
     """Which paths an A* search keeps, and in which order it expands their ends.
 
     Attributes:
-        cost_limit: Paths of this cost or more are dropped.
+        cost_limit: Paths of this cost or more are discarded.
         heuristic_weight: Heuristic weight w ≥ 1. The path costs at most w times as much as the
             cheapest one; a larger w finds it earlier.
         reachability_only: If true, steps to lattice points that have a state already are skipped.
@@ -427,9 +427,10 @@ def _relax_step(
     """Record a step to one state if it makes this state cheaper.
 
     A state is a lattice point and the mode combination of arrival. The target can also be reached
-    from the cheapest state of the same lattice point, by mode switches alone. The step is dropped
-    if this way, or the path known to the target, costs no more. Otherwise the target gets the cost,
-    and `origin` as its parent. It enters the open list, or its place in the list is updated.
+    from the cheapest state of the same lattice point, by mode switches alone. The step is discarded
+    if these mode switches, or the path known to the target, cost no more. Otherwise the target gets
+    the cost, and `origin` as its parent. It enters the open list, or its place in the list is
+    updated.
 
     Args:
         t: Cost model: machine, hydraulics, cost weights, mode combinations and obstacles.
@@ -474,7 +475,7 @@ def _price_step_to(
     """Price a step, and record it in each mode combination in which it makes a state cheaper.
 
     The step leads from w.points[0] to w.points[1]. The cost of a step to a goal posture includes
-    the switches to the modes that hold the arm there. In each combination the step is dropped if
+    the switches to the modes that hold the arm there. In each combination the step is discarded if
     the cost up to the target plus the target's lower bound reaches the cost limit.
 
     Args:
@@ -533,7 +534,7 @@ def _step_to_goal(
             known.reached[0] becomes k.
         origin: State of the lattice point from which the step leads.
         k: Index of the goal posture, which must be within one lattice step of the point.
-        rule: Cost limit; paths of this cost or more are dropped.
+        rule: Cost limit; paths of this cost or more are discarded.
     """
     goals = problem.goals
     cost = origin.cost + least_move_cost(problem.cost_model, w.points.length[0], goals.length[k])
@@ -564,7 +565,7 @@ def _is_useless(
 
     - It leads to no path below the cost limit, or to none cheaper than the known path to the goal.
     - It costs no less than the cheapest state of the point, plus the mode switches from there to
-      the modes of the expanded state. It then makes no state of the point cheaper.
+      the modes of the expanded state. The step then makes no state of the point cheaper.
     - The point has a state already, with `reachability_only`.
 
     Args:
@@ -702,10 +703,10 @@ def expand(
     """Take up to `limit` steps and states of an A* search over a lattice; call again to continue.
 
     A state is a lattice point and the mode combination of arrival. The first call expands the
-    start. To expand a state means to find the steps to all neighbours of its point. They are priced
-    later, before the search expands a state whose estimate is as high. Steps to the goal postures
-    around the point are priced at once. Their costs include the switches to the modes
-    that hold the arm there.
+    start. To expand a state means to find the steps to all neighbours of its point. The steps are
+    priced later, before the search expands a state whose estimate is as high. Steps to the goal
+    postures around the point are priced at once. Their costs include the switches to the modes that
+    hold the arm there.
 
     The unit tests compare the result with scipy.sparse.csgraph.dijkstra on the same points and
     steps.
@@ -813,7 +814,7 @@ class LatticeSearch:
 
     @property
     def reached_count(self) -> int:
-        """Number of lattice points that the search has looked at so far, also by dropped steps."""
+        """Number of lattice points that the search has looked at, discarded steps included."""
         return int(self._known.counts[ROW_COUNT])
 
     @property
@@ -840,7 +841,7 @@ class LatticeSearch:
         False. The search's memory is enlarged as needed.
 
         Args:
-            cost_limit: Paths of this cost or more are dropped.
+            cost_limit: Paths of this cost or more are discarded.
             max_expansions: Largest number of states to expand in all calls together.
             deadline: Instant after which the search pauses; it may be continued.
             heuristic_weight: Heuristic weight w ≥ 1. The path costs at most w times as much as the

@@ -28,7 +28,7 @@ pressure nor time.
 A line reaches p some time before its cylinder needs it. Pumps take time and may be slower than is
 known. To charge the line, its servo pump takes
 
-    E = [½ V/β (p − P_S)² + (A_dir |v| + leakage + slip) (p − P_S) T] / η
+    E = [½ (V/β) (p − P_S)² + (A_dir |v| + leakage + slip) (p − P_S) T] / η
 
     T = CHARGED_AHEAD · preview
 

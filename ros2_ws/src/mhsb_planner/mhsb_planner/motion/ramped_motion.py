@@ -153,15 +153,15 @@ def _find_breaks(
 
     Ramps that change no speed by more than SPEED_ROUNDING are ignored. If times are less than
     RAMP_TIME_STEP apart, only the first of them is kept. The end is always kept, and times less
-    than RAMP_TIME_STEP before it are dropped.
+    than RAMP_TIME_STEP before the end are left out.
 
     Args:
         at: Time at which each ramp begins, shape (c,) [s].
         change: Change of the piston speeds in each ramp, shape (c, n) [m/s].
         rise: Time T₁ from the beginning of each ramp until its acceleration begins to fall, shape
             (c,) [s].
-        blend: Time T₂ in which the acceleration of each ramp rises, and later falls, shape (c,)
-            [s].
+        blend: Time T₂ of each ramp, shape (c,) [s]. The acceleration rises for T₂ at the ramp's
+            beginning, and falls for T₂ at its end.
 
     Returns:
         Ascending times [s]. The first is 0, the last is the end of the last ramp, but not less than
@@ -214,8 +214,8 @@ def _sample_pistons(
         change: Change of the piston speeds in each ramp, shape (c, n) [m/s].
         rise: Time T₁ from the beginning of each ramp until its acceleration begins to fall, shape
             (c,) [s].
-        blend: Time T₂ in which the acceleration of each ramp rises, and later falls, shape (c,)
-            [s].
+        blend: Time T₂ of each ramp, shape (c,) [s]. The acceleration rises for T₂ at the ramp's
+            beginning, and falls for T₂ at its end.
 
     Returns:
         Cylinder lengths [m], piston speeds [m/s] and accelerations [m/s²], of shape (k, n).
@@ -264,8 +264,8 @@ def _find_breaks_and_peaks(
         change: Change of the piston speeds in each ramp, shape (c, n) [m/s].
         rise: Time T₁ from the beginning of each ramp until its acceleration begins to fall, shape
             (c,) [s].
-        blend: Time T₂ in which the acceleration of each ramp rises, and later falls, shape (c,)
-            [s].
+        blend: Time T₂ of each ramp, shape (c,) [s]. The acceleration rises for T₂ at the ramp's
+            beginning, and falls for T₂ at its end.
 
     Returns:
         Times between which the jerk is constant, ascending from 0 [s]. Largest absolute

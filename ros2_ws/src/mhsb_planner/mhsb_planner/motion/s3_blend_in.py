@@ -201,7 +201,8 @@ def _infer_past_changes(
     Args:
         m: Arrays of the machine.
         rise: Time T₁ from the ramp's beginning until its acceleration begins to fall [s].
-        blend: Time T₂ ≤ T₁ in which the acceleration rises, and later falls [s].
+        blend: Time T₂ ≤ T₁ [s]. The acceleration rises for T₂ at the ramp's beginning, and falls
+            for T₂ at its end.
         speed: Piston speeds now, shape (n,) [m/s].
         acceleration: Piston accelerations now, shape (n,) [m/s²].
 
@@ -239,7 +240,8 @@ def _compute_speed_change(rise: float, blend: float, tau: float, acceleration: f
 
     Args:
         rise: Time T₁ from the ramp's beginning until its acceleration begins to fall [s].
-        blend: Time T₂ ≤ T₁ in which the acceleration rises, and later falls [s].
+        blend: Time T₂ ≤ T₁ [s]. The acceleration rises for T₂ at the ramp's beginning, and falls
+            for T₂ at its end.
         tau: Time τ since the ramp began [s].
         acceleration: Acceleration at that time [m/s²].
 

@@ -313,7 +313,7 @@ def iterate_candidates(
 
 
 def _find_boost_steps(path: DiscretePath) -> IntArray:
-    """Find the steps of a path, except the first, in which an actuator's boost begins.
+    """Find the steps of a path, without the first step, at which an actuator's boost begins.
 
     Args:
         path: Discrete path. Only `modes` is read.

@@ -263,7 +263,7 @@ def compute_followed_path(
         last_ramp_factor: Further factor on the duration of the last ramp [-]; may be below 1.
 
     Returns:
-        First motion within the limits. If there is none, the last one tried; its
+        First motion within the limits. If there is none, the last motion tried; its
         `keeps_dynamic_limits` is False.
     """
     pistons = PistonPath.create(machine, path, scale)

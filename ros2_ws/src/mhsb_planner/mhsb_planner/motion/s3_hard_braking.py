@@ -56,9 +56,9 @@ def iterate_harder_brakings(
         at_ns: Absolute time at which the braking begins [ns].
 
     Yields:
-        Braking motions with the stamp `at_ns`, at which they begin. They come to rest before the
-        end of the trajectory's path. There are none if the trajectory ends at that time, if the arm
-        is at rest then, or if no braking keeps the raised limits.
+        Braking motions. They begin at `at_ns`, which is also their stamp. They come to rest before
+        the end of the trajectory's path. There are none if the trajectory ends at that time, if the
+        arm is at rest then, or if no braking keeps the raised limits.
     """
     left = (trajectory.end_ns - at_ns) / SECOND_NS
     start = trajectory.sample(at_ns)
@@ -83,13 +83,13 @@ def _find_braking_within_limits(
     """Compute a braking motion along a trajectory, within the limits of acceleration and jerk.
 
     Each limit is the larger of two values: the machine's limit, and the trajectory's own peak on
-    the stretch of its path on which the arm brakes.
+    the part of its path on which the arm brakes.
 
     Args:
         machine: Machine whose piston acceleration and jerk are the limits.
         trajectory: Motion in force.
         at_ns: Absolute time at which the braking begins [ns].
-        ramp: Ramp by which the rate along the path falls from 1 to 0, tried first. It is made
+        ramp: Ramp by which the rate along the path falls from 1 to 0, tried first. The ramp is made
             slower until the limits are kept.
         slack: Share of the machine's limits that is added to the limits [-].
 
@@ -131,14 +131,14 @@ def _determine_limits(
 ) -> tuple[float, float]:
     """Determine the acceleration and jerk that braking pistons may have.
 
-    Each limit is the larger of the machine's limit and the trajectory's own peak in the given
-    stretch. `slack` times the machine's limit is added to each.
+    Each limit is the larger of the machine's limit and the trajectory's own peak during a time
+    span. `slack` times the machine's limit is added to each.
 
     Args:
         machine: Machine whose limits apply.
         trajectory: Motion in force.
-        at_ns: Absolute time at which the stretch begins [ns].
-        duration_ns: Duration of the stretch [ns].
+        at_ns: Absolute time at which the time span begins [ns].
+        duration_ns: Duration of the time span [ns].
         slack: Share of the machine's limit that is added to each limit [-].
 
     Returns:
@@ -159,8 +159,8 @@ def _measure_peaks(
     Args:
         machine: Machine that converts joint to piston motion.
         motion: Motion of the joints.
-        at_ns: Absolute time at which the stretch begins [ns].
-        duration_ns: Duration of the stretch [ns].
+        at_ns: Absolute time at which the time span begins [ns].
+        duration_ns: Duration of the time span [ns].
 
     Returns:
         Largest acceleration [m/s²] and jerk [m/s³] over all pistons.

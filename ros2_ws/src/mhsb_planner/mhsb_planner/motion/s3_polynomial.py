@@ -23,7 +23,8 @@ POLYNOMIAL_DEGREE = 6
 MIN_STEP_DURATION = 1e-6
 """Least duration that a step of the discrete path is given [s]."""
 CHECK_INSTANTS = frozen((np.arange(96) + 0.5) / 96)
-"""Normalised times, evenly spread, at which the polynomials are fitted to the discrete path [-]."""
+"""Evenly spaced normalised times [-]. The polynomials are fitted to the discrete path at these
+times."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,8 @@ class Ramp(NamedTuple):
 
     Attributes:
         rise: Time T₁ from the ramp's beginning until its acceleration begins to fall [s].
-        blend: Time T₂ ≤ T₁ in which the acceleration rises, and later falls [s].
+        blend: Time T₂ ≤ T₁ [s]. The acceleration rises for T₂ at the ramp's beginning, and falls
+            for T₂ at its end.
     """
 
     rise: float
@@ -132,7 +133,8 @@ def evaluate_ramp(rise: float, blend: float, t: float) -> tuple[float, float, fl
 
     Args:
         rise: Time T₁ from the ramp's beginning until its acceleration begins to fall [s].
-        blend: Time T₂ ≤ T₁ in which the acceleration rises, and later falls [s].
+        blend: Time T₂ ≤ T₁ [s]. The acceleration rises for T₂ at the ramp's beginning, and falls
+            for T₂ at its end.
         t: Time since the ramp began [s].
 
     Returns:
@@ -166,7 +168,8 @@ def find_ramp_time(rise: float, blend: float, ratio: float) -> float:
 
     Args:
         rise: Time T₁ from the ramp's beginning until its acceleration begins to fall [s].
-        blend: Time T₂ ≤ T₁ in which the acceleration rises, and later falls [s].
+        blend: Time T₂ ≤ T₁ [s]. The acceleration rises for T₂ at the ramp's beginning, and falls
+            for T₂ at its end.
         ratio: Value of ρ/k, not negative [s].
 
     Returns:

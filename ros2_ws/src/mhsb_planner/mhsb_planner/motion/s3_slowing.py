@@ -1,4 +1,4 @@
-"""Slowing of a motion, or of pieces of it, in which pumps, valves or pressures do not suffice.
+"""Slowing of a motion, or of its pieces, if pumps, valves or pressures do not suffice there.
 
 A motion along a discrete path has a factor on the duration of each step. If a limit is broken at
 some instants, only the factors of the steps around these instants become larger.

@@ -251,7 +251,7 @@ def _plan_phases(
 
     Each piston changes its speed to a constant one, keeps it for a time, and then stops. First the
     constant speed with which a piston arrives earliest is found by bisection. Then the speed of
-    each piston that would arrive before the last one, or before `least`, is lowered.
+    each piston that would arrive before the slowest piston, or before `least`, is lowered.
 
     The unit tests check that the ends are reached, that the limits are kept, and that no bang-bang
     motion is shorter.

@@ -57,17 +57,17 @@ class ArmClockEstimator:
         self.forget()
 
     def forget(self) -> None:
-        """Drop all stamps, because another arm sends them or the arm was restarted."""
+        """Forget all stamps, because another arm sends them or the arm was restarted."""
         self._stamps: deque[tuple[float, int]] = deque()
         self._last: tuple[float, int] | None = None
 
     def add_stamp(self, stamp_ns: int, steady_time: float) -> bool:
         """Add a stamp, and return whether it is not earlier than the previous stamp.
 
-        All earlier stamps are dropped if the arm's clock has gone back or has jumped ahead. It has
-        jumped ahead if the stamp is more than `MIN_CLOCK_JUMP` later than expected from the earlier
-        stamps. In each time slot of `STAMP_SPACING` only the least delayed stamp is kept. Stamps
-        older than `SPEED_WINDOW` are dropped.
+        All earlier stamps are forgotten if the arm's clock has gone back or has jumped ahead. It
+        has jumped ahead if the stamp is more than `MIN_CLOCK_JUMP` later than expected from the
+        earlier stamps. In each time slot of `STAMP_SPACING` only the least delayed stamp is kept.
+        Stamps older than `SPEED_WINDOW` are forgotten.
 
         Args:
             stamp_ns: Stamp by the arm's clock [ns].
@@ -92,7 +92,7 @@ class ArmClockEstimator:
         return not went_back
 
     def keep_last_stamp_only(self) -> None:
-        """Drop all stamps but the last one.
+        """Forget all stamps but the latest stamp.
 
         The caller uses this if the extrapolated time turns out to be ahead of the arm's clock.
         """

@@ -95,7 +95,7 @@ class ArmState:
     rest_detector: RestDetector = field(default_factory=RestDetector)
 
     def forget(self) -> None:
-        """Drop all data that depend on the arm's clock, after a clock jump or a reset.
+        """Forget all data that depend on the arm's clock, after a clock jump or a reset.
 
         These are the reference, the measured state, this planner's command, the stamp of the plan
         in force, the plan delay and the clock estimate. The modes stay, since they have no stamp.

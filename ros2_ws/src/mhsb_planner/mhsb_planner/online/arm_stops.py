@@ -62,7 +62,7 @@ class ArmStops:
 
         A stop that this planner has called for makes no goal void. The report is ascribed to the
         oldest call without a report, unless the stop came more than `OLD_STOP` before this call.
-        All calls are dropped if the last one is more than `OWN_REPORT` ago.
+        All calls are forgotten if the latest call is more than `OWN_REPORT` ago.
 
         If the report came more than `LATE_REPORT` after its stop, this process was suspended. Goals
         that came in this time may still be unread. The report then counts as received `LATE_REPORT`

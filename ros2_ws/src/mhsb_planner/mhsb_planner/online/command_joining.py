@@ -1,9 +1,9 @@
-"""Hand-over of plans: a new command first repeats the old one, and then leaves it.
+"""Hand-over of plans: a new command first repeats the old one, and then deviates from it.
 
 A command is a joint trajectory with its mode schedule. The new command begins at its stamp, the
-planner's present time. One commit horizon later, at the change, it leaves the old command. Until
-the change it repeats the old motion. The arm can therefore take it at any time between stamp and
-change. All times are in the time of plans: the arm's clock minus the delay that speed scaling
+planner's present time. One commit horizon later, at the change, it deviates from the old command.
+Until the change it repeats the old motion. The arm can therefore take it at any time between stamp
+and change. All times are in the time of plans: the arm's clock minus the delay that speed scaling
 has caused.
 """
 
@@ -26,7 +26,7 @@ class HandOverTimes:
 
     Attributes:
         stamp_ns: Absolute time at which the new command begins; it first repeats the old one [ns].
-        change_ns: Absolute time at which it leaves the old command [ns].
+        change_ns: Absolute time at which it deviates from the old command [ns].
     """
 
     stamp_ns: int
@@ -37,9 +37,9 @@ def choose_hand_over_times(in_force: Command, now_ns: int, commit_horizon_ns: in
     """Choose the stamp and the change of a command that takes over from another one.
 
     The new command begins at its stamp and repeats the old one for `commit_horizon_ns`. It then
-    leaves the old one; this instant is called the change. Two trajectory points must not be closer
-    than `MIN_POINT_SPACING_NS`, or the quintic between them is inaccurate. The stamp is therefore
-    chosen in steps:
+    deviates from the old one; this instant is called the change. Two trajectory points must not be
+    closer than `MIN_POINT_SPACING_NS`, or the quintic between them is inaccurate. The stamp is
+    therefore chosen in steps:
 
     1. The stamp is `now_ns`, but at least `MIN_POINT_SPACING_NS` after the old stamp.
     2. If an old point follows the stamp by less than this spacing, the stamp moves to this point.
@@ -78,9 +78,9 @@ def join_commands(in_force: Command, times: HandOverTimes, new: Command) -> Comm
 
     Args:
         in_force: Command that is replaced.
-        times: Stamp of the result, and change (time at which it leaves `in_force`).
+        times: Stamp of the result, and change (time at which it deviates from `in_force`).
         new: Command for the time from the change on. It must start with the state of the old
-            trajectory at the change. Its stamp is ignored.
+            trajectory at the change. The stamp of `new` is ignored.
 
     Returns:
         Joined command with the stamp `times.stamp_ns`.
@@ -125,7 +125,7 @@ def _compute_stamp_delay(points: IntArray, stamp_ns: int, commit_horizon_ns: int
     """Compute the delay of a stamp that keeps old trajectory points away from stamp and change.
 
     No old point may be less than `MIN_POINT_SPACING_NS` after the stamp, or less than this before
-    the change. The change is the time at which the new command leaves the old one.
+    the change. The change is the time at which the new command deviates from the old one.
 
     Args:
         points: Absolute times of the old trajectory's points, increasing, int64[k], [ns].
@@ -154,7 +154,7 @@ def _compute_prefix_times(old: Trajectory, times: HandOverTimes) -> IntArray:
 
     Args:
         old: Trajectory that is repeated.
-        times: Stamp of the new command, and change (time at which it leaves the old one).
+        times: Stamp of the new command, and change (time at which it deviates from the old one).
 
     Returns:
         Absolute times in ascending order, int64[k], [ns]. The first is the stamp. The change is not
@@ -177,7 +177,8 @@ def _join_schedules(old: ModeSchedule, times: HandOverTimes, new: ModeSchedule) 
 
     Args:
         old: Schedule that is in force up to the change.
-        times: Stamp of the result, and change (time at which the new command leaves the old one).
+        times: Stamp of the result, and change (time at which the new command deviates from the old
+            one).
         new: Schedule whose first row begins at the change; its stamp is ignored.
 
     Returns:

@@ -67,7 +67,7 @@ class CommitHorizon(NamedTuple):
     """Commit horizon of one plan.
 
     Attributes:
-        total: Time from the plan's stamp until it leaves the previous plan [s].
+        total: Time from the plan's stamp until it deviates from the previous plan [s].
         transport_reserve: Part of this time that is reserved for encoding, transport and
             confirmation after planning [s].
         is_longest: True if no longer horizon is allowed: it is fixed, or at its upper bound.
@@ -104,7 +104,7 @@ class CommitHorizonEstimator:
 
     @property
     def horizon(self) -> float:
-        """Estimated commit horizon: time from a plan's stamp until it leaves the old plan [s].
+        """Estimated commit horizon: time from a plan's stamp to its first new motion [s].
 
         It is the 0.95 quantile of the time to the first feasible motion, plus the time reserved for
         transport and confirmation.
@@ -150,7 +150,7 @@ class CommitHorizonEstimator:
 
 
 def compute_recent_quantile(samples: FloatArray, quantile: float = DURATION_QUANTILE) -> float:
-    """Compute a weighted quantile of samples, in which newer samples count more.
+    """Compute a weighted quantile of samples. Newer samples have larger weights.
 
     The weight of a sample is 0.5 ** (k / HALF_LIFE), with k the number of newer samples.
 

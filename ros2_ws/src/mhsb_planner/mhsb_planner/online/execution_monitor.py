@@ -26,7 +26,7 @@ class ExecutionMonitor:
     """Monitor of the plan in force and of its goal, which are `execution` of the state."""
 
     def __init__(self, state: LifecycleState) -> None:
-        """Store the state of the lifecycle, of which `execution` is written."""
+        """Store the state of the lifecycle. Other methods write its `execution`."""
         self._state = state
 
     def begin(self, request: PlanRequest, replan: Replan) -> None:
@@ -111,8 +111,8 @@ class ExecutionMonitor:
         - A further plan for the same goal is waited for, is being made, or was sent without an
           answer yet.
         - The arm has been silent for more than `REFERENCE_TIMEOUT`: it may be frozen, or its
-          messages may be late. After `LONGEST_WAIT` the last reports decide, and the sentence says
-          for how long the arm has been silent.
+          messages may be late. After `LONGEST_WAIT` the latest reports decide, and the execution
+          report says for how long the arm has been silent.
         - The tip has reached the end of the plan, but the goal has moved on and still moves.
         """
         state, execution, now = self._state, self._state.execution, self._state.now

@@ -9,8 +9,8 @@ too late is made again with a longer commit horizon, unless a newer goal has com
 only gets a new stamp. `goal_states` has a table of the effect of each event on a goal.
 
 A command is a joint trajectory with its mode schedule. From its stamp on it repeats the previous
-command. At its change, one commit horizon later, it leaves the previous command. The time of plans
-is the arm's clock minus the delay that speed scaling has caused.
+command. At its change, one commit horizon later, it deviates from the previous command. The time of
+plans is the arm's clock minus the delay that speed scaling has caused.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Planning of goals: from a waiting goal to the plan that is sent for it, or to its refusal.
 
 A command is a joint trajectory with its mode schedule. The commit horizon is the time from the
-stamp of a command until it leaves the previous command. The time of plans is the arm's clock minus
-the delay that speed scaling has caused.
+stamp of a command until it deviates from the previous command. The time of plans is the arm's clock
+minus the delay that speed scaling has caused.
 """
 
 from __future__ import annotations
@@ -349,9 +349,9 @@ class GoalPlanning:
 
         A plan that starts from rest first gets the present time as its stamp. If the previous
         command still moves at this time, the goal is planned for again instead. The change is the
-        time at which the plan leaves the previous command. If it has passed, the plan counts as too
-        late and is not sent. If the plan is sent, `attempts`, `plan_stamp_ns` and `lead_ms` of the
-        goal are updated.
+        time at which the plan deviates from the previous command. If it has passed, the plan counts
+        as too late and is not sent. If the plan is sent, `attempts`, `plan_stamp_ns` and `lead_ms`
+        of the goal are updated.
 
         Args:
             request: Request of the plan.

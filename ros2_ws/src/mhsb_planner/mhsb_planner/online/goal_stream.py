@@ -65,8 +65,8 @@ class GoalStream:
         """Add a goal to the stream, or begin a new stream with it.
 
         A new stream begins if more than `LONGEST_PERIOD` has passed since the last goal, or if the
-        goal has moved faster than `MAX_GOAL_SPEED` since then. All earlier goals are then dropped.
-        A goal is ignored if it was not received later than the last goal.
+        goal has moved faster than `MAX_GOAL_SPEED` since then. All earlier goals are then
+        forgotten. A goal is ignored if it was not received later than the last goal.
 
         Args:
             goal: The goal. Only `position` is read.
@@ -119,9 +119,9 @@ class GoalStream:
     def extrapolate(self, goal: Goal, age: float, commit_horizon: float, dead_time: float) -> Goal:
         """Extrapolate a moving goal to the place at which a plan for it should end.
 
-        The goal is moved by its velocity from its receipt to a time ahead of now. This lead is the
-        sum of the commit horizon (time until the plan takes over), one period of the goal, and the
-        dead time. The first two together count with at most `MAX_LOOKAHEAD_TIME`.
+        The goal is moved by its velocity from its receipt to a time ahead of now. The time ahead is
+        the sum of the commit horizon (time until the plan takes over), one period of the goal, and
+        the dead time. The first two together count with at most `MAX_LOOKAHEAD_TIME`.
 
         Args:
             goal: Goal that was received last. At least three goals were received.

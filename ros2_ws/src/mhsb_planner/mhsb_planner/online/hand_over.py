@@ -1,8 +1,8 @@
 """Hand-over of commands to the arm: stamps, commit horizons, confirmations and refusals.
 
 A command is a joint trajectory with its mode schedule. The commit horizon is the time from the
-stamp of a command until it leaves the previous command. The time of plans is the arm's clock minus
-the delay that speed scaling has caused.
+stamp of a command until it deviates from the previous command. The time of plans is the arm's clock
+minus the delay that speed scaling has caused.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ LONGEST_WAIT = 2.0
 """Longest time for which a goal waits for a state, a receiver of plans, or an arm at rest [s]."""
 
 CONFIRMATION_TIMEOUT = 0.1
-"""Time for the arm to confirm a plan, from the time at which the plan leaves the previous one [s].
+"""Time for the arm to confirm a plan, from the time at which the plan deviates from the previous
+one [s].
 
 After it the plan counts as not taken, if the arm has sent a state since then.
 """
@@ -49,7 +50,7 @@ class HandOver:
 
     Attributes:
         horizon_estimator: Estimator of the commit horizon (time from a command's stamp until it
-            leaves the previous command).
+            deviates from the previous command).
     """
 
     def __init__(
@@ -139,7 +140,8 @@ class HandOver:
     def _convert_horizon(self, seconds: float) -> float:
         """Convert a commit horizon from real time to the arm's clock, and add the dead time.
 
-        The servo must know a new plan one dead time before the new plan leaves the plan in force.
+        The servo must know a new plan one dead time before the new plan deviates from the plan in
+        force.
 
         Args:
             seconds: Commit horizon in real time [s].
@@ -233,8 +235,8 @@ class HandOver:
     def is_overdue(self, sent: UnconfirmedPlan) -> bool:
         """Return whether the arm's answer to a sent command is overdue.
 
-        The command's change is the time at which it leaves the previous command. If the arm has
-        been silent since the change, its confirmation may just be late.
+        The command's change is the time at which it deviates from the previous command. If the arm
+        has been silent since the change, its confirmation may just be late.
 
         Args:
             sent: The command.

@@ -204,7 +204,8 @@ class LifecycleState:
         """End a goal, and void those of its plans that the arm has not confirmed yet.
 
         The goal gets a verdict, or an execution report if it was accepted before. If it has ended
-        already, it gets no report. If the arm executes a plan for the goal, it goes on doing so.
+        already, it gets no report. If the arm executes a plan for the goal, the execution
+        continues.
 
         Args:
             pending_goal: The goal.

@@ -37,7 +37,7 @@ class PendingGoal:
         has_verdict: True if the goal was accepted by a verdict.
         attempts: Number of plans that were sent for the goal.
         plan_stamp_ns: Stamp of the last plan that was sent for the goal [ns]; 0 if there is none.
-        lead_ms: Time from receipt of the goal until this plan leaves the previous plan [ms].
+        lead_ms: Time from receipt of the goal until this plan deviates from the previous plan [ms].
         horizon_factor: Factor on the commit horizon (time until a new plan takes over) [-]. It
             grows with each plan that comes too late.
         late_plans_at_longest_horizon: Number of plans that came too late even at the longest commit
@@ -100,7 +100,7 @@ def summarize_plan(replan: Replan, plan_ms: float, lead_ms: float) -> PlanSummar
     Args:
         replan: The plan.
         plan_ms: Time from receipt of the goal to the plan's publication [ms].
-        lead_ms: Time from receipt of the goal until the plan leaves the previous plan [ms].
+        lead_ms: Time from receipt of the goal until the plan deviates from the previous plan [ms].
 
     Returns:
         Stamp [ns], energy in both energy readings [J], lower bound on the energy [J], duration [s]

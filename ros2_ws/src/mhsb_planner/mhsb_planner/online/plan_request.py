@@ -42,8 +42,8 @@ class PlanRequest:
         in_force_ns: Stamp of the plan in force at the request [ns]. `NO_PLAN` if the arm held its
             position, None if it does not report which plan it executes.
         now_ns: Time of plans at the request [ns]: earliest stamp of the new command.
-        commit_horizon: Time from the new command's stamp until it leaves `start_command`, by the
-            arm's clock [s].
+        commit_horizon: Time from the new command's stamp until it deviates from `start_command`, by
+            the arm's clock [s].
         requested_at: Time of the request by the steady clock [s].
         deadline: Instant by which the answer is needed.
         previous_plan: Plan from which `start_command` was made, if it has the same settings;
@@ -126,7 +126,7 @@ class UnconfirmedPlan:
 
     Attributes:
         command: The command.
-        change_ns: Time at which it leaves the previous command, in the time of plans [ns].
+        change_ns: Time at which it deviates from the previous command, in the time of plans [ns].
         planned_at: Time at which planning ended, but not later than the deadline, by the steady
             clock [s].
         sent_at: Time at which the command was sent, by the steady clock [s].

@@ -20,7 +20,7 @@ SPACING_NS = 10_000_000
 class Progress:
     """Progress of one goal over all plans that are made for it.
 
-    The change of a plan is the time at which it leaves the previous plan.
+    The change of a plan is the time at which it deviates from the previous plan.
 
     Attributes:
         time_share: Elapsed share of the time from the change of the plan in force to its end, 0 to

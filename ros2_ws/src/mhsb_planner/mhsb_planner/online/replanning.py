@@ -1,7 +1,7 @@
 """Planning while the arm moves: from the command in force to the command that takes over.
 
 A command is a joint trajectory with its mode schedule. A new command first repeats the old one for
-the time of its commit horizon. It then leaves the old one with equal position, velocity and
+the time of its commit horizon. It then deviates from the old one with equal position, velocity and
 acceleration. This time is called its change. The time of plans is the arm's clock minus the delay
 that speed scaling has caused.
 """
@@ -39,7 +39,7 @@ class Replan:
         command: New command, to be sent to the arm.
         previous_command: Old command, which the new one replaces.
         plan: Plan from which the new command was made.
-        change_ns: Absolute time at which the new command leaves the old one [ns].
+        change_ns: Absolute time at which the new command deviates from the old one [ns].
         improvement_time: Time spent on improving the plan after its first feasible motion was found
             [s].
         via: Via points in `base_link` that the tip passes after the change [m].
@@ -63,7 +63,7 @@ class Replan:
         Args:
             now_ns: Earliest new stamp, by the clock of the old command's stamp [ns]. The new stamp
                 may be a few milliseconds later.
-            commit_horizon: Time from the stamp until the plan leaves the old command [s].
+            commit_horizon: Time from the stamp until the plan deviates from the old command [s].
 
         Returns:
             The copy, with new `command` and `change_ns`. None if the old command still moves at
@@ -119,7 +119,7 @@ class Replanner:
         """Plan from the command in force to a goal.
 
         The new command begins at its own stamp and repeats `in_force` for the time of the commit
-        horizon. It then leaves `in_force`; this instant is called its change.
+        horizon. It then deviates from `in_force`; this instant is called its change.
 
         Args:
             in_force: Command that the new one continues.

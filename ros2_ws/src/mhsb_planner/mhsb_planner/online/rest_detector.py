@@ -41,8 +41,8 @@ class RestDetector:
     def add_measurement(self, state: MotionState, steady_time: float) -> None:
         """Add a measurement, and drop measurements that are older than `REST_TIME`.
 
-        The series of measurements starts anew after a gap of more than `OLDEST_STATE`. Measurements
-        of all publishers are added to one series. If two arms use one name, both must rest.
+        A new series of measurements starts after a gap of more than `OLDEST_STATE`. Measurements of
+        all publishers are added to one series. If two arms use one name, both must rest.
 
         Args:
             state: Measured position [rad or m] and velocity [rad/s or m/s] of all joints.

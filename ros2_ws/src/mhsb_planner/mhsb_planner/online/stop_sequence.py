@@ -68,8 +68,9 @@ Brake = Callable[[Command, int, float], tuple[Command, int]]
 """Function that makes a braking command.
 
 Its arguments are the command in force, the earliest stamp of the braking command [ns], and the time
-from stamp to braking [s]. It returns the braking command and the time at which braking begins [ns].
-Times [ns] are in the time of plans (the arm's clock minus the arm's delay behind its plans)."""
+from stamp to braking [s]. The result is the braking command and the time at which braking begins
+[ns]. Times [ns] are in the time of plans (the arm's clock minus the arm's delay behind its
+plans)."""
 
 
 class StopSequence:
@@ -100,7 +101,7 @@ class StopSequence:
             arm_stops: Caller of the arm's own ~/stop.
             brake: Function that makes a braking command.
             reason: Reason of the stop, as execution reports state it. Empty for an obstacle: the
-                reason is then the sentence on the braking.
+                reason is then the sentence that the braking command comes with.
             goal_after_stop: Goal to plan for after the arm has stopped; None for no goal.
         """
         self._on_finished: list[Callable[[bool, str], None]] = []
@@ -330,9 +331,9 @@ class StopSequence:
     def finish(self, result: tuple[bool, str]) -> None:
         """Finish the stop: end its goals, then call all functions that wait for it.
 
-        If the stop has succeeded, the execution of the plan in force ends. Its goal ends as reached
-        if the tip is at the goal, otherwise as stopped. If it is the goal to plan for after the
-        stop, it does not end.
+        If the stop has succeeded, the execution of the plan in force ends. The goal of this plan
+        ends as reached if the tip is at the goal, otherwise as stopped. If it is the goal to plan
+        for after the stop, it does not end.
 
         Args:
             result: Success and sentence, passed to the functions that wait. Success means that the

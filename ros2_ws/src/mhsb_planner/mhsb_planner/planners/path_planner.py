@@ -204,8 +204,8 @@ class PathPlanner(Protocol):
         logged.
 
         `price_path` chooses modes and computes costs. The cost of any other path counts the energy
-        reading of the options, and w3 for each switch, also for those into the first step. It
-        counts w4 for the manipulability loss. Both energies are filled in.
+        reading of the options, and w3 for each switch, also for those into the first step. The cost
+        also counts w4 for the manipulability loss. Both energies are filled in.
 
         Args:
             graph: The machine, its posture table, and the steps between the table's postures.

@@ -78,7 +78,7 @@ ALLOWED_DELAY_SHARE = 0.1
 
 
 class PostponedVariants(NamedTuple):
-    """First motion, whose variants (motions by other rules) are to be fitted after the next path.
+    """First motion. Its variants (motions by other rules) are to be fitted after the next path.
 
     Attributes:
         proposal: Proposal of the first path.
@@ -589,7 +589,7 @@ class PlanningLoop:
         self.progress.log.add(proposal.proposer, outcome, proposal.path.cost, motion, **values)
 
     def _charge_time(self, stage: str) -> None:
-        """Add the time since the last call to the time of a stage.
+        """Add the time since the previous call to the time of a stage.
 
         The first call adds the time since the request.
 

@@ -1,8 +1,8 @@
 """Safe reading of the arrays of an npz file from an untrusted source.
 
 NumPy's own reader evaluates the header of an array as Python code and allocates as much memory as
-its shape demands. This reader accepts only headers in the exact form that NumPy writes. It creates
-an array only if the file contains all of its bytes.
+its shape demands. The reader of this module accepts only headers in the exact form that NumPy
+writes. It creates an array only if the file contains all of its bytes.
 
 Source: numpy.lib.format, versions 1.0 to 3.0.
 """

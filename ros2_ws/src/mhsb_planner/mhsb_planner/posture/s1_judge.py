@@ -2,9 +2,9 @@
 
 SLSQP runs from many random starts. An entry is short if its polytope area is smaller than the area
 that SLSQP finds, by more than MAX_AREA_SHORTFALL. If k of N random entries are short, the share of
-short entries in the whole table is at most p with CONFIDENCE_LEVEL. p solves
-P(at most k of N are short) = 1 − CONFIDENCE_LEVEL. It is a quantile of the beta distribution, and
-1 − (1 − CONFIDENCE_LEVEL)^(1/N) for k = 0.
+short entries in the whole table is at most p with CONFIDENCE_LEVEL. p solves P(at most k of N are
+short) = 1 − CONFIDENCE_LEVEL. So p is a quantile of the beta distribution; for k = 0, p = 1 − (1 −
+CONFIDENCE_LEVEL)^(1/N).
 
 Source: C. J. Clopper, E. S. Pearson, The Use of Confidence or Fiducial Limits, 1934.
 """

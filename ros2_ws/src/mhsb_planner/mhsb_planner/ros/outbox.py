@@ -152,7 +152,7 @@ class RosOutbox:
         self._answered.trigger()
 
     def take_answers(self) -> list[Answer]:
-        """Return the answers that have come since the last call, and remove them from the queue.
+        """Return the answers since the previous call, and remove them from the queue.
 
         Returns:
             Pairs of request and answer in time order. An answer is the plan, an exception, or None
@@ -195,7 +195,7 @@ class RosOutbox:
     def publish_views(self, arm: Machine) -> None:
         """Publish path and markers of the last command that was sent, for viewers such as RViz.
 
-        Nothing is published if no command was sent since the last call.
+        Nothing is published if no command was sent since the previous call.
 
         Args:
             arm: Machine with the zones to draw.

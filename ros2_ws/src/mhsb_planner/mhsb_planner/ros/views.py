@@ -1,7 +1,7 @@
 """Messages for viewers such as RViz: tip path coloured by mode, goal posture and obstacles.
 
 They are made in two frames. In `base_link` the arm's plane is vertical. In `work_plane` the arm's
-plane is laid flat, for tools that only draw x and y.
+plane is the x-y plane, for tools that only draw x and y.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def make_markers(
 ) -> MarkerArray:
     """Make the markers of obstacles and of a command, in both frames.
 
-    The frames are `base_link` and `work_plane` (the arm's plane laid flat). The first marker
+    The frames are `base_link` and `work_plane` (the arm's plane as its x-y plane). The first marker
     deletes all earlier markers in the viewer.
 
     Args:
@@ -122,8 +122,8 @@ def _make_obstacle_markers(machine: Machine, header: Header, frame: str) -> Iter
     """Yield one marker for each zone, for the base and for the ground.
 
     Unlimited shapes are cut off at `SEEN_AROUND` times the sum of the link lengths. Zones in space
-    do not turn with the arm, so they are not drawn in `work_plane` (the arm's plane laid flat).
-    Links that are obstacles for other links are not drawn.
+    do not turn with the arm, so they are not drawn in `work_plane` (the arm's plane as its x-y
+    plane). Links that are obstacles for other links are not drawn.
 
     Args:
         machine: Machine with the zones to draw.
@@ -192,7 +192,7 @@ def _set_shape_in_plane(
             `obstacles.zones` defines the columns.
         half_size: Half size of the drawn region [m].
         machine: Machine of the arm.
-        frame: `base_link`, or `work_plane` (the arm's plane laid flat).
+        frame: `base_link`, or `work_plane` (the arm's plane as its x-y plane).
     """
     flat, shape = frame == WORK_PLANE_FRAME, row[SHAPE_COLUMN : SHAPE_COLUMN + 4]
     if row[KIND_COLUMN] == CIRCLE_KIND:
@@ -224,7 +224,7 @@ def _make_command_markers(
         machine: Machine that moves.
         command: Command to draw.
         header: Header of the markers.
-        frame: `base_link`, or `work_plane` (the arm's plane laid flat).
+        frame: `base_link`, or `work_plane` (the arm's plane as its x-y plane).
 
     Yields:
         Three markers: line of the path, line through the joints of the last posture, and sphere at
@@ -273,7 +273,7 @@ def _compute_tip_points(machine: Machine, postures: FloatArray, frame: str) -> l
     Args:
         machine: Machine of the arm.
         postures: Joint positions, float64[k, n], [rad or m].
-        frame: `base_link`, or `work_plane` (the arm's plane laid flat).
+        frame: `base_link`, or `work_plane` (the arm's plane as its x-y plane).
 
     Returns:
         One point for each posture [m].

@@ -61,9 +61,9 @@ def _find_posture(
 
     Two joints move freely, and all others keep the positions `kept`. If the free joints then have
     no solution within limits, one kept joint is changed, by one step of J3_STEP, by two, and so on.
-    For each number of steps the kept joints are tried in joint order, each upwards before
-    downwards. The elbow side `elbow` is always tried before the other side. The search ends without
-    a result when every kept joint would be beyond its limits.
+    For 1 step, then 2 steps and so on, the kept joints are tried in joint order, each upwards
+    before downwards. The elbow side `elbow` is always tried before the other side. The search ends
+    without a result when every kept joint would be beyond its limits.
 
     Args:
         m: Arrays of the machine.

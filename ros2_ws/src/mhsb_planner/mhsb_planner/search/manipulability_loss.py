@@ -4,10 +4,10 @@
 
 The integral runs along the tip's path s [m]. A [m²/s²] is the polytope's area (`s1_polytope`) in
 posture q and the mode combination p in force. A_ref [m²/s²] is the area that counts as full: half
-of the workspace nodes offer more. M is the length of a path with area 0 that would lose as much. It
-is never negative, and the losses of the parts of a path add up to the loss of the path. In the cost
-w₁ E + w₂ T + w₃ switches + w₄ M its weight w₄ has the unit 1/m. The area is that of the paper's
-Section 2.1; the paper does not weigh it against other terms.
+of the workspace nodes offer more. M equals the length of a path with area 0 that would have the
+same loss. It is never negative, and the losses of the parts of a path add up to the loss of the
+path. In the cost w₁ E + w₂ T + w₃ switches + w₄ M its weight w₄ has the unit 1/m. The area is that
+of the paper's Section 2.1; the paper does not weigh it against other terms.
 """
 
 from __future__ import annotations
@@ -165,7 +165,8 @@ class AreaProfile:
             reference: Reference area A_ref [m²/s²].
 
         Returns:
-            Manipulability loss M [m]: the length of a path with area 0 that would lose as much.
+            Manipulability loss M [m]. M equals the length of a path with area 0 that would have the
+            same loss.
         """
         return float(self.span @ np.maximum(0.0, 1.0 - self.area / reference))
 
@@ -228,7 +229,7 @@ def _compute_area_profile(
     """Compute the velocity-polytope area between successive postures, in given modes.
 
     The postures divide the motion into k parts, and each part gets one area. If joint 1 slews, its
-    column is dropped, and the arm is evaluated without it.
+    column is left out, and the arm is evaluated without it.
 
     Args:
         machine: Machine with n joints.

@@ -4,7 +4,7 @@ The open list is a binary heap of numbered states that stores the position of ea
 ordered by least `estimate`, then by least `depth`, then by least number. The field `place` of a
 state is its position in the heap; it is NOT_IN_HEAP if the state is not in the heap.
 
-Searches differ in the source of the steps that leave a state: stored steps, or moves priced when
+Searches differ in the source of the steps that start in a state: stored steps, or moves priced when
 they are needed. Each search has its own loop, because numba caches no kernel that receives another
 kernel as an argument. The common parts are in this module. They are inlined, because passing a
 tuple of arrays costs more than their work does.

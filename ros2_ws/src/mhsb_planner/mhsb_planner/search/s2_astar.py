@@ -72,7 +72,7 @@ class ExactSearchInput(NamedTuple):
     """Problem of one search, in the form that the kernel takes.
 
     Attributes:
-        from_start: Steps that leave the start. A reached state of NO_STATE means the goal.
+        from_start: Steps that start in the start. A reached state of NO_STATE means the goal.
         to_goal: Steps to the goal, sorted by the posture that they leave.
         goal_first: Steps of posture i to the goal are goal_first[i] to goal_first[i + 1] - 1, shape
             (postures + 1,).
@@ -99,7 +99,7 @@ class ExactSearchInput(NamedTuple):
 
 
 class LeavingSteps(NamedTuple):
-    """Steps that leave the state that is being expanded: rows first to last - 1 of a list.
+    """Steps that start in the state that is being expanded: rows first to last - 1 of a list.
 
     Attributes:
         state: State that each step of the list reaches; NO_STATE means the goal.
@@ -156,7 +156,7 @@ def expand(
     """Run the kernel of the exact search: expand up to `limit` states.
 
     A state is a workspace node and the mode combination of arrival. The first call expands the
-    start. Steps that leave a posture are priced with `cost_model` when they are needed for the
+    start. Steps that start in a posture are priced with `cost_model` when they are needed for the
     first time, and appended to `edges`. A state is useless if mode switches from another state of
     the same posture reach it as cheaply. A useless state does not enter the open list. A state that
     becomes useless in the list is removed without expansion; it still counts towards `limit`. The
@@ -223,7 +223,7 @@ def expand(
 
 @kernel(inline="always")
 def _add_edges(cost_model: StepCostModel, edges: Edges, posture: int, buffers: StepBuffers) -> bool:
-    """Price the steps that leave a posture and append them to the graph's edges.
+    """Price the steps that start in a posture and append them to the graph's edges.
 
     Args:
         cost_model: Data for pricing steps.
@@ -356,7 +356,7 @@ class ExactSearch:
     def expand(self, limit: int) -> int:
         """Expand up to `limit` states, and price missing steps; call again to continue.
 
-        The priced steps are stored in the graph, whose arrays are enlarged if necessary. The call
+        The priced steps are stored in the graph. Its arrays are enlarged if necessary. The call
         holds the lock of the graph's steps until it returns.
 
         Args:

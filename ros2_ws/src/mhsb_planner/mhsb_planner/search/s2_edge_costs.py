@@ -209,12 +209,12 @@ def _mark_collisions(t: StepCostModel, i: int, first: int, count: int, middle: F
 def _price_range(
     t: StepCostModel, missing: IntArray, leaving: IntArray, begin: int, end: int
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Price the steps that leave a range of postures, and return them in new arrays.
+    """Price the steps that start in a range of postures, and return them in new arrays.
 
     Args:
         t: Postures, forces, obstacles and hydraulic numbers of the graph.
         missing: Numbers of the postures whose steps are not priced yet.
-        leaving: Number of steps that leave each posture of `missing`, aligned with it. Entries
+        leaving: Number of steps that start in each posture of `missing`, aligned with it. Entries
             begin to end - 1 are written in place.
         begin: First index into `missing` to work on.
         end: One after the last index into `missing`.

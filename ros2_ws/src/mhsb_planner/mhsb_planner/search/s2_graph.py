@@ -68,9 +68,9 @@ class StepGraph:
     """All steps between neighbouring nodes of a machine's posture table.
 
     The machine may differ from the table's machine in the quantities that `Machine.changed`
-    changes: payload, supply pressure, V_max, zones and number of booster modules. The mode
-    combinations are those of the table. If the machine has fewer modules, the table must be reduced
-    to the combinations that they allow (`PostureTable.with_patterns`).
+    changes: payload, supply pressure, V_max, zones and number of booster modules. The graph has the
+    mode combinations of the table. If the machine has fewer modules, the table must be reduced to
+    the combinations that they allow (`PostureTable.with_patterns`).
 
     Attributes:
         machine: Machine that moves.

@@ -25,7 +25,7 @@ class Layout(NamedTuple):
         posture_of_state: Posture of each state, shape (nodes, patterns); -1 if the node is
             infeasible.
         neighbors: Neighbours of each node, shape (nodes, 8); -1 if there is none.
-        move: Number of the first move that leaves each posture, shape (postures + 1,).
+        move: Number of the first move that starts in each posture, shape (postures + 1,).
     """
 
     posture: FloatArray

@@ -149,7 +149,7 @@ class PublishedSearch:
         return None
 
     def _expand_start(self) -> None:
-        """Relax all steps that leave the start.
+        """Relax all steps that start in the start.
 
         The node that a step reaches, or the goal, gets a new label if the path with this step is
         cheaper. A label is the cost of the cheapest path found to a node, and its last step. The
@@ -165,11 +165,11 @@ class PublishedSearch:
             self._relax(SearchEdge(None, None if state == NO_STATE else state, step), cost)
 
     def _expand_label(self, node: int) -> None:
-        """Relax all steps that leave a node whose label is final.
+        """Relax all steps that start in a node whose label is final.
 
         A label is the cost of the cheapest path found to a node, and its last step. This step
-        arrives in one mode combination, for which the table has one posture. The steps leave this
-        posture, and mode switches count from this combination.
+        arrives in one mode combination, and the table has one posture for this combination. The
+        steps start in this posture, and mode switches count from this combination.
 
         The node that a step reaches, or the goal, gets a new label if the path with this step is
         cheaper. That path costs as much as this node's label plus the step and its mode switches.

@@ -80,7 +80,7 @@ class Query:
         weight: Weights of energy [1/J], time [1/s] and mode switches [-], shape (3,).
         energy_column: Column of step costs with the energy that counts, ENERGY_PAPER_COLUMN or
             ENERGY_SERIES_COLUMN.
-        from_start: Steps that leave the start.
+        from_start: Steps that start in the start.
         start_switches: Number of actuators that change their mode from `start_modes` to each
             combination, shape (patterns,).
         to_goal: Steps to the goal, sorted by the posture that they leave.

@@ -131,8 +131,8 @@ def create_goal(
         graph: Graph that gives machine, grid and posture rule.
         x: Tip position forward [m].
         z: Tip position upward [m].
-        psi: End-link angle [rad]. A pair is a range, whose samples are at most `GOAL_PSI_SPACING`
-            apart. None leaves the angle free.
+        psi: End-link angle [rad]. A pair is a range; it is sampled with distances of at most
+            `GOAL_PSI_SPACING`. None leaves the angle free.
         deadline: Instant at which the work is given up.
 
     Returns:

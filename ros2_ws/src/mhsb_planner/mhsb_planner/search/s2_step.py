@@ -35,9 +35,9 @@ In shared boost the most loaded actuator sets p_supply of the rail. Boosted oil 
 than P_S, since the main pump feeds the servo pumps. Source: paper, Section 2.2.
 
 A valve leaks as in `hydraulics.compute_valve_leakage`, at p_supply at the middle of the step with
-m(V_max). This leakage counts in T and in the reading `series`. In the reading `paper` the leakage
-in E is that at P_S in every mode. The reading `series` also counts the slip of the servo pumps
-(`hydraulics.compute_slip_flow`): oil that they must raise to p_supply again.
+m(V_max). The valve's leakage counts in T and in the reading `series`. In the reading `paper` the
+leakage in E is that at P_S in every mode. The reading `series` also counts the slip of the servo
+pumps (`hydraulics.compute_slip_flow`): oil that they must raise to p_supply again.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ ENERGY_COLUMN: dict[str, int] = {"paper": ENERGY_PAPER_COLUMN, "series": ENERGY_
 
 
 class Postures(NamedTuple):
-    """Postures with their cylinder lengths and forces, from which step costs follow.
+    """Postures with their cylinder lengths and forces: the data that step costs are computed from.
 
     Attributes:
         posture: Joint positions, shape (count, n) [rad or m].
@@ -279,7 +279,7 @@ def _compute_extra_leakage(c: HydraulicCoefficients, need: float) -> float:
     VALVE_COLUMN,
     LEAKAGE_COLUMN,
 ) = 0, 1, 2, 3, 4, 5, 6
-"""Columns of one joint's part of a move, from which the cost in a mode combination follows.
+"""Columns of one joint's part of a move: the data that the cost in a mode combination follows from.
 
 STROKE: |ΔL| [m]. DIRECTION: 0 extension, 1 retraction. OIL: A_dir |ΔL| [m³]. WORST_PRESSURE:
 largest p_L of an opposing load at start, middle and end [Pa]. It is −∞ if no load opposes the
@@ -358,7 +358,7 @@ class NodeMoves(NamedTuple):
     Attributes:
         start: Postures among which is the one that the moves leave.
         origin: Row of `start` with the posture that the moves leave.
-        end: Postures among which are those of the node.
+        end: Postures; they contain the postures of the node.
         first: Row of `end` with the node's first posture.
         posture_count: Number of postures of the node.
         owner: Row of `end` in which the step of each combination ends, shape (patterns,).

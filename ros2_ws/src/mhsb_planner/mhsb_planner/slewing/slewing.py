@@ -148,7 +148,7 @@ MAX_CARRYING_POSTURES = 4
 FREE_COST_FACTOR = 1.005
 """Largest ratio of the direct path's cost with zones to its cost without zones [-].
 
-If the ratio is not larger, the other methods are dropped."""
+If the ratio is not larger, the other methods end."""
 
 MAX_CARRYING_PSI_DEVIATION = 0.15
 """Largest difference of end-link angles between the via point and its carrying posture [rad]."""
@@ -418,8 +418,8 @@ class SlewingPaths:
     ) -> tuple[DiscretePath, DiscretePath]:
         """Plan a planar path to a via point, and another path from rest there to the goal.
 
-        The via point is the tip position of the carrying posture, in which the arm may slew. The
-        end-link angle at the via point may differ from that of the carrying posture by
+        The arm may slew in the carrying posture, and the via point is the tip position of this
+        posture. The end-link angle at the via point may differ from that of the carrying posture by
         MAX_CARRYING_PSI_DEVIATION. Both paths are planned without the oil and time of the slew.
 
         Args:
@@ -468,8 +468,8 @@ class SlewingPaths:
     def _convert_to_plane(self, task: PathRequest) -> tuple[PathRequest, float]:
         """Convert a path request of the whole arm into one for the arm without its slew.
 
-        The result contains the oil and the least time that the slew needs (`slew_demand`). Its
-        `brake` is None, because the motion of the whole arm contains the braking.
+        The result contains the oil and the least time that the slew needs (`slew_demand`). `brake`
+        of the result is None, because the motion of the whole arm contains the braking.
 
         Args:
             task: Path request of the whole arm.

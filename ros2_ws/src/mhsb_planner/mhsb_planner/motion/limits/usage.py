@@ -93,9 +93,9 @@ def compute_speed_limit(
 def measure_usage(m: MachineArrays, state: LimitInputs) -> float:
     """Return the share of the capacity of main pump, servo pumps and valves that a motion uses [-].
 
-    The result is the largest of several ratios. One is the flow of all pistons, divided by the flow
-    that the main pump has left after leakage. The others are the speed of each piston, divided by
-    its largest speed under its load. Pistons up to MAX_HELD_SPEED have no such ratio.
+    The result is the largest of up to n + 1 ratios. The first ratio is the flow of all pistons,
+    divided by the main pump's flow minus leakage. Each piston faster than MAX_HELD_SPEED has a
+    ratio, too: its speed divided by its largest speed under its load.
 
     Args:
         m: Arrays of the machine.
