@@ -96,9 +96,9 @@ def demo(
     """Replan an arm online over ROS 2, record it and report on it.
 
     Starts sim_node and planner_node, sends goals on a timer, records into DIR/bag, writes
-    DIR/report and DIR/summary.json. Runs in the domain of ROS_DOMAIN_ID, in which no other planner
-    or simulator may run. Results of an earlier demo in DIR are replaced once all new ones exist;
-    until then the new ones are in DIR/unfinished.
+    DIR/report and DIR/summary.json. Runs in the domain of ROS_DOMAIN_ID. No other planner or
+    simulator may run in this domain. Results of an earlier demo in DIR are replaced once all new
+    ones exist; until then the new ones are in DIR/unfinished.
 
     Args:
         output: Folder for recording, report and summary.

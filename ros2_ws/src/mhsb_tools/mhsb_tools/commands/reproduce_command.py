@@ -74,7 +74,7 @@ PAPER_FIGURES: dict[str, Callable[[Runs, FittedRuns, Path], None]] = {
 """Functions that draw the paper's figures, and area against energy, by file name without suffix."""
 
 PAPER_JOINT_COUNT = 3
-"""Number of joints of the paper's arm, for which its statements hold."""
+"""Number of joints of the paper's arm. The paper's statements are checked only for such arms."""
 
 OPERATING_POINT = "operating_point"
 

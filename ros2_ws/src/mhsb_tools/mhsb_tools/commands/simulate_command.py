@@ -312,8 +312,8 @@ def compose_missed_sentence(result: GoalRun, interventions: int, causes: str) ->
 
     Args:
         result: Result of the missed goal.
-        interventions: Number of times in the whole run that the guard boosted actuators beyond the
-            plan or slowed the plan.
+        interventions: Number of times in the whole run that the servo's mode guard boosted
+            actuators beyond the plan or slowed the plan.
         causes: What may be why, as `describe_possible_causes` returns it.
     """
     times = "once" if interventions == 1 else f"{interventions} times"

@@ -133,8 +133,7 @@ def list_compared_moves(machine: Machine, moves: int, truths: int) -> list[Compa
         machine: The arm. If it slews, there are no cases.
         moves: Number of random moves.
         truths: Number of random moves for which the ground truth (the cheapest path by a long
-            offline search) is searched as well. They are the first ones. It is searched for every
-            case.
+            offline search) is searched as well: the first ones. It is searched for every case.
 
     Returns:
         The moves. Cases have their own names, random moves are named `1`, `2` and so on.
@@ -160,7 +159,7 @@ def summarize(comparisons: Sequence[Comparison]) -> dict[str, Any]:
     Returns:
         A dictionary by name of the planner; the ground truth (path of a long offline search) counts
         as a planner. Each entry has the key `moves` and statistics of the ratios planner /
-        baseline, as `_ratio_numbers` returns them. Its key `failures` has a sentence for each move
+        baseline, as `_ratio_numbers` returns them. The key `failures` has a sentence for each move
         that the planner did not plan, by name of the move. The entry `integrated over ground truth`
         has the ratios of these two, without failures. An entry is left out if no move was planned
         by both.

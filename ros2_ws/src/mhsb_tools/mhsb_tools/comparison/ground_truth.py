@@ -59,8 +59,8 @@ def search_ground_truth(
     First, the planner's search runs twice: with normal settings, and with far finer ones. The
     cheaper path is the incumbent (best path so far). Then independent code, `search_least_cost`,
     searches twice. In one search, a cylinder at rest is priced as boosted if the main pump's
-    pressure P_S does not carry its load. In the other it is not. Each of its paths is improved by
-    small changes if it costs at most 1.25 times as much as the incumbent.
+    pressure P_S does not carry its load. In the other search it is not. Each path of these two
+    searches is improved by small changes if it costs at most 1.25 times as much as the incumbent.
 
     `search_least_cost` does not run in each of these cases: the reading is `series`, an actuator is
     boosted at the start, there are obstacles, or the incumbent is within 0.2 % of a lower bound.

@@ -147,9 +147,10 @@ class PlannerComparer:
             request: The move.
 
         Returns:
-            Numbers of each plan and its simulation, by planner. The sentences of planners without a
-            plan are in `failures`. `motions` has the energy of each motion with every supply; the
-            motion at the highest pressure has the key `UNBOOSTED_MOTION`, if it was found.
+            Numbers of each plan and its simulation, by planner. For planners without a plan,
+            `failures` has a sentence with the reason. `motions` has the energy of each motion with
+            every supply; the motion at the highest pressure has the key `UNBOOSTED_MOTION`, if it
+            was found.
         """
         records: dict[str, PlannerResult] = {}
         failures: dict[str, str] = {}

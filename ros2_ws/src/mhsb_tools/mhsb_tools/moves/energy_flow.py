@@ -51,8 +51,8 @@ def draw_energy_flow(energy: Mapping[str, float], axes: Axes) -> None:
 
     Args:
         energy: Energy by name [J], positive if the part uses energy, negative if it gives energy.
-            Pumps give energy, and so do loads that sink. Names that are not in `ITEM_COLORS` come
-            last, in a pale colour.
+            Pumps give energy, and loads that sink give energy, too. Names that are not in
+            `ITEM_COLORS` come last, in a pale colour.
         axes: Axes to draw on. Their scales are replaced.
     """
     axes.set_axis_off()

@@ -148,7 +148,7 @@ def compute_needed_supply(machine: Machine, loads: MotionLoads) -> float:
 
     Args:
         machine: The arm.
-        loads: Motion, of which piston speeds and static forces are read.
+        loads: Motion. Only its piston speeds and static forces are read.
 
     Returns:
         The pressure p [Pa].
@@ -169,7 +169,7 @@ def compute_constant_pressure_energy(
 
     Args:
         machine: The arm.
-        loads: Motion, of which the piston speeds are read.
+        loads: Motion. Only its piston speeds are read.
         supply: Constant pressure p [Pa].
 
     Returns:
@@ -199,7 +199,7 @@ def load_sensing(machine: Machine, loads: MotionLoads, margin: float) -> SupplyE
 
     Args:
         machine: The arm.
-        loads: Motion, of which piston speeds and forces are read.
+        loads: Motion. Only its piston speeds and forces are read.
         margin: Pressure margin Δp of load sensing [Pa].
 
     Returns:
@@ -248,7 +248,7 @@ def compute_pump_control_energy(
 
     Args:
         machine: The arm.
-        loads: Motion, of which piston speeds v [m/s] and forces F with inertia and friction [N] are
+        loads: Motion. Only its piston speeds v [m/s] and forces F with inertia and friction [N] are
             read.
         pumps: Efficiency η, and drag power P_d of all pumps together [W].
         recovering: Whether lowering loads drive their pumps and give energy back.
@@ -349,7 +349,7 @@ def baselines(machine: Machine) -> Mapping[str, System]:
     recovery of energy.
 
     Args:
-        machine: The arm, whose pump efficiencies are used.
+        machine: The arm. Only its pump efficiencies are used.
 
     Returns:
         Functions by name of the supply. Each takes a machine (with or without leakage) and the

@@ -327,7 +327,7 @@ def _rename_to_torn(path: Path, replacement: Path | None) -> str:
 
     Args:
         path: The damaged file. If it is a symbolic link, the link is renamed, not its target.
-        replacement: File that gets the old name; None leaves the old name free.
+        replacement: File that gets the old name; None deviates from the old name free.
 
     Returns:
         The new name of the damaged file, without its folder.

@@ -1,4 +1,4 @@
-"""Writing a recording: a rosbag2 folder with one MCAP file, of which a crash loses little.
+"""Writing a recording: a rosbag2 folder with one MCAP file. Little of the file is lost in a crash.
 
 Messages go into small chunks. The recorder flushes full chunks a few times a second, so a process
 that is killed loses only the last chunk. What is left then has no index and no metadata;

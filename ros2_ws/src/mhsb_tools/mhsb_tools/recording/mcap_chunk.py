@@ -50,8 +50,8 @@ class RawMessage(NamedTuple):
     Attributes:
         channel_id: Id of its channel.
         sequence: Number that its sender counts, or 0.
-        log_ns: Log time, at which it was received [ns].
-        publish_ns: Publish time, at which it was sent [ns].
+        log_ns: Log time: time of receipt [ns].
+        publish_ns: Publish time: time of sending [ns].
         data: Serialized message.
     """
 

@@ -80,8 +80,8 @@ class McapCopy:
     def add_chunk(self, chunk: Chunk) -> None:
         """Write the messages of a chunk.
 
-        A damaged file may have parts of another recording, in which the same ids have other
-        meanings. A chunk belongs to such a part if it has a schema or channel that contradicts the
+        A damaged file may have parts of another recording, and the same ids may have other meanings
+        there. A chunk belongs to such a part if it has a schema or channel that contradicts the
         known definition of the same id. Its messages then get channels of their own. Later chunks
         that belong to the same part get the same channels, also if they have no definitions.
 

@@ -143,7 +143,7 @@ def with_known_text(schema: Schema) -> Schema:
     """Return a schema with the text that ROS has for its type in place of its own.
 
     Args:
-        schema: The schema, of which name and id are kept.
+        schema: The schema. Its name and id are kept.
 
     Returns:
         The schema; its text is empty if the type is unknown here.

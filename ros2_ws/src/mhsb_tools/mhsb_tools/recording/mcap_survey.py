@@ -78,7 +78,7 @@ class Definitions:
         """Return the table in which definitions of the given one's kind are stored.
 
         Args:
-            definition: Schema or channel, whose kind alone counts.
+            definition: Schema or channel. Only its kind is read.
 
         Returns:
             The dictionary itself, definitions by id.
@@ -291,8 +291,8 @@ class Survey:
     def _remove_found_losses(self) -> None:
         """Remove entries of `lost` whose messages were found elsewhere in the file.
 
-        They were found if the range of log times of a kept chunk contains that of the entry.
-        Entries without log times stay.
+        The messages were found if the range of log times of a kept chunk contains the range of the
+        entry. Entries without log times stay.
         """
         if not self._chunks or not self.lost:
             return
@@ -339,7 +339,7 @@ class Survey:
 
         Args:
             piece: The next piece in the order of the file.
-            file: The file, from which definitions in damaged parts are read.
+            file: The file. Definitions in its damaged parts are read from it.
         """
         match piece:
             case Chunk():

@@ -479,8 +479,8 @@ class McapWalk:
 
         Records of the summary are collected; the summary is yielded later as one piece. Records
         that are of no use yield nothing. Two kinds of records may be chunks with a damaged opcode:
-        records of applications, and messages on an unknown channel. They are accepted only after
-        further checks.
+        records of applications, and messages on an unknown channel. Such records are accepted only
+        after further checks.
 
         Args:
             found: The record.

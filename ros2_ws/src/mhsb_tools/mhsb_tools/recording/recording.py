@@ -514,7 +514,7 @@ class _RecordedClock:
 def check_order(recording: Recording) -> None:
     """Check that the ROS time of joint states and of hydraulic states never decreases.
 
-    It decreases if the simulator was started anew during the recording.
+    The number decreases if the simulator was started again during the recording.
 
     Args:
         recording: The recording; its tables are in the order of log time.

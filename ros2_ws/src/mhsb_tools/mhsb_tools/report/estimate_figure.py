@@ -125,7 +125,7 @@ def _draw_quantity(quantity: str, estimate_series: Courses, axes: Axes) -> None:
         quantity: Key of PANEL_LABELS.
         estimate_series: Estimates over time, by quantity and actuator, as `group_estimates` returns
             them.
-        axes: Axes to draw on, with time [s] as x. The label of y is set.
+        axes: Axes to draw on, with time [s] as x. The label of the y axis is set.
     """
     label, factor = PANEL_LABELS[quantity]
     owners = [owner for name, owner in estimate_series if name == quantity]

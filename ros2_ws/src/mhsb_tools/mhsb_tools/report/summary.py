@@ -82,8 +82,8 @@ def compute_summary(run: EvaluatedRecording) -> Summary:
         - `cavitation`: Actuators whose load drives the piston faster than its inlet chamber fills
             at P_S (`mhsb_model.feasibility.cavitation`).
         - `speed_excess_measured`: Largest |v| / V_max - 1 of all pistons (`compute_speed_excess`).
-        - `v_max_of_file_mm_s`: V_max of each actuator in the machine file, with which speeds are
-            compared. The recording does not have the planner's parameter `v_max`.
+        - `v_max_of_file_mm_s`: V_max of each actuator in the machine file; speeds are compared with
+          it. The recording does not have the planner's parameter `v_max`.
         - `plans_applied`, `plans_refused`: Plans that the simulator applied; refused or dropped.
         - `replan_ms`: Goal received to plan published.
         - `lead_ms`: Goal received to the instant at which the applied plan left the old one.
@@ -395,7 +395,8 @@ def compute_real_time_factor(recording: Recording) -> float | None:
     """Compute the mean real-time factor of a recorded simulation.
 
     It is the ratio of simulated time to real time. Each report of the simulator has the factor
-    since the last report. Intervals without a positive duration or a positive factor are skipped.
+    since the previous report. Intervals without a positive duration or a positive factor are
+    skipped.
 
     Args:
         recording: The recording.

@@ -324,7 +324,7 @@ def _over_weights(runs: Runs, measure: Measure) -> np.ndarray:
 
 
 def _never_rises(name: str, values: np.ndarray) -> BoundCheck:
-    """Require that no value exceeds the one in the row before it, as a share of that one."""
+    """Require that no value is larger than the value in the previous row of its column."""
     rise = float(np.max(np.diff(values, axis=0) / values[:-1], initial=0.0))
     return at_most(name, rise, 1e-9, TREND_SHARE)
 

@@ -112,8 +112,8 @@ def _draw_modes(fit: FittedRun, axes: Axes) -> None:
 
     Args:
         fit: The sampled trajectory.
-        axes: Axes to draw on. The ticks of y name the actuators, the first one at the top. The
-            label of x is set, and the grid is switched off.
+        axes: Axes to draw on. The ticks of the y axis name the actuators, the first one at the top.
+            The label of the x axis is set, and the grid is switched off.
     """
     labels = {mode: f"mode {mode.name}" for mode in Mode if np.any(fit.modes == mode)}
     draw_labelled_mode_bars(fit.time, fit.modes, labels, axes)

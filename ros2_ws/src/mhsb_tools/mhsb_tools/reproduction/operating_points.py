@@ -61,9 +61,9 @@ def find_points(runs: Runs) -> dict[str, BestPoint]:
         runs: All runs of the machine; only its machine and posture table are used.
 
     Returns:
-        Four best points by name. A name such as `c5.ps best table` consists of `c5` (the paper's
-        Case 5, in which one quantity is varied), the quantity (`ps` for supply pressure or `vmax`)
-        and the planner.
+        Four best points by name. A name such as `c5.ps best table` consists of `c5`, the quantity
+        (`ps` for supply pressure or `vmax`) and the planner. `c5` is the paper's Case 5, which
+        varies one quantity.
 
     Raises:
         NoOperatingPointError: No point of a range has a plan.

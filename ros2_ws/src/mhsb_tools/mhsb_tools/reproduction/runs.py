@@ -45,7 +45,7 @@ SUPPLY_PRESSURES = (2.5e6, 10e6)
 """Values of P_S in the paper's sweep [Pa]."""
 
 AREA_WEIGHTS = (100.0, 300.0, 1000.0, 2000.0, 3000.0, 5000.0, 10000.0, 50000.0)
-"""Weights w₄, beside 0, with which the integrated planner plans Case 4 [1/m]."""
+"""Weights w₄ of the integrated planner's plans for Case 4, in addition to 0 [1/m]."""
 
 HEURISTIC_SCALES = (0.0, 1.0, 30.0, 100.0, 300.0, 1000.0)
 """Scales of the heuristic H with which the published search is judged [1/m]; the paper does not

@@ -17,11 +17,11 @@ from mhsb_tools.study.needed_pressure import compute_needed_pressure
 from mhsb_tools.study.replay import Replay
 
 LIFTING_JOINT_COUNT = 2
-"""Number of joints, the first ones, whose motion lets the servo estimate the payload."""
+"""Number k: the servo estimates the payload from the motion of the first k joints."""
 
 LEARNING_TIME, EACH_WAY_TIME = 5.0, 0.5
-"""Time of motion of these joints before the estimate is read, and least time that one of them must
-have moved in each direction by then [s].
+"""Time of motion of these joints before the estimate is read [s]. Least time that one of the joints
+must then have moved in each direction [s].
 """
 
 CONFIDENCE_SIGMAS = 1.96

@@ -82,7 +82,7 @@ def load_protocol(machine: Machine, path: Path | None = None) -> Protocol:
 
     Args:
         machine: The machine whose values are varied.
-        path: YAML file; None takes the suite's own.
+        path: YAML file; None takes the suite's file.
 
     Returns:
         Content of the file, with the variations checked against the machine.
@@ -91,8 +91,8 @@ def load_protocol(machine: Machine, path: Path | None = None) -> Protocol:
         YamlFileError: The file cannot be read.
         ScenarioError: Its content is invalid.
         VariationError: The variations in the file are invalid, or there are none.
-        MhsbError: The machine does not have a value that a variation names, a varied value would be
-            outside its range, or a value with a factor is no number.
+        MhsbError: The machine does not have a value that a variation names, or a value with a
+            factor is no number. Or a varied value would be outside its range.
     """
     path = path or find_config_file(BENCHMARK_FILE)
     file = read_study_file(path, ProtocolFile)
@@ -184,8 +184,8 @@ def run_benchmark(
         jobs: Number of processes or a cluster; None takes one process for each processor.
 
     Yields:
-        A result for each sequence of goals on the exact machine, and one for each draw. They come
-        as they are ready, in any order.
+        A result for each sequence of goals on the exact machine, and one for each draw. Results
+        come as they are ready, in any order.
     """
     sequences = len(protocol.file.sequences)
     runs = [(True, number) for number in range(sequences)]

@@ -219,10 +219,10 @@ def compute_supply_overshoot(machine: Machine, run: Replay) -> FloatArray:
 
     p_line is the pressure in the supply line [Pa]. need(t) is the supply pressure that the
     reference needs, at least P_S [Pa]. q_leak is the leakage of a valve [m³/s], and C the volume of
-    line or rail divided by the bulk modulus [m³/Pa]. dt is the step [s]. The window accounts for
-    lines that are charged in advance. The second term of p accounts for a boosted line whose pump
-    stands: its pressure falls only by leakage of the valve. The line is taken as joined to the
-    rail, as in mode SB.
+    line or rail divided by the bulk modulus [m³/Pa]. dt is the step [s]. The maximum over
+    NEED_WINDOW accounts for lines that are charged in advance. The second term of p accounts for a
+    boosted line whose pump stands: its pressure falls only by leakage of the valve. The line is
+    taken as joined to the rail, as in mode SB.
 
     Args:
         machine: The arm that was simulated.

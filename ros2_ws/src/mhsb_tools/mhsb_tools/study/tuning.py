@@ -195,9 +195,9 @@ def compute_cost(run: TuningRun, controller: str, gains: Gains) -> float:
 def is_stable(machine: Machine, payloads: set[float], controller: str, gains: Gains) -> bool:
     """Return whether oscillations of the controlled arm decay fast enough under every payload.
 
-    Only gains of the cascade are examined, for whose control loop there is a linear model. The
-    linear model of the controlled arm is examined in several postures. In each, the slowest
-    decay rate must be above the same threshold for every payload. This threshold is `SLOWEST_DECAY`
+    Only gains of the cascade are examined, since only this control loop has a linear model. The
+    linear model of the controlled arm is examined in several postures. In each posture, the slowest
+    decay rate must be above the same threshold for every payload. The threshold is `SLOWEST_DECAY`
     times the lowest natural frequency of `machine` with its own payload, over all joints and
     postures.
 

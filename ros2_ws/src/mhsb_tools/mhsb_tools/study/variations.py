@@ -78,7 +78,7 @@ def load_variations(machine: Machine, file: Path | None = None) -> Variations:
 
     Args:
         machine: The machine whose values are varied.
-        file: YAML file; None takes the suite's own.
+        file: YAML file; None takes the suite's file.
 
     Returns:
         Variations by name.
@@ -135,7 +135,7 @@ def draw_machine(
             none.
         random: Generator of random numbers; its state changes.
         moment_to_time: Function from a share of the time of motion, 0 … 1, to the time since the
-            start [s]. It is called for variations of kind `moment`.
+            start [s]. The function is called for variations of kind `moment`.
 
     Returns:
         The varied machine, and what was drawn by name of the variation: a factor, a value, a time

@@ -25,7 +25,7 @@ REGION_OFFSET = 0.08
 """Distance by which regions are drawn behind the arm's plane [m]."""
 
 SMALLEST_TURN = 2e-3
-"""Smallest change of a joint for which the polytope is drawn anew [rad]."""
+"""The polytope is drawn again if a joint has changed by at least this angle [rad]."""
 
 
 class PolytopeScene:

@@ -60,7 +60,7 @@ def _add_stand(scene: SceneApi, machine: Machine) -> None:
 
     Args:
         scene: Scene of the browser.
-        machine: The arm, whose size determines the size of the stand.
+        machine: The arm. The size of the stand follows from its size.
     """
     size, beside = machine.relative_size, 0.0 if machine.slews else 0.03
     wide, deep, high = (size * each for each in FOOT_SIZE)

@@ -30,8 +30,8 @@ class MarkerScene:
 
         Of the marker actions, ADD and DELETEALL are supported. ADD adds a marker, or replaces the
         one with the same namespace and id. DELETEALL removes all markers that are shown and not
-        added again later in the message. Other actions are ignored, and so are added markers whose
-        frame is not that of the scene.
+        added again later in the message. Other actions are ignored. Added markers are ignored, too,
+        if their frame is not the scene's frame.
 
         Args:
             message: Markers of the planner.

@@ -26,7 +26,7 @@ from mhsb_tools.viewer.plots import Plots
 
 FRAME_PERIOD = 0.05  # s
 PLOT_PERIOD = 0.25  # s
-"""Change of the shown time after which plots are drawn anew [s]."""
+"""Change of the shown time after which plots are drawn again [s]."""
 
 PLOT_SPAN = 30.0
 """Time before the present one that plots show [s]."""
@@ -107,7 +107,7 @@ class Playback:
         differs from the last shown one.
 
         Args:
-            elapsed: Time since the last call [s].
+            elapsed: Time since the previous call [s].
         """
         if self._running.value and self._server.get_clients():
             ahead = float(self._slider.value) + elapsed
@@ -222,9 +222,9 @@ def _integrate_recorded_power(recording: Recording) -> tuple[IntArray, FloatArra
 
     Returns:
         ROS times of the hydraulic states, int64 (k,) [ns], and energies up to these times, shape
-        (k, 2) [J]: of the oil at the valve inlets (column 0) and of the pistons (column 1). They
-        are 0 at the simulator's first report, so negative before. If hydraulic states or reports
-        are missing, there is one row with time 0 and nan.
+        (k, 2) [J]: of the oil at the valve inlets (column 0) and of the pistons (column 1). The
+        energies are 0 at the simulator's first report, so negative before. If hydraulic states or
+        reports are missing, there is one row with time 0 and nan.
     """
     actuators, reports = recording.actuators, recording.simulator_reports
     if len(actuators.time_ns) == 0 or not reports:

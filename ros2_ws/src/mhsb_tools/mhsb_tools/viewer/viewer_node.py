@@ -49,7 +49,7 @@ from mhsb_tools.viewer.plots import Plots
 
 FRAME_PERIOD = 0.05  # s
 FRAMES_PER_PLOT = 5
-"""Frames after which plots, state and polytope are drawn anew."""
+"""Number of frames after which plots, state and polytope are drawn again."""
 
 PLOT_SPAN = 30.0
 """Time before the present one that plots show [s]."""
