@@ -85,6 +85,7 @@ class GuardedExecutor(SingleThreadedExecutor):
         """Serve one callback, and record an exception of a task or of the wait itself as a fault.
 
         In these cases the exception is raised again, which ends the process:
+
         - ROS has been shut down, or the executor has no node.
         - The type of the exception is in `Faults.ending_errors`.
         - It is exception number `MAX_EXECUTOR_FAULTS` in a row.
@@ -191,9 +192,9 @@ class GuardedExecutor(SingleThreadedExecutor):
         """Compute the response of a service; if its callback fails, the response gives the reason.
 
         Services that set parameters are treated differently from others, and set at most
-        `MOST_CHANGES` parameters. SetParameters sets its parameters one by one, and refuses those
-        beyond this number. SetParametersAtomically sets all at once, and refuses a longer request
-        as a whole.
+        `MOST_CHANGES` parameters. SetParameters sets its parameters one by one, and refuses all
+        after the first `MOST_CHANGES`. SetParametersAtomically sets all at once, and refuses a
+        longer request as a whole.
 
         Args:
             node: Node of the service.

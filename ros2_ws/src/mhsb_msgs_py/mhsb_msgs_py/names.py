@@ -11,7 +11,7 @@ RESET_SERVICE = "~/reset"
 CLEAR_FAULTS_SERVICE = "~/clear_faults"
 
 BASE_FRAME = "base_link"  # x forward, y to the left, z up
-WORK_PLANE_FRAME = "work_plane"  # the arm's plane laid flat: x forward, y up
+WORK_PLANE_FRAME = "work_plane"  # the arm's plane as its x-y plane: x forward, y up
 
 
 def joint_names(count: int) -> tuple[str, ...]:
