@@ -508,7 +508,7 @@ def compute_leakage_at(
 
     Args:
         rated_flow: Leakage q_leak at the rated supply pressure [m³/s].
-        land_leakage: Share s of the leakage past the lands at that pressure [-].
+        land_leakage: Share s of the leakage past the lands at the rated supply pressure [-].
         rated_pressure: Rated supply pressure P_S [Pa].
         tank: Tank pressure p_T [Pa].
         supply: Present supply pressure p of the valve [Pa].

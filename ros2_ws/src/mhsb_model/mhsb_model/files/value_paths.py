@@ -15,7 +15,7 @@ class ValuePathError(MhsbError):
 
         Args:
             path: Whole path, such as `joints.0.link.mass`.
-            part: The part of it that does not exist.
+            part: The part of `path` that does not exist.
             valid: Keys or indices that exist at this place; empty for a plain value.
         """
         self.path = path
