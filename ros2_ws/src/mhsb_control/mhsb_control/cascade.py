@@ -497,6 +497,7 @@ def compute_piston_demands(s: ServoArguments) -> None:
 
     While a joint moves steadily and its valve is not saturated, its measured force updates the
     estimates of payload and friction. A motion is steady if both of these hold:
+
     - The reference's piston speed is above `moving_speed` in one direction, both now and at the
       preview point, a fixed time ahead.
     - The inertia torque is below `max_inertia_share` times the torque of the weight.

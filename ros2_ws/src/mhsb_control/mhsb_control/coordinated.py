@@ -646,6 +646,7 @@ def may_leave_early(
     """Return whether a line may leave the rail before its mode ends.
 
     Three conditions must hold:
+
     - Another boosted line on the rail needs a pressure that is higher by more than `joined_drop`.
     - The line's mode will not be SB (shared boost) at the preview point, a fixed time ahead.
     - One pump can supply the line's flow, less the leakage that the lower pressure will save. While

@@ -129,7 +129,8 @@ def reads_pressures(name: str) -> bool:
         name: Name of the controller.
 
     Returns:
-        Its attribute `reads_pressures`; True if it does not have one.
+        The controller's attribute `reads_pressures`; True if the controller does not have this
+        attribute.
 
     Raises:
         UnknownControllerError: No controller has this name.
