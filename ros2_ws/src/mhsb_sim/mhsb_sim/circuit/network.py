@@ -590,6 +590,7 @@ def connect_actuator(circuit: Circuit, j: int, count: int) -> int:
     Isolating valves shut the chambers off, tightly in both directions. They follow
     `isolating_command`. If `lock_valve_opening` is above 0, the isolating valves also act as lock
     valves. They then shut in two more cases:
+
     - The opening of the servo valve is below `lock_valve_opening`.
     - The pilot pressure, that of the line, is below the higher chamber pressure divided by
       LOCK_VALVE_PILOT_RATIO.

@@ -164,6 +164,7 @@ class ArmPublisher:
         """Publish the simulator's report on /diagnostics, and start its publishing period again.
 
         Besides sentence and level, the report has these values:
+
         - simulated time, and its speed relative to real time since the previous report;
         - energies of the pumps [J];
         - time of the last stop, and plan delay [s];

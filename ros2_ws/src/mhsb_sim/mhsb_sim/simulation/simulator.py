@@ -516,6 +516,7 @@ class Simulator:
         """Let relief valves lower the pressure of oil that is trapped behind closed valves.
 
         The oil of an actuator is trapped in two cases:
+
         - The pressures of both chambers exceed the mean of supply and tank pressure. If the valve
           opened, oil would flow back.
         - The joint is pressed against its end stop.
