@@ -405,7 +405,7 @@ class Planner:
         """Create the request for paths.
 
         The departure is the posture from which paths are searched. If the motion steers to a moving
-        goal and the options leave the end-link angle ψ free, the request restricts ψ. It may differ
+        goal and the options leave the end-link angle ψ free, the request restricts ψ. ψ may differ
         from its value at the departure by at most MAX_POSTURE_TURN_RATE times the goal's period.
 
         Args:

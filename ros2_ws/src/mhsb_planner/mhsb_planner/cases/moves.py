@@ -33,8 +33,8 @@ class Move(NamedTuple):
 def list_case_moves(machine: Machine) -> dict[str, Move]:
     """Return the moves of the paper's Cases 1 to 4, without repetition.
 
-    Only cases that name the table planner are used. Cases with equal start and goal give one move.
-    It has the name and the start posture of the first of them.
+    Only cases that name the table planner are used. Several cases with the same start and the same
+    goal give one move, with name and start posture of the first of these cases.
 
     Args:
         machine: The machine.

@@ -272,7 +272,7 @@ def _yield_cheaper_lines(
 def lattice_spacings(task: SearchProblem, best: CylinderPath | None) -> list[float]:
     """Return the spacings of the lattices, in a decreasing geometric sequence.
 
-    With an incumbent (cheapest path so far) the spacings depend on `stroke` [m]. This is the
+    With an incumbent (cheapest path so far) the spacings depend on `stroke` [m]. `stroke` is the
     largest difference of a cylinder length between the start and any of these points:
 
     - the incumbent's waypoints,
@@ -392,8 +392,9 @@ def search_lattice(
     DEADLINE_HEURISTIC_WEIGHT for an arm of more than three joints if there is a deadline.
 
     Without an incumbent, A* with the heuristic weight FIRST_HEURISTIC_WEIGHT expands at most
-    FIRST_STATES states. If it stops there without a path, a second search without that limit keeps
-    only the first path to each lattice point. It finds some path quickly, but not the cheapest.
+    FIRST_STATES states. If it stops there without a path, a second search without a limit of states
+    keeps only the first path to each lattice point. The second search finds some path quickly, but
+    not the cheapest.
 
     Args:
         task: Search problem: start, goal postures, cost model, effort limits and deadline.

@@ -230,7 +230,7 @@ def _branch_and_bound(
     A cell holds an interval for each free coordinate. Best-first branch and bound halves the cell
     of the least bound along its widest side. It stops at a cell whose bound is at least (1 −
     BOUND_TOLERANCE) `best_sampled_bound`, or whose widest side is below MIN_CELL_WIDTH. It also
-    stops when no more cells are allowed. That cell's bound is the result.
+    stops when no more cells are allowed. The result is the least bound of all cells at this moment.
 
     Args:
         cost: Machine, cylinder lengths at the start, and weights.

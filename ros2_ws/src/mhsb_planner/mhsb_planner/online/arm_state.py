@@ -194,7 +194,8 @@ class ArmState:
         """Return whether the arm moves under a command of this planner.
 
         Args:
-            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
+            now_ns: Time of plans [ns]: the arm's clock minus the delay that speed scaling has
+                caused.
 
         Returns:
             True if this planner's last confirmed command has not ended, and if it is the one that

@@ -57,8 +57,9 @@ class ArmStops:
         """Find the time up to which goals are void, from the arm's report of its last stop.
 
         A goal is void if it was sent before the report was received, and at most `OLD_STOP` after
-        the stop. At the first report it must have been sent before the stop. The first messages
-        that a planner receives may be seconds old, and the stop is then older than it seems.
+        the stop. At the first report, a void goal must have been sent before the stop. The first
+        messages that a planner receives may be seconds old, and the stop is then older than it
+        seems.
 
         A stop that this planner has called for makes no goal void. The report is ascribed to the
         oldest call without a report, unless the stop came more than `OLD_STOP` before this call.

@@ -101,7 +101,8 @@ class Execution:
         - The arm executes another plan: `REPLACED`.
         - The arm has begun to hold more than `EARLY_NS` before the plan's end: it has dropped the
           plan. If it reports a fault, the outcome is `ABORTED` at once. Otherwise the place of the
-          reference decides between `STOPPED` and `ABORTED`; this is returned `REASON_NS` later.
+          reference decides between `STOPPED` and `ABORTED`; the result is returned `REASON_NS`
+          later.
         - The plan has ended: the distances of the measured tip from the goal decide.
 
         Some arms do not report which plan they execute; they are assumed to follow this one. The
@@ -110,7 +111,8 @@ class Execution:
         Args:
             machine: Machine from which the tip position is computed.
             arm_state: Arm state.
-            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
+            now_ns: Time of plans [ns]: the arm's clock minus the delay that speed scaling has
+                caused.
             is_last: True if the result is needed now. After the plan's end, the arrival is then
                 judged by the distances so far.
 
@@ -142,7 +144,8 @@ class Execution:
 
         Args:
             arm_state: Arm state.
-            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
+            now_ns: Time of plans [ns]: the arm's clock minus the delay that speed scaling has
+                caused.
 
         Returns:
             Outcome, sentence and cause. None while the arm may still report a fault as the reason.
@@ -159,7 +162,8 @@ class Execution:
 
         Args:
             arm_state: Arm state. Only `reference` is read.
-            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
+            now_ns: Time of plans [ns]: the arm's clock minus the delay that speed scaling has
+                caused.
 
         Returns:
             `STOPPED` if the reference of every joint is within `SAME_PLACE` of the plan's position

@@ -156,7 +156,8 @@ class GoalPlanning:
 
         Args:
             pending_goal: The waiting goal.
-            error: Error that says why no plan can start. It gives code and sentence of a refusal.
+            error: Error that says why no plan can start. The error gives code and sentence of a
+                refusal.
         """
         state, now = self._state, self._state.now
         is_foreign = isinstance(error, MovingError) and state.arm_state.plan_in_force_ns != NO_PLAN

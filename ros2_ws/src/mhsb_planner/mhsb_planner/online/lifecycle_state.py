@@ -64,7 +64,7 @@ class LifecycleState:
 
     @property
     def now_ns(self) -> int:
-        """Time of plans [ns]: the arm's clock minus the arm's delay behind its plans."""
+        """Time of plans [ns]: the arm's clock minus the delay that speed scaling has caused."""
         return self.arm_state.get_plan_time_ns(self.now, self.outbox.ros_ns())
 
     # --- Goals in their places -------------------------------------------------------------------

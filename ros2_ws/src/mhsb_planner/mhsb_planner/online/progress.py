@@ -39,13 +39,14 @@ class Progress:
     def update(self, execution: Execution, now_ns: int) -> None:
         """Update the elapsed share, the time left and the energy.
 
-        Times before `replan.change_ns` (end of the part that repeats the previous plan) count as
-        this time, and times after the plan's end as its end. The energy of the time since the last
-        update is added.
+        `replan.change_ns` is the end of the part that repeats the previous plan. Earlier times
+        count as `replan.change_ns`, and times after the plan's end count as the plan's end. The
+        energy of the time since the previous update is added.
 
         Args:
             execution: Execution of the plan in force.
-            now_ns: Time of plans [ns]: the arm's clock minus the arm's delay behind its plans.
+            now_ns: Time of plans [ns]: the arm's clock minus the delay that speed scaling has
+                caused.
         """
         command, change_ns = execution.replan.command, execution.replan.change_ns
         end_ns = command.trajectory.end_ns

@@ -69,8 +69,8 @@ Brake = Callable[[Command, int, float], tuple[Command, int]]
 
 Its arguments are the command in force, the earliest stamp of the braking command [ns], and the time
 from stamp to braking [s]. The result is the braking command and the time at which braking begins
-[ns]. Times [ns] are in the time of plans (the arm's clock minus the arm's delay behind its
-plans)."""
+[ns]. Times [ns] are in the time of plans (the arm's clock minus the delay that speed scaling has
+caused)."""
 
 
 class StopSequence:

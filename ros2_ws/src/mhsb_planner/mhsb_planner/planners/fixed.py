@@ -26,8 +26,8 @@ class FixedPlanner(PathPlanner):
 
         In this graph all joints but two keep the angles of the start, clipped to their limits. With
         `options.initial_j3`, joint 3 keeps that angle instead. Each call builds the graph and
-        prices all its steps. `options.search` chooses the search. The published one (the paper's)
-        keeps one label per node, and may miss the cheapest path.
+        prices all its steps. `options.search` chooses the search. The published search (the
+        paper's) keeps one label per node, and may miss the cheapest path.
 
         Args:
             graph: Step graph of the posture table; only machine, posture table and grid are read.

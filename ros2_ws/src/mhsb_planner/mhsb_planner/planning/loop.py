@@ -293,10 +293,10 @@ class PlanningLoop:
         """Estimate the factor on V_max below which no slower motion will be cheaper.
 
         At f times its speed, the incumbent's path takes up to 1/f times as long and leaks up to 1/f
-        times as much. It saves at most the cost of boosts and mode switches. The slower motion may
-        be cheaper if
+        times as much. The slower motion saves at most the cost of boosts and mode switches. The
+        slower motion may be cheaper if
 
-            L (1/f − 1) < S    f > L / (L + S)
+            L (1/f − 1) < S,   that is   f > L/(L + S)
 
         L is the cost of leakage and time during the incumbent's path, without its ramps (changes of
         speed) [-]. S is the cost of boosts and mode switches, less the gain that is worth a search

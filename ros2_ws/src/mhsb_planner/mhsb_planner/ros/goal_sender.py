@@ -127,7 +127,7 @@ class GoalSender(Node):
         """Send a goal, and wait for the planner's verdict on it.
 
         Each time `SEND_AGAIN_AFTER` has passed without an answer, the goal is sent again with a new
-        stamp. Only a verdict on the last stamp is returned.
+        stamp. Only a verdict on the latest stamp is returned.
 
         Args:
             executor: Executor that serves this node.

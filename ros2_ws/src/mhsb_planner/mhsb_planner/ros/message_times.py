@@ -17,10 +17,11 @@ def find_message_times(
 ) -> tuple[float, float]:
     """Find the times at which a message was sent and received, by the steady clock.
 
-    A time of receipt in the future, or one that the middleware does not give, counts as the
-    present. One that is more than `MAX_TRANSPORT_TIME` ago counts as this long ago. The message
-    counts as sent when it was received in three cases: the middleware gives no time of sending,
-    this time is more than `MAX_TRANSPORT_TIME` ago, or it is later than the receipt.
+    If the time of receipt is in the future, or the middleware does not give it, the message counts
+    as received at present. A time of receipt more than `MAX_TRANSPORT_TIME` ago counts as
+    `MAX_TRANSPORT_TIME` ago. The message counts as sent when it was received in three cases: the
+    middleware gives no time of sending, this time is more than `MAX_TRANSPORT_TIME` ago, or it is
+    later than the receipt.
 
     Args:
         info: rclpy's information on the message. `source_timestamp` and `received_timestamp` are

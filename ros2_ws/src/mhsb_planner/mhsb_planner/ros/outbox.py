@@ -309,8 +309,8 @@ class RosOutbox:
             arm: Machine with the zones to draw.
 
         Returns:
-            The tip's path in `base_link`, the same path in `work_plane` (the arm's plane laid
-            flat), and markers.
+            The tip's path in `base_link`, the same path in `work_plane` (the arm's plane as its x-y
+            plane), and markers.
         """
         return (
             *views.make_paths(self._machine, command, self._prefix),

@@ -31,10 +31,11 @@ def compose_diagnostics(
 ) -> DiagnosticArray:
     """Compose the status of the planner node for /diagnostics.
 
-    Its values are the number of verdicts, the plan in force, and the estimated commit horizon (time
-    until a new plan takes over) [s]. Further values are the payload [kg], name and hash of the
-    machine, and the faults of callbacks. A node is a duplicate if it has the same name as this one,
-    or publishes on the same topics. Duplicates are also logged, at most every 10 s.
+    The status has these values: number of verdicts, plan in force, and estimated commit horizon
+    [s]. The commit horizon is the time until a new plan takes over. Further values are the payload
+    [kg], name and hash of the machine, and the faults of callbacks. Another node is a duplicate if
+    it has the same name as this node, or publishes on the same topics. Duplicates are also logged,
+    at most every 10 s.
 
     Args:
         node: Planner node.
@@ -81,8 +82,9 @@ def _describe_plan_in_force(arm_state: ArmState) -> str:
         arm_state: Arm state.
 
     Returns:
-        "unknown" if the arm has not reported which plan it executes; "none, the arm holds" if it
-        reports that it executes none. Otherwise the stamp, and whether this planner made the plan.
+        "unknown" if the arm has not reported which plan it executes; "none, the arm holds" if the
+        arm reports that it executes no plan. Otherwise the stamp, and whether this planner made the
+        plan.
     """
     if arm_state.plan_in_force_ns is None:
         return "unknown"

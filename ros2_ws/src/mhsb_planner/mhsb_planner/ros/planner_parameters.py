@@ -251,7 +251,7 @@ class PlannerParameters:
             lost_servo_pumps: Numbers of failed servo pumps, from 1. Each of them reduces the number
                 of booster modules by one.
             estimated_payload: Payload that the arm has estimated [kg]; None if there is no
-                estimate. It replaces `payload` if `payload_from` is `estimate`.
+                estimate. The estimate replaces `payload` if `payload_from` is `estimate`.
 
         Returns:
             Settings with the options, and with the machine of the file, changed by these values.

@@ -56,8 +56,8 @@ def compute_speed_limit(
     that fills.
 
     A piston that moves with its load has two limits. One is this equation with p = P_S and without
-    margin. The other is v = K √P_S/A_d, at which the whole pressure P_S drops over the valve. In
-    boost, the flow Q_SP of each of n servo pumps sets a further limit, v = n Q_SP/A_d.
+    margin. The other is v = (K/A_d) √P_S: the whole pressure P_S is then the pressure drop over the
+    valve. In boost, the flow Q_SP of each of n servo pumps sets a further limit, v = n Q_SP/A_d.
 
     Args:
         oil: Hydraulic numbers that all actuators share.
