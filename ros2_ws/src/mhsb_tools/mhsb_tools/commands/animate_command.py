@@ -133,9 +133,9 @@ def _check_source(bag: Path | None, plan: PlannedMoveArguments, namespace: str |
     """Check that either a recording or a plan is given, and that each option has an effect.
 
     Args:
-        bag: Folder of the recording; None if it was left out.
+        bag: Folder of the recording; None if the option was not given.
         plan: Options of a plan: start, goal, case, planner.
-        namespace: Namespace of the recorded topics; None if it was left out.
+        namespace: Namespace of the recorded topics; None if the option was not given.
 
     Raises:
         UsageError: Both or neither of recording and plan are given. Or an option has no effect: a

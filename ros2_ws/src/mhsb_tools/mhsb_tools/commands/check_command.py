@@ -180,7 +180,7 @@ def format_report(machine: Machine) -> list[str]:
 
 
 def _length_sensor_facts(machine: Machine) -> dict[str, Any]:
-    """Collect class and rate of the length sensors, and how soon a frozen one is found.
+    """Collect class and rate of the length sensors, and how soon a frozen sensor is found.
 
     Args:
         machine: The arm.
@@ -193,7 +193,8 @@ def _length_sensor_facts(machine: Machine) -> dict[str, Any]:
         - noise_rad, offset_rad, drift_rad_s: standard deviations of the joint angle; noise is None
           if the file gives it for lengths
         - frozen_found_s: longest time in which the simulator's supervision finds a frozen sensor,
-          with its default limits, while the fastest piston moves at V_max; None if it does not
+          with its default limits, while the fastest piston moves at V_max; None if the supervision
+          does not find it
     """
     sensors = machine.config.imperfections.sensors
     _, limit = SupervisionLimits.for_controller(default_controller(machine)).frozen_length
@@ -284,7 +285,7 @@ def _curve_and_compensator_lines(machine: Machine) -> list[str]:
 def _joint_facts(machine: Machine, j: int) -> dict[str, Any]:
     """Collect range, moment arm, stroke and load of one joint.
 
-    The load is the one of the straight arm (all joint positions 0) at rest under gravity.
+    The load is computed for the straight arm (all joint positions 0) at rest under gravity.
 
     Args:
         machine: The arm.
@@ -299,7 +300,8 @@ def _joint_facts(machine: Machine, j: int) -> dict[str, Any]:
         - stroke_m: change of the cylinder length over the range
         - straight_out_torque_nm (straight_out_force_n for a telescope): torque (or force) that
           holds the load; None if position 0 is outside the joint's range, or if the joint slews
-        - straight_out_load_pressure_pa: supply pressure that holds the load; None in the same cases
+        - straight_out_load_pressure_pa: supply pressure that holds the load; None if the torque (or
+          force) is None
         - own: values that the machine file gives to this actuator alone, by their key
     """
     arrays, joint = machine.arrays, machine.config.joints[j]

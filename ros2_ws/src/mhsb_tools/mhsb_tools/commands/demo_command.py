@@ -105,8 +105,8 @@ def demo(
         machine: Machine file (YAML); the suite's own arm when left out.
         goals: Goals (YAML: a list of x [m], z [m], y [m] if the arm slews, and time to the next
             [s]); the suite's goals for this machine when left out.
-        plant: Plant file (YAML), such as config/realistic_plant.yaml: in what the simulated arm
-            differs from the machine that planner and servo know.
+        plant: Plant file (YAML), such as config/realistic_plant.yaml: how the simulated arm differs
+            from the machine that planner and servo know.
         estimates_file: File (YAML) of what the servo of a machine without pressure sensors has
             learnt: read at the start if it exists, written while the arm moves.
         view: Show the arm in a browser while it moves, at the address that is printed.

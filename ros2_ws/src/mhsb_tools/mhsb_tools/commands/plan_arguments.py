@@ -237,7 +237,7 @@ def _range_of(name: str, given: Point | None, fixed: float | None) -> Range | No
     Args:
         name: NAME, such as `v-max`; for error messages.
         given: Lowest and highest value in SI units; None if `--NAME-range` was left out.
-        fixed: Value of the option `--NAME`; None if it was left out.
+        fixed: Value of the option `--NAME`; None if the option was not given.
 
     Returns:
         The range; None if `--NAME-range` was left out.
@@ -471,7 +471,7 @@ def check_options_have_effect(asked: PaperCase, given: Mapping[str, Any]) -> Non
 
     Args:
         asked: The request; its planner and its weights are read.
-        given: Value of each option, by its name with underscores; None if it was left out.
+        given: Value of each option, by its name with underscores; None if the option was not given.
 
     Raises:
         UsageError: An option has no effect. The message names the first such option, says why, and

@@ -180,13 +180,14 @@ class PlannerComparer:
         return compute_supply_energies(self._planner.machine, self._leakproof, trajectory, schedule)
 
     def _plan_unboosted_motion(self, move: Move) -> Trajectory:
-        """Plan a move as if the main pump had the highest boost pressure, so that none needs boost.
+        """Plan a move as if the main pump had the highest boost pressure, so that no boost is
+        needed.
 
         Args:
             move: Start posture and goal.
 
         Returns:
-            Trajectory of the default planner, which follows its path.
+            Trajectory that follows the path of the default planner.
 
         Raises:
             MhsbError: No plan was found.

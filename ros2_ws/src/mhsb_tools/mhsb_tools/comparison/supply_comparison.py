@@ -205,7 +205,7 @@ def as_markdown(sets: Mapping[str, Mapping[str, Any]]) -> list[str]:
 
     Returns:
         Lines without line breaks. Each set that is not empty has a table with a row for each
-        supply. Its four cells are energies [kJ]: to the oil and at the shafts, with leakage and
+        supply. Each row has four energies [kJ]: to the oil and at the shafts, with leakage and
         without. A missing value is a dash. A number in brackets counts the moves in which the
         supply takes less than MHSB. The title has the lowest constant pressure with which every
         move can be done [MPa].

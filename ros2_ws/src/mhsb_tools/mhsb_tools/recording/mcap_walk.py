@@ -386,7 +386,7 @@ class McapWalk:
             at: Offset of the first message index.
 
         Returns:
-            Number of messages in all these indexes, offset after the last one, and first and last
+            Number of messages in all these indexes, offset after the last index, and first and last
             log time of the messages [ns]. The times are None if no messages are listed. Without an
             index at `at`, the number is 0 and the offset is `at`.
         """

@@ -54,8 +54,8 @@ class Recorder(Node):
     def __init__(self, bag: BagWriter, duration: float | None, silent: bool = False) -> None:
         """Subscribe to all topics of the suite and start recording.
 
-        Complete chunks are handed to the operating system every FLUSH_PERIOD. This timer and the
-        one for `duration` use the steady clock, so simulated time has no influence.
+        Complete chunks are handed to the operating system every FLUSH_PERIOD. The timers for
+        FLUSH_PERIOD and `duration` use the steady clock, so simulated time has no influence.
 
         Args:
             bag: Open recording that receives the messages; the caller completes it.

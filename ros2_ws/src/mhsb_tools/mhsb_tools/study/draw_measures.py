@@ -145,7 +145,7 @@ def flow_suffices(machine: Machine, plant: Machine, commands: Sequence[Command])
         Σ_j (A_dir |v| + q f(p/P_S)) ≤ Q_MP
 
     The sum is over the actuators j. A_dir is the inlet area of the cylinder [m²], v its piston
-    speed [m/s], q the leakage of a valve at P_S [m³/s], f the factor on it of `scale_leakage`, and
+    speed [m/s], q the leakage of a valve at P_S [m³/s], f the factor of `scale_leakage` on q, and
     Q_MP the flow of the main pump [m³/s]. p is the supply pressure that the planned motion needs,
     at least P_S [Pa].
 
@@ -153,7 +153,7 @@ def flow_suffices(machine: Machine, plant: Machine, commands: Sequence[Command])
 
     Args:
         machine: The machine that the planner knows; its moment arms give the piston speeds.
-        plant: The simulated machine; all other quantities are its own.
+        plant: The simulated machine; gives all other quantities.
         commands: Plans with their mode schedules, by increasing stamp.
 
     Returns:

@@ -104,7 +104,7 @@ class Playback:
 
         The slider advances only if playing is switched on and a browser is connected. Beyond the
         end of the recording, it goes back to 0. The page is updated only if the slider's time
-        differs from the last shown one.
+        differs from the time that the page shows.
 
         Args:
             elapsed: Time since the previous call [s].
