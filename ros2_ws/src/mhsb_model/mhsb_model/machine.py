@@ -69,8 +69,7 @@ FIELDS_OUTSIDE_TABLE_HASH: dict[str, Any] = {
     "motion": {"max_piston_acceleration", "max_piston_jerk", "kept_joints"},
     "workspace": {"spacing"},
 }
-"""Parts of the machine file that a posture table does not depend on: they leave it valid if
-changed.
+"""Parts of the machine file that a posture table does not depend on. It stays valid if they change.
 
 The format is that of `exclude` in pydantic's `model_dump`."""
 

@@ -85,7 +85,8 @@ class ModeSchedule:
     def modes_at(self, time_ns: int) -> ModeArray:
         """Return the mode of each actuator at an absolute time, shape (actuators,).
 
-        Before the stamp the first row counts, and after the last row the last one.
+        Before the stamp the first row counts, and after the time of the last row the last row
+        counts.
 
         Args:
             time_ns: Absolute time [ns].
@@ -96,7 +97,8 @@ class ModeSchedule:
     def modes_at_many(self, time_ns: IntArray) -> ModeArray:
         """Return the mode of each actuator at several absolute times.
 
-        Before the stamp the first row counts, and after the last row the last one.
+        Before the stamp the first row counts, and after the time of the last row the last row
+        counts.
 
         Args:
             time_ns: Absolute times in any order, shape (times,) [ns].

@@ -2,8 +2,8 @@
 
 With three or more revolute joints, even samples of each telescope's extension are held. The rest is
 a chain of revolute joints with longer links (`tip_postures.find_postures`). With two revolute
-joints, a given end-link angle ψ leaves them no freedom, and the extension s of the last telescope
-closes the chain:
+joints, a given end-link angle ψ determines both joint angles, and the extension s of the last
+telescope closes the chain:
 
     |t − (D₂ + s) e(ψ)| = D₁         if it slides beyond both revolute joints
     |t − D₂ e(ψ)| = D₁ + s           if it slides between them

@@ -22,7 +22,7 @@ GOLDEN_RATIO = 0.5 * (math.sqrt(5.0) - 1.0)
 SECTION_STEPS = 26
 """Number of steps of the golden-section search.
 
-They leave 4e-6 of the line's length, and no distance is wrong by more than that."""
+The remaining interval is 4e-6 of the line's length, and no distance is wrong by more than that."""
 
 
 @kernel(borrows=True)
