@@ -67,7 +67,7 @@ class ResponseSettings:
     known_dead_band_step: float = 0.02
     """First step once the valve has driven the piston, as a share of c, 0.005 … 0.5.
 
-    Origin: chosen; a larger one leaves slow speeds out, which then are never learnt."""
+    Origin: chosen; with a larger value, slow speeds would never be learnt."""
     min_driven_ratio: float = 0.1
     """Speed from which on a pair shows that the valve has driven the piston, as a share of the
     speed limit, 0.02 … 1. Only then the smaller step is taken. It holds for windows of 0.2 s. In
@@ -98,7 +98,7 @@ class ResponseSettings:
     bend_deviation: float = 0.125
     """Standard deviation σ_b of single knots, a share of c, 0.01 … 0.5.
 
-    Origin: chosen; what exponents leave over."""
+    Origin: chosen; the part that exponents do not describe."""
     command_deviation: float = 0.05
     """Standard deviation of a command at a measured speed, a share of c, 0.01 … 0.5.
 

@@ -109,7 +109,7 @@ def select_controllers(machine: Machine) -> tuple[str, ...]:
 def default_controller(machine: Machine) -> str:
     """Return the name of the controller that a machine gets if none is selected.
 
-    It is the first registered one that suits the machine's sensors.
+    The result is the first registered controller that suits the machine's sensors.
 
     Args:
         machine: The machine as declared in its file (the real one may differ).

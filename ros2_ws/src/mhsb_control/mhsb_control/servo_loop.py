@@ -123,8 +123,8 @@ class ServoLoop:
     def step(self) -> None:
         """Run the mode guard and the controller for the present sensor readings.
 
-        The guard may slow the plan or request boost. If its requests have changed, modes and
-        modules are set again. Then the controller writes its commands into `signals`.
+        The mode guard may slow the plan or request boost. If the guard's requests have changed,
+        modes and modules are set again. Then the controller writes its commands into `signals`.
         """
         if self._watch():
             self.prepare_modes()
@@ -151,9 +151,9 @@ class ServoLoop:
         charges lines in time. If not enough modules are free, the boost ahead is left out.
 
         There is one exception. While an actuator is about to leave the shared rail, no other
-        actuator joins the rail early. Otherwise the rail's pressure would reach the leaving
-        actuator. The joining actuator is prepared in DB instead, so that its own pump charges its
-        line.
+        actuator joins the rail early. Otherwise the rail's pressure would reach the actuator that
+        leaves the rail. The joining actuator is prepared in DB instead, so that its own pump
+        charges its line.
 
         Writes `self.modes` (modes in force), and three arrays of `signals` in place: `modes`
         (prepared modes), `modes_ahead` (modes at the end of `preview`) and `serves`.
