@@ -741,8 +741,8 @@ def solve_pressure_changes(circuit: Circuit, count: int) -> None:
 def apply_pressure_changes(circuit: Circuit) -> None:
     """Apply the pressure changes of a substep, and count what each node has stored.
 
-    No pressure falls below the vapour pressure. At vapour pressure, vapour fills the volume that
-    the oil leaves. This volume is the node's cavity.
+    No pressure falls below the vapour pressure. At vapour pressure, vapour fills the volume without
+    oil. This volume is the node's cavity.
 
     Args:
         circuit: The circuit. Reads the pressure changes in `nodes[0]`. Writes pressures, cavities

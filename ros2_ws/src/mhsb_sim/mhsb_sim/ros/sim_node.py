@@ -118,10 +118,10 @@ class SimNode(Node):
     def _tick(self) -> None:
         """Advance the simulation up to the present, and publish states and reports.
 
-        A timer calls it. One call takes about LONGEST_TICK_NS at most. If the last call ended more
-        than LATE_WAKE_NS ago, this call does nothing, so that waiting messages are received first.
-        The next call then advances. The very first call resets the arm, so that simulated time
-        begins at that instant.
+        A timer calls this method. One call takes about LONGEST_TICK_NS at most. If the previous
+        call ended more than LATE_WAKE_NS ago, this call does nothing, so that waiting messages are
+        received first. The next call then advances. The very first call resets the arm, so that
+        simulated time begins at that instant.
         """
         now_ns = time.monotonic_ns()
         if not self._last_callback_end_ns:
