@@ -52,7 +52,7 @@ class Steering:
     Attributes:
         start: State of the joints at the start of the motion.
         trajectory: Remainder of the plan in force, with stamp 0. Paths are searched from its end,
-            but the motion leaves it at once.
+            but the motion deviates from it at once.
     """
 
     start: MotionState

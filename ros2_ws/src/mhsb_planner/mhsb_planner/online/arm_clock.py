@@ -156,7 +156,7 @@ class ArmClockEstimator:
     def extrapolate_ns(self, steady_time: float) -> int:
         """Extrapolate the arm's clock to the present.
 
-        Each stamp that is at most `STAMP_WINDOW` older than the last one is extrapolated at the
+        Each stamp that is at most `STAMP_WINDOW` older than the latest stamp is extrapolated at the
         estimated speed of the clock. The latest of these times is returned, since it comes from the
         least delayed stamp.
 

@@ -127,7 +127,7 @@ class GoalReports:
     def warn_of_failed_planner(self, log: PlanLog) -> None:
         """Warn of an error that ended a planner after its first motion.
 
-        The warning is not repeated if it equals the last one.
+        The warning is not repeated if it equals the previous warning.
 
         Args:
             log: Log of a plan.

@@ -377,7 +377,7 @@ class StopSequence:
         """Store a sentence on an obstacle ahead as the reason of the stop, and log it.
 
         A stop that was requested from the planner or from the arm keeps its own reason. A sentence
-        that equals the last one is not logged again.
+        that equals the previous sentence is not logged again.
 
         Args:
             sentence: Sentence on the obstacle and the braking.

@@ -114,7 +114,7 @@ SEARCH_PAUSED, GOAL_FOUND, SEARCH_EXHAUSTED, ARRAYS_FULL = 0, 1, 2, 3
 """Reasons for which a portion of a search ends.
 
 PAUSED: the limit of expansions is reached. FOUND: the goal is the next state to expand. EXHAUSTED:
-no state is left to expand. FULL: the arrays have no room for the steps that leave the next
+no state is left to expand. FULL: the arrays have no room for the steps that start in the next
 state."""
 
 NO_STATE = -1
@@ -147,7 +147,7 @@ class OpenList(NamedTuple):
     The goal is one more state; it has the greatest number.
 
     Attributes:
-        states: Records of SearchState, shape (states + 1,); the last one is the goal.
+        states: Records of SearchState, shape (states + 1,); the last record is the goal.
         heap: Numbers of the open states in heap order, shape (states + 1,). Only the first
             counts[WAITING_COUNT] entries are valid.
         counts: Counters WAITING, EXPANDED and GENERATED, shape (3,).
@@ -189,7 +189,7 @@ def create_open_list(states: int) -> OpenList:
         states: Number of states without the goal.
 
     Returns:
-        An empty open list with states + 1 records; the last one is the goal.
+        An empty open list with states + 1 records; the last record is the goal.
     """
     dtype = record_dtype(SearchState)
     unknown = np.array([(np.inf, 0.0, 0, NO_STATE, NOT_IN_HEAP, 0)], dtype)

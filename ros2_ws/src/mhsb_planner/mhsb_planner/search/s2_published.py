@@ -136,7 +136,7 @@ class PublishedSearch:
         """Take the node with the least estimated cost from the open list and make its label final.
 
         A label is the cheapest path found to a node. Entries of nodes with a final label are
-        dropped.
+        removed without a result.
 
         Returns:
             Index of the node, which may be the goal; None if the open list is empty.

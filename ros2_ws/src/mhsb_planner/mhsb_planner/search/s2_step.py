@@ -694,14 +694,14 @@ def _compute_energies(
 def compute_middle_forces(
     m: MachineArrays, start: FloatArray, end: FloatArray, first: int, force: FloatArray
 ) -> None:
-    """Compute the piston forces under gravity at the middle of moves that leave one posture.
+    """Compute the piston forces under gravity at the middle of moves that start in one posture.
 
     Each move is straight in joint space. If the tip leaves the workspace anywhere on a move, the
     move is inadmissible and its forces are NaN.
 
     Args:
         m: Arrays of the machine, with its payload.
-        start: Joint positions that the moves leave, shape (n,) [rad or m].
+        start: Joint positions at the start of all moves, shape (n,) [rad or m].
         end: Joint positions, shape (postures, n) [rad or m].
         first: Row of `end` that the first move reaches. Move k reaches row `first` + k.
         force: Forces, positive if they resist extension, shape (moves, n) [N]. Written in place.
@@ -731,7 +731,7 @@ def mark_collisions(
     Args:
         m: Arrays of the machine.
         obstacles: Rows of the obstacles with the margin added, `Obstacles.path_rows`.
-        start: Joint positions that the moves leave, shape (n,) [rad or m].
+        start: Joint positions at the start of all moves, shape (n,) [rad or m].
         end: Joint positions, shape (postures, n) [rad or m].
         first: Row of `end` that the first move reaches; further moves reach the following rows.
         force: Piston forces at the middle of each move, shape (count, n) [N]. Written in place: all
