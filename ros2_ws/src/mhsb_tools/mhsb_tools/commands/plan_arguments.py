@@ -200,7 +200,7 @@ class ArmArguments:
 
         V_max is the piston speed for which plans are made.
 
-        Options that were left out keep the machine's value.
+        Options that were not given keep the machine's value.
 
         Args:
             machine: The arm as its file has it; not changed.
@@ -220,7 +220,7 @@ class ArmArguments:
 
         Returns:
             Range of the supply pressure [Pa] and range of V_max, the piston speed for planning
-            [m/s]. Each is None if the option was left out.
+            [m/s]. Each is None if its option was not given.
 
         Raises:
             UsageError: A single value was given together with its range, or a range is invalid.

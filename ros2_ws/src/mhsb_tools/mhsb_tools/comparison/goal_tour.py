@@ -28,8 +28,8 @@ from mhsb_tools.moves.supply_systems import remove_leakage
 def compare_on_tour(machine: Machine, goals: Iterable[Position]) -> dict[str, Any]:
     """Plan motions through a sequence of goals with every planner, and compare their energies.
 
-    Each motion is planned from rest to rest and begins where the last one ended. The energy is the
-    one that all pumps give to the oil, leakage of the valves included.
+    Each motion is planned from rest to rest and begins where the previous motion ended. The energy
+    is the one that all pumps give to the oil, leakage of the valves included.
 
     Args:
         machine: The arm; the tour begins at the start posture of the machine file.

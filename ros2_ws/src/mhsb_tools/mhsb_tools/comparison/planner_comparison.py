@@ -180,8 +180,9 @@ class PlannerComparer:
         return compute_supply_energies(self._planner.machine, self._leakproof, trajectory, schedule)
 
     def _plan_unboosted_motion(self, move: Move) -> Trajectory:
-        """Plan a move as if the main pump had the highest boost pressure, so that no boost is
-        needed.
+        """Plan a move as if the main pump had the highest boost pressure.
+
+        No actuator then needs boost.
 
         Args:
             move: Start posture and goal.

@@ -63,10 +63,10 @@ class Range:
             raise RequestError("range", f"{self.low:g} … {self.high:g}", rule)
 
     def sample(self, count: int) -> list[float]:
-        """Return evenly spaced values from the lowest to the highest.
+        """Return evenly spaced values over the range, both ends included.
 
         Args:
-            count: Number of values, at least 2. If both ends are equal, it has no effect.
+            count: Number of values, at least 2. If both ends are equal, `count` has no effect.
 
         Returns:
             `count` values, or only one if both ends are equal.

@@ -180,8 +180,8 @@ class McapCopy:
 
         Args:
             definitions: Schemas and channels with the ids of the damaged file, each channel after
-                its schema. If an id has several definitions, the last one counts. A channel whose
-                schema is missing gets UNKNOWN_SCHEMA.
+                its schema. If an id has several definitions, the last definition counts. A channel
+                whose schema is missing gets UNKNOWN_SCHEMA.
 
         Returns:
             Id in the new file of each channel, by its id in the damaged file.

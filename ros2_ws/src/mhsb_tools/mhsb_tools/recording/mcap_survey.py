@@ -306,9 +306,10 @@ class Survey:
     def _choose_summary(self) -> None:
         """Choose the summary that describes the kept messages.
 
-        It is the last one with a right checksum that lists at least one kept chunk with messages.
-        If there is none, and the file ends with a summary with a right checksum, that one is
-        dropped, because it belongs to another recording. An unverified summary at the end stays.
+        It is the last summary with a right checksum that lists at least one kept chunk with
+        messages. If there is none, and the file ends with a summary with a right checksum, the
+        summary at the end is ignored: it belongs to another recording. An unverified summary at the
+        end is used.
         """
         for summary in reversed(self._summaries):
             unlisted = self._unlisted(summary)

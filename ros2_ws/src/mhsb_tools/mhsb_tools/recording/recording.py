@@ -497,7 +497,8 @@ class _RecordedClock:
         """Convert the log time of a message (system clock) to ROS time.
 
         Joint states have both times, so the time between two of them is interpolated linearly.
-        Before the first and after the last one, both clocks are assumed to run at the same rate.
+        Before the first and after the last joint state, both clocks are assumed to run at the same
+        rate.
 
         Args:
             log_ns: Log time of the message [ns].

@@ -268,8 +268,8 @@ def find_applied_stamp(
     """Return the stamp of the goal's plan that the arm executed.
 
     If the arm refuses a plan, the planner makes another one under the same verdict. The verdict has
-    the stamp of the first plan, the execution report that of the last one. If the arm executed
-    both, the last one counts.
+    the stamp of the first plan, the execution report the stamp of the last plan. If the arm
+    executed both, the last plan counts.
 
     Args:
         verdict: Verdict on the goal; None if there was none.

@@ -69,7 +69,7 @@ def _draw_modules(run: EvaluatedRecording, axes: Axes) -> None:
     Args:
         run: The evaluated recording.
         axes: Axes to draw on. A dashed line marks the number of modules that the machine has.
-            Limits, ticks and label of y are set.
+            Limits, ticks and label of the y axis are set.
     """
     fitted = run.machine.config.hydraulics.modules
     time, modes = get_mode_rows(run)

@@ -128,7 +128,7 @@ def join_modes(recording: Recording) -> ModeSchedule:
 
     Returns:
         The schedule. Its first row has the first recorded modes, and each further row a change of
-        one or more modes. If several changes have the same time, the last one is kept.
+        one or more modes. If several changes have the same time, the last change is kept.
 
     Raises:
         BagError: No modes were recorded.

@@ -89,7 +89,7 @@ def load_protocol(machine: Machine, path: Path | None = None) -> Protocol:
 
     Raises:
         YamlFileError: The file cannot be read.
-        ScenarioError: Its content is invalid.
+        ScenarioError: The file's content is invalid.
         VariationError: The variations in the file are invalid, or there are none.
         MhsbError: The machine does not have a value that a variation names, or a value with a
             factor is no number. Or a varied value would be outside its range.

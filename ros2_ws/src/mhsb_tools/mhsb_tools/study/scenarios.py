@@ -114,7 +114,7 @@ def read_study_file(file: Path, kind: type[Content]) -> Content:
 
     Raises:
         YamlFileError: The file cannot be read.
-        ScenarioError: Its content is invalid.
+        ScenarioError: The file's content is invalid.
     """
     try:
         return kind.model_validate(read_yaml(file))
@@ -137,7 +137,7 @@ def load_scenarios(file: Path | None = None, machine: Machine | None = None) -> 
 
     Raises:
         YamlFileError: The file cannot be read.
-        ScenarioError: Its content is invalid, its training scenarios do not all exist, or a goal
+        ScenarioError: The file's content is invalid, a training scenario does not exist, or a goal
             has the wrong number of coordinates.
     """
     file = file or find_machine_config_file(SCENARIOS_FILE, machine.name if machine else None)

@@ -282,7 +282,7 @@ def study_draws(machine: Machine, asked: DrawArguments, jobs: Jobs, output: Path
         UnknownControllerError: A controller does not exist.
         MachineFileError: The plant file cannot be used.
         YamlFileError: The file of variations cannot be read.
-        VariationError: It is invalid.
+        VariationError: The file of variations is invalid.
         MhsbError: The variations do not fit the plant, or the output folder cannot be used.
     """
     controllers = tuple(asked.controllers or select_controllers(machine))

@@ -130,7 +130,7 @@ def _select_controllers(arm: Machine) -> list[str]:
         arm: The machine to tune.
 
     Raises:
-        UsageError: There is none.
+        UsageError: No controller has both properties.
     """
     suitable = select_controllers(arm)
     found = [name for name in GAIN_RANGES if name in suitable]

@@ -85,8 +85,8 @@ def load_variations(machine: Machine, file: Path | None = None) -> Variations:
 
     Raises:
         YamlFileError: The file cannot be read.
-        VariationError: Its content is invalid.
-        MhsbError: The machine does not have one of the values, or a value leaves its range.
+        VariationError: The file's content is invalid.
+        MhsbError: The machine does not have one of the values, or a value is outside its range.
     """
     file = file or find_config_file(VARIATIONS_FILE)
     return validate_variations(machine, read_yaml(file), str(file))
@@ -105,7 +105,7 @@ def validate_variations(machine: Machine, content: Any, source: str) -> Variatio
 
     Raises:
         VariationError: The content is invalid; all problems are listed, with `source`.
-        MhsbError: The machine does not have one of the values, or a value leaves its range.
+        MhsbError: The machine does not have one of the values, or a value is outside its range.
     """
     if not isinstance(content, dict) or not content:
         raise VariationError(f"{source}: names no variation; see config/{VARIATIONS_FILE}")
@@ -142,8 +142,8 @@ def draw_machine(
         [s] or a choice.
 
     Raises:
-        MhsbError: The machine does not have one of the values, a value leaves its range, or a value
-            with a factor is no number.
+        MhsbError: The machine does not have one of the values, a value is outside its range, or a
+            value with a factor is no number.
     """
     drawn: dict[str, float | str] = {}
     values: dict[str, Any] = {}
@@ -186,7 +186,7 @@ def scale_values(machine: Machine, factors: Mapping[str, float], variations: Var
 
     Raises:
         VariationError: A value does not exist, is no number, or is 0.
-        MhsbError: A product leaves the range that the value may have.
+        MhsbError: A product is outside the range that the value may have.
     """
     values = {}
     for name, factor in factors.items():

@@ -94,9 +94,9 @@ class EnergyCounter:
         """Add the power in a sample of the actuators to two energies.
 
         These are the energy of the oil at the valve inlets and the work of the pistons. The power
-        is integrated from the last sample to this one by the trapezoidal rule. Nothing is added if
-        the two samples are more than LONGEST_GAP apart, or if time decreases. Before the first
-        `add_pump_report`, the sample is only stored as the last one.
+        is integrated from the previous sample to this sample by the trapezoidal rule. Nothing is
+        added if the two samples are more than LONGEST_GAP apart, or if time decreases. Before the
+        first `add_pump_report`, the sample is only stored as the previous sample of the next call.
 
         Args:
             sample: Hydraulic states of all actuators.

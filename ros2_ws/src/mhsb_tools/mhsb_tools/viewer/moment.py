@@ -67,8 +67,8 @@ class SnapshotHistory:
     def add(self, moment: ArmSnapshot) -> None:
         """Add a state, and discard those that are more than the span older than this one.
 
-        If the new state is earlier than the last one, as after a restart of the simulator, the
-        history is cleared first.
+        If the new state is earlier than the previous state, as after a restart of the simulator,
+        the history is cleared first.
 
         Args:
             moment: The state.

@@ -217,7 +217,7 @@ class Panel:
         self._payload.value = values["payload"]
 
     def add_sentence(self, sentence: str) -> None:
-        """Add a sentence to the list on the page, unless it equals the last one.
+        """Add a sentence to the list on the page, unless it equals the previous sentence.
 
         Args:
             sentence: The sentence. Only the last MAX_SENTENCES sentences are kept.

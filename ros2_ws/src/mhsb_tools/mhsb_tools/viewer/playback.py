@@ -170,8 +170,8 @@ class Playback:
             times_ns: ROS times, int64 (k,) [ns].
 
         Returns:
-            Mode codes, uint8 (k, n). For times before the first recorded modes, the first ones are
-            returned. If no modes were recorded, all codes are 0 (mode N).
+            Mode codes, uint8 (k, n). For times before the first recorded modes, the first recorded
+            modes are returned. If no modes were recorded, all codes are 0 (mode N).
         """
         recording = self._recording
         if len(recording.mode_time_ns) == 0:
