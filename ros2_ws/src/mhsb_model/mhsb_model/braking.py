@@ -95,7 +95,7 @@ def retime_along(
 
     Args:
         trajectory: The motion Q whose path is followed.
-        at_ns: Absolute time at which the trajectory is left; σ is 0 there [ns].
+        at_ns: Absolute time at which the new timing begins; σ is 0 at this time [ns].
         offset_ns: Time t of each point of the result, the first is 0, shape (k,) [ns].
         path_time: σ at these points, shape (k,) [s].
         path_rate: σ̇ at these points, shape (k,) [-].

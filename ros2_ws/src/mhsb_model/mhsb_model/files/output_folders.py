@@ -35,9 +35,9 @@ def make_output_folder(path: Path, purpose: str) -> Path:
 def replace_file(path: Path) -> Iterator[Path]:
     """Replace a file as a whole when the block ends, as a context manager.
 
-    The block writes the new content to a temporary name. If the block succeeds, this file is
-    renamed, so the target is never incomplete. If the block raises, the temporary file is removed,
-    and an older target stays.
+    The block writes the new content to a temporary name. If the block succeeds, the temporary file
+    is renamed, so the target is never incomplete. If the block raises, the temporary file is
+    removed, and an older target stays.
 
     Args:
         path: The file; its folder must exist.

@@ -82,7 +82,7 @@ def _find_postures_closed_by_telescope(
     j: int,
     closing_telescope: int,
 ) -> FloatArray:
-    """Find postures of a chain with two revolute joints, in which a telescope closes the chain.
+    """Find postures of a chain that has two revolute joints and is closed by a telescope.
 
     For each end-link angle ψ the extension of this telescope follows from the tip position. There
     are up to two solutions if the telescope is beyond both revolute joints, otherwise up to one.

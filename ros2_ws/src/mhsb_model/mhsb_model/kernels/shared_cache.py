@@ -48,7 +48,7 @@ class SharedDispatcher:
     def __init__(self, dispatcher: Any, *, is_inner: bool) -> None:
         """Wrap a dispatcher, and delete damaged files of its cache folder.
 
-        A file is damaged if its hash differs from the recorded one.
+        A file is damaged if its hash differs from the recorded hash.
 
         Args:
             dispatcher: Numba dispatcher, changed in place. If it has no cache folder, nothing is
