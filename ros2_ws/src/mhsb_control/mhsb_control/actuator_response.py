@@ -237,8 +237,8 @@ class InverseCurve:
     def learn(self, speed: float, command: float, weight: float, spread: float = 0.0) -> None:
         """Update the curve with a measured speed and the command that caused it.
 
-        A Kalman filter corrects the commands at all knots, and their covariance. The next step of
-        `raise_dead_band` is again the first one.
+        A Kalman filter corrects the commands at all knots, and their covariance. `raise_dead_band`
+        then begins with its first step again.
 
         Args:
             speed: Measured speed ≥ 0 [m/s].
