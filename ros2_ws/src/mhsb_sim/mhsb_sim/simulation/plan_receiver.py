@@ -151,7 +151,7 @@ class PlanReceiver:
         return self._drop_pending(reason, f"{event} before it could be applied")
 
     def close(self, fault: str) -> list[HandOverReport]:
-        """Refuse all plans until `open` is called, and drop the waiting one.
+        """Refuse all plans until `open` is called, and drop the waiting plan.
 
         Args:
             fault: Sentence that describes the fault, for the reports.
