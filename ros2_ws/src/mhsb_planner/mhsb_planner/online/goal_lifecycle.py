@@ -407,8 +407,8 @@ class GoalLifecycle:
         If a stop is under way already, it goes on, and `done` is called at its end, too. Waiting
         goals, and the goal for which a plan is being made, are ended at once as stopped. Goals that
         were sent before this call, but come or are read later, also end as stopped. An unconfirmed
-        plan (sent, without an answer) becomes void: if the arm takes it, the arm is stopped. Its
-        goal and the goal of the plan in force end when the arm has stopped.
+        plan (sent, without an answer) becomes void: if the arm takes it, the arm is stopped. The
+        goal of the void plan and the goal of the plan in force end when the arm has stopped.
 
         Args:
             done: Called once with success and sentence. Success means that the arm is measured at

@@ -156,7 +156,7 @@ class GoalSender(Node):
             timeout: Longest time to wait for the planner and its answer together [s].
 
         Returns:
-            Sentence of the planner on why it refused them; None if they are set.
+            Sentence in which the planner says why it refused the parameters; None if they are set.
 
         Raises:
             TimeoutError: The planner was not found or did not answer in time.
