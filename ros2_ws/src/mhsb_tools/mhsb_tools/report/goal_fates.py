@@ -343,8 +343,9 @@ def _judge_applied_goal(
 ) -> tuple[GoalResult, str]:
     """Judge a goal whose plan came into force, or that needed no plan.
 
-    The goal is lost if two things hold: no execution report says that it was reached, and its plan
-    ended at or before `left_until_ns`. Otherwise it is applied, also if `end_ns` is None.
+    The goal is lost if two things hold: no execution report says that the goal was reached, and the
+    goal's plan ended at or before `left_until_ns`. Otherwise it is applied, also if `end_ns` is
+    None.
 
     Args:
         end_ns: End of the goal's plan [ns, ROS time]; None if there was no plan, or its trajectory
