@@ -713,9 +713,9 @@ class Machine:
     def curve_limits(self) -> CurveLimits:
         """Position, speed, acceleration and jerk limits of a received trajectory, for each joint.
 
-        The limits are derived from payload, supply pressure and joint ranges of the machine file,
-        since the arm that receives the trajectory knows only its file. A copy with other values
-        (made by `changed`) has the same limits.
+        The limits are derived from payload, supply pressure and joint ranges of the machine file.
+        The arm that receives the trajectory knows only its file. A copy with other values (made by
+        `changed`) has the same limits.
         """
         arrays = make_machine_arrays(self.config)._replace(**self._own_file_rating._asdict())
         rated = Machine(self.config, arrays)
