@@ -83,7 +83,7 @@ def compute_summary(run: EvaluatedRecording) -> Summary:
             at P_S (`mhsb_model.feasibility.cavitation`).
         - `speed_excess_measured`: Largest |v| / V_max - 1 of all pistons (`compute_speed_excess`).
         - `v_max_of_file_mm_s`: V_max of each actuator in the machine file; speeds are compared with
-          it. The recording does not have the planner's parameter `v_max`.
+            it. The recording does not have the planner's parameter `v_max`.
         - `plans_applied`, `plans_refused`: Plans that the simulator applied; refused or dropped.
         - `replan_ms`: Goal received to plan published.
         - `lead_ms`: Goal received to the instant at which the applied plan left the old one.
