@@ -126,7 +126,8 @@ def collect_facts(machine: Machine) -> dict[str, Any]:
     }
     if machine.obstacles.names:
         found["keep_out"] = _count_points_left(machine)
-    found["doubts"] = list_doubts(machine, points["held"] + points["boosted"])
+    held = points["held"] + points["boosted"]
+    found["doubts"] = list_doubts(machine, held, held + points["too_heavy"])
     return found
 
 
@@ -139,10 +140,11 @@ def format_report(machine: Machine) -> list[str]:
     Returns:
         Lines without line breaks: name, table of joints, pumps and booster modules, values that the
         file gives to one actuator only, suitable controllers, length sensors, dead bands, curves
-        and compensators of the valves, the dead time of a machine without pressure sensors, a delay
-        of commands that is not compensated, and counts of workspace points. If the machine has
-        obstacles, the count of points that remain reachable follows. The last lines are warnings,
-        see `machine_doubts`. Angles are in degrees, pressures in MPa and flows in L/min.
+        and compensators of the valves, the dead time of a machine without pressure sensors or else
+        the declared delay of commands, a delay that is not compensated, and counts of workspace
+        points. If the machine has obstacles, the count of points that remain reachable follows. The
+        last lines are warnings, see `machine_doubts`. Angles are in degrees, pressures in MPa and
+        flows in L/min.
     """
     found = collect_facts(machine)
     lines = [
@@ -159,13 +161,16 @@ def format_report(machine: Machine) -> list[str]:
     lines.append(f"controllers that suit its {sensors}: {', '.join(names)}")
     lines += _sensor_and_valve_lines(found["length_sensors"], found["dead_bands"])
     lines += _curve_and_compensator_lines(machine)
+    delay = machine.config.imperfections.computing_delay
     if dead_time := compute_dead_time(machine):
         lines.append(
             f"its servo needs a plan {1e3 * dead_time:.0f} ms ahead: computing delay and valve lag "
-            f"are {1e3 * machine.config.imperfections.computing_delay:.0f} ms and "
+            f"are {1e3 * delay:.0f} ms and "
             f"{1e3 * compute_valve_lag(machine):.0f} ms, at least "
             f"{1e3 * machine.expected_delay:.0f} ms are expected"
         )
+    elif delay:
+        lines.append(f"declared delay of commands: {1e3 * delay:g} ms")
     limitation = describe_uncompensated_delay(machine)
     if limitation and "coordinated" in found["controllers"]:
         lines.append(limitation)

@@ -17,12 +17,13 @@ STEP_TOLERANCE = 1e-6
 """Deviation of a delay from whole steps that counts as rounding, as a share of a step [-]."""
 
 
-def list_doubts(machine: Machine, held_points: int) -> list[str]:
+def list_doubts(machine: Machine, held_points: int, reached_points: int) -> list[str]:
     """List what is allowed in a machine file, but cannot work or is not simulated as given.
 
     Args:
         machine: The machine.
         held_points: Number of workspace points at which the arm can be held, boosted or not.
+        reached_points: Number of workspace points at which the arm has a posture.
 
     Returns:
         One sentence for each doubt: the value, the limit, and what to do. Empty if all is well.
@@ -46,7 +47,12 @@ def list_doubts(machine: Machine, held_points: int) -> list[str]:
             f"hydraulics.servo_pump.max_boost_pressure {boost / 1e6:g} MPa, which lines then never "
             "reach; raise it above that pressure"
         )
-    if held_points == 0:
+    if reached_points == 0:
+        doubts.append(
+            "the arm has a posture within the joint limits nowhere in the workspace; compare link "
+            "lengths and joint limits with workspace.min_radius and max_radius"
+        )
+    elif held_points == 0:
         doubts.append(
             f"the arm holds its payload of {arrays.payload:g} kg nowhere in the workspace; lower "
             "payload.mass, or raise pressures or bores"

@@ -137,9 +137,9 @@ def simulate(
     """Plan and simulate goals one after the other, in lock-step, as fast as it goes.
 
     Each goal is a tip position X Z [m], or X Y Z if the arm slews, and a time T [s]. After that
-    time the next goal is sent, even if the arm is still moving. If the arm is not at a goal
-    although its motion is over, the exit code is 1. The arm starts at rest in the machine file's
-    start posture. Equal arguments give equal results, bit by bit.
+    time the next goal is sent, even if the arm is still moving. If the tip is more than 10 mm from
+    a goal although its motion is over, the exit code is 1. The arm starts at rest in the machine
+    file's start posture. Equal arguments give equal results, bit by bit.
 
     Args:
         goal: Goals: tip position [m] and time until the next goal [s]; may be given several times.

@@ -315,6 +315,12 @@ def test_the_report_names_curves_and_compensators_of_the_valves():
     assert facts["valve_curves"][0] == facts["valve_curves"][1]
 
 
+def test_the_report_names_a_declared_delay(machine):
+    assert "delay of commands" not in "\n".join(check.format_report(machine))
+    late = machine.with_values({"imperfections.computing_delay": 0.02})
+    assert "declared delay of commands: 20 ms\n" in "\n".join(check.format_report(late))
+
+
 def test_the_report_names_dead_bands(machine):
     assert "dead bands" not in "\n".join(check.format_report(machine))
     text = "\n".join(check.format_report(load_machine("excavator_1to14")))

@@ -12,7 +12,7 @@ SHIPPED = ["mhsb_arm3", "mhsb_arm4", "excavator", "excavator_1to14", "forestry_c
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_the_shipped_machines_raise_no_doubt(name):
-    assert list_doubts(load_machine(name), 100) == []
+    assert list_doubts(load_machine(name), 100, 100) == []
 
 
 @pytest.mark.parametrize(
@@ -36,16 +36,16 @@ def test_the_shipped_machines_raise_no_doubt(name):
     ],
 )
 def test_a_doubt_names_value_limit_and_remedy(values, sentence):
-    assert list_doubts(load_machine("excavator_1to14").with_values(values), 100) == [sentence]
+    assert list_doubts(load_machine("excavator_1to14").with_values(values), 100, 100) == [sentence]
 
 
 def test_lines_that_are_relieved_below_the_highest_boost_pressure_are_a_doubt(machine):
     low = machine.with_values({"circuit.line_relief_pressure": 9e6})
-    assert list_doubts(low, 100) == [
+    assert list_doubts(low, 100, 100) == [
         "circuit.line_relief_pressure 9 MPa is below hydraulics.servo_pump.max_boost_pressure 10 "
         "MPa, which lines then never reach; raise it above that pressure"
     ]
-    assert list_doubts(low.changed(module_count=0), 100) == []
+    assert list_doubts(low.changed(module_count=0), 100, 100) == []
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_a_v_max_beyond_pump_or_valve_is_a_doubt_that_names_what_limits(machine,
         for inlet, outlet in ((cap, rod), (rod, cap))
     )
     speed = min(math.sqrt(by_valve), oil.main_pump.max_flow / rod)
-    [doubt] = list_doubts(fast, 100)
+    [doubt] = list_doubts(fast, 100, 100)
     assert "V_max of 120.0 mm/s is beyond" in doubt
     assert f"actuator 1 reaches {1e3 * speed:.1f} mm/s by {cause}, 2 reaches " in doubt
     assert doubt.endswith("; lower motion.max_piston_speed")
@@ -73,11 +73,17 @@ def test_a_v_max_beyond_pump_or_valve_is_a_doubt_that_names_what_limits(machine,
 
 def test_a_main_pump_that_is_far_too_large_is_asked_about_in_another_unit():
     arm = load_machine("excavator_1to14").with_values({"hydraulics.main_pump.max_flow": 0.0667})
-    [doubt] = list_doubts(arm, 100)
+    [doubt] = list_doubts(arm, 100, 100)
     assert "hydraulics.main_pump.max_flow 0.0667 m³/s is " in doubt
     assert "; in L/min? 0.0667 L/min are 1.112e-06 m³/s" in doubt
 
 
 def test_a_payload_that_is_held_nowhere_is_a_doubt():
-    [doubt] = list_doubts(load_machine("excavator_1to14"), 0)
+    [doubt] = list_doubts(load_machine("excavator_1to14"), 0, 100)
     assert doubt.endswith("lower payload.mass, or raise pressures or bores")
+
+
+def test_an_arm_without_a_posture_anywhere_is_not_said_to_be_overloaded(machine):
+    [doubt] = list_doubts(machine, 0, 0)
+    assert "link lengths" in doubt
+    assert "payload" not in doubt
