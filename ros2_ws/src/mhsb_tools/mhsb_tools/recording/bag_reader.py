@@ -6,13 +6,16 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+from mcap.opcode import Opcode
+
 from mhsb_msgs_py.topics import SUITE_TOPICS, Topic
 from mhsb_tools.recording.bag_folder import BagFolder, find_data_files
 from mhsb_tools.recording.bag_format import SERIALIZATION_FORMAT, BagError
 from mhsb_tools.recording.data_file import DataFile
-from mhsb_tools.recording.mcap_chunk import RawMessage
+from mhsb_tools.recording.mcap_chunk import Chunk, RawMessage, get_message_at
+from mhsb_tools.recording.mcap_structure import RecordFrame
 from mhsb_tools.recording.mcap_survey import Definitions, Survey
-from mhsb_tools.recording.mcap_walk import McapWalk, yield_messages
+from mhsb_tools.recording.mcap_walk import McapWalk
 from mhsb_tools.recording.recording import RecordedMessage, Recording, decode_recording
 
 
@@ -59,8 +62,8 @@ def _messages(bag: BagFolder, names: dict[str, Topic]) -> Iterator[RecordedMessa
     error is raised.
 
     Args:
-        bag: Recording with its data files. `bag.problem` must be None. Otherwise `bag.listed_count`
-            is None, too, and the comparison of numbers at the end raises BagError.
+        bag: Recording with its data files. Its `problem` must be None; otherwise `listed_count` is
+            None, and BagError is raised after the last message.
         names: Topics to yield, by their absolute names.
 
     Yields:
@@ -78,7 +81,11 @@ def _messages(bag: BagFolder, names: dict[str, Topic]) -> Iterator[RecordedMessa
             for piece in McapWalk(file).iterate_pieces():
                 survey.add(piece, file)
                 _check(bag, survey)
-                messages = yield_messages(piece, file)
+                messages: Iterator[RawMessage] = iter(())
+                if isinstance(piece, Chunk):
+                    messages = piece.messages()
+                elif isinstance(piece, RecordFrame) and piece.opcode == Opcode.MESSAGE:
+                    messages = iter([get_message_at(file.read(piece.at, piece.end - piece.at), 0)])
                 yield from _select_topics(messages, survey.definitions, names)
         survey.close()
         _check(bag, survey)

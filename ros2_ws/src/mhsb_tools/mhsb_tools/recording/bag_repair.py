@@ -17,23 +17,26 @@ from pathlib import Path
 from typing import IO
 
 from mcap.opcode import Opcode
-from mcap.records import Channel, Header, Metadata
+from mcap.records import Channel, Header, Metadata, Schema
 
 from mhsb_tools.recording import bag_format
 from mhsb_tools.recording.bag_folder import BagFolder, find_data_files
 from mhsb_tools.recording.bag_format import METADATA_FILE, BagContents, BagError, BagTopic
 from mhsb_tools.recording.data_file import DataFile
 from mhsb_tools.recording.mcap_chunk import Chunk
-from mhsb_tools.recording.mcap_copy import UNKNOWN_SCHEMA, McapCopy
-from mhsb_tools.recording.mcap_records import parse_record
+from mhsb_tools.recording.mcap_copy import McapCopy
+from mhsb_tools.recording.mcap_records import serialize_record
 from mhsb_tools.recording.mcap_structure import RecordFrame
 from mhsb_tools.recording.mcap_survey import Definitions, Survey, survey_file
-from mhsb_tools.recording.mcap_walk import McapWalk, yield_messages
+from mhsb_tools.recording.mcap_walk import McapWalk
 
 TORN_SUFFIX = ".torn"
 """Suffix of the names under which damaged files are kept."""
 BAG_METADATA = "rosbag2"
 """Name of the MCAP metadata record in which rosbag2 repeats a file's metadata."""
+
+UNKNOWN_TYPE = "unknown_msgs/msg/Unknown"
+"""ROS type that stands for types whose definition is lost."""
 
 
 @dataclass(frozen=True)
@@ -211,9 +214,9 @@ def _rewrite(survey: Survey, part: Path) -> BagContents:
 def _copy_readable_parts(survey: Survey, file: DataFile, stream: IO[bytes]) -> BagContents:
     """Copy everything that can be used from a damaged MCAP file into a new one.
 
-    The messages of a chunk that occurs several times are written once. Attachments and metadata
-    records are copied. Only the metadata record of rosbag2 is not copied; a new one is written at
-    the end.
+    A chunk that occurs several times is written once. Messages outside chunks are put into new
+    chunks. Attachments and metadata records are copied. Only the metadata record of rosbag2 is not
+    copied; a new one is written at the end.
 
     Args:
         survey: Findings in the damaged file.
@@ -226,48 +229,79 @@ def _copy_readable_parts(survey: Survey, file: DataFile, stream: IO[bytes]) -> B
     Raises:
         BagError: The budget for reading or unpacking is used up.
     """
+    listed = survey.listed_chunks
     header = survey.header or Header(bag_format.MCAP_PROFILE, "mhsb")
-    definitions = _complete_definitions(survey)
-    copy = McapCopy(stream, definitions, header, survey.compression, survey.listed_chunks)
+    copy = McapCopy(stream, _complete_definitions(survey), header, listed)
     seen = Survey(survey.path)
     for piece in McapWalk(file).iterate_pieces():
         if isinstance(piece, Chunk) and seen.register_chunk(piece):
             copy.add_chunk(piece)
-        elif isinstance(piece, RecordFrame):
-            match piece.opcode:
-                case Opcode.MESSAGE:
-                    copy.add_messages(yield_messages(piece, file))
-                case Opcode.ATTACHMENT:
-                    content = file.read(piece.begin, piece.length)
-                    copy.add_attachment(parse_record(Opcode.ATTACHMENT, content))
-                case Opcode.METADATA if piece.content.name != BAG_METADATA:
-                    copy.add_metadata(piece.content)
+        elif isinstance(piece, RecordFrame) and piece.opcode == Opcode.MESSAGE:
+            copy.add_message(file.read(piece.at, piece.end - piece.at))
+        elif isinstance(piece, RecordFrame) and (
+            piece.opcode == Opcode.ATTACHMENT
+            or (piece.opcode == Opcode.METADATA and piece.content.name != BAG_METADATA)
+        ):
+            copy.add_attachment_or_metadata(file.read(piece.at, piece.end - piece.at))
+    copy.flush()
     contents = summarize_contents(survey, copy.counts, copy.definitions)
     text = bag_format.format_metadata({survey.path.name: contents})
-    copy.add_metadata(Metadata(BAG_METADATA, {"serialized_metadata": text}))
-    copy.finish()
+    own = Metadata(BAG_METADATA, {"serialized_metadata": text})
+    copy.add_attachment_or_metadata(serialize_record(own))
+    copy.finish(contents.start_ns, contents.end_ns)
     return contents
 
 
 def _complete_definitions(survey: Survey) -> Definitions:
-    """Return the schemas and channels of a file, with substitutes for channels that are lost.
+    """Return the schemas and channels of a file, with substitutes for those that are lost.
 
-    A channel that has messages but is lost becomes the topic /unknown/channel_ID. Its schema id is
-    −1, which no schema has.
+    A channel that has messages but is lost becomes the topic /unknown/channel_ID. A schema that a
+    channel needs but is lost becomes the type UNKNOWN_TYPE without a definition.
 
     Args:
         survey: Findings in the file; not changed.
 
     Returns:
-        A new set of definitions. Every message has a channel in it.
+        A new set of definitions. Every message has a channel in it. Every channel has a schema in
+        it, or the schema id 0, which means no schema.
     """
     found = survey.definitions
     definitions = Definitions(dict(found.schemas), dict(found.channels))
-    for channel_id in survey.counts.keys() - found.channels.keys():
-        topic = f"/unknown/channel_{channel_id}"
-        encoding = bag_format.SERIALIZATION_FORMAT
-        definitions.channels[channel_id] = Channel(channel_id, topic, encoding, {}, -1)
+    for channel_id in survey.counts:
+        if channel_id not in definitions.channels:
+            topic = f"/unknown/channel_{channel_id}"
+            schema_id = _unknown_schema(definitions)
+            encoding = bag_format.SERIALIZATION_FORMAT
+            definitions.channels[channel_id] = Channel(channel_id, topic, encoding, {}, schema_id)
+    for channel in list(definitions.channels.values()):
+        if channel.schema_id not in (0, *definitions.schemas):
+            definitions.schemas[channel.schema_id] = _make_unknown_schema(channel.schema_id)
     return definitions
+
+
+def _unknown_schema(definitions: Definitions) -> int:
+    """Return the id of the schema that stands for types that are not known.
+
+    If there is no such schema, it is added to `definitions` under the highest free id.
+
+    Args:
+        definitions: Schemas and channels of the file; the schema is added in place.
+
+    Returns:
+        Id of the schema.
+    """
+    used = {channel.schema_id for channel in definitions.channels.values()}
+    for schema_id, schema in definitions.schemas.items():
+        if schema.name == UNKNOWN_TYPE:
+            return schema_id
+    free = next(n for n in range(2**16 - 1, 0, -1) if n not in used | definitions.schemas.keys())
+    definitions.schemas[free] = _make_unknown_schema(free)
+    return free
+
+
+def _make_unknown_schema(schema_id: int) -> Schema:
+    """Return a schema of the type UNKNOWN_TYPE without a definition."""
+    return Schema(schema_id, b"", bag_format.SCHEMA_ENCODING, UNKNOWN_TYPE)
 
 
 def _nameless(survey: Survey) -> int:
@@ -301,14 +335,14 @@ def _topic(channel: Channel, definitions: Definitions) -> BagTopic:
     Args:
         channel: The channel.
         definitions: Schemas of the file. If the channel's schema is not among them, the topic gets
-            the type of UNKNOWN_SCHEMA.
+            the type UNKNOWN_TYPE.
 
     Returns:
         The topic. If the channel has no type hash, the hash of the ROS type with that name is used,
         or an empty text if the type is unknown here.
     """
     schema = definitions.schema_of(channel)
-    type_name = schema.name if schema else UNKNOWN_SCHEMA.name
+    type_name = schema.name if schema else UNKNOWN_TYPE
     return BagTopic(
         channel.topic,
         type_name,
@@ -327,7 +361,7 @@ def _rename_to_torn(path: Path, replacement: Path | None) -> str:
 
     Args:
         path: The damaged file. If it is a symbolic link, the link is renamed, not its target.
-        replacement: File that gets the old name; None deviates from the old name free.
+        replacement: File that gets the old name; None leaves the old name free.
 
     Returns:
         The new name of the damaged file, without its folder.

@@ -26,6 +26,9 @@ from mhsb_tools.recording.mcap_records import (
     parse_definition,
 )
 
+OFFSETS_AT_ONCE = 10_000
+"""Number of message offsets that are converted to Python numbers at once."""
+
 MAX_ZSTD_WINDOW = 128 * 1024 * 1024
 """Largest window that a zstd frame may ask for [bytes]; only its filled part takes memory."""
 
@@ -49,14 +52,12 @@ class RawMessage(NamedTuple):
 
     Attributes:
         channel_id: Id of its channel.
-        sequence: Number that its sender counts, or 0.
-        log_ns: Log time: time of receipt [ns].
-        publish_ns: Publish time: time of sending [ns].
+        log_ns: Log time, at which it was received [ns].
+        publish_ns: Publish time, at which it was sent [ns].
         data: Serialized message.
     """
 
     channel_id: int
-    sequence: int
     log_ns: int
     publish_ns: int
     data: bytes
@@ -70,6 +71,7 @@ class Chunk:
 
     Attributes:
         header: Fields of the chunk record.
+        packed: Content as stored in the file.
         unpacked: Unpacked content, records one after the other.
         channel_ids: Channel id of each message, uint16.
         log_ns: Log time of each message [ns], uint64.
@@ -79,6 +81,7 @@ class Chunk:
     """
 
     header: ChunkHeader
+    packed: bytes
     unpacked: bytes
     channel_ids: np.ndarray
     log_ns: np.ndarray
@@ -98,8 +101,17 @@ class Chunk:
 
     def messages(self) -> Iterator[RawMessage]:
         """Yield the messages in the order of the chunk."""
-        for offset in self.offsets:  # a list of all numbers can take more memory than the chunk
-            yield get_message_at(self.unpacked, int(offset))
+        for offset in self.each_offset():
+            yield get_message_at(self.unpacked, offset)
+
+    def each_offset(self) -> Iterator[int]:
+        """Yield the offset of each message's record in `unpacked`.
+
+        The offsets are converted in blocks, since a list of all of them can take more memory than
+        the chunk.
+        """
+        for first in range(0, len(self.offsets), OFFSETS_AT_ONCE):
+            yield from self.offsets[first : first + OFFSETS_AT_ONCE].tolist()
 
     def counts(self) -> dict[int, int]:
         """Return the number of messages by channel id."""
@@ -120,9 +132,9 @@ def get_message_at(records: bytes, offset: int) -> RawMessage:
     """
     _, length = RECORD_HEADER.unpack_from(records, offset)
     begin = offset + RECORD_HEADER.size
+    channel_id, _, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(records, begin)
     data = records[begin + MESSAGE_HEAD.size : begin + length]
-    channel_id, sequence, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(records, begin)
-    return RawMessage(channel_id, sequence, log_ns, publish_ns, data)
+    return RawMessage(channel_id, log_ns, publish_ns, data)
 
 
 def unpack_chunk(packed: bytes, compression: str, size: int | None) -> bytes:
@@ -185,10 +197,10 @@ def open_chunk(header: ChunkHeader, packed: bytes, *, any_size: bool = False) ->
     unpacked = unpack_chunk(packed, header.compression, size)
     if header.checksum not in (0, zlib.crc32(unpacked)):
         raise StructureError("the checksum of a chunk is wrong")
-    return find_records(header, unpacked)
+    return find_records(header, packed, unpacked)
 
 
-def find_records(header: ChunkHeader, unpacked: bytes) -> Chunk:
+def find_records(header: ChunkHeader, packed: bytes, unpacked: bytes) -> Chunk:
     """Find the records inside the unpacked content of a chunk.
 
     Schemas and channels that cannot be parsed, and records of unknown kinds, are treated in two
@@ -197,6 +209,7 @@ def find_records(header: ChunkHeader, unpacked: bytes) -> Chunk:
 
     Args:
         header: Fields of the chunk record. Its checksum must have been verified; 0 means none.
+        packed: Content as stored in the file.
         unpacked: Unpacked content.
 
     Returns:
@@ -232,12 +245,31 @@ def find_records(header: ChunkHeader, unpacked: bytes) -> Chunk:
         at = begin + length
     return Chunk(
         header,
+        packed,
         unpacked,
         np.frombuffer(channels, np.uint16),
         np.frombuffer(log_ns, np.uint64),
         np.frombuffer(offsets, np.uint64),
         tuple(definitions),
     )
+
+
+def compute_message_index(chunk: Chunk, channel_id: int) -> np.ndarray:
+    """Compute the message index of one channel: the list of its messages in a chunk.
+
+    Args:
+        chunk: The chunk.
+        channel_id: Id of the channel; it need not have messages.
+
+    Returns:
+        A row for each message of the channel, in the order of the chunk, shape (messages, 2),
+        little-endian uint64. Column 0 is the log time [ns], column 1 the offset of the message's
+        record in the unpacked content.
+    """
+    rows = chunk.channel_ids == channel_id
+    entries = np.empty((np.count_nonzero(rows), 2), dtype="<u8")
+    entries[:, 0], entries[:, 1] = chunk.log_ns[rows], chunk.offsets[rows]
+    return entries
 
 
 def parse_chunk_fields(head: bytes) -> tuple[ChunkHeader, int, int]:

@@ -1,89 +1,98 @@
-"""Writing the readable messages of a damaged MCAP file into a new one.
+"""Writing the readable part of a damaged MCAP file into a new one.
 
-The library `mcap` writes chunks, indexes and summary. Definitions are copied with their own text,
-so unknown types are kept as well.
+Verified chunks are copied as they are; index and summary are made anew. All schemas and channels
+stand before the first chunk, as they are in the damaged file, so unknown types are kept as well.
+Messages outside chunks are put into new chunks.
 """
 
 from __future__ import annotations
 
+import tempfile
+import zlib
 from collections import Counter
 from collections.abc import Iterable, Set
 from dataclasses import replace
+from operator import itemgetter
 from typing import IO
 
-from mcap.records import Attachment, Channel, Header, Metadata, Schema
-from mcap.writer import CompressionType, Writer
+from mcap import records
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
 
-from mhsb_tools.recording.bag_format import SCHEMA_ENCODING, BagError
-from mhsb_tools.recording.bag_writer import CHUNK_SIZE
-from mhsb_tools.recording.mcap_chunk import Chunk, RawMessage
+from mhsb_tools.recording.bag_format import BagError
+from mhsb_tools.recording.mcap_chunk import Chunk, ChunkHeader, compute_message_index, find_records
+from mhsb_tools.recording.mcap_records import (
+    CHUNK_TIMES,
+    FILE_MAGIC,
+    RECORD_HEADER,
+    parse_record,
+    serialize_record,
+)
 from mhsb_tools.recording.mcap_survey import Definitions
+from mhsb_tools.recording.mcap_walk import INDEX_HEAD_SIZE
+
+CHUNK_SIZE = 32 * 1024
+"""Size at which messages from outside chunks fill a new chunk [bytes]."""
+
+INDEX_IN_MEMORY = 4 * 1024 * 1024
+"""Size up to which chunk indexes are kept in memory [bytes]; more of them go into a temporary file.
+"""
 
 MAX_ID = 2**16 - 1
 """Largest id of a schema or channel."""
-
-UNKNOWN_SCHEMA = Schema(0, b"", SCHEMA_ENCODING, "unknown_msgs/msg/Unknown")
-"""Schema of the ROS type that stands for types whose definition is lost."""
-
-COMPRESSION_TYPES = {
-    "": CompressionType.NONE,
-    "lz4": CompressionType.LZ4,
-    "zstd": CompressionType.ZSTD,
-}
-"""Compression of the library, by its name in a chunk."""
 
 
 class McapCopy:
     """Writer of a new MCAP file from the parts of a damaged one; `finish` completes it.
 
-    Schemas and channels get new ids. One old id may mean different things in different parts of a
-    damaged file, and then has several new ids.
+    One id may mean different things in different parts of a damaged file. Such a part gets new ids.
 
     Attributes:
         counts: Number of messages written, by channel id in the new file.
-        definitions: Schemas and channels of the new file.
+        definitions: Schemas and channels of the new file; new ones are added if ids contradict.
     """
 
     def __init__(
         self,
         stream: IO[bytes],
         definitions: Definitions,
-        header: Header,
-        compression: str = "",
+        header: records.Header,
         listed: Set[tuple[int, int, int]] = frozenset(),
     ) -> None:
-        """Begin the new file with a header, and add all known schemas and channels.
+        """Write the beginning of the new file: magic bytes, header, schemas and channels.
 
         Args:
             stream: Binary stream that receives the new file.
-            definitions: Schemas and channels of the damaged file. Each of its messages must have a
-                channel in it. A channel whose schema is missing gets UNKNOWN_SCHEMA.
+            definitions: All known schemas and channels. Later calls may add more of them, in place.
             header: Header of the new file.
-            compression: Compression of the new file's chunks: `zstd`, `lz4`, or empty for none.
             listed: Keys of the chunks that are known to use these definitions. A key is the first
                 log time [ns], the last log time [ns] and the unpacked size [bytes] of a chunk.
         """
         self.counts: Counter[int] = Counter()
-        self.definitions = Definitions()
-        self._writer = Writer(
-            stream, chunk_size=CHUNK_SIZE, compression=COMPRESSION_TYPES[compression]
-        )
-        self._writer.start(header.profile, header.library)
-        self._ids: dict[str, int] = {}
-        self._own = definitions
-        self._own_channel_ids = self._add_all(definitions)
+        self.definitions = definitions
+        self._stream = stream
+        self._at = 0
+        self._checksum: int | None = None
+        self._loose = bytearray()
+        self._indexes = tempfile.SpooledTemporaryFile(INDEX_IN_MEMORY)  # noqa: SIM115
+        self._others: list[bytes] = []
+        self._chunk_count = 0
         self._other_channel_ids: dict[int, int] | None = None
         self._listed = listed
         self._own_end: int | None = None
         self._other_end = 0
+        self._write(FILE_MAGIC)
+        self._write(serialize_record(header))
+        self._write_definitions(definitions)
 
     def add_chunk(self, chunk: Chunk) -> None:
-        """Write the messages of a chunk.
+        """Write a chunk with its message indexes; a chunk without messages is not written.
 
-        A damaged file may have parts of another recording, and the same ids may have other meanings
-        there. A chunk belongs to such a part if it has a schema or channel that contradicts the
-        known definition of the same id. Its messages then get channels of their own. Later chunks
-        that belong to the same part get the same channels, also if they have no definitions.
+        A damaged file may have parts of another recording, in which the same ids have other
+        meanings. A chunk belongs to such a part if it has a schema or channel that contradicts the
+        new file's definition of the same id. Its messages then get new channel ids and are written
+        as new chunks. Later chunks that belong to the same part get the same new ids, also if they
+        have no definitions.
 
         Args:
             chunk: A verified chunk.
@@ -91,65 +100,139 @@ class McapCopy:
         Raises:
             BagError: All schema or channel ids are in use.
         """
+        self.flush()
         if self._has_contradicting_ids(chunk):
-            others = [definition for _, definition in chunk.definitions]
-            self._other_channel_ids = self._add_all([*self._own, *others])
-        elif self._other_channel_ids is None or not self._belongs_to_other_recording(chunk):
+            self._other_channel_ids = self._choose_channel_ids(chunk)
+            self._add_with_other_ids(chunk, self._other_channel_ids)
+        elif self._other_channel_ids is not None and self._belongs_to_other_recording(chunk):
+            self._add_with_other_ids(chunk, self._other_channel_ids)
+        else:
             self._own_end = chunk.key[1]
-            self.add_messages(chunk.messages(), self._own_channel_ids)
-            return
-        self._other_end = chunk.key[1]
-        self.add_messages(chunk.messages(), self._other_channel_ids)
+            if len(chunk.channel_ids):
+                self._write_chunk(chunk)
 
-    def add_messages(
-        self, messages: Iterable[RawMessage], channel_ids: dict[int, int] | None = None
-    ) -> None:
-        """Write messages in their order.
+    def add_message(self, record: bytes) -> None:
+        """Add a message that was outside chunks in the damaged file.
+
+        Such messages are collected, and written as one chunk as soon as they have CHUNK_SIZE bytes.
+        A message of that size or more is written at once, as a separate chunk.
 
         Args:
-            messages: Messages of the damaged file.
-            channel_ids: Id in the new file of each channel, by its id in the damaged file; None
-                takes those of the known definitions.
+            record: The message record with opcode and length.
         """
-        channel_ids = channel_ids or self._own_channel_ids
-        for message in messages:
-            channel_id = channel_ids[message.channel_id]
-            self.counts[channel_id] += 1
-            self._writer.add_message(
-                channel_id, message.log_ns, message.data, message.publish_ns, message.sequence
+        if len(record) >= CHUNK_SIZE:
+            self.flush()
+            self._write_records(record)
+            return
+        self._loose += record
+        if len(self._loose) >= CHUNK_SIZE:
+            self.flush()
+
+    def add_attachment_or_metadata(self, record: bytes) -> None:
+        """Write an attachment or metadata record, and keep its index for the summary.
+
+        Args:
+            record: The record with opcode and length, verified.
+        """
+        self.flush()
+        self._others.append(_make_index_record(record, self._at))
+        self._write(record)
+
+    def flush(self) -> None:
+        """Write the messages that `add_message` has collected as one chunk.
+
+        If there are none, nothing is written.
+        """
+        if self._loose:
+            unpacked, self._loose = bytes(self._loose), bytearray()
+            self._write_records(unpacked)
+
+    def finish(self, start_ns: int, end_ns: int) -> None:
+        """Write the end of the new file: summary with all indexes, footer, and magic bytes.
+
+        The summary has no summary offsets, which MCAP leaves to the writer. The stream stays open.
+        Nothing may be added afterwards.
+
+        Args:
+            start_ns: First log time of all messages [ns]; 0 without messages.
+            end_ns: Last log time of all messages [ns]; 0 without messages.
+        """
+        self.flush()
+        self._write(serialize_record(records.DataEnd(0)))
+        begin, self._checksum = self._at, 0
+        self._write_definitions(self.definitions)
+        self._write(self._make_statistics(start_ns, end_ns))
+        self._indexes.seek(0)
+        while part := self._indexes.read(INDEX_IN_MEMORY):
+            self._write(part)
+        self._indexes.close()
+        for index in sorted(self._others, key=itemgetter(0)):  # grouped by opcode
+            self._write(index)
+        self._write(RECORD_HEADER.pack(Opcode.FOOTER, 20) + begin.to_bytes(8, "little") + bytes(8))
+        self._write(self._checksum.to_bytes(4, "little") + FILE_MAGIC)
+
+    # --- Chunks ----------------------------------------------------------------------------------
+
+    def _write_records(self, records: bytes) -> None:
+        """Write message records as one uncompressed chunk with its message indexes.
+
+        Args:
+            records: Message records, one after the other.
+        """
+        header = ChunkHeader(len(records), zlib.crc32(records), "")
+        self._write_chunk(find_records(header, records, records))
+
+    def _write_chunk(self, chunk: Chunk) -> None:
+        """Write a chunk record and the message indexes of its channels.
+
+        Message counts, time span and chunk index for the summary are updated. The checksum of the
+        chunk is computed anew.
+
+        Args:
+            chunk: The chunk, with the ids of the new file.
+        """
+        first, last, size = chunk.key
+        name = chunk.header.compression.encode()
+        fields = CHUNK_TIMES.pack(first, last, size, zlib.crc32(chunk.unpacked))
+        fields += len(name).to_bytes(4, "little") + name + len(chunk.packed).to_bytes(8, "little")
+        begin = self._at
+        self._write(RECORD_HEADER.pack(Opcode.CHUNK, len(fields) + len(chunk.packed)) + fields)
+        self._write(chunk.packed)
+        length, offsets = self._at - begin, {}
+        for channel_id, count in chunk.counts().items():
+            offsets[channel_id] = self._at
+            content = compute_message_index(chunk, channel_id).data.cast("B")
+            self._write(RECORD_HEADER.pack(Opcode.MESSAGE_INDEX, INDEX_HEAD_SIZE + len(content)))
+            self._write(channel_id.to_bytes(2, "little") + len(content).to_bytes(4, "little"))
+            self._write(content)
+            self.counts[channel_id] += count
+        self._indexes.write(
+            serialize_record(
+                records.ChunkIndex(
+                    chunk_length=length,
+                    chunk_start_offset=begin,
+                    compression=chunk.header.compression,
+                    compressed_size=len(chunk.packed),
+                    message_end_time=last,
+                    message_index_length=self._at - begin - length,
+                    message_index_offsets=offsets,
+                    message_start_time=first,
+                    uncompressed_size=size,
+                )
             )
-
-    def add_attachment(self, attachment: Attachment) -> None:
-        """Write an attachment."""
-        self._writer.add_attachment(
-            attachment.create_time,
-            attachment.log_time,
-            attachment.name,
-            attachment.media_type,
-            attachment.data,
         )
-
-    def add_metadata(self, metadata: Metadata) -> None:
-        """Write a metadata record."""
-        self._writer.add_metadata(metadata.name, metadata.metadata)
-
-    def finish(self) -> None:
-        """Write the last chunk, the summary with all indexes, and the footer.
-
-        The stream stays open. Nothing may be added afterwards.
-        """
-        self._writer.finish()
+        self._chunk_count += 1
 
     def _has_contradicting_ids(self, chunk: Chunk) -> bool:
-        """Return whether a chunk has another definition of an id than the known one.
+        """Return whether a chunk and the new file have different definitions for one id.
 
         Definitions are schemas and channels.
 
         Args:
             chunk: A verified chunk. If it has no schemas and channels, the result is False.
         """
-        known = self._own
-        return any(each != known.table(each).get(each.id, each) for _, each in chunk.definitions)
+        tables = self.definitions
+        return any(each != tables.table(each).get(each.id, each) for _, each in chunk.definitions)
 
     def _belongs_to_other_recording(self, chunk: Chunk) -> bool:
         """Return whether a chunk belongs to the recording of the last contradicting chunk.
@@ -166,7 +249,7 @@ class McapCopy:
             chunk: A chunk that contradicts nothing. A contradicting chunk must have come before.
 
         Returns:
-            True if it belongs to the other recording.
+            True if it belongs to the other recording, so that its ids must be translated.
         """
         if chunk.definitions or chunk.key in self._listed:
             return False
@@ -175,38 +258,38 @@ class McapCopy:
             return bool(self._listed)
         return abs(begin - self._other_end) < abs(begin - self._own_end)
 
-    def _add_all(self, definitions: Iterable[Schema | Channel]) -> dict[int, int]:
-        """Add schemas and channels to the new file, and return the new ids of the channels.
+    def _choose_channel_ids(self, chunk: Chunk) -> dict[int, int]:
+        """Choose ids in the new file for the schemas and channels of a contradicting chunk.
+
+        Those that the new file does not have yet are written to it.
 
         Args:
-            definitions: Schemas and channels with the ids of the damaged file, each channel after
-                its schema. If an id has several definitions, the last definition counts. A channel
-                whose schema is missing gets UNKNOWN_SCHEMA.
+            chunk: A chunk whose schemas or channels contradict those of the new file.
 
         Returns:
-            Id in the new file of each channel, by its id in the damaged file.
+            Id in the new file of each channel, by its id in the chunk.
 
         Raises:
             BagError: All ids are in use.
         """
-        schema_ids = {0: 0}  # 0 stands for no schema
+        schema_ids: dict[int, int] = {}
         channel_ids: dict[int, int] = {}
-        for each in definitions:
-            if isinstance(each, Schema):
-                schema_ids[each.id] = self._add(each)
-                continue
-            if each.schema_id not in schema_ids:
-                schema_ids[each.schema_id] = self._add(UNKNOWN_SCHEMA)
-            channel_ids[each.id] = self._add(replace(each, schema_id=schema_ids[each.schema_id]))
+        for _, each in chunk.definitions:
+            chosen = schema_ids if isinstance(each, Schema) else channel_ids
+            if each.id not in chosen:
+                chosen[each.id] = self._new_id(each, schema_ids)
         return channel_ids
 
-    def _add(self, definition: Schema | Channel) -> int:
-        """Return the id of a schema or channel in the new file.
+    def _new_id(self, definition: Schema | Channel, schema_ids: dict[int, int]) -> int:
+        """Choose the id of a schema or channel in the new file.
 
-        If the new file has no definition that is equal except for its id, it is written there.
+        If the new file has a definition that is equal except for its id, that id is used. Otherwise
+        the definition is written to the new file under the lowest free id.
 
         Args:
-            definition: Schema, or channel with the schema id of the new file.
+            definition: Schema or channel with the ids of the damaged file.
+            schema_ids: New id of each schema by its id in the damaged file. A channel's schema id
+                is replaced by it; without an entry the schema id stays.
 
         Returns:
             The id.
@@ -214,21 +297,101 @@ class McapCopy:
         Raises:
             BagError: All ids are in use.
         """
-        key = repr(replace(definition, id=0))
-        if key not in self._ids:
-            table = self.definitions.table(definition)
-            if len(table) == MAX_ID:
-                raise BagError(f"more than {MAX_ID} definitions cannot be repaired")
-            if isinstance(definition, Schema):
-                number = self._writer.register_schema(
-                    definition.name, definition.encoding, definition.data
-                )
-            else:
-                number = self._writer.register_channel(
-                    definition.topic,
-                    definition.message_encoding,
-                    definition.schema_id,
-                    definition.metadata,
-                )
-            self._ids[key], table[number] = number, replace(definition, id=number)
-        return self._ids[key]
+        if isinstance(definition, Channel):
+            schema_id = schema_ids.get(definition.schema_id, definition.schema_id)
+            definition = replace(definition, schema_id=schema_id)
+        table = self.definitions.table(definition)
+        for number, known in table.items():
+            if replace(known, id=definition.id) == definition:
+                return number
+        number = next((each for each in range(1, MAX_ID + 1) if each not in table), 0)
+        if number == 0:
+            raise BagError(f"a recording with more than {MAX_ID} definitions cannot be repaired")
+        table[number] = replace(definition, id=number)
+        self._write_definitions([table[number]])
+        return number
+
+    def _add_with_other_ids(self, chunk: Chunk, channel_ids: dict[int, int]) -> None:
+        """Add the messages of a chunk of another recording under other channel ids.
+
+        Args:
+            chunk: The chunk.
+            channel_ids: New id of each channel by its id in the chunk; an id without an entry
+                stays.
+        """
+        self._other_end, unpacked = chunk.key[1], chunk.unpacked
+        for offset in chunk.each_offset():
+            _, length = RECORD_HEADER.unpack_from(unpacked, offset)
+            begin = offset + RECORD_HEADER.size
+            own = int.from_bytes(unpacked[begin : begin + 2], "little")
+            new = channel_ids.get(own, own).to_bytes(2, "little")
+            rest = unpacked[begin + 2 : begin + length]
+            self.add_message(unpacked[offset:begin] + new + rest)
+
+    # --- Records ---------------------------------------------------------------------------------
+
+    def _write_definitions(self, definitions: Iterable[Schema | Channel]) -> None:
+        """Write schema and channel records."""
+        for each in definitions:
+            self._write(serialize_record(each))
+
+    def _write(self, data: bytes | memoryview) -> None:
+        """Write bytes to the new file and advance the file position.
+
+        Within the summary, the bytes also enter the summary's checksum.
+
+        Args:
+            data: The bytes.
+        """
+        self._stream.write(data)
+        self._at += len(data)
+        if self._checksum is not None:
+            self._checksum = zlib.crc32(data, self._checksum)
+
+    def _make_statistics(self, start_ns: int, end_ns: int) -> bytes:
+        """Return the statistics record of the new file, with opcode and length.
+
+        Args:
+            start_ns: First log time of all messages [ns]; 0 without messages.
+            end_ns: Last log time of all messages [ns]; 0 without messages.
+        """
+        kinds = Counter(each[0] for each in self._others)
+        return serialize_record(
+            records.Statistics(
+                attachment_count=kinds[Opcode.ATTACHMENT_INDEX],
+                channel_count=len(self.definitions.channels),
+                channel_message_counts=dict(self.counts),
+                chunk_count=self._chunk_count,
+                message_count=self.counts.total(),
+                message_start_time=start_ns,
+                message_end_time=end_ns,
+                metadata_count=kinds[Opcode.METADATA_INDEX],
+                schema_count=len(self.definitions.schemas),
+            )
+        )
+
+
+def _make_index_record(record: bytes, at: int) -> bytes:
+    """Return the record by which a summary lists an attachment or metadata record.
+
+    Args:
+        record: The record with opcode and length, verified.
+        at: Offset of the record in the file.
+
+    Returns:
+        The index record with opcode and length.
+    """
+    parsed = parse_record(record[0], memoryview(record)[RECORD_HEADER.size :])
+    if isinstance(parsed, records.Metadata):
+        return serialize_record(records.MetadataIndex(at, len(record), parsed.name))
+    return serialize_record(
+        records.AttachmentIndex(
+            offset=at,
+            length=len(record),
+            log_time=parsed.log_time,
+            create_time=parsed.create_time,
+            data_size=len(parsed.data),
+            name=parsed.name,
+            media_type=parsed.media_type,
+        )
+    )

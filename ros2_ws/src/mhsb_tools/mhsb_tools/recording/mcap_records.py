@@ -15,12 +15,16 @@ from io import BytesIO
 from typing import Any
 
 from mcap import records
-from mcap.data_stream import ReadDataStream
+from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
+from mcap.writer import MCAP0_MAGIC
 
 from mhsb_tools.recording import bag_format
+
+FILE_MAGIC = MCAP0_MAGIC
+"""Bytes with which an MCAP file begins and ends."""
 
 RECORD_HEADER = struct.Struct("<BQ")
 """Opcode and length of the content [bytes]."""
@@ -42,7 +46,10 @@ channels take kilobytes.
 """
 
 COMPRESSED_MAGICS = {"": b"", "lz4": b"\x04\x22\x4d\x18", "zstd": b"\x28\xb5\x2f\xfd"}
-"""First bytes of a chunk's packed content, by the name of its compression; empty for none."""
+"""First bytes of a chunk's packed content, by the name of its compression."""
+
+KNOWN_COMPRESSIONS = tuple(COMPRESSED_MAGICS)
+"""Names of the compressions that can be unpacked; empty for none."""
 
 
 class StructureError(Exception):
@@ -143,7 +150,7 @@ def with_known_text(schema: Schema) -> Schema:
     """Return a schema with the text that ROS has for its type in place of its own.
 
     Args:
-        schema: The schema. Its name and id are kept.
+        schema: The schema, of which name and id are kept.
 
     Returns:
         The schema; its text is empty if the type is unknown here.
@@ -170,3 +177,17 @@ def parse_definition(opcode: int, content: bytes | memoryview) -> Schema | Chann
         raise StructureError(f"a definition has {len(content)} bytes")
     definition: Schema | Channel = parse_record(opcode, content)
     return definition
+
+
+def serialize_record(record: records.McapRecord) -> bytes:
+    """Serialize an MCAP record.
+
+    Args:
+        record: The record.
+
+    Returns:
+        Its bytes with opcode and length.
+    """
+    builder = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())

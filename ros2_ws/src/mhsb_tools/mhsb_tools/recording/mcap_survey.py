@@ -78,7 +78,7 @@ class Definitions:
         """Return the table in which definitions of the given one's kind are stored.
 
         Args:
-            definition: Schema or channel. Only its kind is read.
+            definition: Schema or channel, whose kind alone counts.
 
         Returns:
             The dictionary itself, definitions by id.
@@ -118,7 +118,6 @@ class Survey:
             recording.
         unlisted: Number of kept messages in chunks that the summary does not list.
         header: The file's header; None if it is damaged.
-        compression: Name of the compression of the last chunk; empty for none.
     """
 
     path: Path
@@ -135,7 +134,6 @@ class Survey:
     has_contradictions: bool = False
     unlisted: int = 0
     header: Header | None = None
-    compression: str = ""
     _repeated: Counter[int] = field(default_factory=Counter)
     _summaries: list[Summary] = field(default_factory=list)
     _chunks: dict[int, tuple[tuple[int, int, int], int]] = field(default_factory=dict)
@@ -151,10 +149,9 @@ class Survey:
     def lost_count(self) -> int:
         """Number of messages known to be lost.
 
-        If the file has statistics, the result is W - K, but at least 0. W is the number of written
-        messages by the statistics, and K the number of kept messages. Kept messages in chunks that
-        the summary does not list do not count in K. Without statistics, the result is the sum over
-        `lost`: messages in damaged chunks by the chunks' message indexes.
+        If the file has statistics, it is their number of messages minus the number of kept
+        messages, at least 0. Kept messages in chunks that the summary does not list are not
+        subtracted. Without statistics, it is the sum of `lost`.
         """
         if self.written is not None:
             return max(0, self.written - (self.kept - self.unlisted))
@@ -291,8 +288,8 @@ class Survey:
     def _remove_found_losses(self) -> None:
         """Remove entries of `lost` whose messages were found elsewhere in the file.
 
-        The messages were found if the range of log times of a kept chunk contains the range of the
-        entry. Entries without log times stay.
+        They were found if the range of log times of a kept chunk contains that of the entry.
+        Entries without log times stay.
         """
         if not self._chunks or not self.lost:
             return
@@ -306,10 +303,9 @@ class Survey:
     def _choose_summary(self) -> None:
         """Choose the summary that describes the kept messages.
 
-        It is the last summary with a right checksum that lists at least one kept chunk with
-        messages. If there is none, and the file ends with a summary with a right checksum, the
-        summary at the end is ignored: it belongs to another recording. An unverified summary at the
-        end is used.
+        It is the last one with a right checksum that lists at least one kept chunk with messages.
+        If there is none, and the file ends with a summary with a right checksum, that one is
+        dropped, because it belongs to another recording. An unverified summary at the end stays.
         """
         for summary in reversed(self._summaries):
             unlisted = self._unlisted(summary)
@@ -340,7 +336,7 @@ class Survey:
 
         Args:
             piece: The next piece in the order of the file.
-            file: The file. Definitions in its damaged parts are read from it.
+            file: The file, from which definitions in damaged parts are read.
         """
         match piece:
             case Chunk():
@@ -362,18 +358,12 @@ class Survey:
     def _add_chunk(self, chunk: Chunk) -> None:
         """Count the messages of a chunk and add its schemas and channels.
 
-        Sets `compression` to that of the chunk. Definitions in a chunk with a checksum are also
-        stored among the reliable ones. A definition that contradicts another, or makes all
-        together too large, sets `has_contradictions`, and `first_damage` if that is None.
-
-        If the chunk occurred before, its messages are only counted separately as repeated. Else, if
-        it has messages, `counts` grows, `start_ns` and `end_ns` are extended, and `summary` becomes
-        None. A message of an undefined channel sets `first_damage` if that is None.
+        If the chunk occurred before, its messages are counted separately as repeated. Definitions
+        in a chunk with a checksum are also stored among the reliable ones.
 
         Args:
             chunk: A verified chunk.
         """
-        self.compression = chunk.header.compression
         for _, definition in chunk.definitions:
             self._define(definition)
             if chunk.header.checksum:
@@ -441,10 +431,12 @@ class Survey:
         """
         self.first_damage = self.first_damage or damage
         self.damaged_bytes += damage.end - damage.begin
-        if damage.messages is None or (damage.messages and len(self.lost) == MAX_LOST):
+        if damage.messages is None:
             self.is_lower_bound = True
-        elif damage.messages:
+        elif damage.messages and len(self.lost) < MAX_LOST:
             self.lost[damage.times] = damage.messages
+        elif damage.messages:
+            self.is_lower_bound = True
         if damage.messages != 0:
             part = file.read(damage.begin, min(damage.end - damage.begin, MAX_CHUNK_SIZE))
             find_definitions(part, self._damaged_definitions)

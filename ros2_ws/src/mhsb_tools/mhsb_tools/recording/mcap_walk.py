@@ -14,21 +14,20 @@ from dataclasses import dataclass, field
 import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema, Statistics
-from mcap.writer import MCAP0_MAGIC
 
 from mhsb_tools.recording.data_file import COST_OF_A_MESSAGE, DataFile
 from mhsb_tools.recording.mcap_chunk import (
     Chunk,
     ChunkHeader,
-    RawMessage,
-    get_message_at,
     open_chunk,
     parse_chunk_fields,
 )
 from mhsb_tools.recording.mcap_records import (
     CHUNK_TIMES,
     COMPRESSED_MAGICS,
+    FILE_MAGIC,
     FIRST_PRIVATE_OPCODE,
+    KNOWN_COMPRESSIONS,
     MAX_CHUNK_SIZE,
     MESSAGE_HEAD,
     RECORD_HEADER,
@@ -102,19 +101,6 @@ Walking = Generator[Piece, None, int]
 """Generator that yields pieces and returns the offset at which the walk continues."""
 
 
-def yield_messages(piece: Piece, file: DataFile) -> Iterator[RawMessage]:
-    """Yield the messages of a piece; a piece that is no chunk and no message has none.
-
-    Args:
-        piece: The piece.
-        file: The MCAP file.
-    """
-    if isinstance(piece, Chunk):
-        yield from piece.messages()
-    elif isinstance(piece, RecordFrame) and piece.opcode == Opcode.MESSAGE:
-        yield get_message_at(file.read(piece.at, piece.end - piece.at), 0)
-
-
 class McapWalk:
     """One walk through a file; `iterate_pieces` yields what it finds in the order of the file.
 
@@ -181,9 +167,9 @@ class McapWalk:
         Returns:
             Offset of the first record.
         """
-        if self._file.read(0, len(MCAP0_MAGIC)) == MCAP0_MAGIC:
-            return len(MCAP0_MAGIC)
-        at = len(MCAP0_MAGIC)
+        if self._file.read(0, len(FILE_MAGIC)) == FILE_MAGIC:
+            return len(FILE_MAGIC)
+        at = len(FILE_MAGIC)
         lost: int | None = 0
         try:
             self._structure.check_succession(at)
@@ -354,7 +340,7 @@ class McapWalk:
             return None
         (_, length), content = RECORD_HEADER.unpack_from(head), head[RECORD_HEADER.size :]
         _, _, unpacked, checksum = CHUNK_TIMES.unpack_from(content)
-        for compression, magic in COMPRESSED_MAGICS.items():
+        for compression in KNOWN_COMPRESSIONS:
             fields = CHUNK_TIMES.size + 4 + len(compression) + 8
             stated = int.from_bytes(content[fields - 8 : fields], "little")
             begin = at + RECORD_HEADER.size + fields
@@ -365,7 +351,7 @@ class McapWalk:
                 if checksum == 0 or not self._structure.can_continue_at(begin + size):
                     continue
                 packed = self._file.read(begin, size)
-                if not packed.startswith(magic):
+                if not packed.startswith(COMPRESSED_MAGICS[compression]):
                     continue
                 self._file.count_unpacked(size if not compression else MAX_CHUNK_SIZE)
                 try:
@@ -386,7 +372,7 @@ class McapWalk:
             at: Offset of the first message index.
 
         Returns:
-            Number of messages in all these indexes, offset after the last index, and first and last
+            Number of messages in all these indexes, offset after the last one, and first and last
             log time of the messages [ns]. The times are None if no messages are listed. Without an
             index at `at`, the number is 0 and the offset is `at`.
         """
@@ -479,8 +465,8 @@ class McapWalk:
 
         Records of the summary are collected; the summary is yielded later as one piece. Records
         that are of no use yield nothing. Two kinds of records may be chunks with a damaged opcode:
-        records of applications, and messages on an unknown channel. Such records are accepted only
-        after further checks.
+        records of applications, and messages on an unknown channel. They are accepted only after
+        further checks.
 
         Args:
             found: The record.
@@ -588,8 +574,8 @@ class McapWalk:
             that follow.
         """
         yield from self._summary(found.end - 4, found.content.summary_crc)
-        end = found.end + len(MCAP0_MAGIC)
-        if self._file.read(found.end, len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+        end = found.end + len(FILE_MAGIC)
+        if self._file.read(found.end, len(FILE_MAGIC)) != FILE_MAGIC:
             end = min(end, self._file.size)
             yield Damage(found.end, end, "it does not end as an MCAP file", 0)
         if end < self._file.size:
