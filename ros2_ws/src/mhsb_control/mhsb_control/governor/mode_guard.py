@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -169,7 +170,8 @@ class ModeGuard:
                 stalled = int(np.argmin(self._state.actuators["driving_pressure"]))
                 beyond = self._state.actuators["driving_pressure"][stalled] / 1e6
                 why = f"the line of {self._names[stalled]} has {beyond:.2f} MPa beyond its load"
-            sentences.append(f"the plan runs at {rate:.2f} of its pace: {why}")
+            shown = math.floor(100.0 * rate) / 100.0  # so that it is below 1
+            sentences.append(f"the plan runs at {shown:.2f} of its pace: {why}")
         if delay > 0.0:
             sentences.append(f"the arm is {delay / SECOND_NS:.2f} s later than planned")
         return "; ".join(sentences)

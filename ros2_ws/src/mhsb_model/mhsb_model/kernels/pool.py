@@ -88,7 +88,10 @@ class _BarProgress:
         """Show an empty bar for a number of functions to compile."""
         self._bar = tqdm(total=total, desc="compiling kernels, once", disable=None)
         if self._bar.disable:
-            print("compiling kernels, which happens once, for about half a minute", file=sys.stderr)
+            print(
+                "compiling kernels, once; half a minute, on a busy machine minutes",
+                file=sys.stderr,
+            )
 
     def update(self, done: int) -> None:
         """Set the bar to the number of functions that are done; close it after the last one.

@@ -47,6 +47,13 @@ def list_doubts(machine: Machine, held_points: int, reached_points: int) -> list
             f"hydraulics.servo_pump.max_boost_pressure {boost / 1e6:g} MPa, which lines then never "
             "reach; raise it above that pressure"
         )
+    pump = config.hydraulics.servo_pump
+    taken = (boost - supply) * pump.max_flow / pump.efficiency
+    if arrays.module_count > 0 and circuit.servo_pump_power < taken:
+        doubts.append(
+            f"circuit.servo_pump_power {circuit.servo_pump_power:g} W is below the {taken:.3g} W "
+            "that hydraulics.servo_pump.max_flow takes at the highest boost pressure; raise it"
+        )
     if reached_points == 0:
         doubts.append(
             "the arm has a posture within the joint limits nowhere in the workspace; compare link "

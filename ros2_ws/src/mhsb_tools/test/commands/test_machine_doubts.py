@@ -87,3 +87,13 @@ def test_an_arm_without_a_posture_anywhere_is_not_said_to_be_overloaded(machine)
     [doubt] = list_doubts(machine, 0, 0)
     assert "link lengths" in doubt
     assert "payload" not in doubt
+
+
+def test_a_servo_pump_that_is_too_weak_for_its_flow_is_a_doubt(machine):
+    pump = machine.config.hydraulics.servo_pump
+    boost = pump.max_boost_pressure - machine.config.hydraulics.main_pump.pressure
+    taken = boost * pump.max_flow / pump.efficiency
+    weak = machine.with_values({"circuit.servo_pump_power": 0.9 * taken})
+    [doubt] = list_doubts(weak, 100, 100)
+    assert f"{0.9 * taken:g} W is below the {taken:.3g} W" in doubt
+    assert list_doubts(machine.with_values({"circuit.servo_pump_power": taken}), 100, 100) == []
