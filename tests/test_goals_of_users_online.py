@@ -1,5 +1,7 @@
 """Regions and points on the way, set as parameters of the planner, over real DDS."""
 
+import re
+
 import numpy as np
 
 from mhsb_model.verdict import Outcome, Verdict
@@ -18,6 +20,13 @@ def set_at_planner(arm, **values):
 def until_at_rest(arm):
     """The measured tip may be there while the last references are still on their way."""
     arm.until(lambda: not arm.references[-1].state.velocity.any())
+
+
+def test_the_planner_logs_why_a_goal_is_refused(observer, nodes):
+    planner = nodes("mhsb_sim", "mhsb_planner")["mhsb_planner"]
+    observer.until(lambda: observer.is_matched)
+    verdict = observer.request_verdict(*OUTSIDE)
+    planner.wait_for("goal refused with OUT_OF_WORKSPACE: " + re.escape(verdict.sentence))
 
 
 def test_a_region_is_reached_and_points_on_the_way_are_passed(arm):

@@ -112,3 +112,18 @@ def test_somebody_else_on_its_topics_is_noticed_while_he_is_there(observer, simu
     assert latest(observer).warning
     observer.destroy_publisher(publisher)
     until_no_warning(observer, "one is allowed")
+
+
+def test_a_new_subscriber_of_diagnostics_gets_the_report_between_two_regular_ones(
+    observer, simulator
+):
+    reports, topic = observer.simulator_reports, topics.DIAGNOSTICS
+    observer.until(lambda: len(reports) > 2)
+    for _ in range(5):  # a busy machine may be too late for one subscription
+        before = len(reports)
+        observer.until(lambda n=before: len(reports) > n)
+        added = observer.create_subscription(topic.message, topic.name, lambda _: None, topic.qos)
+        observer.until(lambda n=before: len(reports) > n + 1)
+        observer.destroy_subscription(added)
+    gaps = [b.sim_time_ns - a.sim_time_ns for a, b in pairwise(reports[2:])]
+    assert min(gaps) < SECOND_NS / 2

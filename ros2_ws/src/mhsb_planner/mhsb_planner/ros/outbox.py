@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from mhsb_model.command import Command
 from mhsb_model.errors import MhsbError
 from mhsb_model.machine import Machine
-from mhsb_model.verdict import GoalVerdict, Report
+from mhsb_model.verdict import GoalVerdict, Level, Report
 from mhsb_msgs_py import endpoints, mode_schedule, names, plan_status, topics, trajectory
 from mhsb_planner import deadline
 from mhsb_planner.online.plan_request import PlanRequest
@@ -38,6 +38,9 @@ PUBLISHED_TOPICS = (
     topics.DIAGNOSTICS,
 )
 """Topics that the planner node publishes on."""
+
+LOG_INTERVAL = 1.0
+"""Least time between lines of the log on refused or aborted goals [s]; `plan_status` has all."""
 
 
 class RosOutbox:
@@ -218,9 +221,17 @@ class RosOutbox:
         self.publish(topics.MARKERS, markers)
 
     def report(self, report: Report) -> None:
-        """Publish a verdict or an execution report, and count the verdicts."""
+        """Publish a verdict or an execution report, count verdicts, and log refusals and aborts."""
         self.publish(topics.PLAN_STATUS, plan_status.encode(report, self.ros_ns()))
-        self.verdict_count += isinstance(report, GoalVerdict)
+        if isinstance(report, GoalVerdict):
+            self.verdict_count += 1
+            level, fate = report.code.level, f"refused with {report.code}"
+        else:
+            level, fate = report.outcome.level, report.outcome.value
+        if level is Level.ERROR:
+            self._node.get_logger().warning(
+                f"goal {fate}: {report.sentence}", throttle_duration_sec=LOG_INTERVAL
+            )
 
     def warn(self, sentence: str) -> None:
         """Write a warning to the node's log."""

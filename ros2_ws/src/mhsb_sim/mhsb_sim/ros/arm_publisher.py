@@ -77,6 +77,7 @@ class ArmPublisher:
         }
         described = String(data=build_robot_description(self._simulator.machine))
         self._publishers[topics.ROBOT_DESCRIPTION.name].publish(described)
+        self._reported_to = 0
         self.restart()
 
     @property
@@ -149,11 +150,15 @@ class ArmPublisher:
 
         The period of the report is normally REPORT_PERIOD. It is DELAY_PERIOD if the plan delay has
         changed since the previous report. The plan delay is the time that the reference lags behind
-        the plan because of speed scaling.
+        the plan because of speed scaling. A new subscriber gets a report at once: a planner does
+        not plan before it knows the arm's machine.
 
         Returns:
-            True if the period is over in simulated time or in real time.
+            True if the period is over in simulated time or in real time, or if there are more
+            subscribers than at the previous report.
         """
+        if self._count_report_subscribers() > self._reported_to:
+            return True
         wall, sim_ns = self._last_report
         passed_ns = self._simulator.time_ns - sim_ns
         same = self._simulator.plan_delay_ns == self._delay_ns
@@ -178,6 +183,7 @@ class ArmPublisher:
         now_ns = self._simulator.time_ns
         wall, sim_ns = self._last_report
         self._last_report = (time.monotonic(), now_ns)
+        self._reported_to = self._count_report_subscribers()
         elapsed = max(1e-9, self._last_report[0] - wall)
         energies = self._simulator.energies
         self._delay_ns = self._simulator.plan_delay_ns
@@ -199,6 +205,10 @@ class ArmPublisher:
             self._faults.last,
         )
         self._publish(topics.DIAGNOSTICS, self._encoded(report, now_ns))
+
+    def _count_report_subscribers(self) -> int:
+        """Count the subscribers of /diagnostics to which this node is connected."""
+        return int(self._publishers[topics.DIAGNOSTICS.name].get_subscription_count())
 
     def _encoded(self, report: HandOverReport | SimulatorReport, now_ns: int) -> DiagnosticArray:
         """Return a report as a message for /diagnostics, stamped with a simulated time [ns]."""
