@@ -21,8 +21,8 @@ PLACES = (
     "mhsb_planner/mhsb_planner/search/open_list.py",
     "mhsb_planner/mhsb_planner/search/s2_astar.py",
     "mhsb_planner/mhsb_planner/integrated/deferred_steps.py",
-    "mhsb_planner/mhsb_planner/integrated/lattice.py",
     "mhsb_planner/mhsb_planner/integrated/lattice_points.py",
+    "mhsb_planner/mhsb_planner/integrated/lattice_search.py",
 )
 
 

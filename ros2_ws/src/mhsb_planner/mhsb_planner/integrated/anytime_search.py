@@ -20,10 +20,10 @@ from mhsb_planner.errors import DeadlineError, NoPathError
 from mhsb_planner.integrated.cylinder_path import PathCostModel, price_path
 from mhsb_planner.integrated.lattice import (
     Lattice,
-    LatticeSearch,
     lattice_even_in_angles,
     lattice_even_in_lengths,
 )
+from mhsb_planner.integrated.lattice_search import LatticeSearch
 from mhsb_planner.integrated.refinement import (
     Strides,
     SweptPath,
