@@ -375,20 +375,12 @@ def run_governor_step(g: GovernorState) -> bool:
 def compute_reserves(g: GovernorState) -> None:
     """Filter the measurements, and compute pressure reserves and the tip error.
 
-    The needed pressure of an actuator is the load pressure plus the drop over the fully open valve.
-    It is computed for two speeds of the reference: the present one, as if the plan were not slowed,
-    and one shortly ahead (START_PREVIEW_POINT). It is 0 up to MOVING_SPEED or STARTING_SPEED, since
-    the closed valve then holds the load, and at an end stop.
-
-    If an actuator has yielded to its load and the tip error is above `lift_error_ratio` times
-    `usual_error`, the actuator must lift the load back. It then needs at least the holding pressure
-    plus `lifting_pressure` at present. A slew carries no weight and is excepted.
-
     Results for each actuator:
 
-    - `reserve_in_n`: the available pressure in mode N, minus the greater of both needed pressures.
-      The available pressure is the lowest line pressure of all actuators in mode N, filtered. While
-      it falls, it is extrapolated by `prediction_time`, for this reserve alone.
+    - `reserve_in_n`: the available pressure in mode N, minus the greater of the pressures that the
+      actuator needs at present and shortly ahead (`_compute_needed_pressures`). The available
+      pressure is the lowest line pressure of all actuators in mode N, filtered. While it falls, it
+      is extrapolated by `prediction_time`, for this reserve alone.
     - `reserve`: in mode N equal to `reserve_in_n`. In DB and SB it is the actuator's own line
       pressure minus the pressure needed at present, filtered with `boosted_smoothing`.
     - `driving_pressure`: the available pressure (in DB and SB the line pressure) minus the load
@@ -421,23 +413,9 @@ def compute_reserves(g: GovernorState) -> None:
         length, arm, _ = evaluate_linkage(g.linkage[j], g.reference[0, 0, j])
         length_error = sensor.length - length
         actuator.deviation = length_error / arm
-        speed, ahead = arm * g.full_speed_velocity[j], arm * g.reference[START_PREVIEW_POINT, 1, j]
-        k, tank, needed, needed_ahead = cylinder.valve_coefficient, c.tank_pressure, 0.0, 0.0
-        moving_load_pressure = -math.inf
-        if (
-            cylinder.min_length < sensor.length < cylinder.max_length
-        ):  # at an end stop, that carries the load
-            if abs(speed) > MOVING_SPEED:
-                needed = compute_pressure_without_margin(k, cap, rod, tank, actuator.force, speed)
-                moving_load_pressure = load_pressure(cap, rod, tank, actuator.force, speed)
-            if abs(ahead) > STARTING_SPEED:
-                needed_ahead = compute_pressure_without_margin(
-                    k, cap, rod, tank, actuator.force, ahead
-                )
-            lifts = not (g.chain.slews and j == 0) and length_error * actuator.force < 0.0
-            if lifts and o.error > settings.lift_error_ratio * o.usual_error:
-                held = compute_pressure_without_margin(k, cap, rod, tank, actuator.force, 0.0)
-                needed = max(needed, held + settings.lifting_pressure)
+        needed, needed_ahead, moving_load_pressure = _compute_needed_pressures(
+            g, j, arm, length_error
+        )
         greatest_need = max(0.0, needed, needed_ahead)
         actuator.reserve_in_n = (
             o.supply + settings.prediction_time * min(o.supply_rate, 0.0) - greatest_need
@@ -453,6 +431,51 @@ def compute_reserves(g: GovernorState) -> None:
         g.chain, g.reference[0, 0], g.full_speed_velocity, g.actuators
     )
     o.is_initialized = 1.0
+
+
+@kernel(borrows=True, forceinline=True)
+def _compute_needed_pressures(
+    g: GovernorState, j: int, arm: float, length_error: float
+) -> tuple[float, float, float]:
+    """Compute the supply pressures that an actuator needs at present and shortly ahead.
+
+    The needed pressure is the load pressure plus the drop over the fully open valve. It is computed
+    for two speeds of the reference: the present one, as if the plan were not slowed, and one
+    shortly ahead (START_PREVIEW_POINT). It is 0 up to MOVING_SPEED or STARTING_SPEED, since the
+    closed valve then holds the load. At an end stop, which carries the load, it is 0 as well.
+
+    If an actuator has yielded to its load and the tip error is above `lift_error_ratio` times
+    `usual_error`, the actuator must lift the load back. It then needs at least the holding pressure
+    plus `lifting_pressure` at present. A slew carries no weight and is excepted.
+
+    Args:
+        g: State of the governor. The filtered force of the actuator must be that of this step.
+        j: Index of the actuator.
+        arm: Moment arm at the reference, the piston's speed over the joint's [m/rad; 1 for a
+            telescope].
+        length_error: Measured cylinder length minus that of the reference [m].
+
+    Returns:
+        Pressure needed at present, pressure needed shortly ahead, and load pressure of the present
+        motion [Pa]. The last is -inf if the actuator does not move, or is at an end stop.
+    """
+    cylinder, o, tank = g.cylinders[j], g.totals[0], g.constants[0].tank_pressure
+    force = g.actuators[j].force
+    cap, rod, k = cylinder.cap_area, cylinder.rod_area, cylinder.valve_coefficient
+    needed, needed_ahead, moving_load_pressure = 0.0, 0.0, -math.inf
+    if not cylinder.min_length < g.sensors[j].length < cylinder.max_length:
+        return needed, needed_ahead, moving_load_pressure
+    speed, ahead = arm * g.full_speed_velocity[j], arm * g.reference[START_PREVIEW_POINT, 1, j]
+    if abs(speed) > MOVING_SPEED:
+        needed = compute_pressure_without_margin(k, cap, rod, tank, force, speed)
+        moving_load_pressure = load_pressure(cap, rod, tank, force, speed)
+    if abs(ahead) > STARTING_SPEED:
+        needed_ahead = compute_pressure_without_margin(k, cap, rod, tank, force, ahead)
+    lifts = not (g.chain.slews and j == 0) and length_error * force < 0.0
+    if lifts and o.error > o.settings.lift_error_ratio * o.usual_error:
+        held = compute_pressure_without_margin(k, cap, rod, tank, force, 0.0)
+        needed = max(needed, held + o.settings.lifting_pressure)
+    return needed, needed_ahead, moving_load_pressure
 
 
 @kernel

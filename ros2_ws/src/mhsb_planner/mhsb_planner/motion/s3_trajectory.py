@@ -547,11 +547,9 @@ def _fit_candidate(
 ) -> FittedMotion | Violation | str:
     """Compute the motion of one curve, slowed until it keeps every limit.
 
-    The curve is refused if it passes a joint limit, misses a via point, or moves a piston farther
-    than needed. It is also refused if an actuator would be switched twice too soon. The curve is
-    slowed if it is too fast for V_max, valves, pumps, or the limits of joint acceleration and jerk.
-    All steps of the path then become longer; with `candidate.slows_pieces` only those around the
-    violation.
+    Some curves are refused at once (`_schedule_curve`). The curve is slowed if it is too fast for
+    V_max, valves, pumps, or the limits of joint acceleration and jerk. All steps of the path then
+    become longer; with `candidate.slows_pieces` only those around the violation.
 
     Pressures, obstacles and the times between points are checked last. The curve is also refused if
     slowing cannot mend a violation, or if the path would have to become too slow.
@@ -573,31 +571,17 @@ def _fit_candidate(
         DeadlineError: The deadline passed.
     """
     lead_in, before, path = candidate.lead_in, math.inf, candidate.path
+    first = 0 if lead_in is None else len(lead_in.offset_ns) - 1
     scale = np.full(path.steps, candidate.stretch)
     for _ in range(MAX_STRETCH_ROUNDS):
         deadline.check(FIT_TASK)
         curve = candidate.curve_at(scale)
-        if refused := _describe_refused_curve(curve):
-            return refused
-        trajectory, first = sample_curve(curve, candidate.start, path.posture[-1]), 0
-        slowing = compute_slowing_factor(machine.curve_limits.for_planning, trajectory)
-        if lead_in is not None:
-            trajectory, first = join_trajectories(lead_in, trajectory), len(lead_in.offset_ns) - 1
-        deadline.check(FIT_TASK)
-        position = trajectory.position[first:]
-        if passed := _describe_passed_limit(machine, limits, candidate, position, rules):
-            return passed
-        time = trajectory.offset_ns / SECOND_NS
-        preferred = _assign_step_modes(path.modes, curve.node_time, time, first)
-        scheduled = ScheduledMotion.create(machine, trajectory, modes, preferred, rules.switching)
-        if not scheduled.keeps_dwell:
-            return f"an actuator is switched twice within {rules.switching.min_dwell:g} s"
+        made = _schedule_curve(machine, limits, modes, candidate, curve, rules, deadline)
+        if isinstance(made, str):
+            return made
+        scheduled, slowing = made
         trajectory, profile = scheduled.trajectory, scheduled.profile
         time = trajectory.offset_ns / SECOND_NS
-        if rules.via_points:
-            tip = machine.convert_to_base(profile.tip, trajectory.position[:, 0])
-            if missed := describe_first_missed(tip, rules.via_points):
-                return missed
         ends = EndValues.from_profile(machine, profile, scheduled.intervals)
         fastest, max_speed = 1.0 + rules.max_excess, machine.arrays.max_piston_speed
         used, most = _compute_uses(
@@ -624,6 +608,62 @@ def _fit_candidate(
         if stretch > (candidate.max_stretch or rules.max_stretch) * candidate.stretch:
             return f"V_max, valves and pumps would take a duration {stretch:.3g} times the path's"
     return "stretching it did not bring it within what valves and pumps can do"
+
+
+def _schedule_curve(
+    machine: Machine,
+    limits: MachineArrays,
+    modes: StartModes,
+    candidate: CurveCandidate,
+    curve: Curve,
+    rules: FitRules,
+    deadline: Deadline,
+) -> tuple[ScheduledMotion, float] | str:
+    """Sample a curve, join it to the motion before it, and choose the modes of the whole motion.
+
+    The curve is refused if it takes too long, its ramps break the limits of acceleration and jerk,
+    or it passes a joint limit. It is also refused if it moves a piston farther than needed, misses
+    a via point, or would switch an actuator twice too soon.
+
+    Args:
+        machine: Machine whose joint limits and workspace are widened to include the start.
+        limits: Arrays with the limits of the machine file. A joint beyond a limit must not move
+            farther out.
+        modes: Modes in force at the start, and time since each actuator's last switch.
+        candidate: Candidate of the curve, with path and lead-in (motion before the curve).
+        curve: Curve of joint positions over time.
+        rules: Settings of the fit.
+        deadline: Instant at which the work is given up.
+
+    Returns:
+        The motion, lead-in included, and the factor on the curve's duration that
+        `compute_slowing_factor` gives [-]. If the curve is refused, a clause with the reason.
+
+    Raises:
+        DeadlineError: The deadline passed.
+    """
+    if refused := _describe_refused_curve(curve):
+        return refused
+    path, lead_in, first = candidate.path, candidate.lead_in, 0
+    trajectory = sample_curve(curve, candidate.start, path.posture[-1])
+    slowing = compute_slowing_factor(machine.curve_limits.for_planning, trajectory)
+    if lead_in is not None:
+        trajectory, first = join_trajectories(lead_in, trajectory), len(lead_in.offset_ns) - 1
+    deadline.check(FIT_TASK)
+    position = trajectory.position[first:]
+    if passed := _describe_passed_limit(machine, limits, candidate, position, rules):
+        return passed
+    time = trajectory.offset_ns / SECOND_NS
+    preferred = _assign_step_modes(path.modes, curve.node_time, time, first)
+    scheduled = ScheduledMotion.create(machine, trajectory, modes, preferred, rules.switching)
+    if not scheduled.keeps_dwell:
+        return f"an actuator is switched twice within {rules.switching.min_dwell:g} s"
+    if rules.via_points:
+        slew = scheduled.trajectory.position[:, 0]
+        tip = machine.convert_to_base(scheduled.profile.tip, slew)
+        if missed := describe_first_missed(tip, rules.via_points):
+            return missed
+    return scheduled, slowing
 
 
 def _compute_stretch(path: DiscretePath, scale: FloatArray | float) -> float:

@@ -363,7 +363,6 @@ def _choose_interval_modes(
     Returns:
         Mode codes of the intervals between the instants, shape (k - 1, n).
     """
-    lead, dwell = rules.lead, rules.min_dwell
     intervals, n = len(speed) - 1, speed.shape[1]
     modes = np.zeros((intervals, n), dtype=np.uint8)
     needed = np.zeros((intervals, n), dtype=np.bool_)
@@ -384,28 +383,57 @@ def _choose_interval_modes(
         for i in range(intervals):
             on[i] = on[i] or lacks[i] or lacks[i + 1]
 
-        free[j] = _find_first_free_interval(time, age[j], dwell)
-        on[: free[j]] = BOOSTED_MODES[start[j]]
-        boost_beside = (
-            _ON if BOOSTED_MODES[start[j]] else _OFF,
-            _ON if BOOSTED_MODES[hold[j]] else _OFF,
-        )
+        free[j] = _find_first_free_interval(time, age[j], rules.min_dwell)
         for i in range(intervals):
             sharing[i] = demand[i, j] > one_pump or preferred[i, j] == SB
-        for ahead in (lead, 0.0):  # a lengthened SB run may lengthen its boost run
-            for i in range(intervals):
-                shared[i] = on[i] and (start[j] == SB if i < free[j] else sharing[i])
-            beside = (_ON if start[j] == SB else _OFF, _OFF)
-            _enforce_lead_and_dwell(time, shared, free[j], intervals, 0.0, dwell, beside)
-            for i in range(intervals):
-                on[i] = on[i] or shared[i]
-            _enforce_lead_and_dwell(time, on, free[j], intervals, ahead, dwell, boost_beside)
-        for i in range(free[j], intervals):
-            shared[i] = on[i] and sharing[i]
-        _enforce_shared_boost_dwell(time, on, shared, free[j], rules, start[j], hold[j])
+        _time_boosts(time, on, shared, sharing, free[j], start[j], hold[j], rules)
         _write_modes(modes[:, j], on, shared)
-    _reduce_to_module_budget(m, time, modes, demand, needed, free, dwell)
+    _reduce_to_module_budget(m, time, modes, demand, needed, free, rules.min_dwell)
     return modes
+
+
+@kernel
+def _time_boosts(
+    time: FloatArray,
+    on: np.ndarray,
+    shared: np.ndarray,
+    sharing: np.ndarray,
+    free: int,
+    start: int,
+    hold: int,
+    rules: SwitchingRules,
+) -> None:
+    """Determine in which intervals an actuator is boosted, and in which the boost is shared (SB).
+
+    Boost begins earlier than it is needed, by `rules.lead`. Runs of boost and of shared boost are
+    lengthened to `rules.min_dwell`. Before interval `free` the mode of the start stays in force.
+
+    Args:
+        time: Instants in ascending order, shape (k,) [s].
+        on: True for each interval in which boost is needed, shape (k - 1,). Written in place: True
+            for each interval with boost.
+        shared: True for each interval with shared boost, shape (k - 1,). Written in place; its old
+            content is ignored.
+        sharing: True for each interval in which boost is to be shared, shape (k - 1,).
+        free: First interval in which the actuator may leave the mode of the start.
+        start: Mode code at the first instant.
+        hold: Mode code after the last instant.
+        rules: Rules for switching.
+    """
+    intervals, dwell = len(on), rules.min_dwell
+    on[:free] = BOOSTED_MODES[start]
+    boost_beside = (_ON if BOOSTED_MODES[start] else _OFF, _ON if BOOSTED_MODES[hold] else _OFF)
+    beside = (_ON if start == SB else _OFF, _OFF)
+    for ahead in (rules.lead, 0.0):  # a lengthened SB run may lengthen its boost run
+        for i in range(intervals):
+            shared[i] = on[i] and (start == SB if i < free else sharing[i])
+        _enforce_lead_and_dwell(time, shared, free, intervals, 0.0, dwell, beside)
+        for i in range(intervals):
+            on[i] = on[i] or shared[i]
+        _enforce_lead_and_dwell(time, on, free, intervals, ahead, dwell, boost_beside)
+    for i in range(free, intervals):
+        shared[i] = on[i] and sharing[i]
+    _enforce_shared_boost_dwell(time, on, shared, free, rules, start, hold)
 
 
 @kernel
