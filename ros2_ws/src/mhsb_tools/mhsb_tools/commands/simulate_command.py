@@ -31,7 +31,6 @@ from mhsb_model.goal import format_position
 from mhsb_model.machine import Machine
 from mhsb_model.schema import Sensors
 from mhsb_model.trajectory import SECOND_NS
-from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion.energy import Energy, compute_energy_of_states
 from mhsb_planner.motion.s3_trajectory import TrajectoryKind
 from mhsb_planner.online.replanning import Replanner
@@ -39,7 +38,6 @@ from mhsb_planner.planner import DEFAULT_PLANNER, PlannerKind, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
 from mhsb_sim.circuit.audit import compute_energy_gap, compute_volume_gap, sum_energy_by_source
-from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_sim.simulation.plant_files import load_plant
 from mhsb_sim.simulation.sensors import select_length_class
 from mhsb_sim.simulation.simulator import Simulator
@@ -55,6 +53,7 @@ from mhsb_tools.study.headless import (
     HeadlessRun,
     Samples,
     TimedGoal,
+    compile_kernels,
     convert_to_move,
 )
 from mhsb_tools.study.variations import load_variations, scale_values
@@ -177,39 +176,25 @@ def simulate(
         make_output_folder(output, "the run")
     plant = build_plant(known, arm.plant, arm.vary)
     run = _prepare_run(known, kept_out, plant, method)
-    if method.estimates_file is not None:
-        check_estimates_file_is_writable(method.estimates_file)
     began = time.perf_counter()
     results = list(tqdm(run.run(goals), total=len(goals), unit="goal", leave=False, disable=None))
     seconds = time.perf_counter() - began
     simulator, samples = run.simulator, run.samples()
     elements = list_energy_parts(compute_planned_energy(known, samples), simulator.energies)
-    interventions = simulator.guard.interventions.count
-    summary = summarize(
-        known.axes, results, samples, simulator.energies, seconds, elements, interventions
-    )
-    summary["volumes_m3"] = simulator.volumes
+    summary = summarize(known.axes, results, samples, simulator, seconds, elements)
     if output is not None:
         write(output, samples, summary)
         draw_move_page(convert_to_move(kept_out, samples, goals, elements), output / PICTURE_FILE)
     if json_:
         print(json.dumps(summary))
     else:
-        print("\n".join(as_text(summary)))
-        if audit:
-            print("\n".join(format_audit(simulator.energies, simulator.volumes)))
-            print("\n".join(energy_text(elements)))
+        print("\n".join(as_text(summary) + (_audit_as_text(summary, elements) if audit else [])))
+    sensors = plant.config.imperfections.sensors
+    causes = describe_possible_causes(arm, method.estimates_file, sensors, _is_learning(simulator))
     missed = [result for result in results if is_missed(result)]
-    is_learning = issubclass(
-        get_controller_class(simulator.controller_name), LearningController
-    ) and not all(each.known for each in simulator.estimates)
-    causes = describe_possible_causes(
-        arm, method.estimates_file, plant.config.imperfections.sensors, is_learning
-    )
     for result in missed:
-        print(
-            f"simulate: {compose_missed_sentence(result, interventions, causes)}", file=sys.stderr
-        )
+        sentence = compose_missed_sentence(result, summary["guard_interventions"], causes)
+        print(f"simulate: {sentence}", file=sys.stderr)
     simulator.save_estimates()
     return 1 if missed else 0
 
@@ -233,13 +218,12 @@ def _prepare_run(
 
     Raises:
         UnknownControllerError: There is no controller of that name.
-        EstimatesFileError: The estimates file cannot be used.
+        EstimatesFileError: The estimates file cannot be used, or not be written.
         EmptyTableError: No node of a newly built posture table has a posture.
         MhsbError: The simulator cannot be built for this machine and plant.
     """
     get_controller_class(method.controller or default_controller(machine))  # before long work
-    compile_planner()
-    compile_simulator()
+    compile_kernels()
     replanner = Replanner(machine, load_or_build_table(machine))
     replanner.change_machine(kept_out)
     replanner.warm_up([method.planner])
@@ -252,6 +236,8 @@ def _prepare_run(
     )
     simulator.step()  # loads kernels, so that this is not part of the time
     simulator.reset()
+    if method.estimates_file is not None:
+        check_estimates_file_is_writable(method.estimates_file)
     options = PlanOptions(planner=method.planner, trajectory=method.trajectory)
     return HeadlessRun(simulator, replanner, options)
 
@@ -266,6 +252,13 @@ def is_missed(result: GoalRun) -> bool:
         True if the motion ended more than 0.2 s ago and the tip is more than 10 mm away.
     """
     return result.overdue > REACHED_TIMEOUT and result.goal_distance > REACHED_DISTANCE
+
+
+def _is_learning(simulator: Simulator) -> bool:
+    """Return whether the servo learns its valves, and some estimate is not yet known."""
+    controller = get_controller_class(simulator.controller_name)
+    is_known = all(each.known for each in simulator.estimates)
+    return issubclass(controller, LearningController) and not is_known
 
 
 def describe_possible_causes(
@@ -422,10 +415,9 @@ def summarize(
     axes: Sequence[str],
     results: list[GoalRun],
     samples: Samples,
-    energies: dict[str, float],
+    simulator: Simulator,
     seconds: float,
     elements: list[EnergyPart],
-    interventions: int,
 ) -> dict[str, Any]:
     """Summarize a run in plain numbers for JSON.
 
@@ -433,11 +425,10 @@ def summarize(
         axes: Names of a goal's coordinates, `x`, `z` or `x`, `y`, `z`.
         results: One result for each goal.
         samples: The simulated run.
-        energies: Energy by circuit element [J], as `Simulator.energies`.
+        simulator: The simulator after the run, with energies, volumes and the guard's
+            interventions.
         seconds: Wall time of planning and simulating [s].
         elements: Planned and simulated energy of each part of the circuit [J].
-        interventions: Number of times that the guard boosted actuators beyond the plan or slowed
-            the plan.
 
     Returns:
         A dictionary; units are at the ends of the keys. `goals` has a dictionary for each goal, as
@@ -450,8 +441,10 @@ def summarize(
         - mode_switches, guard_interventions: counts
         - energy_measured_j: of main pump (`mp`) and servo pumps (`sp`); energy_by_source_j: of
             both, to the oil and at the shafts
-        - energies_j, energy_elements_j: `energies` and `elements`
+        - energies_j: energy by circuit element; energy_elements_j: `elements`
+        - volumes_m3: oil by destination
     """
+    energies = simulator.energies
     chambers = np.maximum(samples.cap_pressure, samples.rod_pressure)
     return {
         "goals": [_goal_numbers(axes, result) for result in results],
@@ -463,11 +456,12 @@ def summarize(
         "max_supply_pressure_mpa": float(samples.supply_pressure.max() / 1e6),
         "max_chamber_pressure_mpa": float(chambers.max() / 1e6),
         "mode_switches": int(np.count_nonzero(np.diff(samples.modes.astype(int), axis=0))),
-        "guard_interventions": interventions,
+        "guard_interventions": simulator.guard.interventions.count,
         "energy_measured_j": {"mp": energies["main_pump"], "sp": energies["servo_pumps"]},
         "energy_by_source_j": sum_energy_by_source(energies),
         "energies_j": energies,
         "energy_elements_j": [asdict(element) for element in elements],
+        "volumes_m3": simulator.volumes,
     }
 
 
@@ -544,6 +538,19 @@ def as_text(summary: dict[str, Any]) -> list[str]:
         f"{summary['simulated_s']:.1f} s simulated at {summary['real_time_factor']:.1f} times "
         "real time",
     ]
+
+
+def _audit_as_text(summary: dict[str, Any], elements: list[EnergyPart]) -> list[str]:
+    """Format where energy and oil of a run went, and what the plans had expected.
+
+    Args:
+        summary: The dictionary that `summarize` returns.
+        elements: Planned and simulated energy of each part of the circuit [J].
+
+    Returns:
+        Lines of three tables: energy audit, volume audit, and planned beside simulated energies.
+    """
+    return format_audit(summary["energies_j"], summary["volumes_m3"]) + energy_text(elements)
 
 
 def format_audit(energies: dict[str, float], volumes: dict[str, float]) -> list[str]:

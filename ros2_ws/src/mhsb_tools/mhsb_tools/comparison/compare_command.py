@@ -21,11 +21,10 @@ from mhsb_model.types import FloatArray
 from mhsb_planner.cases.moves import list_case_moves, yield_random_moves
 from mhsb_planner.cluster import WorkArguments
 from mhsb_planner.errors import RequestError
-from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions, warm_up
+from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
 from mhsb_planner.search.s2_search import Weights
-from mhsb_sim.simulation.kernel_parts import compile_simulator
 from mhsb_tools.comparison.planner_comparison import (
     BASELINE_PLANNER,
     GROUND_TRUTH,
@@ -40,6 +39,7 @@ from mhsb_tools.comparison.supply_comparison import (
     format_energy_by_move,
     sum_supply_energies,
 )
+from mhsb_tools.study.headless import compile_kernels
 
 DEFAULT_TRUTHS = 10
 """Number of random moves for which the ground truth is searched by default."""
@@ -138,10 +138,9 @@ def list_compared_moves(machine: Machine, moves: int, truths: int) -> list[Compa
     Returns:
         The moves. Cases have their own names, random moves are named `1`, `2` and so on.
     """
+    compile_kernels()
     planner = Planner(machine, load_or_build_table(machine))
     load_or_build_table(raise_supply_pressure(machine))
-    warm_up(planner)  # so that the processes find compiled kernels
-    compile_simulator()
     cases = [ComparedMove(name, move, True) for name, move in list_case_moves(machine).items()]
     others = [
         ComparedMove(str(number), move, number <= truths)

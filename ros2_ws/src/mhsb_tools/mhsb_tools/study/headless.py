@@ -15,15 +15,18 @@ import numpy as np
 from mhsb_model.arm_reports import HandOverOutcome
 from mhsb_model.command import Command
 from mhsb_model.goal import Goal, format_position
+from mhsb_model.kernels.pool import compile_ahead
 from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray, ModeArray, Position
+from mhsb_planner import kernel_parts as planner_kernels
 from mhsb_planner.deadline import Deadline
 from mhsb_planner.motion.motion_profile import compute_motion_profile
 from mhsb_planner.online.commit_horizon import compute_offline_horizon
 from mhsb_planner.online.replanning import Replan, Replanner
 from mhsb_planner.planner import PlanOptions
 from mhsb_sim.errors import HandOverError
+from mhsb_sim.simulation import kernel_parts as simulator_kernels
 from mhsb_sim.simulation.plan_receiver import PlanReceiver
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_tools.moves.move import MoveRecord
@@ -36,6 +39,11 @@ SUPPLY_NAMES = {"by the main pump": "main pump", "by the servo pumps": "servo pu
 """Name in the energy flow diagram of each part that delivers energy."""
 TOTAL_NAME = "delivered"
 """Part that is the sum of others and therefore left out."""
+
+
+def compile_kernels() -> None:
+    """Compile all kernels of planner and simulator that are not in the cache yet."""
+    compile_ahead((*simulator_kernels.KERNEL_PARTS, *planner_kernels.KERNEL_PARTS))
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,6 @@ from mhsb_model.files.output_folders import make_output_folder
 from mhsb_model.machine import Machine
 from mhsb_planner.cluster import WorkArguments
 from mhsb_planner.executor import Jobs
-from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 from mhsb_planner.result_files import write_json
 from mhsb_sim.simulation.kernel_parts import compile_simulator
@@ -38,6 +37,7 @@ from mhsb_tools.study.draws import GOAL_COUNT, DrawRecord, DrawStudy, run_draws
 from mhsb_tools.study.draws import as_dicts as draws_as_dicts
 from mhsb_tools.study.fault_study import STUDIED_FAULTS, run_faults
 from mhsb_tools.study.fault_study import as_text as faults_as_text
+from mhsb_tools.study.headless import compile_kernels
 from mhsb_tools.study.mismatch_benchmark import (
     Protocol,
     load_protocol,
@@ -216,8 +216,7 @@ def _prepare_processes(machine: Machine, output: Path) -> None:
         MhsbError: The output folder cannot be used, or the posture table has no posture.
     """
     make_output_folder(output, "the study")
-    compile_planner()
-    compile_simulator()
+    compile_kernels()
     load_or_build_table(machine)
 
 

@@ -9,7 +9,10 @@ import pytest
 
 from mhsb_control.estimates_file import EstimatesFileError
 from mhsb_model.command_line import run
+from mhsb_model.kernels import pool
 from mhsb_model.schema import Sensors
+from mhsb_planner import kernel_parts as planner_kernels
+from mhsb_sim.simulation import kernel_parts as simulator_kernels
 from mhsb_tools.commands import simulate_command
 from mhsb_tools.commands.simulate_command import (
     MethodArguments,
@@ -118,6 +121,21 @@ def test_a_run_is_not_lost_if_its_estimates_can_no_longer_be_written(tmp_path, m
             output=tmp_path / "run",
         )
     assert len(json.loads((tmp_path / "run" / "summary.json").read_text())["goals"]) == 1
+
+
+def test_one_line_says_that_kernels_of_planner_and_simulator_are_compiled(
+    tmp_path, monkeypatch, capsys
+):
+    def find_marker_files(parts):
+        return {part: tmp_path / part.replace(":", " ") for part in parts}
+
+    monkeypatch.setattr(pool, "_find_marker_files", find_marker_files)
+    monkeypatch.setattr(pool, "_call_in_workers", lambda parts: ((part, "") for part in parts))
+    words = ["--goal", "0.55", "0.6", "0.1"]
+    assert run(simulate_command.simulate, words, name="simulate") == 0
+    assert capsys.readouterr().err.count("compiling kernels") == 1
+    marked = {path.name.replace(" ", ":") for path in tmp_path.iterdir()}
+    assert marked == {*planner_kernels.KERNEL_PARTS, *simulator_kernels.KERNEL_PARTS}
 
 
 def test_the_help_names_the_columns_of_the_samples_with_their_units(capsys):
