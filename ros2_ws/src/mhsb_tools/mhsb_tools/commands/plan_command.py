@@ -130,15 +130,9 @@ def plan(
     if posture is None:
         base.check_in_workspace(asked.start)
         posture = asked.start_posture(suite.machine)
-    log = PlanLog()
-    try:
-        made, found, seconds = _make_timed_plan(
-            suite, asked.goal, posture, options, ranges, silent=json_, log=log
-        )
-    except MhsbError:
-        if explain:
-            print(log, file=sys.stderr)
-        raise
+    made, found, seconds = _make_timed_plan(
+        suite, asked.goal, posture, options, ranges, silent=json_, explain=explain
+    )
     area = compute_polytope_areas(suite, made)
     if plot is not None:
         draw_move_page(move_of_plan(suite.machine, made, asked.goal, _title(asked)), plot)
@@ -149,13 +143,7 @@ def plan(
         content |= {"case": move.case, "replaced": list_replaced_values(asked)}
         print(json.dumps(content | ({"log": log_as_json(made.log)} if explain else {})))
         return
-    lines = [
-        *format_case_line(asked),
-        str(made),
-        *format_operating_point(found),
-        "",
-        *format_motion(made),
-    ]
+    lines = format_plan(asked, made, found)
     print("\n".join(lines + (format_explanation(suite, made, seconds, area) if explain else [])))
 
 
@@ -167,7 +155,7 @@ def _make_timed_plan(
     ranges: tuple[Range | None, Range | None],
     *,
     silent: bool,
-    log: PlanLog,
+    explain: bool,
 ) -> tuple[Plan, OperatingPoint | None, dict[str, float]]:
     """Plan a motion from rest, and measure the times of planning.
 
@@ -182,7 +170,8 @@ def _make_timed_plan(
         ranges: Ranges of supply pressure [Pa] and of V_max (piston speed for planning) [m/s]. The
             pressure and the speed of least cost are chosen in them. None keeps the machine's value.
         silent: True hides the progress bar, which is shown only if there is a range.
-        log: Log of the first planning, filled in place; not used if there is a range.
+        explain: True prints the log of a failed planning to stderr; without effect if there is a
+            range.
 
     Returns:
         The plan. The operating point (supply pressure and V_max) of least cost, with all points
@@ -192,7 +181,7 @@ def _make_timed_plan(
     Raises:
         MhsbError: No plan was found.
     """
-    at_rest, found, began = MotionState.at_rest(posture), None, time.perf_counter()
+    at_rest, found, log, began = MotionState.at_rest(posture), None, PlanLog(), time.perf_counter()
     if any(ranges):
         with tqdm(desc="operating points", unit="plan", disable=silent, delay=BAR_DELAY) as bar:
             found = find_best_operating_point(
@@ -200,7 +189,12 @@ def _make_timed_plan(
             )
         made = found.plan
     else:
-        made = planner.plan(goal, at_rest, options=options, log=log)
+        try:
+            made = planner.plan(goal, at_rest, options=options, log=log)
+        except MhsbError:
+            if explain:
+                print(log, file=sys.stderr)
+            raise
         if time.perf_counter() - began < REPEATED_PLAN_TIME:
             began = time.perf_counter()  # loading kernels took most of it, so plan again
             made = planner.plan(goal, at_rest, options=options)
@@ -326,6 +320,27 @@ def _trajectory_as_json(trajectory: Trajectory, schedule: ModeSchedule) -> dict[
         **{name: values.tolist() for name, values in trajectory.points._asdict().items()},
         "modes": schedule.modes_at_many(time_ns).tolist(),
     }
+
+
+def format_plan(asked: PaperCase, plan: Plan, found: OperatingPoint | None) -> list[str]:
+    """Format a plan and its motion over time as text.
+
+    Args:
+        asked: The request: a case of the paper, or the user's own start and goal.
+        plan: The plan.
+        found: Best and all examined operating points, or None if none was searched.
+
+    Returns:
+        Lines: the case if it is one, the plan, the operating point if one was searched, an empty
+        line, and the table of the motion.
+    """
+    return [
+        *format_case_line(asked),
+        str(plan),
+        *format_operating_point(found),
+        "",
+        *format_motion(plan),
+    ]
 
 
 def format_motion(plan: Plan) -> list[str]:
