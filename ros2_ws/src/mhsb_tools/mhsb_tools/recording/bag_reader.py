@@ -24,7 +24,7 @@ def read_recording(folder: Path, namespace: str = "", slews: bool = False) -> Re
 
     Args:
         folder: Folder of the recording.
-        namespace: Namespace of its topics, such as `/left`; empty for none.
+        namespace: Namespace of the recorded topics, such as `/left`; empty for none.
         slews: Whether the recorded arm slews, so that its goals have a y coordinate.
 
     Returns:
@@ -62,8 +62,8 @@ def _messages(bag: BagFolder, names: dict[str, Topic]) -> Iterator[RecordedMessa
     error is raised.
 
     Args:
-        bag: Recording with its data files. Its `problem` must be None; otherwise `listed_count` is
-            None, and BagError is raised after the last message.
+        bag: Recording with its data files. Its `problem` must be None. Otherwise `bag.listed_count`
+            is None, and BagError is raised after the last message.
         names: Topics to yield, by their absolute names.
 
     Yields:
@@ -101,8 +101,8 @@ def _check(bag: BagFolder, survey: Survey) -> None:
     """Raise BagError if damage was found in a file.
 
     Args:
-        bag: Recording, for the message.
-        survey: Findings in one of its files so far.
+        bag: Recording that the error names.
+        survey: Findings so far in one data file of the recording.
     """
     if survey.first_damage is not None:
         raise BagError(
@@ -116,9 +116,9 @@ def _select_topics(
 ) -> Iterator[RecordedMessage]:
     """Yield the messages of selected topics; messages of all other topics are skipped.
 
-    The type is the one that the file states, "no type" if it states none. If the messages are not
-    encoded as CDR, ` in ENCODING` is appended to the type, so that it equals no ROS type. The name
-    of the type is cut to 80 characters, that of the encoding to 20.
+    Each message gets the name of its type as the file states it, or "no type" if the file states
+    none. If the messages are not encoded as CDR, ` in ENCODING` is appended, so that the name
+    equals no ROS type. The type is cut to 80 characters, and ENCODING to 20.
 
     Args:
         messages: Messages of one file.

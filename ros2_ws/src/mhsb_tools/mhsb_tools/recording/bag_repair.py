@@ -1,8 +1,8 @@
-"""Repair of a damaged recording: all that can be read is kept, and the original beside it.
+"""Repair of a damaged recording: a new file gets all readable messages, the damaged file stays.
 
-A repaired file is first written beside the damaged one and read again. Only then does it take the
-damaged file's name, and the damaged file becomes NAME.mcap.torn. If nothing can be read, nothing is
-changed.
+A repaired file is first written into a temporary folder, and read again as a check. Then the
+damaged file is renamed to NAME.mcap.torn, and the repaired file gets the name NAME.mcap. If no
+message can be read, no file is changed.
 """
 
 from __future__ import annotations
@@ -32,11 +32,12 @@ from mhsb_tools.recording.mcap_walk import McapWalk
 
 TORN_SUFFIX = ".torn"
 """Suffix of the names under which damaged files are kept."""
+
 BAG_METADATA = "rosbag2"
-"""Name of the MCAP metadata record in which rosbag2 repeats a file's metadata."""
+"""Name of the MCAP metadata record in which rosbag2 stores a copy of the file's metadata."""
 
 UNKNOWN_TYPE = "unknown_msgs/msg/Unknown"
-"""ROS type that stands for types whose definition is lost."""
+"""ROS type that a topic gets if its own type is lost."""
 
 
 @dataclass(frozen=True)
@@ -44,16 +45,16 @@ class Repair:
     """Result of a repair.
 
     Attributes:
-        kept: Messages in the recording after the repair.
-        lost: Messages that the recording has lost; a lower bound unless `is_exact`.
+        kept: Number of messages in the recording after the repair.
+        lost: Number of messages that are lost; a lower bound if `is_exact` is False.
         is_exact: Whether `lost` is the exact number.
-        lost_bytes: Bytes in damaged parts.
-        repeated: Messages that stood in the recording twice and are kept once.
-        unlisted: Kept messages that the damaged file's own summary did not list.
-        nameless: Kept messages whose topic and type are lost; they are on /unknown/channel_ID.
-        originals: Names of the files that keep the damaged recording; empty if no file was
-            replaced.
-        is_complete: Whether the recording was complete already, so that nothing was changed.
+        lost_bytes: Total size of the damaged parts [bytes].
+        repeated: Number of messages left out because the recording has another copy of them.
+        unlisted: Number of kept messages that the summary of the damaged file did not list.
+        nameless: Number of kept messages whose topic and type are lost. Their new topic is
+            /unknown/channel_ID, where ID is the number of their channel.
+        originals: New names of the damaged files; empty if no file was renamed.
+        is_complete: True if the recording was complete before, so that no file was changed.
     """
 
     kept: int
@@ -74,10 +75,10 @@ class Repair:
 
         Returns:
             The sentence. For a complete recording it has the number of messages and says that
-            nothing was changed. Otherwise it has the number of kept messages, and the names under
-            which the damaged files are kept. Lost messages and bytes are named if something was or
-            may have been lost. Messages that were repeated, not listed, or without a topic are
-            named if there are any.
+            nothing was changed. Otherwise it begins with the number of kept messages. Lost messages
+            and bytes follow if there are any, or if their number is not exact. Then come the
+            numbers of repeated, unlisted and nameless messages that are above 0. At the end are the
+            new names of the damaged files.
         """
         if self.is_complete:
             return f"{folder} is complete with {self.kept} messages; nothing was changed"
@@ -99,9 +100,9 @@ class Repair:
 def repair_recording(folder: Path) -> Repair:
     """Repair the recording in a folder.
 
-    A complete recording is left unchanged. Otherwise, each damaged data file is replaced by a new
-    one with all messages that can be read, and new metadata are written. The damaged files and the
-    old metadata are kept beside them, with `.torn` after their names.
+    A complete recording does not change. Otherwise a new file with all readable messages takes the
+    place of each damaged data file, and new metadata are written. The damaged files and the old
+    metadata stay in the folder; `.torn` is appended to their names.
 
     Args:
         folder: Folder of the recording.
@@ -150,7 +151,7 @@ def _replace(bag: BagFolder, surveys: list[Survey]) -> list[str]:
 
     Args:
         bag: Folder of the recording.
-        surveys: Findings in each of its data files, in time order.
+        surveys: Findings in each data file of the recording, in time order.
 
     Returns:
         New names of the damaged files and of the old metadata.
@@ -182,14 +183,14 @@ def _replace(bag: BagFolder, surveys: list[Survey]) -> list[str]:
 
 
 def _rewrite(survey: Survey, part: Path) -> BagContents:
-    """Write the readable part of a damaged file into a new file, and check it.
+    """Write the readable part of a damaged file into a new file, and check the new file.
 
-    The new file gets the permissions of the damaged one. It is synchronized to disk and read once
-    more.
+    The new file gets the permissions of the damaged one. The function waits until the new file is
+    on the disk, and reads it once more.
 
     Args:
         survey: Findings in the damaged file.
-        part: The new file.
+        part: Path of the new file.
 
     Returns:
         Topics, times and message counts of the new file for the metadata.
@@ -212,11 +213,11 @@ def _rewrite(survey: Survey, part: Path) -> BagContents:
 
 
 def _copy_readable_parts(survey: Survey, file: DataFile, stream: IO[bytes]) -> BagContents:
-    """Copy everything that can be used from a damaged MCAP file into a new one.
+    """Copy all usable records of a damaged MCAP file into a new one.
 
-    A chunk that occurs several times is written once. Messages outside chunks are put into new
-    chunks. Attachments and metadata records are copied. Only the metadata record of rosbag2 is not
-    copied; a new one is written at the end.
+    A chunk (group of records that are packed together) may occur several times; it is written once.
+    Messages outside chunks are put into new chunks. Attachments and metadata records are copied.
+    The metadata record of rosbag2 is an exception: a new one is written at the end.
 
     Args:
         survey: Findings in the damaged file.
@@ -255,15 +256,16 @@ def _copy_readable_parts(survey: Survey, file: DataFile, stream: IO[bytes]) -> B
 def _complete_definitions(survey: Survey) -> Definitions:
     """Return the schemas and channels of a file, with substitutes for those that are lost.
 
-    A channel that has messages but is lost becomes the topic /unknown/channel_ID. A schema that a
-    channel needs but is lost becomes the type UNKNOWN_TYPE without a definition.
+    If messages refer to a channel whose record is lost, a channel with the topic
+    /unknown/channel_ID is added. If a channel refers to a schema whose record is lost, a schema of
+    the type UNKNOWN_TYPE is added. It has no message definition.
 
     Args:
         survey: Findings in the file; not changed.
 
     Returns:
-        A new set of definitions. Every message has a channel in it. Every channel has a schema in
-        it, or the schema id 0, which means no schema.
+        A new set of definitions, with the channel of every message and the schema of every channel.
+        A channel with the schema id 0 has no schema.
     """
     found = survey.definitions
     definitions = Definitions(dict(found.schemas), dict(found.channels))
@@ -280,12 +282,13 @@ def _complete_definitions(survey: Survey) -> Definitions:
 
 
 def _unknown_schema(definitions: Definitions) -> int:
-    """Return the id of the schema that stands for types that are not known.
+    """Return the id of the schema of the type UNKNOWN_TYPE.
 
-    If there is no such schema, it is added to `definitions` under the highest free id.
+    If there is no such schema, it is added under the highest free id. An id is free if no schema
+    has it and no channel refers to it.
 
     Args:
-        definitions: Schemas and channels of the file; the schema is added in place.
+        definitions: Schemas and channels of the file. The schema is added in place.
 
     Returns:
         Id of the schema.
@@ -305,7 +308,7 @@ def _make_unknown_schema(schema_id: int) -> Schema:
 
 
 def _nameless(survey: Survey) -> int:
-    """Return the number of kept messages whose channel record is lost, so the topic is unknown."""
+    """Count the kept messages whose topic is unknown, because their channel's record is lost."""
     return sum(n for each, n in survey.counts.items() if each not in survey.definitions.channels)
 
 
@@ -320,8 +323,8 @@ def summarize_contents(
         definitions: Schemas and channels of the file.
 
     Returns:
-        The file's times, and each topic with its number of messages. Channels that give equal
-        topics are added up.
+        First and last log time of the file, and each topic with its number of messages. If several
+        channels have equal topics, types and other properties, their messages are added up.
     """
     topics: Counter[BagTopic] = Counter()
     for channel in definitions.channels.values():
@@ -338,8 +341,8 @@ def _topic(channel: Channel, definitions: Definitions) -> BagTopic:
             the type UNKNOWN_TYPE.
 
     Returns:
-        The topic. If the channel has no type hash, the hash of the ROS type with that name is used,
-        or an empty text if the type is unknown here.
+        The topic. If the channel has no type hash, it gets the hash of the ROS type of that name.
+        The hash is empty if the installed ROS packages do not have the type.
     """
     schema = definitions.schema_of(channel)
     type_name = schema.name if schema else UNKNOWN_TYPE
@@ -355,9 +358,9 @@ def _topic(channel: Channel, definitions: Definitions) -> BagTopic:
 def _rename_to_torn(path: Path, replacement: Path | None) -> str:
     """Rename a damaged file, and optionally put another file in its place.
 
-    The new name is the first free one of NAME.torn, NAME.torn.1, NAME.torn.2 and so on. The new
-    name is first a hard link, so the file keeps its old name until `replacement` takes it. On a
-    file system without hard links, the file is renamed at once.
+    The new name is the first free one of NAME.torn, NAME.torn.1, NAME.torn.2 and so on. First, a
+    hard link gives the damaged file its new name. Then `replacement` takes over the old name, or
+    the old name is deleted. On a file system without hard links, the file is renamed instead.
 
     Args:
         path: The damaged file. If it is a symbolic link, the link is renamed, not its target.
@@ -388,7 +391,7 @@ def _rename_to_torn(path: Path, replacement: Path | None) -> str:
 
 
 def _sync(folder: Path) -> None:
-    """Wait until the names of a folder's files are on disk (fsync of the folder)."""
+    """Write the names of a folder's files to the disk, and wait until this is done (fsync)."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)

@@ -1,4 +1,8 @@
-"""Chunks of an MCAP file: unpack within bounds, verify the checksum, find the records inside."""
+"""Chunks of an MCAP file: how they are unpacked within bounds, verified, and split into records.
+
+A chunk is a record of the file that contains other records: messages, schemas and channels. They
+are packed together, mostly compressed, and have one checksum.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +34,9 @@ OFFSETS_AT_ONCE = 10_000
 """Number of message offsets that are converted to Python numbers at once."""
 
 MAX_ZSTD_WINDOW = 128 * 1024 * 1024
-"""Largest window that a zstd frame may ask for [bytes]; only its filled part takes memory."""
+"""Largest window (buffer of the decompressor) that a zstd frame may ask for [bytes]. Only the part
+of the window that is in use takes memory.
+"""
 
 
 class ChunkHeader(NamedTuple):
@@ -38,8 +44,8 @@ class ChunkHeader(NamedTuple):
 
     Attributes:
         unpacked_size: Size of the unpacked content [bytes].
-        checksum: CRC-32 of the unpacked content; 0 for none.
-        compression: Name of the compression; empty for none.
+        checksum: CRC-32 of the unpacked content; 0 if there is no checksum.
+        compression: Name of the compression; empty if the content is not compressed.
     """
 
     unpacked_size: int
@@ -67,7 +73,7 @@ class RawMessage(NamedTuple):
 class Chunk:
     """A verified chunk.
 
-    Arrays with one entry for each message are in the order of the chunk.
+    The arrays have one entry for each message, in the order of the messages in the chunk.
 
     Attributes:
         header: Fields of the chunk record.
@@ -92,8 +98,8 @@ class Chunk:
     def key(self) -> tuple[int, int, int]:
         """First and last log time [ns] and unpacked size [bytes], which identify the chunk.
 
-        The chunk's index in the summary states these numbers, too. The times are 0 without
-        messages.
+        The summary of the file states the same three numbers for each chunk. If the chunk has no
+        messages, both times are 0.
         """
         if len(self.log_ns) == 0:
             return 0, 0, len(self.unpacked)
@@ -181,8 +187,8 @@ def open_chunk(header: ChunkHeader, packed: bytes, *, any_size: bool = False) ->
     Args:
         header: Fields of the chunk record.
         packed: Content as stored in the file.
-        any_size: True ignores the unpacked size in the header, which may be damaged. The chunk must
-            then have a checksum.
+        any_size: If True, the unpacked size in the header is ignored, because it may be damaged.
+            The chunk must then have a checksum.
 
     Returns:
         The chunk.
@@ -203,9 +209,9 @@ def open_chunk(header: ChunkHeader, packed: bytes, *, any_size: bool = False) ->
 def find_records(header: ChunkHeader, packed: bytes, unpacked: bytes) -> Chunk:
     """Find the records inside the unpacked content of a chunk.
 
-    Schemas and channels that cannot be parsed, and records of unknown kinds, are treated in two
-    ways. If the chunk has a checksum, they cannot be damage but come from its writer; they are
-    skipped. Without a checksum they are errors.
+    Some records are unusable: schemas and channels that cannot be parsed, and records of unknown
+    kinds. In a chunk with a checksum they are skipped, because the right checksum shows that they
+    were written like this. In a chunk without a checksum they count as damage and raise an error.
 
     Args:
         header: Fields of the chunk record. Its checksum must have been verified; 0 means none.
@@ -217,7 +223,7 @@ def find_records(header: ChunkHeader, packed: bytes, unpacked: bytes) -> Chunk:
 
     Raises:
         StructureError: The records do not fill the content exactly, a record has opcode 0, or a
-            message is too short. Without a checksum, also for the errors above.
+            message is too short. In a chunk without a checksum, also if a record is unusable.
     """
     channels, log_ns, offsets = array("H"), array("Q"), array("Q")
     definitions: list[tuple[int, Schema | Channel]] = []
@@ -255,7 +261,7 @@ def find_records(header: ChunkHeader, packed: bytes, unpacked: bytes) -> Chunk:
 
 
 def compute_message_index(chunk: Chunk, channel_id: int) -> np.ndarray:
-    """Compute the message index of one channel: the list of its messages in a chunk.
+    """Compute the message index of a channel, which lists the channel's messages in a chunk.
 
     Args:
         chunk: The chunk.

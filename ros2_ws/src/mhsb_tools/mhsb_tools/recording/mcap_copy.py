@@ -1,8 +1,8 @@
 """Writing the readable part of a damaged MCAP file into a new one.
 
-Verified chunks are copied as they are; index and summary are made anew. All schemas and channels
-stand before the first chunk, as they are in the damaged file, so unknown types are kept as well.
-Messages outside chunks are put into new chunks.
+Verified chunks are copied in their packed form. Message indexes and summary are computed anew. All
+schemas and channels are written unchanged before the first chunk, so that types which ROS does not
+know are kept as well. Messages outside chunks are put into new chunks.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ CHUNK_SIZE = 32 * 1024
 """Size at which messages from outside chunks fill a new chunk [bytes]."""
 
 INDEX_IN_MEMORY = 4 * 1024 * 1024
-"""Size up to which chunk indexes are kept in memory [bytes]; more of them go into a temporary file.
+"""Total size up to which chunk indexes are kept in memory [bytes]. Beyond it, all of them are kept
+in a temporary file.
 """
 
 MAX_ID = 2**16 - 1
@@ -43,13 +44,14 @@ MAX_ID = 2**16 - 1
 
 
 class McapCopy:
-    """Writer of a new MCAP file from the parts of a damaged one; `finish` completes it.
+    """Writer of a new MCAP file from the usable parts of a damaged one.
 
-    One id may mean different things in different parts of a damaged file. Such a part gets new ids.
+    Call `finish` at the end. A damaged file may contain parts of another recording. There, the ids
+    of schemas and channels may have other meanings. Such schemas and channels get new ids.
 
     Attributes:
         counts: Number of messages written, by channel id in the new file.
-        definitions: Schemas and channels of the new file; new ones are added if ids contradict.
+        definitions: Schemas and channels of the new file. Chunks of another recording may add more.
     """
 
     def __init__(
@@ -88,11 +90,10 @@ class McapCopy:
     def add_chunk(self, chunk: Chunk) -> None:
         """Write a chunk with its message indexes; a chunk without messages is not written.
 
-        A damaged file may have parts of another recording, in which the same ids have other
-        meanings. A chunk belongs to such a part if it has a schema or channel that contradicts the
-        new file's definition of the same id. Its messages then get new channel ids and are written
-        as new chunks. Later chunks that belong to the same part get the same new ids, also if they
-        have no definitions.
+        A chunk is from another recording if it has a schema or channel that differs from the new
+        file's schema or channel with the same id. The messages of such a chunk get new channel ids
+        and are written as new chunks. Later chunks of the same recording get the same new ids, even
+        if they contain no schemas and channels.
 
         Args:
             chunk: A verified chunk.
@@ -150,8 +151,8 @@ class McapCopy:
     def finish(self, start_ns: int, end_ns: int) -> None:
         """Write the end of the new file: summary with all indexes, footer, and magic bytes.
 
-        The summary has no summary offsets, which MCAP leaves to the writer. The stream stays open.
-        Nothing may be added afterwards.
+        Records with summary offsets, which are optional in MCAP, are not written. The stream stays
+        open. Nothing may be added afterwards.
 
         Args:
             start_ns: First log time of all messages [ns]; 0 without messages.
@@ -235,21 +236,24 @@ class McapCopy:
         return any(each != tables.table(each).get(each.id, each) for _, each in chunk.definitions)
 
     def _belongs_to_other_recording(self, chunk: Chunk) -> bool:
-        """Return whether a chunk belongs to the recording of the last contradicting chunk.
+        """Return whether a chunk belongs to another recording, although its ids do not show this.
 
-        A contradicting chunk has schemas or channels that differ from those of the main recording.
-        It comes from another recording. For any other chunk the first rule that fits decides:
+        An earlier chunk had schemas or channels that contradict those of the main recording. That
+        earlier chunk is from another recording, and this chunk may be from it as well. The first
+        rule that applies decides:
 
-        1. It has schemas or channels, or its key is listed: it belongs to the main recording.
-        2. No chunk of the main recording has come yet: it belongs to the other recording if there
-           are listed keys, else to the main recording.
-        3. It belongs to the recording whose last chunk ended closest in time to its first log time.
+        1. If the chunk has schemas or channels, or if its key is listed, it is from the main
+           recording.
+        2. If no chunk of the main recording was added before, it is from the other recording. If
+           there are no listed keys, it is from the main recording.
+        3. The chunk is from the recording whose last chunk ended closest in time to the first log
+           time of this chunk.
 
         Args:
-            chunk: A chunk that contradicts nothing. A contradicting chunk must have come before.
+            chunk: A chunk whose schemas and channels, if any, contradict nothing.
 
         Returns:
-            True if it belongs to the other recording, so that its ids must be translated.
+            True if the chunk is from the other recording, so that its ids must be translated.
         """
         if chunk.definitions or chunk.key in self._listed:
             return False
@@ -261,7 +265,7 @@ class McapCopy:
     def _choose_channel_ids(self, chunk: Chunk) -> dict[int, int]:
         """Choose ids in the new file for the schemas and channels of a contradicting chunk.
 
-        Those that the new file does not have yet are written to it.
+        Schemas and channels that the new file does not contain yet are written to it.
 
         Args:
             chunk: A chunk whose schemas or channels contradict those of the new file.
@@ -288,8 +292,8 @@ class McapCopy:
 
         Args:
             definition: Schema or channel with the ids of the damaged file.
-            schema_ids: New id of each schema by its id in the damaged file. A channel's schema id
-                is replaced by it; without an entry the schema id stays.
+            schema_ids: New id of each schema by its id in the damaged file. The schema id of a
+                channel is replaced by the new id. If it has no entry, it stays.
 
         Returns:
             The id.
@@ -372,7 +376,7 @@ class McapCopy:
 
 
 def _make_index_record(record: bytes, at: int) -> bytes:
-    """Return the record by which a summary lists an attachment or metadata record.
+    """Create the index record that lists an attachment or metadata record in the summary.
 
     Args:
         record: The record with opcode and length, verified.

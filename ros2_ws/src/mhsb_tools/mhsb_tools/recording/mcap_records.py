@@ -1,9 +1,10 @@
 """Strict parsing of MCAP records: every stated length is compared with the bytes that exist.
 
 A record consists of one byte of opcode, eight bytes of length, and its content
-(https://mcap.dev/spec). A file may come from an untrusted source. Nothing is therefore allocated by
-a stated length before that length is known to be within the file and below the bounds of this
-module. The fields are read by the library `mcap`, from a stream that has no bytes but the record's.
+(https://mcap.dev/spec). A file may come from an untrusted source. Memory for a record is therefore
+allocated only after its stated length has been checked. The length must lie within the file and
+below the bounds of this module. The library `mcap` reads the fields, from a stream that contains
+only the bytes of the record.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ KNOWN_COMPRESSIONS = tuple(COMPRESSED_MAGICS)
 
 
 class StructureError(Exception):
-    """Bytes that are not the record that they claim to be; the message has no period."""
+    """Error: bytes of the file are not a valid record; its message has no period."""
 
 
 FIRST_PRIVATE_OPCODE = 0x80
@@ -79,7 +80,7 @@ and message indexes.
 
 
 class _RecordStream(ReadDataStream):
-    """Stream of one record's content; to read beyond its end is an error."""
+    """Stream of one record's content; reading beyond its end raises EndOfFile."""
 
     def read(self, length: int) -> bytes:
         """Return the next bytes.
@@ -101,12 +102,13 @@ def parse_record(opcode: int, content: bytes | memoryview) -> Any:
         content: Content of the record, without opcode and length.
 
     Returns:
-        The record, of a class of `mcap.records`. A ROS message definition that is not UTF-8 is
-        damaged, and is replaced by what `with_known_text` gives.
+        The record, of a class of `mcap.records`. If a schema contains a ROS message definition that
+        is not UTF-8, `with_known_text` has replaced this definition.
 
     Raises:
-        StructureError: The fields do not fill the content exactly, or a text is not in UTF-8. Or a
-            schema has the id 0, or the counts of statistics do not add up.
+        StructureError: The fields do not fill the content exactly, or a text is not in UTF-8. It is
+            also raised if a schema has the id 0, or if the message counts of the channels do not
+            add up to the total in the statistics.
     """
     stream = _RecordStream(BytesIO(content))
     try:
@@ -147,13 +149,13 @@ def _is_usable_text(schema: Schema) -> bool:
 
 
 def with_known_text(schema: Schema) -> Schema:
-    """Return a schema with the text that ROS has for its type in place of its own.
+    """Return a copy of a schema with the message definition that ROS has for the schema's type.
 
     Args:
-        schema: The schema, of which name and id are kept.
+        schema: The schema; its name and its id are kept.
 
     Returns:
-        The schema; its text is empty if the type is unknown here.
+        The copy. Its definition is empty if the installed ROS packages do not have the type.
     """
     known = bag_format.get_type_definition(schema.name)
     return replace(schema, encoding=bag_format.SCHEMA_ENCODING, data=known.encode())
@@ -170,7 +172,7 @@ def parse_definition(opcode: int, content: bytes | memoryview) -> Schema | Chann
         The schema or channel.
 
     Raises:
-        StructureError: The content is not that of a schema or channel, or has more than
+        StructureError: The content cannot be parsed as a schema or channel, or has more than
             MAX_DEFINITION_SIZE bytes.
     """
     if len(content) > MAX_DEFINITION_SIZE:

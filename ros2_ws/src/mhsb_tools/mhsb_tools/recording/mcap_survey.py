@@ -1,7 +1,8 @@
 """Contents and losses of a recording's data file, found in one walk through it.
 
-Lost messages are counted from the statistics at the end of the file, or else from the message
-indexes behind damaged chunks. If neither is complete, the number is a lower bound.
+The number of lost messages follows from the statistics at the end of the file. Without statistics,
+the message indexes after damaged chunks are counted. If the indexes are incomplete, the number is a
+lower bound.
 """
 
 from __future__ import annotations
@@ -31,23 +32,24 @@ from mhsb_tools.recording.mcap_structure import PLACE_OF_A_RECORD, RecordFrame
 from mhsb_tools.recording.mcap_walk import MAX_CHUNK_KEYS, Damage, McapWalk, Piece, Summary
 
 MAX_DEFINITIONS_SIZE = 16 * 1024 * 1024
-"""Total size of a file's schemas and channels that are kept [bytes]; the suite's take 20 KB."""
-
+"""Largest total size of a file's schemas and channels [bytes]; the suite's take 20 KB. Further ones
+are not stored.
+"""
 
 MAX_LOST = 10_000
-"""Number of damaged chunks whose lost messages are counted."""
+"""Largest number of damaged chunks whose lost messages are counted."""
 
 
 @dataclass
 class Definitions:
-    """Schemas and channels by their ids; the first definition of an id stays.
+    """Schemas and channels by their ids; the first definition of an id is never replaced.
 
     Iteration yields all schemas and then all channels.
 
     Attributes:
         schemas: Schemas by id.
         channels: Channels by id.
-        size: Size of all definitions that were added [characters of their representation].
+        size: Total length of the texts that `repr` gives for all added definitions [characters].
     """
 
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -75,13 +77,13 @@ class Definitions:
         return table.get(definition.id) == definition
 
     def table(self, definition: Schema | Channel) -> dict[int, Any]:
-        """Return the table in which definitions of the given one's kind are stored.
+        """Return the dictionary of all schemas, or of all channels.
 
         Args:
-            definition: Schema or channel, whose kind alone counts.
+            definition: A schema asks for the schemas, a channel for the channels.
 
         Returns:
-            The dictionary itself, definitions by id.
+            Definitions by id. It is the dictionary of this object, not a copy.
         """
         return self.schemas if isinstance(definition, Schema) else self.channels
 
@@ -104,18 +106,18 @@ class Survey:
     Attributes:
         path: The file.
         definitions: Schemas and channels; those from undamaged parts have precedence.
-        counts: Number of readable messages by channel id, without repetitions.
+        counts: Number of kept messages by channel id.
         duplicates: Number of messages in repeated chunks that are not kept.
         start_ns: First log time of the kept messages [ns]; 0 without messages.
         end_ns: Last log time of the kept messages [ns]; 0 without messages.
         first_damage: First damage in the file; None in a complete file.
-        damaged_bytes: Size of all damaged parts [bytes].
-        lost: Number of messages lost in a damaged chunk, from the chunk's message indexes. The key
-            is the first and last log time of these messages [ns], or None if unknown.
-        is_lower_bound: Whether `lost` may be incomplete.
+        damaged_bytes: Total size of all damaged parts [bytes].
+        lost: Number of messages lost in each damaged chunk, from the chunk's message indexes. The
+            key is the first and last log time of the lost messages [ns], or None if unknown.
+        is_lower_bound: Whether more messages may be lost than `lost` contains.
         summary: Summary at the end of the file; None if it is missing.
-        has_contradictions: Whether an id has two definitions, so that a part is from another
-            recording.
+        has_contradictions: Whether an id has two different definitions. A part of the file is then
+            from another recording.
         unlisted: Number of kept messages in chunks that the summary does not list.
         header: The file's header; None if it is damaged.
     """
@@ -149,9 +151,9 @@ class Survey:
     def lost_count(self) -> int:
         """Number of messages known to be lost.
 
-        If the file has statistics, it is their number of messages minus the number of kept
-        messages, at least 0. Kept messages in chunks that the summary does not list are not
-        subtracted. Without statistics, it is the sum of `lost`.
+        If the file has statistics, it is the number of messages that they state, minus the number
+        of kept messages, but at least 0. Kept messages in chunks that the summary does not list are
+        not subtracted. Without statistics, it is the sum of `lost`.
         """
         if self.written is not None:
             return max(0, self.written - (self.kept - self.unlisted))
@@ -159,7 +161,7 @@ class Survey:
 
     @property
     def written(self) -> int | None:
-        """Number of messages by the statistics in the summary; None if the statistics are lost."""
+        """Number of messages that the statistics state; None if the statistics are lost."""
         if self.summary is None or self.summary.statistics is None:
             return None
         return self.summary.statistics.message_count
@@ -200,9 +202,9 @@ class Survey:
     def register_chunk(self, chunk: Chunk) -> bool:
         """Remember a chunk, and return whether it occurs for the first time.
 
-        A chunk is repeated if one with the same log times and the same unpacked content came
-        before. At most MAX_CHUNK_KEYS chunks are remembered. If a later chunk is repeated, True is
-        returned again.
+        A chunk is repeated if an earlier chunk has the same log times and the same unpacked
+        content. At most MAX_CHUNK_KEYS chunks are remembered. A copy of a chunk that is not
+        remembered also counts as occurring for the first time.
 
         Args:
             chunk: A verified chunk.
@@ -220,9 +222,13 @@ class Survey:
     def close(self) -> None:
         """Evaluate the findings after the walk through the file.
 
-        Five steps: remove from `lost` the messages that were found elsewhere in the file. Choose
-        the summary. In a damaged file, choose the definitions. Decide whether repeated chunks
-        count. Compare the number of messages with the statistics; a difference counts as damage.
+        It works in five steps:
+
+        1. Remove from `lost` the messages that were found elsewhere in the file.
+        2. Choose the summary that describes the kept messages.
+        3. In a damaged file, choose the definitions.
+        4. Decide whether messages of repeated chunks are kept.
+        5. Compare the number of messages with the statistics. A difference counts as damage.
         """
         self._remove_found_losses()
         self._choose_summary()
@@ -270,12 +276,12 @@ class Survey:
     def _add_needed(self, others: Definitions, trust_text: bool) -> None:
         """Add the channels and schemas that kept messages need and that are not defined yet.
 
-        The definitions of this object are extended; existing ones stay.
+        They are added to `self.definitions`. Existing entries stay.
 
         Args:
             others: Schemas and channels to choose from.
-            trust_text: True keeps each schema's text. False replaces it by the definition that ROS
-                has here for the type; it becomes empty if ROS does not know the type.
+            trust_text: If True, each schema keeps its message definition. If False, the schema gets
+                the message definition that ROS has for the type (`with_known_text`).
         """
         held = self.definitions
         for channel_id in self.counts.keys() & others.channels.keys():
@@ -288,8 +294,8 @@ class Survey:
     def _remove_found_losses(self) -> None:
         """Remove entries of `lost` whose messages were found elsewhere in the file.
 
-        They were found if the range of log times of a kept chunk contains that of the entry.
-        Entries without log times stay.
+        The messages of an entry count as found if a kept chunk has a range of log times that
+        contains the entry's range. Entries without log times stay.
         """
         if not self._chunks or not self.lost:
             return
@@ -303,9 +309,10 @@ class Survey:
     def _choose_summary(self) -> None:
         """Choose the summary that describes the kept messages.
 
-        It is the last one with a right checksum that lists at least one kept chunk with messages.
-        If there is none, and the file ends with a summary with a right checksum, that one is
-        dropped, because it belongs to another recording. An unverified summary at the end stays.
+        `summary` becomes the last summary that has a right checksum and lists at least one kept
+        chunk with messages. If messages are kept but there is no such summary, `summary` may have a
+        right checksum and list other chunks. It then describes another recording and becomes None.
+        Otherwise it stays.
         """
         for summary in reversed(self._summaries):
             unlisted = self._unlisted(summary)
@@ -377,8 +384,8 @@ class Survey:
     def _define(self, definition: Schema | Channel) -> None:
         """Add a schema or channel, and record a fault of the file if that is not possible.
 
-        It is not possible if its id has another definition, or if all definitions together are too
-        large. In both cases `has_contradictions` is set.
+        Adding is not possible if the id has another definition, or if all definitions together are
+        too large. In both cases `has_contradictions` is set.
 
         Args:
             definition: Schema or channel.
@@ -390,7 +397,9 @@ class Survey:
             )
 
     def _note_fault(self, reason: str) -> None:
-        """Set `first_damage` to a fault that costs no bytes, unless it is set already.
+        """Record a fault in `first_damage`, unless an earlier damage is recorded there.
+
+        The fault damages no bytes.
 
         Args:
             reason: What is wrong, without a period.
@@ -445,13 +454,14 @@ class Survey:
 def find_definitions(part: bytes, found: Definitions) -> None:
     """Search a damaged part of a file for readable schemas and channels.
 
-    A candidate is a place that looks like the beginning of such a record. The search stops as soon
-    as the stated lengths of all candidates, readable or not, add up to more than
-    MAX_DEFINITIONS_SIZE. No input can therefore make it endless.
+    A candidate is a place that looks like the beginning of a schema or channel record. The search
+    stops as soon as the stated lengths of all candidates, readable or not, add up to more than
+    MAX_DEFINITIONS_SIZE. No input can therefore make the search endless.
 
     Args:
         part: Bytes of the damaged part.
-        found: The readable schemas and channels are added to it in place, unless their id is taken.
+        found: Definitions to which the readable schemas and channels are added in place. A schema
+            or channel whose id is taken is not added.
     """
     tried = 0
     for match in PLACE_OF_A_RECORD.finditer(part):

@@ -1,8 +1,8 @@
 """Walk through an MCAP file: its pieces in order, and the damage between them.
 
-Bytes that cannot be a record are damage, and the walk continues where records begin again. A chunk
-whose own head is damaged is still found if one of its stated lengths leads to bytes with the right
-checksum.
+Bytes that cannot be a record are damage, and the walk continues where records begin again. The head
+of a chunk states its lengths, its checksum and its compression. If the head is damaged, the chunk
+is still found if one of the stated lengths leads to bytes with the right checksum.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ class Damage:
     """A part of a file that cannot be used.
 
     Attributes:
-        begin: Offset of its first byte.
-        end: Offset behind its last byte.
+        begin: Offset of the first byte of the part.
+        end: Offset after the last byte of the part.
         reason: What is wrong, without a period.
-        messages: Messages lost with it, from the message indexes of its chunk; 0 if it contains no
-            messages; None if unknown.
+        messages: Number of messages lost in the part, from the message indexes of a damaged chunk.
+            0 if no messages are lost; None if the number is unknown.
         times: First and last log time of the lost messages [ns]; None if unknown.
     """
 
@@ -70,16 +70,16 @@ class Damage:
 
 @dataclass
 class Summary:
-    """Contents of a file as its end states them; the walk collects them piece by piece.
+    """Summary at the end of a file, which lists the contents; the walk collects it by records.
 
     Attributes:
-        begin: Offset at which the summary's checksum begins; None if the record before it is
-            damaged.
+        begin: Offset of the first byte that the summary's checksum covers. The record that ends the
+            data section comes right before this byte; if it is damaged or missing, None.
         statistics: Message counts; None if missing or damaged.
-        chunk_keys: Keys of its chunk indexes: first and last log time [ns], unpacked size [bytes].
-            At most MAX_CHUNK_KEYS.
+        chunk_keys: Key of each listed chunk: first and last log time [ns], unpacked size [bytes].
+            There are at most MAX_CHUNK_KEYS.
         definitions: Schemas and channels that the summary repeats, at most MAX_CHUNK_KEYS.
-        verified: Whether the summary has a checksum that is right.
+        verified: True if the summary has a checksum, and the checksum is right.
     """
 
     begin: int | None = None
@@ -125,7 +125,7 @@ class McapWalk:
         """Yield everything that the file contains; call it only once.
 
         A piece is a verified chunk, a record, a schema or channel outside chunks, a summary, or
-        damage. If the file does not end with a footer, the last piece is damage of no bytes.
+        damage. If the file does not end with a footer, the last piece is damage of zero bytes.
 
         Yields:
             Pieces in the order of the file.
@@ -181,11 +181,15 @@ class McapWalk:
     def _skip_damage(self, at: int, reason: str) -> Walking:
         """Yield the damage at an offset, and find where the file continues.
 
-        No usable record begins at the offset. There are two cases. If a chunk with a damaged head
-        begins at the offset, its head is yielded as damage, and then the chunk. Otherwise the next
-        records are searched, and everything from `at` to them is damage. The search begins after
-        the start of the last record whose length no checksum has verified. If that length was
-        wrong, the next records may begin before `at`; the damage is then empty.
+        No usable record begins at the offset. There are two cases:
+
+        - A chunk begins at the offset, and only its head is damaged. The head is yielded as damage,
+          and then the chunk is yielded.
+        - In any other case, the next records are searched. All bytes from `at` to them are damage.
+
+        The record before `at` may have a wrong length that no checksum has verified. The search
+        then begins inside that record. The next records may begin before `at`; the damage is then
+        empty.
 
         Args:
             at: Offset of the damage.
@@ -197,8 +201,8 @@ class McapWalk:
             means unknown.
 
         Returns:
-            Offset at which the walk continues. After a chunk it is behind the message indexes that
-            follow.
+            Offset at which the walk continues. After a chunk, it is the offset after the chunk's
+            message indexes.
         """
         found = self._chunk_of_damaged_head(at)
         if found is not None:
@@ -220,11 +224,12 @@ class McapWalk:
     def _yield_chunk(self, found: RecordFrame) -> Walking:
         """Yield the chunk of a record, or damage if the chunk is damaged.
 
-        If the message indexes behind a damaged chunk are complete, they give the number of lost
-        messages. Otherwise the number is None, which means unknown. Message indexes that do not fit
-        an undamaged chunk are yielded as damage with 0 lost messages. If a chunk with the right
-        checksum begins among damaged indexes, the length of an index is wrong. The index's damage
-        then ends where this chunk begins, not where the index's stated length ends.
+        Message indexes follow each chunk. If those of a damaged chunk are complete, they give the
+        number of lost messages. Otherwise the number is None, which means unknown. Message indexes
+        that do not fit an undamaged chunk are yielded as damage with 0 lost messages.
+
+        A damaged index may state a wrong length, so that it seems to contain the next chunk. If a
+        chunk with the right checksum begins within the indexes, the damage ends at that chunk.
 
         Args:
             found: A chunk record.
@@ -286,9 +291,9 @@ class McapWalk:
             found: Record of the damaged chunk.
 
         Returns:
-            True in each of three cases: nothing that can follow a chunk follows it; another length
-            gives a chunk with the right checksum; or a chunk with the right checksum begins inside
-            it.
+            True in each of three cases. No record that can follow a chunk begins at its stated end.
+            Or another length gives a chunk with the right checksum. Or another chunk with the right
+            checksum begins inside it.
         """
         if not self._structure.can_continue_at(found.end):
             return True
@@ -319,12 +324,12 @@ class McapWalk:
         return None
 
     def _chunk_of_damaged_head(self, at: int) -> tuple[Chunk, int] | None:
-        """Try to find a chunk at an offset although one field of its head is damaged.
+        """Find the chunk that begins at an offset, even if one field of its head is damaged.
 
-        Each known compression is tried. For its packed size, three values are tried: the stated
-        packed size, the size that follows from the record's length, and the stated unpacked size.
-        The first combination counts whose unpacked content has the stated checksum. A chunk without
-        a checksum is never found.
+        All known compressions are tried. With each of them, three packed sizes are tried: the
+        stated packed size, the size that follows from the record's length, and the stated unpacked
+        size. The first combination that gives content with the stated checksum is taken. A chunk
+        without a checksum is never found.
 
         Args:
             at: Offset at which the chunk record would begin.
@@ -442,7 +447,7 @@ class McapWalk:
         """Yield damage for message indexes that do not follow a chunk.
 
         Args:
-            found: Record of the first of them. Only `at` is read.
+            found: Record of the first message index. Only its offset `at` is read.
 
         Yields:
             One piece of damage. The messages that the indexes list count as lost. If a chunk with
@@ -464,9 +469,9 @@ class McapWalk:
         """Evaluate a record that is no chunk, message index or footer, and yield its piece.
 
         Records of the summary are collected; the summary is yielded later as one piece. Records
-        that are of no use yield nothing. Two kinds of records may be chunks with a damaged opcode:
-        records of applications, and messages on an unknown channel. They are accepted only after
-        further checks.
+        that the suite does not use yield nothing. Two kinds of records may in fact be chunks with a
+        damaged opcode: records of applications, and messages on an unknown channel. Both kinds are
+        accepted only after further checks.
 
         Args:
             found: The record.
@@ -533,9 +538,9 @@ class McapWalk:
         """Yield damage if the checksum of the data section is wrong.
 
         Args:
-            found: Record that ends the data section. It has the checksum of all bytes of the file
-                before it. These are read again to compare. The checksum 0 means none; then nothing
-                is checked.
+            found: Record that ends the data section. It states the checksum of all bytes of the
+                file before this record. These bytes are read again and compared with the checksum.
+                If it is 0, there is no checksum, and nothing is checked.
 
         Yields:
             At most one piece of damage. It covers only the record `found` and has 0 lost messages.
@@ -570,8 +575,8 @@ class McapWalk:
             the magic bytes after the footer are wrong; damage if further bytes follow.
 
         Returns:
-            Offset at which the walk continues: the file's size, or the next records in the bytes
-            that follow.
+            Offset at which the walk continues: the end of the file, or the next records after the
+            footer.
         """
         yield from self._summary(found.end - 4, found.content.summary_crc)
         end = found.end + len(FILE_MAGIC)
@@ -595,8 +600,8 @@ class McapWalk:
 
         Yields:
             Damage if the checksum is wrong, and then the summary in any case. The summary counts as
-            verified if its checksum is right. The checksum is not examined if there is none, or if
-            the record "data end" was not found: the checksum counts from there.
+            verified if its checksum is right. The checksum covers the bytes after the record that
+            ends the data section. If that record was not found, the checksum is not examined.
         """
         parts, self._parts = self._parts, Summary()
         if not parts.begun:
