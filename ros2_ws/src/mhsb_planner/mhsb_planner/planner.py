@@ -38,6 +38,7 @@ from mhsb_planner.plan import Plan
 from mhsb_planner.plan_log import PlanLog
 from mhsb_planner.planners.options import DEFAULT_PLANNER, ENERGY_OPTIMAL, PlanOptions
 from mhsb_planner.planners.path_planner import PathProposal, PathRequest
+from mhsb_planner.planners.path_sources import PathSource, PlanePaths
 from mhsb_planner.planners.registry import (
     PLANNER_KINDS,
     REGISTERED_PLANNERS,
@@ -45,7 +46,6 @@ from mhsb_planner.planners.registry import (
     get_planner,
     planners_weighing_area,
 )
-from mhsb_planner.planners.via_paths import PathSource, PlanePaths
 from mhsb_planner.planning.first_moves import paths_from_anywhere
 from mhsb_planner.planning.loop import PlanningLoop
 from mhsb_planner.planning.motion_rules import fit_rules

@@ -3,87 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import replace
 
 import numpy as np
 
-from mhsb_model.machine import Machine
 from mhsb_planner.motion.resting import insert_rests
-from mhsb_planner.planners.path_planner import (
-    UNEXPLAINED_END,
-    PathPlanner,
-    PathProposal,
-    PathRequest,
-)
-from mhsb_planner.planners.slower_paths import yield_paths_at_falling_speeds
+from mhsb_planner.planners.path_planner import UNEXPLAINED_END, PathProposal, PathRequest
+from mhsb_planner.planners.path_sources import PathSource
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath, SearchStatistics
-from mhsb_planner.search.s2_graph import StepGraph
 from mhsb_planner.search.s2_search import SEARCH_TASK
-
-
-class PathSource(Protocol):
-    """Interface of a source of paths for the whole arm, its slew included."""
-
-    @property
-    def machine(self) -> Machine:
-        """The whole arm."""
-
-    def bound(self, task: PathRequest, most_cells: int) -> float:
-        """Return a lower bound on the energy of every plan for a request of the whole arm [J].
-
-        Args:
-            task: The request of the whole arm.
-            most_cells: Largest number of additional cells of the branch and bound. More cells give
-                a higher bound.
-        """
-
-    def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
-        """Yield paths of the whole arm without via points: the first early, then cheaper ones.
-
-        The paths lead from the departure (posture at rest where the path begins) to the goal.
-
-        Args:
-            task: The request of the whole arm.
-            progress: State of the planning loop, with the time limit of the search.
-
-        Yields:
-            Path proposals for the whole arm.
-
-        Raises:
-            MhsbError: There is no path, or the deadline passed before one was found.
-        """
-
-
-@dataclass(frozen=True, eq=False)
-class PlanePaths:
-    """Source of paths for an arm that does not slew: a planner and its step graph.
-
-    Attributes:
-        planner: The planner.
-        graph: Step graph for the planner.
-    """
-
-    planner: PathPlanner
-    graph: StepGraph
-
-    @property
-    def machine(self) -> Machine:
-        """The arm, which does not slew."""
-        return self.graph.machine
-
-    def bound(self, task: PathRequest, most_cells: int) -> float:
-        """Return a lower bound on the energy of every plan for a request in the arm's plane [J]."""
-        return task.energy_lower_bound(self.machine, most_cells)
-
-    def paths(self, task: PathRequest, progress: PlanProgress) -> Iterator[PathProposal]:
-        """Yield the planner's paths at V_max, and at lower piston speeds if they may help.
-
-        Raises:
-            MhsbError: There is no path at any speed, or the planner has failed at V_max.
-        """
-        return yield_paths_at_falling_speeds(self.planner, self.graph, task, progress)
 
 
 def paths_through_via_points(

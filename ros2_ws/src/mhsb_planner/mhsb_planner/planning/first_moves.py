@@ -24,8 +24,9 @@ from mhsb_planner.motion.limits.joint_range import JOINT_TOLERANCE, joint_excess
 from mhsb_planner.motion.resting import insert_rests
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.planners.path_planner import PathProposal, PathRequest
+from mhsb_planner.planners.path_sources import PathSource
 from mhsb_planner.planners.priced_path import price_path
-from mhsb_planner.planners.via_paths import PathSource, join_paths, paths_through_via_points
+from mhsb_planner.planners.via_paths import join_paths, paths_through_via_points
 from mhsb_planner.planning.start_problems import describe_limit_excess, suggest_unit_of_start
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.progress import PlanProgress

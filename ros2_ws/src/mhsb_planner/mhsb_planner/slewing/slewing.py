@@ -45,8 +45,9 @@ from mhsb_planner.planners.path_planner import (
     SlewDemand,
     propose_in_both_ways,
 )
+from mhsb_planner.planners.path_sources import PlanePaths
 from mhsb_planner.planners.schedule import Proposer, schedule_in_turn, take_turns
-from mhsb_planner.planners.via_paths import PlanePaths, join_paths, plan_leg
+from mhsb_planner.planners.via_paths import join_paths, plan_leg
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath
 from mhsb_planner.search.goal_clearance import check_tip_clearance
