@@ -25,14 +25,14 @@ from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory
 from mhsb_model.types import Position
 from mhsb_planner.deadline import NO_DEADLINE, Deadline
-from mhsb_planner.errors import DeadlineError, NoPathError, RequestError
+from mhsb_planner.errors import DeadlineError, RequestError
 from mhsb_planner.integrated.search_problem import max_bound_cells
 from mhsb_planner.kernel_parts import compile_planner
 from mhsb_planner.motion import s3_clearance, s3_trajectory
 from mhsb_planner.motion.s3_blend_in import Coasting, compute_coasting
 from mhsb_planner.motion.s3_limits import keeps_position_limits
 from mhsb_planner.motion.s3_state_to_rest import Steering
-from mhsb_planner.motion.s3_trajectory import FitError, FitMethod
+from mhsb_planner.motion.s3_trajectory import FitMethod
 from mhsb_planner.motion.s4_mode_schedule import StartModes
 from mhsb_planner.plan import Plan
 from mhsb_planner.plan_log import PlanLog
@@ -49,8 +49,11 @@ from mhsb_planner.planners.registry import (
 from mhsb_planner.planning.first_moves import paths_from_anywhere
 from mhsb_planner.planning.loop import PlanningLoop
 from mhsb_planner.planning.motion_rules import fit_rules
-from mhsb_planner.planning.overload_remarks import describe_overload
-from mhsb_planner.planning.start_problems import describe_start_problems
+from mhsb_planner.planning.remarks import (
+    append_remarks,
+    describe_overload,
+    describe_start_problems,
+)
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.search import goal_clearance, manipulability_loss, s2_step
 from mhsb_planner.search.discrete_path import DiscretePath
@@ -196,13 +199,8 @@ class Planner:
                 `area_weight`.
         """
         options = options or PlanOptions()
-        if not isinstance(start, MotionState):
-            rule = "must be a MotionState; at rest: MotionState.at_rest(start)"
-            raise RequestError("start", start, rule)
-        if not isinstance(deadline, Deadline):
-            raise RequestError("deadline", deadline, "must be a Deadline: Deadline.after(seconds)")
         planner = get_planner(options.planner)
-        self._check_request(goal, start, options)
+        self._check_request(goal, start, deadline, options)
         deadline = self._exclude_warm_up(options.planner, deadline)
         log, refused = log or PlanLog(), None
         source: PathSource = PlanePaths(planner, self.graph)
@@ -210,27 +208,50 @@ class Planner:
             source = SlewingPaths(self.machine, planner, self.graph)
         for stop in self._list_ways_to_rest(goal, start, brake, remainder, options):
             task = self._create_request(goal, start, modes, stop, options)
-            loop = PlanningLoop(self.machine, task, deadline, log)
-            if remainder is not None and self._ends_at_goal(goal, remainder, options):
-                loop.start_with_remainder(remainder)
             try:
-                deadline.check("planning")
-                proposals = paths_from_anywhere(
-                    self.machine, source, self.graph.table, task, loop.progress
-                )
-                plan = loop.choose_best(proposals)
-                if plan.motion.method != FitMethod.BRAKING:
-                    cells = max_bound_cells(loop.progress)
-                    plan = replace(plan, lower_bound=source.bound(task, cells))
-                return replace(
-                    plan, start_problems=describe_start_problems(self.machine, start.position)
-                )
+                return self._plan_request(task, source, deadline, remainder, log)
             except DeadlineError as error:
-                raise self._append_remarks(error, start) from None
+                raise append_remarks(
+                    error, self.machine, self.graph.table, start.position
+                ) from None
             except MhsbError as error:
                 refused = refused or error
         assert refused is not None
-        raise self._append_remarks(refused, start)
+        raise append_remarks(refused, self.machine, self.graph.table, start.position)
+
+    def _plan_request(
+        self,
+        task: PathRequest,
+        source: PathSource,
+        deadline: Deadline,
+        remainder: Trajectory | None,
+        log: PlanLog,
+    ) -> Plan:
+        """Plan a motion for a request that names one way in which a moving arm comes to rest.
+
+        Args:
+            task: The request.
+            source: Source of paths of the whole arm.
+            deadline: Instant at which the search for cheaper motions ends.
+            remainder: Remaining part of the plan in force, or None. If it ends at the goal, it is
+                the first incumbent (best plan so far).
+            log: Log to which entries are added.
+
+        Returns:
+            The cheapest plan found.
+
+        Raises:
+            MhsbError: There is no plan; `plan` lists the errors.
+        """
+        loop = PlanningLoop(self.machine, task, deadline, log)
+        if remainder is not None and self._ends_at_goal(task.goal, remainder, task.options):
+            loop.start_with_remainder(remainder)
+        deadline.check("planning")
+        plan = loop.choose_best(paths_from_anywhere(source, self.graph.table, task, loop.progress))
+        if plan.motion.method != FitMethod.BRAKING:
+            plan = replace(plan, lower_bound=source.bound(task, max_bound_cells(loop.progress)))
+        problems = describe_start_problems(self.machine, task.start.position)
+        return replace(plan, start_problems=problems)
 
     def _exclude_warm_up(self, kind: str, deadline: Deadline) -> Deadline:
         """Compile and load all code, and add the time for this to a plan's deadline.
@@ -250,31 +271,6 @@ class Planner:
         began = time.monotonic()
         warm_up(self, [kind])
         return deadline.earlier_by(began - time.monotonic())
-
-    def _append_remarks(self, error: MhsbError, start: MotionState) -> MhsbError:
-        """Append clauses on problems of the start and of the payload to an error's sentence.
-
-        Problems of the start are joints beyond their limits and an obstacle that the arm touches.
-        The payload is mentioned only in a NoPathError or FitError, and only if the arm cannot carry
-        it. Obstacles are named in a DeadlineError, since the goal may be out of reach only because
-        of them. A clause that the sentence contains already is not repeated.
-
-        Args:
-            error: The error, changed in place.
-            start: State of motion at the start. Only `position` is read.
-
-        Returns:
-            The same error.
-        """
-        remarks = [describe_start_problems(self.machine, start.position)]
-        if isinstance(error, NoPathError | FitError):
-            remarks.append(describe_overload(self.machine, self.graph.table, start.position))
-        if isinstance(error, DeadlineError) and (names := self.machine.obstacles.names):
-            remarks.append(f"all motions must keep clear of {', '.join(names)}")
-        for remark in remarks:
-            if remark and remark not in str(error):
-                error.args = (f"{error}; {remark}",)
-        return error
 
     def follow(
         self,
@@ -303,19 +299,27 @@ class Planner:
         loop = PlanningLoop(self.machine, task, NO_DEADLINE, PlanLog())
         return loop.choose_best([PathProposal(path, proposer="path")])
 
-    def _check_request(self, goal: Position, start: MotionState, options: PlanOptions) -> None:
-        """Check goal, goal region, start, via points and area weight of a request.
+    def _check_request(
+        self, goal: Position, start: MotionState, deadline: Deadline, options: PlanOptions
+    ) -> None:
+        """Check goal, goal region, start, deadline, via points and area weight of a request.
 
         Args:
             goal: Goal of the tip.
             start: State of motion at the start.
+            deadline: Deadline of the plan.
             options: Options of the plan.
 
         Raises:
-            RequestError: Goal, start or a via point has a wrong number of values. It is also raised
-                if goal or start is not finite, if the goal region is larger than the workspace, or
-                if the planner does not exist or cannot use `area_weight`.
+            RequestError: Start or deadline has a wrong type. Goal, start or a via point has a wrong
+                number of values. It is also raised if goal or start is not finite, if the goal
+                region is larger than the workspace, or if the planner cannot use `area_weight`.
         """
+        if not isinstance(start, MotionState):
+            rule = "must be a MotionState; at rest: MotionState.at_rest(start)"
+            raise RequestError("start", start, rule)
+        if not isinstance(deadline, Deadline):
+            raise RequestError("deadline", deadline, "must be a Deadline: Deadline.after(seconds)")
         n, slews = self.machine.joint_count, self.machine.slews
         if len(goal) != 2 + slews or not all(math.isfinite(value) for value in goal):
             rule = "three finite numbers, x y z" if slews else "two finite numbers, x z"

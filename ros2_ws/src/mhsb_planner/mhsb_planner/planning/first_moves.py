@@ -27,7 +27,7 @@ from mhsb_planner.planners.path_planner import PathProposal, PathRequest
 from mhsb_planner.planners.path_sources import PathSource
 from mhsb_planner.planners.priced_path import price_path
 from mhsb_planner.planners.via_paths import join_paths, paths_through_via_points
-from mhsb_planner.planning.start_problems import describe_limit_excess, suggest_unit_of_start
+from mhsb_planner.planning.remarks import describe_limit_excess, suggest_unit_of_start
 from mhsb_planner.posture.s1_posture_table import PostureTable
 from mhsb_planner.progress import PlanProgress
 from mhsb_planner.search.discrete_path import DiscretePath
@@ -68,11 +68,7 @@ found in it; the other time is for paths with a first move.
 
 
 def paths_from_anywhere(
-    machine: Machine,
-    source: PathSource,
-    table: PostureTable,
-    task: PathRequest,
-    progress: PlanProgress,
+    source: PathSource, table: PostureTable, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
     """Yield paths from any departure to the goal, with a first move if the departure needs one.
 
@@ -85,7 +81,6 @@ def paths_from_anywhere(
       DIRECT_SHARE of the time. If there is no motion then, paths with a first move follow.
 
     Args:
-        machine: The whole arm.
         source: Source of paths of the whole arm from an admissible departure.
         table: Posture table of the arm's plane.
         task: The request.
@@ -99,11 +94,11 @@ def paths_from_anywhere(
             is possible.
         MhsbError: The source has failed, and there is no motion.
     """
-    excess = float(joint_excess(machine.arrays, task.departure))
+    excess = float(joint_excess(source.machine.arrays, task.departure))
     if excess > START_NOISE:
-        yield from _paths_over_first_moves(machine, source, table, task, progress)
+        yield from _paths_over_first_moves(source, table, task, progress)
         return
-    if excess <= JOINT_TOLERANCE and not describe_start_contact(machine, task.departure):
+    if excess <= JOINT_TOLERANCE and not describe_start_contact(source.machine, task.departure):
         yield from paths_through_via_points(source, task, progress)
         return
     refused = None
@@ -120,7 +115,7 @@ def paths_from_anywhere(
         progress.log.add_failure(task.options.planner, error)
     if not progress.has_motion and not progress.search_deadline.has_passed:
         with progress.log.record_failure(FIRST_MOVE):
-            yield from _paths_over_first_moves(machine, source, table, task, progress)
+            yield from _paths_over_first_moves(source, table, task, progress)
     if refused is not None and not progress.has_motion:
         raise refused
 
@@ -142,11 +137,7 @@ def _limit_to_direct_share(progress: PlanProgress) -> PlanProgress:
 
 
 def _paths_over_first_moves(
-    machine: Machine,
-    source: PathSource,
-    table: PostureTable,
-    task: PathRequest,
-    progress: PlanProgress,
+    source: PathSource, table: PostureTable, task: PathRequest, progress: PlanProgress
 ) -> Iterator[PathProposal]:
     """Yield paths that begin with a first move and lead to the goal.
 
@@ -155,7 +146,6 @@ def _paths_over_first_moves(
     rest after its first move.
 
     Args:
-        machine: The whole arm.
         source: Source of paths of the whole arm from an admissible departure.
         table: Posture table of the arm's plane.
         task: The request.
@@ -170,6 +160,7 @@ def _paths_over_first_moves(
         MhsbError: No first move led to a motion, and a search failed; the error is that of the
             first such search.
     """
+    machine = source.machine
     refused: MhsbError | None = None
     for first in _first_moves(machine, table, task):
         try:

@@ -26,7 +26,7 @@ from mhsb_planner.online.goal_reports import compose_acceptance_sentence, find_v
 from mhsb_planner.online.replanning import Replanner
 from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions
 from mhsb_planner.planning.first_moves import START_NOISE
-from mhsb_planner.planning.start_problems import describe_limit_excess
+from mhsb_planner.planning.remarks import describe_limit_excess
 from mhsb_planner.posture.posture_table_cache import load_or_build_table
 
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")

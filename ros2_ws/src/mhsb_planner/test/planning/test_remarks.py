@@ -6,7 +6,7 @@ import pytest
 from mhsb_model.trajectory import MotionState
 from mhsb_planner.errors import InfeasibleGoalError, NoPathError, StartError
 from mhsb_planner.planner import PLANNER_KINDS, Planner, PlanOptions
-from mhsb_planner.planning.overload_remarks import describe_overload
+from mhsb_planner.planning.remarks import describe_overload
 
 GOAL = (0.55, 0.60)
 
