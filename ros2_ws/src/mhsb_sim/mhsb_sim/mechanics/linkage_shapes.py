@@ -41,24 +41,6 @@ class Bar(NamedTuple):
     color: tuple[float, float, float, float]
 
 
-def compute_linkage_bars(machine: Machine, q: FloatArray) -> list[Bar]:
-    """Compute the round bars that show all linkages in a picture of a posture.
-
-    A cylinder has a rod and a barrel; a four-bar linkage also has rocker and coupler. Joints with a
-    rack and pinion or a motor, such as a slew, have no bars.
-
-    Args:
-        machine: The machine.
-        q: Joint positions, float64[n], [rad or m].
-
-    Returns:
-        Bars in `base_link` (x forward, y to the left, z up), in the order of the actuators. The
-        last bar of each actuator is the barrel of its cylinder.
-    """
-    bars = compute_planar_bars(machine, q)
-    return [_slew_bar(machine, float(q[0]), bar) for bar in bars] if machine.slews else bars
-
-
 def compute_planar_bars(machine: Machine, q: FloatArray) -> list[Bar]:
     """Compute the round bars of all linkages in the arm's own plane, before it is slewed.
 
@@ -102,24 +84,6 @@ def compute_planar_bars(machine: Machine, q: FloatArray) -> list[Bar]:
         bars.append(Bar(parent_pin, rod_end, size * ROD_RADIUS, ROD_PAINT))
         bars.append(_build_barrel(machine, j, parent_pin, rod_end))
     return bars
-
-
-def _slew_bar(machine: Machine, angle: float, bar: Bar) -> Bar:
-    """Turn a bar from the arm's plane into `base_link` by the slew angle.
-
-    Args:
-        machine: The machine, with the offset of its slew axis.
-        angle: Angle of the slew joint [rad].
-        bar: Bar in the arm's plane.
-
-    Returns:
-        The bar in `base_link`.
-    """
-    cosine, sine = np.cos(angle), np.sin(angle)
-    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    foot = np.array([machine.arrays.slew_offset, 0.0, 0.0])
-    start, end = turn @ (bar.start + foot), turn @ (bar.end + foot)
-    return bar._replace(start=start, end=end)
 
 
 def _compute_pin_position(joint: FloatArray, angle: float, pin: Pin) -> FloatArray:

@@ -10,7 +10,7 @@ from mhsb_control import REGISTERED_CONTROLLERS, load_machine
 from mhsb_model.kernels.pool import compile_ahead
 from mhsb_model.mode_schedule import ModeSchedule
 from mhsb_model.trajectory import SECOND_NS, Trajectory
-from mhsb_sim.mechanics.linkage_shapes import compute_linkage_bars
+from mhsb_sim.mechanics.linkage_shapes import compute_planar_bars
 from mhsb_sim.simulation.fault_detection import SupervisionLimits
 from mhsb_sim.simulation.simulator import Simulator
 from mhsb_sim.simulation.supervised_arm import SupervisedArm
@@ -35,7 +35,7 @@ def exercise_kernels() -> None:
         simulator.close_valves()
         arm.step(0.0)
         arm.reset(0)
-    compute_linkage_bars(load_machine(), start)  # for pictures and the viewer
+    compute_planar_bars(load_machine(), start)  # for pictures and the viewer
 
 
 KERNEL_PARTS = (f"{__name__}:{exercise_kernels.__name__}",)

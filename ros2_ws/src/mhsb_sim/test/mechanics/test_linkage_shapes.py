@@ -5,7 +5,7 @@ import pytest
 from mhsb_model.files.config_files import find_config_file
 from mhsb_model.machine import Machine, load_machine
 from mhsb_sim.mechanics import linkage_shapes
-from mhsb_sim.mechanics.linkage_shapes import compute_linkage_bars
+from mhsb_sim.mechanics.linkage_shapes import compute_planar_bars
 from mhsb_sim.mechanics.mujoco_model import build_model
 
 
@@ -13,7 +13,7 @@ def drawn(machine: Machine, share: float) -> tuple[np.ndarray, list[linkage_shap
     """A posture at that share of all joints' ranges, and what is drawn of its linkages."""
     lower, upper = machine.arrays.joint_min, machine.arrays.joint_max
     q = lower + share * (upper - lower)
-    return q, compute_linkage_bars(machine, q)
+    return q, compute_planar_bars(machine, q)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])

@@ -9,7 +9,7 @@ from PIL import Image, ImageSequence
 from mhsb_model.errors import ArgumentError
 from mhsb_model.figure_style import MODE_COLOR
 from mhsb_model.modes import Mode
-from mhsb_sim.mechanics.linkage_shapes import BARREL_PAINT, compute_linkage_bars
+from mhsb_sim.mechanics.linkage_shapes import BARREL_PAINT, compute_planar_bars
 from mhsb_tools.commands.film import BARREL_WIDTH, FIGURE_SIZE, FilmGoal, _Film, write_film
 from mhsb_tools.moves.move import MoveRecord
 
@@ -79,7 +79,7 @@ def test_cylinders_lie_within_the_stage_with_all_of_their_width(machine, move, t
     per_metre = np.diff(film._stage.transData.transform([[0, 0], [1, 1]]), axis=0).min()
     half = (BARREL_WIDTH + 2.0) / 2 * (WIDTH / FIGURE_SIZE[0]) / 72 / per_metre  # m
     for q in position:
-        bars = [bar for bar in compute_linkage_bars(machine, q) if bar.color == BARREL_PAINT]
+        bars = [bar for bar in compute_planar_bars(machine, q) if bar.color == BARREL_PAINT]
         ends = np.array([end[[0, 2]] for bar in bars for end in (bar.start, bar.end)])
         for low, high, values in zip(
             (film._stage.get_xlim()[0], film._stage.get_ylim()[0]),
