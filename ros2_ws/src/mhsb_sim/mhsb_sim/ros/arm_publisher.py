@@ -6,7 +6,6 @@ import time
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
@@ -143,7 +142,8 @@ class ArmPublisher:
         Args:
             report: The report.
         """
-        self._publish(topics.DIAGNOSTICS, self._encoded(report, self._simulator.time_ns))
+        now_ns = self._simulator.time_ns
+        self._publish(topics.DIAGNOSTICS, sim_status.encode(report, now_ns, self._namespace))
 
     def report_due(self) -> bool:
         """Return whether the simulator's report is due.
@@ -204,15 +204,11 @@ class ArmPublisher:
             self._faults.count,
             self._faults.last,
         )
-        self._publish(topics.DIAGNOSTICS, self._encoded(report, now_ns))
+        self._publish(topics.DIAGNOSTICS, sim_status.encode(report, now_ns, self._namespace))
 
     def _count_report_subscribers(self) -> int:
         """Count the subscribers of /diagnostics to which this node is connected."""
         return int(self._publishers[topics.DIAGNOSTICS.name].get_subscription_count())
-
-    def _encoded(self, report: HandOverReport | SimulatorReport, now_ns: int) -> DiagnosticArray:
-        """Return a report as a message for /diagnostics, stamped with a simulated time [ns]."""
-        return sim_status.encode(report, now_ns, self._namespace)
 
     def _publish_states(self, now_ns: int) -> None:
         """Publish joint states, reference and actuator states.

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -165,6 +165,10 @@ def declare_parameters(node: Node, machine: Machine, plant: Machine) -> SimParam
     return read_parameters(node)
 
 
+VALUE_NAMES = tuple(each.name for each in fields(SimParameters) if each.name != "limits")
+"""Names of the parameters whose values `SimParameters` has under the same name."""
+
+
 def read_parameters(node: Node) -> SimParameters:
     """Read the present values of all parameters but `machine` and `plant`.
 
@@ -175,26 +179,13 @@ def read_parameters(node: Node) -> SimParameters:
         The values. Each symptom that supervision watches, such as `following_error`, has a pair of
         limits: the value beyond which the arm warns, and the value beyond which it is stopped.
     """
-
-    def value(name: str) -> Any:
-        """Return the present value of a parameter."""
-        return node.get_parameter(name).value
-
-    return SimParameters(
-        value("seed"),
-        value("controller"),
-        value("estimates_file"),
-        value("real_time_factor"),
-        value("publish_clock"),
-        value("payload"),
-        value("fault"),
-        SupervisionLimits(
-            **{
-                name: (value(f"{name}_warning"), value(f"{name}_limit"))
-                for name in SUPERVISION_LIMITS
-            }
-        ),
-    )
+    value = {name: node.get_parameter(name).value for name in (*VALUE_NAMES, *CHECKED_PARAMETERS)}
+    limits = {
+        symptom: (value[f"{symptom}_warning"], value[f"{symptom}_limit"])
+        for symptom in SUPERVISION_LIMITS
+    }
+    own = {name: value[name] for name in VALUE_NAMES}
+    return SimParameters(**own, limits=SupervisionLimits(**limits))
 
 
 def check_changes(node: Node, plant: Machine, changes: Sequence[Parameter]) -> SetParametersResult:
@@ -214,67 +205,35 @@ def check_changes(node: Node, plant: Machine, changes: Sequence[Parameter]) -> S
     """
     after = {name: node.get_parameter(name).value for name in CHECKED_PARAMETERS}
     after |= {change.name: change.value for change in changes}
-    reasons = (
-        _find_clock_problem(after["real_time_factor"], after["publish_clock"]),
-        _find_fault_problem(after["fault"], plant),
-        *(_find_limits_problem(name, after) for name in SUPERVISION_LIMITS),
-    )
-    reason = next(filter(None, reasons), None)
-    return SetParametersResult(successful=reason is None, reason=reason or "")
+    reason = next(_list_problems(after, plant), "")
+    return SetParametersResult(successful=not reason, reason=reason)
 
 
-def _find_clock_problem(factor: float, publish_clock: bool) -> str | None:
-    """Return why a real-time factor is refused.
-
-    A factor other than 1 is refused unless the simulator publishes /clock.
+def _list_problems(values: Mapping[str, Any], plant: Machine) -> Iterator[str]:
+    """Yield a sentence for each rule that values of parameters break.
 
     Args:
-        factor: Simulated seconds per second.
-        publish_clock: Whether the simulator publishes /clock.
+        values: Value of each of CHECKED_PARAMETERS by its name.
+        plant: The simulated machine; its actuators, sensors and pumps are the valid places of
+            faults.
 
-    Returns:
-        A sentence; None if the factor is accepted.
+    Yields:
+        Sentences that name the values, and what is allowed.
     """
-    if factor != 1.0 and not publish_clock:
-        return (
+    factor = values["real_time_factor"]
+    if factor != 1.0 and not values["publish_clock"]:
+        yield (
             f"real_time_factor {factor:g} needs publish_clock: true, and use_sim_time: true in "
             "the other nodes, for simulated time is not the system's then"
         )
-    return None
-
-
-def _find_fault_problem(text: str, plant: Machine) -> str | None:
-    """Return why the text of one or several faults is refused.
-
-    Args:
-        text: Faults separated by commas, each KIND, KIND:PLACE or KIND:PLACE:VALUE. An empty text
-            and "none" mean no fault, and are accepted.
-        plant: The simulated machine; its actuators, sensors and pumps are the valid places.
-
-    Returns:
-        A sentence that names the valid kinds, places or values; None if the text is accepted.
-    """
     try:
-        parse_faults(text, plant)
+        parse_faults(values["fault"], plant)
     except FaultError as error:
-        return str(error)
-    return None
-
-
-def _find_limits_problem(symptom: str, after: Mapping[str, float]) -> str | None:
-    """Return why the limits of a symptom are refused.
-
-    Args:
-        symptom: Name of the symptom.
-        after: Values of the parameters after the change, by name.
-
-    Returns:
-        A sentence if the value at which the symptom warns exceeds the value at which it stops the
-        arm. None otherwise.
-    """
-    warning, limit = after[f"{symptom}_warning"], after[f"{symptom}_limit"]
-    if warning <= limit:
-        return None
-    return (
-        f"{symptom}_warning {warning:g} is beyond {symptom}_limit {limit:g}; a warning comes first"
-    )
+        yield str(error)
+    for symptom in SUPERVISION_LIMITS:
+        warning, limit = values[f"{symptom}_warning"], values[f"{symptom}_limit"]
+        if warning > limit:
+            yield (
+                f"{symptom}_warning {warning:g} is beyond {symptom}_limit {limit:g}; a warning "
+                "comes first"
+            )

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from mhsb_sim.simulation.fault_isolation import (
     JumpingLength,
     SilentSensor,
 )
-from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, ArmSample, Finding
+from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, ArmSample, Finding, Symptom
 
 
 @dataclass(frozen=True)
@@ -100,44 +100,13 @@ DETECTION_SETTINGS = DetectionSettings()
 """Settings of all symptoms of this module."""
 
 
-class Symptom(Protocol):
-    """A symptom that supervision evaluates every `WATCH_PERIOD_NS`.
-
-    Attributes:
-        name: Name of the field of `SupervisionLimits`.
-        unit: Unit of the value; empty for a ratio.
-        closes_valves: Whether the valves close at once if this symptom stops the arm, since the
-            servo could not brake the arm.
-    """
-
-    name: str
-    unit: str
-    closes_valves: bool
-
-    def __init__(self, machine: Machine) -> None:
-        """Prepare the symptom for a machine, without any history."""
-        ...
-
-    def evaluate(self, sample: ArmSample) -> Finding:
-        """Evaluate the symptom for a new sample.
-
-        Args:
-            sample: State of the arm.
-
-        Returns:
-            Present size of the symptom in its unit, and a clause that names the affected part.
-        """
-        ...
-
-
-class FollowingError:
+class FollowingError(Symptom):
     """Largest deviation of a joint from its reference, max |q_ref − q| [rad].
 
     Deviations of a sliding joint are scaled so that its whole range counts as π rad.
     """
 
     name, unit = "following_error", "rad"
-    closes_valves = False
 
     def __init__(self, machine: Machine) -> None:
         """Store names, units and radian equivalents of the joints."""
@@ -161,7 +130,7 @@ class FollowingError:
         return Finding(float(size[j]), text)
 
 
-class Overpressure:
+class Overpressure(Symptom):
     """Largest ratio p/p_relief of pressure to relief setting over all chambers and lines [-].
 
     Each pressure counts with its lowest value in the last `min_duration_samples` samples, so that
@@ -169,7 +138,6 @@ class Overpressure:
     """
 
     name, unit = "overpressure", ""
-    closes_valves = False
 
     def __init__(self, machine: Machine) -> None:
         """Store names and relief settings of all cap sides, then all rod sides, then all lines.
@@ -207,7 +175,7 @@ class Overpressure:
         )
 
 
-class SupplyLoss:
+class SupplyLoss(Symptom):
     """Largest share of the main pump's pressure that a supply line lacks, 1 − p_line/P_S [-].
 
     p_line is the pressure of the line, and P_S that of the main pump. Each line counts with its
@@ -215,7 +183,6 @@ class SupplyLoss:
     """
 
     name, unit = "supply_loss", ""
-    closes_valves = False
 
     def __init__(self, machine: Machine) -> None:
         """Store the names of the actuators, and the main pump's pressure P_S of the machine file.
@@ -249,11 +216,10 @@ class SupplyLoss:
         return Finding(float(lacking[j]), f"{where} {lacking[j]:.2f} of the main pump's pressure")
 
 
-class Saturation:
+class Saturation(Symptom):
     """Time for which the command of a valve or of a servo pump has been saturated [s]."""
 
     name, unit = "saturation", "s"
-    closes_valves = False
 
     def __init__(self, machine: Machine) -> None:
         """Store the clauses of the findings, and set all counters to 0.
@@ -294,14 +260,10 @@ class Saturation:
         return Finding(time, f"{self._names[k]} for {time:.2f} s")
 
 
-class HeldPlan:
+class HeldPlan(Symptom):
     """Time for which the mode guard has held the plan, because the arm would sag otherwise."""
 
     name, unit = "held", "s"
-    closes_valves = False
-
-    def __init__(self, machine: Machine) -> None:
-        pass
 
     def evaluate(self, sample: ArmSample) -> Finding:
         """Return the time for which the mode guard has held the plan.

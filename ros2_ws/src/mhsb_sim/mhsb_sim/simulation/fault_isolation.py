@@ -19,7 +19,7 @@ from mhsb_model.machine import Machine
 from mhsb_model.modes import Mode
 from mhsb_model.trajectory import SECOND_NS
 from mhsb_model.types import FloatArray
-from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, ArmSample, Finding
+from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, ArmSample, Finding, Symptom
 from mhsb_sim.simulation.sensors import Sensed, compute_length_errors
 
 WATCH_PERIOD = WATCH_PERIOD_NS / SECOND_NS
@@ -89,7 +89,7 @@ ISOLATION_SETTINGS = IsolationSettings()
 """Settings of all symptoms of this module."""
 
 
-class SilentSensor:
+class SilentSensor(Symptom):
     """Time for which a sensor has given no reading [s]."""
 
     name, unit = "silent_sensor", "s"
@@ -128,7 +128,7 @@ class SilentSensor:
         )
 
 
-class FrozenPressure:
+class FrozenPressure(Symptom):
     """Time for which a pressure sensor has repeated its reading while other readings change [s]."""
 
     name, unit = "frozen_pressure", "s"
@@ -170,7 +170,7 @@ class FrozenPressure:
         return Finding(time, f"{self._names[k]} has repeated its reading for {time:.2f} s")
 
 
-class FrozenLength:
+class FrozenLength(Symptom):
     """Stroke of a piston's reference since the reading of its length sensor last changed [m].
 
     The stroke is updated only with a new reading, since sensors may be slower than supervision. If
@@ -242,7 +242,7 @@ def compute_frozen_length_time(machine: Machine, limit: float) -> float:
     return (math.floor(limit / stroke) + 1) * period + WATCH_PERIOD
 
 
-class JumpingLength:
+class JumpingLength(Symptom):
     """Jump of a length between two readings, divided by the longest stroke in that time [-].
 
     The longest stroke is `farthest_jump` in each WATCH_PERIOD. Six standard deviations of the
@@ -280,7 +280,7 @@ class JumpingLength:
         return Finding(float(share[j]), text)
 
 
-class DisagreeingLine:
+class DisagreeingLine(Symptom):
     """Lasting pressure difference between an unboosted line and all other unboosted lines [Pa].
 
     All lines of actuators in mode N are at the main pump's pressure, behind their check valves. So
@@ -339,7 +339,7 @@ class DisagreeingLine:
         return Finding(abs(apart), f"{name} is {apart / 1e6:.2f} MPa off the others")
 
 
-class DisagreeingValve:
+class DisagreeingValve(Symptom):
     """Stroke of a piston that its valve's opening does not explain.
 
     Each chamber, A (cap side) and B (rod side), explains a piston speed by the valve's opening and

@@ -7,7 +7,7 @@ instance `servo_pump_dead:2, pressure_offset:actuator_1.cap_pressure:5e5`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from mhsb_model.circuit.quantities import CircuitConstants
@@ -74,8 +74,8 @@ class FaultKind(NamedTuple):
     """A kind of fault.
 
     Attributes:
-        places: Function that returns the names of possible places in a machine; no names if the
-            fault concerns the whole part.
+        places: Key of `list_places` for the possible places; empty if the fault concerns the whole
+            part.
         part: Part of the circuit or of the sensors that fails; see `_select_parts`.
         fields: What the fault writes into that part: number by field, None for the fault's value.
         default_value: Value if none is given; None if a fault of this kind has no value.
@@ -83,7 +83,7 @@ class FaultKind(NamedTuple):
         limits: Smallest and largest value.
     """
 
-    places: Callable[[Machine], Sequence[str]]
+    places: str
     part: str
     fields: Mapping[str, float | None]
     default_value: float | None = None
@@ -132,13 +132,16 @@ def _parse_fault(word: str, machine: Machine) -> Fault:
         raise FaultError(
             f"there is no fault {name!r}; valid are {NO_FAULT}, {', '.join(FAULT_KINDS)}"
         )
-    places = kind.places(machine)
+    places = list_places(machine)[kind.places]
     if place not in (places or ("",)):
         valid = f"one of {', '.join(places)}" if places else "no place"
         raise FaultError(f"the fault {word!r} is at {place or 'no place'}; {name} takes {valid}")
     number = math.nan if kind.default_value is None else kind.default_value
     if value:
-        number = _parse_number(value)
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
         if kind.default_value is None or not math.isfinite(number):
             valid = "none" if kind.default_value is None else f"a number in {kind.unit}"
             raise FaultError(f"the fault {word!r} has the value {value!r}; {name} takes {valid}")
@@ -149,21 +152,6 @@ def _parse_fault(word: str, machine: Machine) -> Fault:
                 f"{greatest:g} {kind.unit}"
             )
     return Fault(name, places.index(place) if places else 0, number)
-
-
-def _parse_number(text: str) -> float:
-    """Return the number that a text stands for.
-
-    Args:
-        text: The text.
-
-    Returns:
-        The number; NaN if the text is no number.
-    """
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
 
 
 def set_faults(
@@ -184,7 +172,7 @@ def set_faults(
             parts[part][name] = healthy
     for fault in faults:
         kind = FAULT_KINDS[fault.kind]
-        where = slice(None) if kind.places is _list_no_places else fault.place
+        where = fault.place if kind.places else slice(None)
         for name, value in kind.fields.items():
             parts[kind.part][name][where] = fault.value if value is None else value
 
@@ -205,41 +193,29 @@ def _select_parts(plant: FaultTarget) -> dict[str, Records[Any]]:
     }
 
 
-# --- Places --------------------------------------------------------------------------------------
+def list_places(machine: Machine) -> dict[str, list[str]]:
+    """List the names of the places at which faults are possible.
 
+    Args:
+        machine: The machine with its actuators, sensors and servo pumps.
 
-def _list_no_places(machine: Machine) -> Sequence[str]:
-    """Return no names, for a fault that concerns a whole part."""
-    return ()
-
-
-def _actuators(machine: Machine) -> Sequence[str]:
-    """Return the names of all actuators."""
-    return machine.actuator_names
-
-
-def _servo_pumps(machine: Machine) -> Sequence[str]:
-    """Return the numbers of all servo pumps, from 1, as texts."""
-    return [str(k + 1) for k in range(machine.arrays.module_count)]
-
-
-def _lengths(machine: Machine) -> Sequence[str]:
-    """Return the name of the length sensor of each actuator."""
-    return [f"{name}.length" for name in machine.actuator_names]
-
-
-def _pressures(machine: Machine) -> Sequence[str]:
-    """Return the names of three pressure sensors of each actuator: cap side, rod side and line."""
+    Returns:
+        Names by the kind of place; none for the kind "". Length and pressure sensors have the order
+        of the channels. Servo pumps have their numbers, from 1, as names.
+    """
+    names = machine.actuator_names
     kinds = "cap_pressure", "rod_pressure", "line_pressure"
-    return [f"{name}.{kind}" for name in machine.actuator_names for kind in kinds]
+    lengths = [f"{name}.length" for name in names]
+    pressures = [f"{name}.{kind}" for name in names for kind in kinds]
+    return {
+        "": [],
+        "actuator": list(names),
+        "servo_pump": [str(k + 1) for k in range(machine.arrays.module_count)],
+        "length": lengths,
+        "pressure": pressures,
+        "sensor": lengths + pressures,
+    }
 
-
-def _sensors(machine: Machine) -> Sequence[str]:
-    """Return the names of length and pressure sensors, in the order of the channels."""
-    return [*_lengths(machine), *_pressures(machine)]
-
-
-# --- Effects -------------------------------------------------------------------------------------
 
 HEALTHY_VALUES = {
     "actuators": {"follows_command": 1.0, "seized": 0.0, "leakage": 1.0},
@@ -249,19 +225,17 @@ HEALTHY_VALUES = {
 """Values in a healthy plant of all fields that a fault may write, by part of the plant."""
 
 FAULT_KINDS = {
-    "main_pump": FaultKind(_list_no_places, "constants", {"main_pump_flow": 0.0}),
-    "supply_sag": FaultKind(
-        _list_no_places, "constants", {"supply_pressure": None}, 3.3e6, "Pa", (1e3, 5e7)
-    ),
-    "servo_pumps": FaultKind(_list_no_places, "servo_pumps", {"flow_ratio": 0.0}),
-    "servo_pump_dead": FaultKind(_servo_pumps, "servo_pumps", {"flow_ratio": 0.0}),
+    "main_pump": FaultKind("", "constants", {"main_pump_flow": 0.0}),
+    "supply_sag": FaultKind("", "constants", {"supply_pressure": None}, 3.3e6, "Pa", (1e3, 5e7)),
+    "servo_pumps": FaultKind("", "servo_pumps", {"flow_ratio": 0.0}),
+    "servo_pump_dead": FaultKind("servo_pump", "servo_pumps", {"flow_ratio": 0.0}),
     "servo_pump_slow": FaultKind(
-        _servo_pumps, "servo_pumps", {"lag_ratio": None}, 20.0, "times its lag", (0.01, 1e4)
+        "servo_pump", "servo_pumps", {"lag_ratio": None}, 20.0, "times its lag", (0.01, 1e4)
     ),
-    "servo_pump_stuck_on": FaultKind(_servo_pumps, "servo_pumps", {"runs_on": 1.0}),
-    "valve_stuck": FaultKind(_actuators, "actuators", {"seized": 1.0}),
+    "servo_pump_stuck_on": FaultKind("servo_pump", "servo_pumps", {"runs_on": 1.0}),
+    "valve_stuck": FaultKind("actuator", "actuators", {"seized": 1.0}),
     "valve_hard_over": FaultKind(
-        _actuators,
+        "actuator",
         "actuators",
         {"follows_command": 0.0, "runaway": None},
         1.0,
@@ -269,17 +243,17 @@ FAULT_KINDS = {
         (-1.0, 1.0),
     ),
     "leakage": FaultKind(
-        _actuators, "actuators", {"leakage": None}, 5.0, "times that of the file", (0.0, 1e4)
+        "actuator", "actuators", {"leakage": None}, 5.0, "times that of the file", (0.0, 1e4)
     ),
-    "sensor_dead": FaultKind(_sensors, "sensors", {"dead": 1.0}),
-    "sensor_frozen": FaultKind(_sensors, "sensors", {"frozen": 1.0}),
-    "length_offset": FaultKind(_lengths, "sensors", {"error": None}, 5e-3, "m", (-10.0, 10.0)),
+    "sensor_dead": FaultKind("sensor", "sensors", {"dead": 1.0}),
+    "sensor_frozen": FaultKind("sensor", "sensors", {"frozen": 1.0}),
+    "length_offset": FaultKind("length", "sensors", {"error": None}, 5e-3, "m", (-10.0, 10.0)),
     "length_drift": FaultKind(
-        _lengths, "sensors", {"error_rate": None}, 2e-3, "m/s", (-10.0, 10.0)
+        "length", "sensors", {"error_rate": None}, 2e-3, "m/s", (-10.0, 10.0)
     ),
-    "pressure_offset": FaultKind(_pressures, "pressures", {"error": None}, 1e6, "Pa", (-1e8, 1e8)),
+    "pressure_offset": FaultKind("pressure", "pressures", {"error": None}, 1e6, "Pa", (-1e8, 1e8)),
     "pressure_drift": FaultKind(
-        _pressures, "pressures", {"error_rate": None}, 2e5, "Pa/s", (-1e9, 1e9)
+        "pressure", "pressures", {"error_rate": None}, 2e5, "Pa/s", (-1e9, 1e9)
     ),
 }
 """Kinds of faults by name.

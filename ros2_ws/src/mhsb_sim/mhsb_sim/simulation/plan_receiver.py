@@ -40,7 +40,6 @@ class PlanTarget(Protocol):
     @property
     def plan_time_ns(self) -> int:
         """Time of plans [ns]: simulated time minus the delay that speed scaling has caused."""
-        ...
 
     @property
     def planned(self) -> MotionState:
@@ -48,7 +47,6 @@ class PlanTarget(Protocol):
 
         Velocity and acceleration are those at full speed: speed scaling does not reduce them.
         """
-        ...
 
     def reference_at(self, time_ns: int) -> MotionState | None:
         """Return the reference at an earlier time.
@@ -60,7 +58,6 @@ class PlanTarget(Protocol):
         Returns:
             The state; None if that time is no longer recorded.
         """
-        ...
 
     def set_plan(self, trajectory: Trajectory, schedule: ModeSchedule) -> None:
         """Follow a plan from now on.
@@ -69,7 +66,6 @@ class PlanTarget(Protocol):
             trajectory: Trajectory of the plan.
             schedule: Mode schedule of the plan.
         """
-        ...
 
 
 @dataclass

@@ -1,9 +1,10 @@
-"""A sample of the arm for supervision, and the result of a symptom's evaluation."""
+"""A sample of the arm for supervision, and the interface of a symptom."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mhsb_model.machine import Machine
 from mhsb_model.trajectory import SECOND_NS, MotionState
 from mhsb_sim.simulation.sensors import ActuatorStates, Sensed
 from mhsb_sim.simulation.simulator import Simulator
@@ -67,3 +68,32 @@ class Finding:
 
     value: float
     text: str
+
+
+class Symptom:
+    """A symptom that supervision evaluates every `WATCH_PERIOD_NS`.
+
+    Attributes:
+        name: Name of the field of `SupervisionLimits`.
+        unit: Unit of the value; empty for a ratio.
+        closes_valves: Whether the valves close at once if this symptom stops the arm, since the
+            servo could not brake the arm.
+    """
+
+    name: str
+    unit: str
+    closes_valves = False
+
+    def __init__(self, machine: Machine) -> None:
+        """Prepare the symptom for a machine, without any history."""
+
+    def evaluate(self, sample: ArmSample) -> Finding:
+        """Evaluate the symptom for a new sample.
+
+        Args:
+            sample: State of the arm.
+
+        Returns:
+            Present size of the symptom in its unit, and a clause that names the affected part.
+        """
+        raise NotImplementedError

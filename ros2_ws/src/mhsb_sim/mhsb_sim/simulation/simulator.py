@@ -35,7 +35,6 @@ from mhsb_model.holding import choose_holding_modes, choose_stop_modes
 from mhsb_model.kernels.bound_kernel import bind_kernel
 from mhsb_model.machine import Machine
 from mhsb_model.mode_schedule import ModeSchedule
-from mhsb_model.modes import count_modules, format_pattern
 from mhsb_model.trajectory import SECOND_NS, MotionState, Trajectory, standstill
 from mhsb_model.types import FloatArray, ModeArray, frozen
 from mhsb_sim.circuit.network import build_circuit, set_rest_pressures
@@ -57,6 +56,7 @@ from mhsb_sim.simulation.exchange import (
     read_sensors,
 )
 from mhsb_sim.simulation.faults import Fault, FaultTarget, compute_sag_pressure, set_faults
+from mhsb_sim.simulation.plan_receiver import find_schedule_problem
 from mhsb_sim.simulation.plant_files import check_plant
 from mhsb_sim.simulation.sensors import ActuatorStates, Sensed, build_channels
 
@@ -469,9 +469,11 @@ class Simulator:
             schedule: Mode schedule of the plan.
 
         Raises:
-            ModeError: A mode combination needs more booster modules than there are.
+            ModeError: The schedule has another number of actuators than the machine, or a mode
+                combination needs more booster modules than there are.
         """
-        self._check_module_counts(schedule.modes)
+        if problem := find_schedule_problem(self.machine, schedule):
+            raise ModeError(problem)
         if self.valves_closed:
             self._servo.restart(self._learnt)
             self._open_valves()
@@ -695,24 +697,6 @@ class Simulator:
         """
         return choose_stop_modes(self.machine, self.machine.piston_forces(q), self._reference.modes)
 
-    def _check_module_counts(self, patterns: ModeArray) -> None:
-        """Check that the machine has the booster modules that each mode combination needs.
-
-        Args:
-            patterns: Mode combinations, uint8[k, n].
-
-        Raises:
-            ModeError: A combination needs more modules than are fitted.
-        """
-        modules = self.machine.config.hydraulics.modules
-        for pattern in patterns:
-            needed = count_modules(pattern, modules.per_mode)
-            if needed > modules.count:
-                raise ModeError(
-                    f"the mode pattern {format_pattern(pattern)} needs {needed} booster modules, "
-                    f"{modules.count} are fitted"
-                )
-
     def _build_divergence_error(self) -> SimulationDivergedError:
         """Build the error that names the first quantity that is not finite or too large.
 
@@ -731,13 +715,13 @@ class Simulator:
             ("a pressure", self._circuit.pressure, LARGEST_VALUE),
             ("the servo's valve command", servo.actuators["valve_command"], LARGEST_VALUE),
             ("the servo's pump command", servo.modules["flow_command"], LARGEST_VALUE),
+            ("the joint motion", np.inf, LARGEST_VALUE),
         ]
-        for text, values, largest in candidates:
-            if not np.all(np.isfinite(values)) or np.any(np.abs(values) >= largest):
-                quantity = text.replace("_", " ")
-                break
-        else:
-            quantity = "the joint motion"
+        quantity = next(
+            name
+            for name, values, largest in candidates
+            if not np.all(np.isfinite(values)) or np.any(np.abs(values) >= largest)
+        )
         return SimulationDivergedError(quantity, self._time_ns / SECOND_NS)
 
 

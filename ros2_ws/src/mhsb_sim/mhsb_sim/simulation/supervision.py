@@ -31,10 +31,9 @@ from mhsb_sim.simulation.fault_detection import (
     SYMPTOM_KINDS,
     FollowingError,
     SupervisionLimits,
-    Symptom,
 )
 from mhsb_sim.simulation.fault_isolation import ServoPumpMonitor
-from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, ArmSample
+from mhsb_sim.simulation.sample import WATCH_PERIOD_NS, ArmSample, Symptom
 from mhsb_sim.simulation.simulator import Simulator
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from mhsb_model.machine import Machine
 from mhsb_sim.errors import FaultError
-from mhsb_sim.simulation.faults import FAULT_KINDS, Fault, parse_faults
+from mhsb_sim.simulation.faults import FAULT_KINDS, Fault, list_places, parse_faults
 from mhsb_sim.simulation.simulator import Simulator
 
 
@@ -65,7 +65,7 @@ def test_every_fault_changes_the_run_and_its_healing_leaves_nothing_of_it(
     machine: Machine, kind: str
 ) -> None:
     """An arm at rest, a copy of it that fails, and one that was healed before it began."""
-    place = next(iter(FAULT_KINDS[kind].places(machine)), "")
+    place = next(iter(list_places(machine)[FAULT_KINDS[kind].places]), "")
     fault = parse_faults(f"{kind}:{place}" if place else kind, machine)
 
     def pressures(first: str, then: str) -> np.ndarray:
