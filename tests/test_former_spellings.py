@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from mhsb_tools import executables
-from mhsb_tools.executables import SUBCOMMAND_TABLE, Subcommand
+from mhsb_tools.executables import SUBCOMMAND_TABLE
 
 ROOT = Path(__file__).resolve().parents[1]
 MOVED = [
@@ -61,7 +61,7 @@ def test_a_former_spelling_runs_the_subcommand_and_names_it_on_stderr(
     name, new, monkeypatch, capsys
 ):
     assert executable("mhsb_tools", name)
-    started = Subcommand(lambda: print(*sys.argv) or 7, "")
+    started = (lambda: print(*sys.argv) or 7), ""
     monkeypatch.setitem(SUBCOMMAND_TABLE, new, started)
     monkeypatch.setattr(sys, "argv", [name, "--case", "1-1"])
     assert getattr(executables, name)() == 7

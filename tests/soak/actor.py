@@ -214,7 +214,10 @@ class Actor:
         def ended() -> bool:
             return running.process.exit_code is not None
 
-        if not self._until(lambda: running.process.has_printed("ready") or ended(), START_TIMEOUT):
+        def is_ready() -> bool:
+            return running.log.exists() and "ready" in running.log.read_text(encoding="utf-8")
+
+        if not self._until(lambda: is_ready() or ended(), START_TIMEOUT):
             running.process.end(signal.SIGKILL)
             raise MhsbError(f"{running.log} did not become ready within {START_TIMEOUT:g} s")
         if node == PLANNER and not ended():

@@ -9,7 +9,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 from mhsb_model import __version__
 from mhsb_model.errors import suggest_name
@@ -22,69 +21,62 @@ COMPLETION_FILE = Path(__file__).with_name("completion.bash")
 """Completion of the commands in bash, which `mhsb --completion` prints."""
 
 
-class Subcommand(NamedTuple):
-    """A subcommand of `mhsb`.
+def _subcommand(
+    module: str, summary: str, make: Callable[[str], Callable[[], int]] = make_command_entry
+) -> tuple[Callable[[], int], str]:
+    """Make a subcommand that calls the function `main` of a module.
 
-    Attributes:
-        start: Function that imports and runs it, and returns the exit code.
-        summary: What it does, for the list of all subcommands.
-    """
-
-    start: Callable[[], int]
-    summary: str
-
-
-def _command(module: str, summary: str) -> Subcommand:
-    """Create a subcommand that calls the function `main` of a module.
-
-    The module is imported only when the subcommand starts. An interrupt (SIGINT) ends it with exit
-    code 130.
+    The module is imported only when the subcommand starts.
 
     Args:
         module: Full name of the module, such as `mhsb_tools.commands.plan_command`.
         summary: What the subcommand does, for the list of all subcommands.
+        make: `make_command_entry` for a command, which an interrupt (SIGINT) ends with exit code
+            130. `make_node_entry` for one that runs until SIGINT, SIGTERM or SIGHUP ends it with
+            exit code 0.
 
     Returns:
-        The subcommand.
+        Function that runs the subcommand and returns the exit code, and the summary.
     """
-    return Subcommand(make_command_entry(module), summary)
-
-
-def _node(module: str, summary: str) -> Subcommand:
-    """Create a subcommand that runs until SIGINT, SIGTERM or SIGHUP ends it with exit code 0.
-
-    It calls the function `main` of a module, which is imported only when the subcommand starts.
-
-    Args:
-        module: Full name of the module, such as `mhsb_tools.viewer.viewer_command`.
-        summary: What the subcommand does, for the list of all subcommands.
-
-    Returns:
-        The subcommand.
-    """
-    return Subcommand(make_node_entry(module), summary)
+    return make(module), summary
 
 
 SUBCOMMAND_TABLE = {
-    "check": _command("mhsb_tools.commands.check_command", "what a machine file amounts to"),
-    "plan": _command("mhsb_tools.commands.plan_command", "plan one motion offline"),
-    "build-table": _command("mhsb_planner.build_table", "compute a machine's posture table"),
-    "simulate": _command("mhsb_tools.commands.simulate_command", "simulate goals without ROS"),
-    "demo": _command("mhsb_tools.commands.demo_command", "both nodes, goals, recording, report"),
-    "record": _node("mhsb_tools.recording.record_command", "record all topics; repair recordings"),
-    "report": _command("mhsb_tools.report.report_command", "pictures and numbers of a recording"),
-    "animate": _command("mhsb_tools.commands.animate_command", "a plan or recording as animation"),
-    "view": _node("mhsb_tools.viewer.viewer_command", "the arm or a recording in a browser"),
-    "study": _command("mhsb_tools.study.study_command", "controllers on many simulated runs"),
-    "compare": _command("mhsb_tools.comparison.compare_command", "planners and supplies compared"),
-    "tune": _command("mhsb_tools.study.tune_command", "tune the gains of controllers"),
-    "reproduce": _command("mhsb_tools.commands.reproduce_command", "the paper's cases and figures"),
-    "goal": _command("mhsb_planner.ros.goal_command", "send a goal and print the verdict"),
-    "param": _command("mhsb_tools.commands.param_command", "list, read and set parameters"),
-    "call": _command("mhsb_tools.commands.call_command", "call a service, such as ~/stop"),
-    "echo": _node("mhsb_tools.commands.echo_command", "print the messages of a topic"),
+    "check": _subcommand("mhsb_tools.commands.check_command", "what a machine file amounts to"),
+    "plan": _subcommand("mhsb_tools.commands.plan_command", "plan one motion offline"),
+    "build-table": _subcommand("mhsb_planner.build_table", "compute a machine's posture table"),
+    "simulate": _subcommand("mhsb_tools.commands.simulate_command", "simulate goals without ROS"),
+    "demo": _subcommand("mhsb_tools.commands.demo_command", "both nodes, goals, recording, report"),
+    "record": _subcommand(
+        "mhsb_tools.recording.record_command",
+        "record all topics; repair recordings",
+        make_node_entry,
+    ),
+    "report": _subcommand(
+        "mhsb_tools.report.report_command", "pictures and numbers of a recording"
+    ),
+    "animate": _subcommand(
+        "mhsb_tools.commands.animate_command", "a plan or recording as animation"
+    ),
+    "view": _subcommand(
+        "mhsb_tools.viewer.viewer_command", "the arm or a recording in a browser", make_node_entry
+    ),
+    "study": _subcommand("mhsb_tools.study.study_command", "controllers on many simulated runs"),
+    "compare": _subcommand(
+        "mhsb_tools.comparison.compare_command", "planners and supplies compared"
+    ),
+    "tune": _subcommand("mhsb_tools.study.tune_command", "tune the gains of controllers"),
+    "reproduce": _subcommand(
+        "mhsb_tools.commands.reproduce_command", "the paper's cases and figures"
+    ),
+    "goal": _subcommand("mhsb_planner.ros.goal_command", "send a goal and print the verdict"),
+    "param": _subcommand("mhsb_tools.commands.param_command", "list, read and set parameters"),
+    "call": _subcommand("mhsb_tools.commands.call_command", "call a service, such as ~/stop"),
+    "echo": _subcommand(
+        "mhsb_tools.commands.echo_command", "print the messages of a topic", make_node_entry
+    ),
 }
-"""All subcommands by name, in the order of the list that `mhsb --help` prints."""
+"""Entry point and summary of each subcommand, in the order of the list of `mhsb --help`."""
 
 
 def mhsb() -> int:
@@ -136,7 +128,7 @@ def _describe_subcommands() -> str:
             "",
             "Motion planning, simulation and control of hydraulic arms.",
             "",
-            *(f"  {name:{width}}  {each.summary}" for name, each in SUBCOMMAND_TABLE.items()),
+            *(f"  {name:{width}}  {summary}" for name, (_, summary) in SUBCOMMAND_TABLE.items()),
             "",
             "mhsb SUBCOMMAND --help explains its arguments; mhsb --version prints the version.",
             'eval "$(mhsb --completion)" completes subcommands and options in bash.',
@@ -151,7 +143,7 @@ def _start(name: str, arguments: list[str]) -> int:
         The exit code.
     """
     sys.argv = [f"mhsb {name}", *arguments]
-    return SUBCOMMAND_TABLE[name].start()
+    return SUBCOMMAND_TABLE[name][0]()
 
 
 def _former_spelling(name: str) -> Callable[[], int]:

@@ -104,10 +104,6 @@ class ChildProcess(AbstractContextManager["ChildProcess"]):
             raise ChildEndedError(f"{self.name} did not say '{text}' within {timeout:g} s")
         return found[0][found[0].index(text) :]
 
-    def has_printed(self, text: str) -> bool:
-        """Return whether one of the kept last lines of output contains a text."""
-        return any(text in line for line in list(self._lines))
-
     @property
     def exit_code(self) -> int | None:
         """Exit code of the process; None while it runs, negative if a signal ended it."""

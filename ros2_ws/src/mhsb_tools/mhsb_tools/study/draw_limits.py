@@ -4,14 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from mhsb_tools.study.draws import DrawRecord, group_by_controller
 
-MEDIAN_LEVEL, HIGH_LEVEL, WORST_LEVEL = 0.5, 0.95, 1.0
-LEVEL_NAMES = {MEDIAN_LEVEL: "median", HIGH_LEVEL: "p95", WORST_LEVEL: "worst"}
-"""Name of each quantile."""
+MEDIAN, HIGH, WORST, COUNT, SHARE = ", median", ", p95", ", worst", " [draws]", " [% of draws]"
+"""Endings of the names of figures, which name the statistic."""
+
+STATISTICS: Mapping[str, Callable[[Sequence[float]], Any]] = {
+    MEDIAN: np.median,
+    HIGH: lambda values: np.quantile(values, 0.95),
+    WORST: np.max,
+    COUNT: np.sum,
+    SHARE: lambda values: 100.0 * np.mean(values),
+}
+"""Function that computes each statistic from the values of all draws."""
 
 
 @dataclass(frozen=True)
@@ -39,134 +48,89 @@ class LimitedFigure:
 
 
 @dataclass(frozen=True)
-class CountedDraws:
-    """A number of draws that has a limit.
-
-    Attributes:
-        name: What is counted.
-        holds: Function from a record to a value that is true if the draw counts.
-        most: Upper limit; infinity if there is none.
-    """
-
-    name: str
-    holds: Callable[[DrawRecord], object]
-    most: float
-
-    def figures(self, records: Sequence[DrawRecord]) -> list[LimitedFigure]:
-        """Count the draws for which the condition holds.
-
-        Args:
-            records: Records of one controller, one for each draw.
-
-        Returns:
-            A list with one number and its upper limit.
-        """
-        count = sum(bool(self.holds(record)) for record in records)
-        return [LimitedFigure(f"{self.name} [draws]", count, self.most, runs=len(records))]
-
-
-@dataclass(frozen=True)
 class LimitedQuantity:
-    """A quantity of which quantiles over the draws have limits.
+    """A quantity of which statistics over the draws have limits.
 
     Attributes:
-        name: Name of the quantity with its unit.
-        of: Function from a record to the value, None if the record has none.
-        limits: Upper limit of each quantile, by quantile 0 … 1; infinity if there is none.
+        name: Name of the quantity; with its unit if it is no yes or no.
+        of: Function from a record to the value, None if the record has none. A yes or no counts as
+            1 or 0.
+        limits: Upper limit of each statistic, by a key of `STATISTICS`; infinity if there is none.
+        least: Lower limit of each statistic.
     """
 
     name: str
     of: Callable[[DrawRecord], float | None]
-    limits: Mapping[float, float]
+    limits: Mapping[str, float]
+    least: float = 0.0
 
     def figures(self, records: Sequence[DrawRecord]) -> list[LimitedFigure]:
-        """Compute the quantiles of the quantity over the draws.
+        """Compute the statistics of the quantity over the draws.
 
         Args:
             records: Records of one controller, one for each draw. Records without a value are left
                 out.
 
         Returns:
-            A number with its upper limit for each quantile; empty if no record has a value.
+            A number with its limits for each statistic; empty if no record has a value.
         """
         values = [value for record in records if (value := self.of(record)) is not None]
         return [
             LimitedFigure(
-                f"{self.name}, {LEVEL_NAMES[q]}",
-                float(np.quantile(values, q)),
+                f"{self.name}{statistic}",
+                float(STATISTICS[statistic](values)),
                 most,
-                runs=len(values),
+                self.least,
+                len(values),
             )
-            for q, most in self.limits.items()
+            for statistic, most in self.limits.items()
             if values
         ]
 
 
-@dataclass(frozen=True)
-class PayloadShare:
-    """The share of draws whose 95 % interval contains the true payload."""
-
-    def figures(self, records: Sequence[DrawRecord]) -> list[LimitedFigure]:
-        """Compute the share of draws whose 95 % interval contains the true payload.
-
-        Args:
-            records: Records of one controller, one for each draw. Records without an interval do
-                not count.
-
-        Returns:
-            A list with one figure: the share [%] with the limits that the study allows (92 … 98).
-            Empty if no record has an interval.
-        """
-        holds = [record.payload_holds for record in records if record.payload_holds is not None]
-        if not holds:
-            return []
-        share = float(100.0 * np.mean(holds))
-        return [LimitedFigure("95 % interval holds it [% of draws]", share, 98.0, 92.0, len(holds))]
-
-
 DRAW_LIMITS = (
-    CountedDraws("failed", lambda r: r.failure, 0),
-    LimitedQuantity("tip error, largest [mm]", lambda r: r.tip_error_max_mm, {WORST_LEVEL: 20.0}),
+    LimitedQuantity("failed", lambda r: bool(r.failure), {COUNT: 0}),
+    LimitedQuantity("tip error, largest [mm]", lambda r: r.tip_error_max_mm, {WORST: 20.0}),
     LimitedQuantity(
         "tip error, RMS [mm]",
         lambda r: r.tip_error_rms_mm,
-        {MEDIAN_LEVEL: np.inf, HIGH_LEVEL: 2, WORST_LEVEL: 5},
+        {MEDIAN: np.inf, HIGH: 2, WORST: 5},
     ),
     LimitedQuantity(
         "largest error over largest speed [s]",
         lambda r: r.rho_s,
-        {MEDIAN_LEVEL: 0.01, HIGH_LEVEL: 0.03},
+        {MEDIAN: 0.01, HIGH: 0.03},
     ),
     LimitedQuantity(
         "supply overshoot [MPa]",
         lambda r: r.supply_overshoot_mpa,
-        {HIGH_LEVEL: 0.3, WORST_LEVEL: 1.0},
+        {HIGH: 0.3, WORST: 1.0},
     ),
-    CountedDraws("relief valve opened", lambda r: r.relief_opened, 0),
+    LimitedQuantity("relief valve opened", lambda r: bool(r.relief_opened), {COUNT: 0}),
     LimitedQuantity(
         "arrival later, where flow suffices [%]",
         lambda r: r.later_percent if r.flow_suffices else None,
-        {MEDIAN_LEVEL: 2.0, HIGH_LEVEL: 15.0},
+        {MEDIAN: 2.0, HIGH: 15.0},
     ),
     LimitedQuantity(
         "arrival later, all [%]",
         lambda r: r.later_percent,
-        {HIGH_LEVEL: np.inf, WORST_LEVEL: np.inf},
+        {HIGH: np.inf, WORST: np.inf},
     ),
     LimitedQuantity(
         "spool at rest [% of stroke]",
         lambda r: r.spool_deviation_percent,
-        {HIGH_LEVEL: 1, WORST_LEVEL: 1},
+        {HIGH: 1, WORST: 1},
     ),
-    LimitedQuantity("tip from its goal at rest [mm]", lambda r: r.rest_error_mm, {HIGH_LEVEL: 1.0}),
+    LimitedQuantity("tip from its goal at rest [mm]", lambda r: r.rest_error_mm, {HIGH: 1.0}),
     LimitedQuantity(
         "payload after 5 s both ways [% off]",
         lambda r: r.payload_error_percent,
-        {MEDIAN_LEVEL: 5.0, HIGH_LEVEL: 10.0},
+        {MEDIAN: 5.0, HIGH: 10.0},
     ),
-    PayloadShare(),
-    CountedDraws("plan held until stopped", lambda r: r.held, np.inf),
-    CountedDraws("guard acted", lambda r: r.interventions, np.inf),
+    LimitedQuantity("95 % interval holds it", lambda r: r.payload_holds, {SHARE: 98.0}, least=92.0),
+    LimitedQuantity("plan held until stopped", lambda r: bool(r.held), {COUNT: np.inf}),
+    LimitedQuantity("guard acted", lambda r: bool(r.interventions), {COUNT: np.inf}),
 )
 """The limits that the suite sets itself, in the order in which they are printed."""
 

@@ -113,17 +113,21 @@ class BenchmarkStudy(DrawStudy):
         self._sequences = protocol.file.sequences
         self._planned: dict[int, PlannedSequence] = {}
 
-    def run_exact(self, number: int) -> list[DrawRecord]:
-        """Simulate every controller in one sequence of goals, on the machine as its file says.
+    def run(self, exact: bool, number: int) -> tuple[bool, list[DrawRecord]]:
+        """Run one draw, or simulate every controller in one sequence on the machine as filed.
 
         Args:
-            number: Index of the sequence in the protocol; also the seed of the sensor noise.
+            exact: True for a sequence of goals on the machine itself, False for a draw.
+            number: Index of the sequence in the protocol, or number of the draw. It is also the
+                seed of the sensor noise.
 
         Returns:
-            One record for each controller. Its field `draw` is `number`.
+            `exact`, and one record for each controller with `number` in its field `draw`.
         """
+        if not exact:
+            return exact, self.run_draw(number)
         sequence = self._plan_sequence(number)
-        return [
+        return exact, [
             self.run_controller(name, number, {}, self._machine, sequence)
             for name in self._controllers
         ]
@@ -159,22 +163,9 @@ class BenchmarkStudy(DrawStudy):
         return self._planned[number]
 
 
-@dataclass(frozen=True)
-class BenchmarkRun:
-    """Records of one run with all controllers.
-
-    Attributes:
-        exact: True for a sequence on the machine itself, False for a draw.
-        records: Record of each controller.
-    """
-
-    exact: bool
-    records: list[DrawRecord]
-
-
 def run_benchmark(
     machine: Machine, protocol: Protocol, draws: int, jobs: Jobs = None
-) -> Iterator[BenchmarkRun]:
+) -> Iterator[tuple[bool, list[DrawRecord]]]:
     """Run the mismatch benchmark in parallel processes.
 
     Args:
@@ -184,14 +175,14 @@ def run_benchmark(
         jobs: Number of processes or a cluster; None takes one process for each processor.
 
     Yields:
-        A result for each sequence of goals on the exact machine, and one for each draw. Results
-        come as they are ready, in any order.
+        The records of all controllers for each sequence of goals on the exact machine, with True
+        before them, and for each draw, with False. They come as they are ready, in any order.
     """
     sequences = len(protocol.file.sequences)
     runs = [(True, number) for number in range(sequences)]
     runs += [(False, draw) for draw in range(draws)]
     with SharedStateExecutor(jobs, BenchmarkStudy, machine, protocol) as pool:
-        yield from yield_results(pool.submit(_run, *run) for run in runs)
+        yield from yield_results(pool.submit(BenchmarkStudy.run, *run) for run in runs)
 
 
 REPORTED_MEASURES = {
@@ -267,8 +258,3 @@ def as_markdown(summaries: dict[str, dict[str, Any]]) -> list[str]:
             lines.append(f"| {measure} | {cells} |")
         lines.append("")
     return lines
-
-
-def _run(study: BenchmarkStudy, exact: bool, number: int) -> BenchmarkRun:
-    """Run one sequence on the exact machine, or one draw."""
-    return BenchmarkRun(exact, study.run_exact(number) if exact else study.run_draw(number))

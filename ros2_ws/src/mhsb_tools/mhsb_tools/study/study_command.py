@@ -331,7 +331,7 @@ def study_benchmark(
     runs = run_benchmark(machine, protocol, count, jobs)
     found = list(tqdm(runs, total=total, unit="run", disable=None))
     parts = {
-        title: [record for each in found if each.exact is exact for record in each.records]
+        title: [record for of, records in found if of is exact for record in records]
         for title, exact in (("exact", True), ("draws", False))
     }
     summary = {title: summarize(records, protocol.file.lost) for title, records in parts.items()}

@@ -65,9 +65,9 @@ def test_the_same_bits_come_from_one_process_and_from_two(
 ) -> None:
     alone, shared = (
         {
-            (run.exact, record.draw, record.controller): asdict(record)
-            for run in run_benchmark(machine, short, 2, jobs)
-            for record in run.records
+            (exact, record.draw, record.controller): asdict(record)
+            for exact, records in run_benchmark(machine, short, 2, jobs)
+            for record in records
         }
         for jobs in (1, 2)
     )
