@@ -60,33 +60,42 @@ class ResponseSettings:
 
     Origin: excavators have 0.1 to 0.48."""
     first_dead_band_step: float = 0.125
-    """Command by which the dead band is first taken to be larger than a command that has not moved
-    the piston, as a share of c, 0.01 … 0.5.
+    """First step by which the dead band is raised above a command that has not moved the piston, as
+    a share of c, 0.01 … 0.5.
 
-    Origin: chosen; the piston then starts at an eighth of its speed limit."""
+    Origin: chosen; the piston then starts at an eighth of its speed limit.
+    """
     known_dead_band_step: float = 0.02
-    """First step once the valve has driven the piston, as a share of c, 0.005 … 0.5.
+    """First step of the dead band after the valve has driven the piston, as a share of c, 0.005 …
+    0.5.
 
-    Origin: chosen; with a larger value, slow speeds would never be learnt."""
+    Origin: chosen; with a larger value, slow speeds would never be learnt.
+    """
     min_driven_ratio: float = 0.1
-    """Speed from which on a pair shows that the valve has driven the piston, as a share of the
-    speed limit, 0.02 … 1. Only then the smaller step is taken. It holds for windows of 0.2 s. In
-    longer ones the same stroke counts.
+    """Smallest measured speed that shows that the valve has driven the piston, as a share of the
+    speed limit, 0.02 … 1. It applies to windows of 0.2 s; in longer windows the piston must make
+    the same stroke. `known_dead_band_step` is used from then on.
 
-    Origin: a piston that swings on its oil is slower. Where such a swing had counted, an 8 t
-    machine stood still for a minute and more (2 of 8 random plants)."""
+    Origin: a piston that oscillates on its oil is slower. When oscillations counted, an 8 t machine
+    stood still for over a minute (2 of 8 random plants).
+    """
     dead_band_step: float = 0.05
-    """Share of the full command that this step does not exceed, 0.005 … 0.2.
+    """Largest step by which the dead band is raised, as a share of the full command, 0.005 … 0.2.
 
-    Origin: chosen; half of the full dead band is crossed in some seconds."""
+    Origin: chosen; half of the full dead band is crossed in some seconds.
+    """
     step_doubling: float = 5.0
-    """Number of independent windows without motion in which the step doubles, 1 … 100.
+    """Number of independent windows without motion after which the step of the dead band doubles, 1
+    … 100.
 
-    Origin: chosen; a second of standstill with windows of 0.2 s."""
+    Origin: chosen; a second of standstill with windows of 0.2 s.
+    """
     max_dead_band: float = 0.6
-    """Share of the full command from which on a piston that stands counts as blocked, 0.3 … 1.
+    """Smallest command at which a standing piston counts as blocked, as a share of the full
+    command, 0.3 … 1.
 
-    Origin: excavators have up to 0.48."""
+    Origin: excavators have up to 0.48.
+    """
     gain_deviation: float = 0.4
     """Standard deviation σ_g of the gain, a share of the assumed one, 0.05 … 1.
 
@@ -218,12 +227,12 @@ class InverseCurve:
     def restore(self, learnt: DirectionResponse) -> None:
         """Replace the curve by a curve from an estimates file.
 
-        This curve has values at given speeds, its knots. The file's curve is interpolated at these
-        knots. The standard deviations are those of the file, but at most those of a new curve. The
-        correlations are those of a new curve.
+        The file's curve is interpolated at the knots of this curve. The standard deviations come
+        from the file, but are at most those of a new curve. The correlations are those of a new
+        curve.
 
         Args:
-            learnt: The curve of the file.
+            learnt: Curve from an estimates file.
         """
         self.commands = np.interp(self.speeds, learnt.speeds, learnt.commands)
         self._keep_increasing()
@@ -237,15 +246,16 @@ class InverseCurve:
     def learn(self, speed: float, command: float, weight: float, spread: float = 0.0) -> None:
         """Update the curve with a measured speed and the command that caused it.
 
-        A Kalman filter corrects the commands at all knots, and their covariance. `raise_dead_band`
-        then begins with its first step again.
+        A Kalman filter corrects the commands at all knots, and their covariance. The next call of
+        `raise_dead_band` uses its first step again.
 
         Args:
             speed: Measured speed ≥ 0 [m/s].
             command: Command, 0 … 1.
             weight: Weight of this pair of speed and command, above 0 and at most 1. It is 1 if the
-                pair is independent of earlier pairs, and less if its time window overlaps theirs.
-            spread: Standard deviation of the command, since it changes within the time window.
+                pair is independent of earlier pairs, and less if its time window overlaps earlier
+                windows.
+            spread: Standard deviation of the command within the time window.
         """
         self._stood = 0.0
         self._fastest_pair = max(self._fastest_pair, speed)
@@ -291,10 +301,10 @@ class InverseCurve:
         """Raise the dead band because a command above it has not moved the piston.
 
         A command within the present dead band is ignored. A command of `max_dead_band` or more is
-        ignored too, since something else then holds the piston. The dead band becomes this command
-        plus a step. The commands at the other knots change in proportion to their covariance with
-        the dead band. The covariance does not change, because the command is only a lower bound of
-        the dead band.
+        ignored too, since then the piston is blocked. The dead band becomes this command plus a
+        step. The commands at the other knots change in proportion to their covariance with the dead
+        band. The covariance does not change, because the command is only a lower bound of the dead
+        band.
 
         The first step is smaller if the valve has already driven the piston. The step doubles with
         every `step_doubling` calls of weight 1 since the last motion, up to `dead_band_step`.

@@ -1,4 +1,4 @@
-"""Positions of join valves and diverters, which have no sensors, as the servo assumes them."""
+"""Positions of join valves and diverters, which the servo assumes because they have no sensors."""
 
 from __future__ import annotations
 

@@ -13,13 +13,14 @@ is F = p_A A − p_B a [N], positive in extension.
 T is the time until a command acts [s], and F_m = (M q̈ + C q̇ + g)/r. A controller that does not
 know T has v_ff = v_ref(t). u is the demanded piston speed [m/s]; the valve flows are to produce it.
 The stiffness of the oil is k_h = β (A²/V_A + a²/V_B) [N/m], so that dF/dt = k_h (u − v). Ḟ_m/k_h is
-the flow that compresses the oil as the force of the motion rises. Without it only the force loop
-would build up this force, the later the lower ω_F is. The bias d follows unmodelled forces with the
-time constant τ. The force loop therefore damps oscillations and does not yield to an unmodelled
-load.
+the piston speed that compresses the oil as the force of the motion rises. Without this term, only
+the force loop would build up the force, and slowly if ω_F is low. The bias d follows unmodelled
+forces with the time constant τ. So the force loop damps oscillations, but does not yield to an
+unmodelled load.
 
-Payload and friction are the machine file's, or estimated (`mhsb_control/load_estimate`). If an
-estimate changes the feedforward, d changes by the opposite amount, so that F_ff stays continuous.
+Payload and friction come from the machine file, or are estimated (`mhsb_control/load_estimate`). If
+an estimate changes the feedforward, d changes by the opposite amount, so that F_ff stays
+continuous.
 
 A joint oscillates on its oil at ω [rad/s]. With everything else ideal and without w, the loop has
 the characteristic equation
@@ -123,10 +124,12 @@ class CascadeSettings(Record):
     max_rest_error: float = 1e-3
     """Joint error up to which the integral acts while the reference rests [rad], 1e-4 … 0.1.
 
-    Larger ones are an oscillation or a sag, which the force loop corrects. Origin: chosen.
+    Larger errors come from an oscillation or a sagging load, which the force loop corrects. Origin:
+    chosen.
 
     30 % smaller and larger, N = 5: RMS error +0.1 and 0 % (mhsb_arm3), +0.1 and +0.3 %
-    (excavator)."""
+    (excavator).
+    """
     integral_limit_ratio: float = 6.0
     """Ratio of the speed limit V_max to the largest |w|, 1 … 1000.
 
@@ -134,12 +137,13 @@ class CascadeSettings(Record):
 
     30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
     crossing_lags: float = 1.0
-    """Time by which a spool begins to cross its overlap before its motion's command, in lags of the
-    spool, 0 … 5.
+    """Time by which a spool begins to cross its overlap before the command of a motion, in lags of
+    the spool, 0 … 5.
 
     Origin: chosen; a spool with a first-order lag has covered 63 % of its overlap by then.
 
-    30 % smaller and larger: not measured."""
+    30 % smaller and larger: not measured.
+    """
     load: LoadSettings = field(default_factory=LoadSettings)
     """Tuned numbers of the estimates of payload and friction."""
 
@@ -180,8 +184,9 @@ class CascadeGains(Section):
     """Gains of the cascade, relative to the machine's own frequencies.
 
     Attributes:
-        search_ranges: Range in which `tune` searches each gain, in the units of the machine file,
-            in the order in which they are drawn. An integral gain of 0 would be off.
+        search_ranges: Range in which `tune` searches each gain, in the unit of the machine file.
+            Gains are drawn in this order. The range of the integral gain leaves out 0, which would
+            switch the integral off.
     """
 
     search_ranges: ClassVar[dict[str, tuple[float, float]]] = {
@@ -228,7 +233,7 @@ class ControlAxis(Record):
     highest_frequency: float
     """Highest natural frequency of the joint on its oil [rad/s]."""
     flow_damping: float
-    """Decay rate of the force by the valve at its present opening, uncompensated [1/s]."""
+    """Rate κ at which the flow through the valve damps the force at the present opening [1/s]."""
     bias_time: float
     """Time constant τ of the bias d [s]."""
     length: float
@@ -262,7 +267,7 @@ class ControlAxis(Record):
     max_speed_at_rest: float
     """Largest |u| at rest [m/s]; inf while the reference moves."""
     force: float
-    """Torque of the present reference over its moment arm, without friction [N]."""
+    """Torque of the present reference divided by the moment arm, without friction [N]."""
     speed_ahead: float
     """Piston speed at point PREVIEW_POINT of the reference [m/s]."""
     force_ahead: float
@@ -306,7 +311,7 @@ class ControlAxis(Record):
     leakage: float
     """Leakage of the valve at the line pressure, computed from the machine file [m³/s]."""
     commanded_flow: float
-    """Flow that the piston is commanded to take, behind the valve's lag [m³/s]."""
+    """Flow that the piston is commanded to take, delayed by the valve's lag [m³/s]."""
     line_flow: float
     """Flow that the line is about to supply [m³/s]; 0 without boost."""
     joined: float
@@ -316,7 +321,7 @@ class ControlAxis(Record):
 class ServoArguments(NamedTuple):
     """Arrays that the kernels of every controller work on.
 
-    The kernels that take it are inlined, since passing it costs as much time as some of them run.
+    Kernels with this argument are inlined, since passing it takes as long as some of them run.
     """
 
     reference: FloatArray  # [points, 3, n] q, q̇, q̈; point 0 is now
@@ -353,9 +358,9 @@ def build_gain_record(
 ) -> Records[SharedGains]:
     """Build the record of the quantities that all axes of the cascade share.
 
-    They are the control period, the lag of a spool behind its command, and the highest boost
-    pressure. Two are pressure margins: the boost margin plus `supply_margin`, and the part of the
-    boost margin that inertia may use up. The gains of single joints are not in this record.
+    These are the control period, the lag of a spool behind its command, the highest boost pressure,
+    and two pressure margins. The margins are the boost margin plus `supply_margin`, and the part of
+    the boost margin that inertia may use up. The gains of single joints are not in this record.
 
     Args:
         machine: The machine as declared in its file (the real one may differ).
@@ -561,10 +566,10 @@ def compute_reference_forces(s: ServoArguments, payload: float) -> None:
     the moment arm, without friction. The holding force is what a closed valve would have to hold:
     the force of gravity, or the whole force if that is smaller in magnitude.
 
-    If commands act at once (`command_times` is 0), the present values take the place of those for
-    commands. `force_to_command` and `force_rate` are then not written. `max_speed_at_rest` is inf
-    while the reference moves, now or at the preview point. Otherwise it is the piston speed at
-    which the joint moves with `rest_speed`.
+    If commands act at once (`command_times` is 0), the present values are also used for the times
+    at which commands act. `force_to_command` and `force_rate` are then not written.
+    `max_speed_at_rest` is inf while the reference moves, now or at the preview point. Otherwise it
+    is the piston speed at which the joint moves with `rest_speed`.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Reads `reference`,
@@ -707,8 +712,8 @@ def compute_supply_need(
         p_L(F_hold) + m(v)                  moving the held load
         p_L(F) + m(v) − inertia_margin      moving it with inertia
 
-    The force that brakes a falling load does not raise the need. The valve's edge to the tank
-    brakes the load, not a pump.
+    The force that brakes a falling load does not raise the needed pressure, because the valve's
+    edge to the tank brakes the load.
 
     Args:
         hold: F_hold, force that the closed valve would have to carry [N].
@@ -746,7 +751,7 @@ def set_supply_targets(
     the unmodelled force) added to all forces. The first target is at least the second target, so
     that the line is charged in time. If the piston reverses before the preview point, the first
     target is also at least the pressure that holds the whole force at standstill. The pump has to
-    carry this force when the piston reverses.
+    carry the whole force when the piston reverses.
 
     Args:
         axis: State of the cylinder's control axis. Writes `supply_target` and `target_ahead` [Pa]

@@ -1,4 +1,4 @@
-"""Coasting of a servo pump after a stop command, and the flow from which it stops in time."""
+"""Coasting of a servo pump after a stop command, and the largest flow for a stop in time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mhsb_model.kernels.kernel import kernel
 from mhsb_model.types import FloatArray
 
 COASTING_SAMPLES = 4
-"""Number of sampling intervals of a coasting pump up to the first point of the reference ahead."""
+"""Number of time steps in which coasting is computed between now and point 1 of the reference."""
 
 
 @kernel(borrows=True)

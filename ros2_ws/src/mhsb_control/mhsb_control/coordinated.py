@@ -96,18 +96,21 @@ class CoordinationSettings(Record):
     early_leave_flow_share: float = 0.8
     """Share of a pump's flow up to which a line may leave the rail before its mode ends, 0 … 1.
 
-    A line that has left stays separate up to the full flow of one pump. Origin: chosen.
+    A line that has left the rail stays separate up to the full flow of one pump. Origin: chosen.
 
-    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator.
+    """
     max_phase_lag: float = 0.9
-    """Phase that the force loop may lose at ω_F by delays [rad], above 0 … π/2.
+    """Largest phase lag of the force loop at ω_F that delays may cause [rad], above 0 … π/2.
 
     Origin: derivation; a phase margin of 38 degrees remains.
 
     30 % smaller and larger, N = 5: RMS error −5.0 and −6.5 % (mhsb_arm3; overshoot −0.08 and
-    −0.05 MPa), +14.9 and −5.2 % (excavator; overshoot −1.21 and −1.72 MPa)."""
+    −0.05 MPa), +14.9 and −5.2 % (excavator; overshoot −1.21 and −1.72 MPa).
+    """
     max_resonant_phase_lag: float = 0.6
-    """Phase that the force loop of a fast joint may lose at ω_F by delays [rad], above 0 … π/2.
+    """Largest phase lag of a fast joint's force loop at ω_F that delays may cause [rad], above 0 …
+    π/2.
 
     A fast joint oscillates at 1/T or faster; T is the reaction time. Force feedback that is late by
     more than π/2 drives an oscillation, which only friction damps.
@@ -115,21 +118,24 @@ class CoordinationSettings(Record):
     of 0.1. Before the feedforward share was introduced, with 0.3, 0.44 and 0.6 and a delay of 20
     ms, the RMS error was 1.1, 1.0 and 0.8 mm/m (mhsb_arm3), 2.1, 2.0 and 1.8 mm/m (excavator).
 
-    30 % smaller and larger in the present form: not measured."""
+    30 % smaller and larger in the present form: not measured.
+    """
     min_speed_ratio: float = 1.1
     """Share of the reference's speed that may always be demanded of a piston, 1 … 10.
 
-    Origin: chosen; what the loops need beyond the reference's speed to return to it.
+    Origin: chosen; the loops need a speed above the reference's to catch up with it.
 
     30 % smaller and larger, N = 5: RMS error +53.5 and −17.3 % (mhsb_arm3), +20.1 and +0.5 %
-    (excavator; overshoot −2.30 and −0.02 MPa)."""
+    (excavator; overshoot −2.30 and −0.02 MPa).
+    """
     idle_flow_share: float = 0.02
     """Share of a pump's flow below which its rail may be shut, 0 … 1.
 
-    Origin: chosen; the rest flows into the shut rail and raises its pressure.
+    Origin: chosen; this remaining flow raises the pressure of the shut rail.
 
     30 % smaller and larger, N = 5: RMS error −4.3 and −0.9 % (mhsb_arm3), −0.1 and +0.1 %
-    (excavator)."""
+    (excavator).
+    """
 
 
 @dataclass(frozen=True)
@@ -578,17 +584,17 @@ def control_join_valves(s: ServoArguments, p: PumpState, settings: CoordinationS
 
     A line draws from the rail if its mode is SB, or if a spare module or another line's module
     serves its actuator (`joins_rail`). The line counts as joined once its pressure and the rail's
-    differ by less than `joined_drop`. Before that its join valve is throttled to the sum of two
-    flows. The first is the flow that the line needs beyond that of its own pump. The second raises
-    the line's pressure (charging flow), and is taken from `p.charging_flow_left`. The rail's
-    targets are the highest targets of the lines that are joined or about to join.
+    differ by less than `joined_drop`. Before that, its join valve is throttled to the sum of two
+    flows. The first is what the line needs beyond the flow of its own pump. The second is the
+    charging flow, which raises the line's pressure; it is subtracted from `p.charging_flow_left`.
+    The rail's targets are the highest targets of the lines that are joined or about to join.
 
     The join valve of a line that no longer draws from the rail is shut. `may_leave_early` says when
     it is shut earlier. If no line draws from the rail any more, all lines stay joined until the
     rail's pumps have nearly stopped (`idle_flow_share`). Otherwise the oil of these pumps would
     raise the pressure of the shut rail. While a join valve closes, the rail's targets are limited
-    so that no more flow passes the valve than the line draws. They are not limited below the rail's
-    pressure before the valve began to close, which is kept in `rail_before`.
+    so that no more flow passes the valve than the line draws. This limit is never below
+    `rail_before`, the rail's pressure before the valve began to close.
 
     Args:
         s: Signals, circuit, axes and estimates of the servo. Writes `joined` of all axes and
@@ -681,9 +687,9 @@ def join_line(s: ServoArguments, p: PumpState, j: int, settings: CoordinationSet
 
     Returns:
         Opening of the join valve, 0 … 1. It is 1 if the line is joined. Before that, the valve is
-        throttled to the sum of two flows: what the line needs beyond its own pump, and what raises
-        the line's pressure to its target. The valve is shut if the rail's pressure is not above the
-        line's.
+        throttled to the sum of two flows: what the line needs beyond the flow of its own pump, and
+        what raises the line's pressure to its target. The valve is shut if the rail's pressure is
+        not above the line's.
     """
     axis, c, line_pressure = s.axes[j], s.constants[0], s.sensors[j].line_pressure
     drop = s.rail_pressure[0] - line_pressure

@@ -1,4 +1,4 @@
-"""Observer of the flow that a boosted line really draws, compared with the commanded flow.
+"""Observer of the difference between the flow that a boosted line draws and the commanded flow.
 
     drawn = Q − q_leak − c C ṗ,        τ ḋ = (drawn − commanded) − d
 
@@ -7,9 +7,9 @@ the machine file, c the estimated factor on C (`mhsb_control/line_estimate`), an
 line's pressure. The commanded flow is A_dir |u|, with the lag with which commands act. d is the
 observed excess of the drawn flow; a negative d is a shortfall. τ is `observation_delay`.
 
-A valve whose overlap is not known yet passes less than it is opened for. Lines are stiff: oil that
-no piston takes raises the pressure of a line by 1 MPa in a few milliseconds. The shortfall of a
-line whose pressure is far below its target is not used, since such a line has too little oil.
+A valve whose overlap is not known yet passes less flow than commanded. Lines are stiff: oil that no
+piston takes raises the pressure of a line by 1 MPa in a few milliseconds. The shortfall of a line
+whose pressure is far below its target is not used, since such a line has too little oil.
 
 Source: W.-H. Chen, J. Yang, L. Guo, S. Li, Disturbance-observer-based control and related methods,
 IEEE Trans. Industrial Electronics 63, 2016.
@@ -51,7 +51,7 @@ class DrawObserver(Record):
     pressure: float
     """Pressure in the last step [Pa]."""
     delayed_command: float
-    """Commanded flow, delayed as it acts [m³/s]."""
+    """Commanded flow after the lag with which commands act [m³/s]."""
     excess_flow: float
     """Drawn flow less commanded flow, d [m³/s]."""
 

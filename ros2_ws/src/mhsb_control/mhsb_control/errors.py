@@ -45,7 +45,7 @@ class EstimatesFileError(MhsbError):
         """Make the message from the file and the reason.
 
         Args:
-            path: The file.
+            path: The file of estimates.
             reason: Clause that says why the file cannot be used, and what to do.
         """
         super().__init__(f"estimates file {path}: {reason}")

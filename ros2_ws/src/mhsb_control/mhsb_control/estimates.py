@@ -14,7 +14,7 @@ from mhsb_control.valve_estimate import ValveEstimates
 from mhsb_model.arm_reports import Estimate
 
 KNOWN_DEVIATION_RATIO = 0.5
-"""Largest standard deviation, as a share of the initial one, with which a value counts as known."""
+"""Standard deviation below which a value counts as known, as a share of the initial one."""
 
 
 def collect_estimates(

@@ -1,7 +1,7 @@
-"""File that keeps what a servo has learnt of its machine for the next start.
+"""File that keeps what a servo has learnt about its machine until the next start.
 
-The file is YAML for a person, in SI units; commands are shares of the full command. A file belongs
-to one machine: name and hash (`Machine.planning_hash`) must be the same.
+The file is readable YAML in SI units; commands are shares of the full command. A file belongs to
+one machine, with the same name and hash (`Machine.planning_hash`).
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class LearntEstimates(Section):
 
 
 def read_estimates_file(path: Path, machine: Machine) -> dict[str, ActuatorResponse] | None:
-    """Read the responses that a servo has learnt of a machine from its estimates file.
+    """Read the learnt responses of a machine's actuators from an estimates file.
 
     Args:
         path: The file. It need not exist, but its folder must exist.

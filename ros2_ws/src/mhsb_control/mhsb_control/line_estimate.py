@@ -1,8 +1,8 @@
 """Estimates of oil compressibility and valve leakage, from the oil balances of boosted lines.
 
 The manifold is the line of the main pump. A window is a short sequence of control steps. It counts
-if its lines have a higher pressure than the manifold. Their check valves are then closed, and servo
-pumps alone feed them. Its balance of oil is
+if the lines have a higher pressure than the manifold. Their check valves are then closed, and servo
+pumps alone feed them. The balance of oil in a window is
 
     ∫ Q dt − Σ A_dir |ΔL| = c Σ C Δp + Σ λ_j ∫ q_leak(p_j) dt
 
@@ -14,9 +14,9 @@ leakage of valve j.
 
 Each line alone gives a balance; the rail with all lines joined to it gives another one. A Kalman
 filter updates c and λ after each window. Both follow slow random walks. A parameter without data
-keeps its standard deviation. If pumps feed lines at the manifold's pressure, the manifold may feed
-them, too. So these lines take at least the oil that the pumps deliver. Such a balance is used only
-at rest, and only if it indicates more leakage.
+keeps its standard deviation. If servo pumps feed lines at the manifold's pressure, the manifold may
+feed the lines as well. So the lines take at least the oil of the servo pumps. Such a balance is
+used only at rest, and only if it indicates more leakage.
 
 Source: H. E. Merritt, Hydraulic Control Systems (balance of oil in a line).
 """
@@ -78,12 +78,13 @@ class LineSettings(Record):
     30 % smaller and larger, N = 5: RMS error −2.1 and −9.3 % (mhsb_arm3), −5.5 and −7.7 %
     (excavator; overshoot −2.63 and −3.53 MPa)."""
     flow_deviation: float = 0.0185
-    """Standard deviation of flow that is not in a balance, in full pump flows, above 0 … 1.
+    """Standard deviation of the flow that a balance neglects, in full pump flows, above 0 … 1.
 
     Origin: chosen on the suite's own arm.
 
     30 % smaller and larger, N = 5: RMS error +2.4 and −15.2 % (mhsb_arm3; overshoot −0.07 and
-    +0.05 MPa), −5.6 and −0.3 % (excavator; overshoot −2.33 and −0.57 MPa)."""
+    +0.05 MPa), −5.6 and −0.3 % (excavator; overshoot −2.33 and −0.57 MPa).
+    """
     volume_deviation: float = 3.7e-4
     """Standard deviation of a window's stroke of a moving piston, in full pump flows [s], 0 … 1.
 
@@ -133,10 +134,11 @@ class LineSettings(Record):
     check_valve_margin: float = 1e5
     """Line pressure above P_S from which the line's check valve counts as closed [Pa], 0 … 1e7.
 
-    Origin: four times what the droop of the main pump and sensor errors of 0.5 % may hide.
+    Origin: four times the pressure that droop of the main pump and sensor errors of 0.5 % may hide.
 
     30 % smaller and larger, N = 5: RMS error −4.8 and −9.6 % (mhsb_arm3), +2.3 and −3.9 %
-    (excavator; overshoot −2.56 and −2.34 MPa)."""
+    (excavator; overshoot −2.56 and −2.34 MPa).
+    """
     joined_drop: float = 1e5
     """Pressure difference up to which a line and the rail count as one volume [Pa], 0 … 1e7.
 
@@ -345,9 +347,9 @@ def accumulate_balance(
     Args:
         lines: Estimates and balances of n lines. Reads `intake`, the oil that each line and the
             rail take in this step. Updates record k of `balances` and row k of `row` in place.
-            Element 0 of row k is the oil [m³] that compression takes by the machine file. The
-            following elements are the leakage of each valve by the machine file [m³]. The
-            estimation finds a factor for each element.
+            Element 0 of row k is the oil that compression takes, the other elements are the leakage
+            of each valve. Both are computed from the machine file [m³]; the filter estimates a
+            factor for each element.
         k: Index of the balance: k < n for line k alone, n for the rail with its joined lines.
         members: Set of the lines in the balance, bit j for line j; 0 discards the window.
         manifold_feeds: 1 if the main pump may feed the lines as well, else 0.

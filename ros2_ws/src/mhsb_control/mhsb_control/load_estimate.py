@@ -6,10 +6,9 @@ F is the measured force of a cylinder, and r its moment arm. While the actuator 
 
 τ is the torque for the estimated payload m̂. f(v) is the friction from the machine file at the
 piston speed v, and φ̂ the estimated factor on it. δm and δφ are the errors of these estimates.
-x_tip and x_joint are the x coordinates of the tip and of the joint, and g is gravity. All actuators
-give information about δm, and each one about its own δφ. A Kalman filter processes the means of
-short windows. m and φ follow slow random walks. A parameter without data keeps its standard
-deviation.
+x_tip and x_joint are the x coordinates of the tip and of the joint, and g is gravity. Each actuator
+gives information about δm and about its own δφ. A Kalman filter processes the means of short
+windows. m and φ follow slow random walks. A parameter without data keeps its standard deviation.
 
 Source: J. Swevers et al., Optimal robot excitation and identification, IEEE Trans. Robotics and
 Automation 13, 1997 (linear in the load's parameters).
@@ -41,11 +40,12 @@ class LoadSettings(Record):
     min_moving_speed: float = 1.0 / 12.0
     """Piston speed of the reference above which an actuator counts as moving [V_max], 0 … 1.
 
-    It applies now and at the preview point. Origin: the friction of a slower piston is not yet that
-    of steady motion.
+    It applies to the speeds now and at the preview point. Origin: the friction of a slower piston
+    differs from that of steady motion.
 
     30 % smaller and larger, N = 5: RMS error −3.9 and +2.2 % (mhsb_arm3), +2.2 and +1.4 %
-    (excavator; overshoot −2.49 and +0.01 MPa)."""
+    (excavator; overshoot −2.49 and +0.01 MPa).
+    """
     max_inertia_share: float = 0.1
     """Largest inertia torque in steady motion, as a share of the weight's torque, 0 … 1.
 
@@ -84,13 +84,14 @@ class LoadSettings(Record):
     torque_deviation: float = 0.0625
     """Standard deviation of a window's torque [supply torques of the joint], above 0 … 1.
 
-    The supply torque is the largest one by the main pump's pressure, see `compute_supply_torques`;
-    the share is 5.5 N m at the first joint of the suite's own arm. It covers oscillations, sensors
-    and moment arms. Origin: chosen; `mhsb_tools.study.draw_limits`
-    asks that the 95 % interval of the payload contains the true one in 92 … 98 % of draws.
+    The supply torque is the largest torque at the main pump's pressure (`compute_supply_torques`).
+    The deviation is 5.5 N m at the first joint of the suite's own arm. It covers oscillations,
+    sensors and moment arms. Origin: chosen; `mhsb_tools.study.draw_limits` asks that the 95 %
+    interval of the payload contains the true one in 92 … 98 % of draws.
 
     30 % smaller and larger, N = 5: RMS error +0.1 and −2.7 % (mhsb_arm3), −6.6 and −5.6 %
-    (excavator; overshoot −0.32 and +0.13 MPa)."""
+    (excavator; overshoot −0.32 and +0.13 MPa).
+    """
     max_payload_ratio: float = 2.0
     """Largest payload estimate, in multiples of the machine file's payload, 1 … 100.
 
@@ -134,8 +135,8 @@ def build_load_estimate(
 
     Args:
         payload: Payload of the machine file [kg].
-        supply_torque: Largest torque of each cylinder by the main pump's pressure, float64[n],
-            [N m].
+        supply_torque: Largest torque of each cylinder at the main pump's pressure, float64[n], [N
+            m].
         is_estimated: Whether the load is to be estimated. If not, the covariance is 0, so that the
             initial values stay.
         settings: Tuned numbers.
@@ -214,8 +215,8 @@ def update_load_filter(
     Y is the torque per kilogram of payload [m²/s²]. δm [kg] and δφ_j are the errors of two present
     estimates: the payload m, and the factor φ_j on the file's friction of actuator j. The noise has
     the standard deviation `torque_deviation`. Before the update, the variances of m and φ_j grow by
-    those of their random walks (`payload_drift`, `friction_drift`). Afterwards the payload is
-    limited to 0 … `max_payload_ratio` times the machine file's, and all φ to 0 …
+    those of their random walks (`payload_drift`, `friction_drift`). After the update, m is limited
+    to 0 … `max_payload_ratio` times the payload of the machine file, and all φ to 0 …
     `max_friction_ratio`.
 
     Args:

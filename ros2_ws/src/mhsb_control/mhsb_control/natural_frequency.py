@@ -20,7 +20,7 @@ def compute_oil_stiffness(machine: Machine, q: FloatArray) -> FloatArray:
         k_h = β (A²/V_A + a²/V_B)
 
     β is the bulk modulus of the oil [Pa]. A and a are the piston areas on the cap side and the rod
-    side. V_A and V_B are the oil volumes there, dead volumes included [m³].
+    side. V_A and V_B are the oil volumes of both sides, dead volumes included [m³].
 
     Args:
         machine: The machine as declared in its file (the real one may differ).

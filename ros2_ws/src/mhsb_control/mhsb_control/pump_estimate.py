@@ -36,11 +36,12 @@ class DriveSettings(Record):
     window_steps: int = 10
     """Number of steps in a window, 2 … 100.
 
-    Origin: half the lag of the suite's own pumps, so that a window sees a part of each
-    transient.
+    Origin: half the lag of the suite's own pumps, so that each transient extends over several
+    windows.
 
     30 % smaller and larger, N = 5: RMS error −11.6 and −6.0 % (mhsb_arm3), −2.4 and −0.8 %
-    (excavator; overshoot −2.59 and −1.65 MPa)."""
+    (excavator; overshoot −2.59 and −1.65 MPa).
+    """
     initial_deviation: float = 0.6
     """Initial standard deviation of θ, as a share of the machine file's value, above 0 … 10.
 
@@ -49,12 +50,14 @@ class DriveSettings(Record):
     30 % smaller and larger, N = 5: RMS error −0.8 and −12.5 % (mhsb_arm3), −6.6 and +1.3 %
     (excavator; overshoot −0.11 and −1.97 MPa)."""
     flow_deviation: float = 4e-3
-    """Standard deviation of a window's ΔQ, as a share of full flow, above 0 … 1.
+    """Standard deviation of ΔQ in a window, as a share of full flow, above 0 … 1.
 
-    It covers readings and what a first-order lag does not describe. Origin: chosen.
+    It covers errors of the readings, and deviations of the pump from a first-order lag. Origin:
+    chosen.
 
     30 % smaller and larger, N = 5: RMS error −10.9 and −3.2 % (mhsb_arm3; overshoot −0.00 and
-    −0.05 MPa), −4.5 and −1.3 % (excavator; overshoot −0.37 and −2.48 MPa)."""
+    −0.05 MPa), −4.5 and −1.3 % (excavator; overshoot −0.37 and −2.48 MPa).
+    """
     min_excitation: float = 0.3
     """Smallest |Σ (Q_cmd − Q)| of a used window, as a multiple of a pump's full flow, 0 … 10.
 
@@ -63,12 +66,13 @@ class DriveSettings(Record):
     30 % smaller and larger, N = 5: RMS error −2.6 and −5.2 % (mhsb_arm3; overshoot −0.05 and
     −0.07 MPa), −3.3 and −4.4 % (excavator; overshoot −0.49 and −2.20 MPa)."""
     forgetting_factor: float = 0.995
-    """Factor by which each new window reduces the weight of those before, above 0 … 1.
+    """Factor by which each new window reduces the weight of earlier windows, above 0 … 1.
 
     Origin: L. Ljung recommends 0.98 … 0.995 for plants that change slowly.
 
     Distance to 1 30 % smaller and larger, N = 5: RMS error −4.3 and +2.3 % (mhsb_arm3; overshoot
-    −0.07 and +0.00 MPa), −11.5 and −6.0 % (excavator; overshoot −2.89 and −0.28 MPa)."""
+    −0.07 and +0.00 MPa), −11.5 and −6.0 % (excavator; overshoot −2.89 and −0.28 MPa).
+    """
     min_lag_ratio: float = 0.2
     """Smallest lag of a healthy pump, in multiples of the machine file's, above 0 … 1.
 
@@ -89,19 +93,22 @@ class DriveSettings(Record):
 
     30 % smaller and larger: not measured."""
     plausible_excess: float = 9.0
-    """Residual beyond the least one up to which a delay is plausible [`flow_deviation`²], 0 … 1e4.
+    """Largest residual of a plausible delay above the least residual, in `flow_deviation`², 0 …
+    1e4.
 
     Origin: three standard deviations.
 
     30 % smaller and larger, N = 5: RMS error 0 and −0.2 % (mhsb_arm3), +0.1 and +0.4 %
-    (excavator; overshoot −0.10 and −1.33 MPa)."""
+    (excavator; overshoot −0.10 and −1.33 MPa).
+    """
     min_lag_deviation: float = 0.03
     """Smallest standard deviation of the lag, as a share of it, 0 … 1.
 
-    It remains however much data there is. Origin: chosen.
+    The estimated deviation never falls below it. Origin: chosen.
 
     30 % smaller and larger, N = 5: RMS error −3.2 and −10.3 % (mhsb_arm3), −3.5 and +3.1 %
-    (excavator; overshoot −0.46 and −1.29 MPa)."""
+    (excavator; overshoot −0.46 and −1.29 MPa).
+    """
 
 
 class PumpDynamics(Record):
@@ -245,8 +252,8 @@ def accumulate_pump_window(
 ) -> bool:
     """Add a pump's window to the sums of the least squares, unless it is to be discarded.
 
-    Let x be Σ (Q_cmd − Q) for the present estimate of the delay, divided by `full_flow`. The window
-    is discarded in two cases:
+    For the present estimate of the delay, let x be Σ (Q_cmd − Q)/`full_flow`. The window is
+    discarded in two cases:
 
     - |x| is below `min_excitation`.
     - ΔQ/x corresponds to a lag outside `min_lag_ratio` … `max_lag_ratio` times the machine file's.

@@ -55,8 +55,8 @@ class ReferencePreview:
         trajectory: The trajectory that is followed.
         schedule: Its mode schedule.
         speed_scaling: State of the speed scaling, SpeedScaling[1].
-        full_speed_velocity: Velocity that the trajectory has now at full speed, float64[n], [rad/s
-            or m/s].
+        full_speed_velocity: Present velocity of the trajectory without speed scaling, float64[n],
+            [rad/s or m/s].
     """
 
     trajectory: Trajectory
@@ -124,7 +124,7 @@ class ReferencePreview:
     def compute_trajectory_time_ns(self, time_ns: int) -> int:
         """Return the time at which the trajectory is evaluated for a time of the servo.
 
-        It is the time of the servo minus the delay that speed scaling has accumulated.
+        This is the servo's time minus the delay that speed scaling has accumulated.
 
         Args:
             time_ns: Time of the servo [ns].
@@ -140,14 +140,14 @@ class ReferencePreview:
         return bool(self.speed_scaling["rests"][0])
 
     def executes_plan(self, time_ns: int) -> bool:
-        """Return whether the arm is executing a plan, and not a stop or a hold.
+        """Return whether the arm is executing a plan.
 
         Args:
             time_ns: Present time of the servo [ns].
 
         Returns:
-            True if the arm follows a plan whose trajectory has not ended. The delay by speed
-            scaling postpones the end.
+            True if the arm follows a plan whose trajectory has not ended. A stop or a hold is no
+            plan. The delay by speed scaling postpones the end.
         """
         return self._planned and self.compute_trajectory_time_ns(time_ns) <= self.trajectory.end_ns
 
@@ -182,10 +182,10 @@ class ReferencePreview:
         return MotionState(position, velocity, acceleration)
 
     def sample_at_full_speed(self, time_ns: int) -> MotionState:
-        """Return the present state of the trajectory as it would be without speed scaling.
+        """Return the trajectory's present state as if there were no speed scaling.
 
-        The position is the present reference position. Velocity and acceleration are taken from the
-        trajectory at this position.
+        Speed scaling changes velocity and acceleration of the reference, but not the path. The
+        returned values are those of the trajectory at the present position.
 
         Args:
             time_ns: Present time of the servo [ns].

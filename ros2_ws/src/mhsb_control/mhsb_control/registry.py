@@ -91,7 +91,7 @@ def get_controller_class(name: str) -> type[Controller]:
 
 
 def select_controllers(machine: Machine) -> tuple[str, ...]:
-    """Return the names of the controllers that are made for the sensors of a machine.
+    """Return the names of the controllers that suit the sensors of a machine.
 
     If the machine has pressure sensors, these are the controllers that read pressures. Otherwise
     they are the controllers that do not read pressures.
@@ -139,14 +139,14 @@ def reads_pressures(name: str) -> bool:
 
 
 def load_machine(path: str | Path | None = None) -> Machine:
-    """Load a machine from a YAML file, and check the gains of all registered controllers, too.
+    """Load a machine from a YAML file, and check the gains of all registered controllers.
 
     Args:
         path: The machine file, or the name of a machine of the suite such as `excavator`. None or
             an empty text loads the suite's own arm.
 
     Returns:
-        The machine. Copies of it with other values are checked in the same way.
+        The machine. If it is copied with other values, the copy is checked in the same way.
 
     Raises:
         MachineFileError: The file cannot be read, breaks a rule, or has wrong gains.
@@ -158,7 +158,7 @@ def read_gains(machine: Machine, name: str) -> Any:
     """Return the gains of a controller from the machine's file.
 
     Args:
-        machine: The machine. Its gains need not have been checked before.
+        machine: The machine. Its gains may be unchecked.
         name: Name of a registered controller, such as "coordinated".
 
     Returns:
@@ -214,7 +214,7 @@ def make_controller(
 
 
 def check_keeps_estimates(name: str) -> None:
-    """Raise ArgumentError if a controller does not learn, so that an estimates file is useless.
+    """Raise ArgumentError if a controller learns nothing that an estimates file could keep.
 
     Args:
         name: Name of a controller.

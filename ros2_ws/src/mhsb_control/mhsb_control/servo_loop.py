@@ -111,8 +111,8 @@ class ServoLoop:
     def update_reference(self, time_ns: int) -> None:
         """Evaluate the reference now and ahead, and update the modes if necessary.
 
-        Modes and booster modules are set again if another row of the mode schedule applies, now or
-        at the preview point.
+        Modes and booster modules are set anew if the row of the mode schedule has changed, for now
+        or for the preview point.
 
         Args:
             time_ns: Present time of the servo [ns].
@@ -151,9 +151,9 @@ class ServoLoop:
         charges lines in time. If not enough modules are free, the boost ahead is left out.
 
         There is one exception. While an actuator is about to leave the shared rail, no other
-        actuator joins the rail early. Otherwise the rail's pressure would reach the actuator that
-        leaves the rail. The joining actuator is prepared in DB instead, so that its own pump
-        charges its line.
+        actuator joins the rail early. Otherwise the leaving actuator would get the pressure that
+        the joining actuator needs. The joining actuator is prepared in DB instead, so that its own
+        pump charges its line.
 
         Writes `self.modes` (modes in force), and three arrays of `signals` in place: `modes`
         (prepared modes), `modes_ahead` (modes at the end of `preview`) and `serves`.

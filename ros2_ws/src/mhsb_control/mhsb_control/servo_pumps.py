@@ -1,15 +1,15 @@
-"""Servo pumps of coordinated control: the flow that each is to deliver.
+"""Flow commands of the servo pumps in coordinated control.
 
 The pumps deliver the flow that the valves are about to take, corrected a little by the pressure
 error. Each pump's flow is limited so that the pump can be stopped before its oil overfills the
-line. The reference ahead shows how much oil the line will take. There are two such limits:
+line. The reference ahead shows how much oil the line will take. There are two limits:
 
 - The limit for the flow that is drawn assumes the estimated lag of the pumps, and a leakage that is
   reduced by its uncertainty.
-- The limit for the flow that charges a line in addition assumes a slower pump with a longer delay,
-  and a stiffer line.
+- The limit for the drawn flow plus the flow that charges a line assumes a slower pump with a longer
+  delay, and a stiffer line.
 
-Commands act with a delay. So all decisions use the flow and the oil at the instant when the command
+Commands act with a delay. So all limits use the flow and the oil at the instant when the command
 begins to act. On the rail, pumps that are no longer needed count until they have come to rest.
 """
 
@@ -65,13 +65,14 @@ class PumpSettings(Record):
     30 % smaller and larger, N = 5: RMS error −4.4 and −3.8 % (mhsb_arm3; overshoot −0.06 and
     −0.03 MPa), +0.8 and −1.9 % (excavator; overshoot −1.29 and −0.46 MPa)."""
     caution_sigmas: float = 1.5
-    """Standard deviations by which charging assumes unfavourable estimates, 0 … 5.
+    """Number of standard deviations by which charging assumes unfavourable values, 0 … 5.
 
-    Unfavourable are less leakage, stiffer oil and slower pumps.
-    Origin: chosen; 93 % of lines are then not overfilled.
+    Less leakage, stiffer oil and slower pumps are unfavourable. Origin: chosen; 93 % of lines are
+    then not overfilled.
 
     30 % smaller and larger, N = 5: RMS error −1.2 and −4.3 % (mhsb_arm3), +2.3 and +2.2 %
-    (excavator; overshoot −1.91 and −0.16 MPa)."""
+    (excavator; overshoot −1.91 and −0.16 MPa).
+    """
     max_gain_delay: float = 0.4
     """Largest pressure gain times the delay of commands [-], above 0 … 10.
 
@@ -92,18 +93,21 @@ class PumpSettings(Record):
     Distance to 1 30 % smaller and larger, N = 5: RMS error +0.1 and 0 % (mhsb_arm3), −3.3 and
     −1.5 % (excavator; overshoot −0.46 and −0.46 MPa)."""
     manifold_reserve: float = 2e5
-    """Pressure beyond p_L + m(v) that is left to actuators that move in mode N [Pa], 0 … 1e7.
+    """Pressure beyond p_L + m(v) that actuators moving in mode N keep while lines are charged [Pa],
+    0 … 1e7.
 
     Origin: friction, and a reserve at which the reference governor does not act.
 
-    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator.
+    """
     min_diverted_share: float = 0.9
-    """Share of a lent pump's flow to the rail from which the pump counts as feeding it, 0 … 1.
+    """Share of its flow that a lent pump must lead to the rail to count as feeding the rail, 0 … 1.
 
     Origin: 2.3 time constants of the diverter.
 
     Distance to 1 30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +4.6 and −3.4
-    % (excavator; overshoot −0.43 and −2.77 MPa)."""
+    % (excavator; overshoot −0.43 and −2.77 MPa).
+    """
     lines: LineSettings = field(default_factory=LineSettings)
     """Tuned numbers of the estimates of oil compressibility and leakage."""
     drives: DriveSettings = field(default_factory=DriveSettings)
@@ -120,13 +124,13 @@ class PumpParameters(Record):
     bandwidth: float
     """Desired bandwidth λ/τ of a pump [1/s]."""
     pressure_gain: float
-    """Gain k of the pressure [1/s]."""
+    """Gain k of the pressure error [1/s]."""
     pump_rise: float
     """Share of the flow's rise to the next point that is commanded in advance."""
     allowed_rise: float
-    """Rise above the target that is allowed while a pump coasts [Pa]."""
+    """Pressure rise above the target that is allowed while a pump coasts [Pa]."""
     fed_below: float
-    """Line pressure below which the manifold may feed the line as well [Pa]."""
+    """Line pressure below which the manifold may also feed the line [Pa]."""
     settings: PumpSettings
     """Tuned numbers."""
 
@@ -165,7 +169,7 @@ class PumpGains(Section):
 
 
 class PumpState(NamedTuple):
-    """State by which the servo pumps are driven, beside the cascade."""
+    """State of the servo pumps' control, in addition to that of the cascade."""
 
     gains: Records[PumpParameters]  # [1]
     rail_target: FloatArray  # [2] Pa, pressure targets of the rail, now and at the preview point
@@ -296,10 +300,11 @@ def is_served(j: int, serves: IntArray) -> bool:
 def predict_line_volumes(s: ServoArguments, p: PumpState) -> None:
     """Predict the flow that is drawn next from each boosted line, and the oil up to later times.
 
-    The flow has three parts. The first is the flow of `compute_commanded_flow`. If the valve is
-    slower than the pumps, this flow is delayed by a lag, the difference of their time constants.
-    The second is leakage and slip. The third is the share `pump_rise` of the increase of the
-    reference's flow up to the next point. The oil up to each point ahead is
+    The flow has three parts. The first is the flow that the piston is commanded to take
+    (`compute_commanded_flow`). If the valve is slower than the pumps, this flow is delayed by a
+    lag, the difference of their time constants. The second is leakage and slip. The third is the
+    share `pump_rise` of the increase of the reference's flow up to the next point. The oil up to
+    each point ahead is
 
         V(t) = ∫ (A_dir |v| + leakage + slip) dt + A_dir ΔF/k_h
 
@@ -440,19 +445,19 @@ def compute_pump_demand(
 ) -> float:
     """Compute the flow that a pump is to feed into a line or into the rail.
 
-    It is the drawn flow plus a charging flow C (k (p_ref − p) + min(ṗ_ref, 0)). p is the pressure
-    that is predicted for the instant at which the command begins to act, and p_ref its target. k is
-    the gain `pressure_gain`, but at most `max_gain_delay` divided by the delay of commands. Three
-    limits apply:
+    The result is the drawn flow plus a charging flow C (k (p_ref − p) + min(ṗ_ref, 0)). p is the
+    pressure that is predicted for the instant at which the command begins to act, and p_ref its
+    target. k is the gain `pressure_gain`, but at most `max_gain_delay` divided by the delay of
+    commands. Three limits apply:
 
     - The sum of both flows is at most the limit of `compute_coasting_limit` for the estimated pump.
     - The charging flow is at most `charging_flow_left`.
     - The sum is at most the coasting limit of a slower pump on a stiffer line. In any case, at
       least the share `min_charge_share` of the charging flow is allowed.
 
-    The first limit is less strict for a line below its target that the manifold may feed as well.
-    Such a line gets the drawn flow and `min_charge_share` of the charging flow if the coasting
-    limit without leakage uncertainty allows it.
+    The first limit is less strict if the line is below its target pressure and the manifold may
+    also feed it. Such a line gets the drawn flow and `min_charge_share` of the charging flow if the
+    coasting limit without leakage uncertainty allows it.
 
     Args:
         line: Index of the line; n for the rail.
@@ -500,7 +505,7 @@ def compute_pump_demand(
 
 @kernel(borrows=True)
 def compute_charging_flow_limit(s: ServoArguments, p: PumpState) -> float:
-    """Compute the largest flow that may charge lines without a lack of oil for other actuators.
+    """Compute the largest flow that may charge lines while other actuators still get enough oil.
 
     The flow has two parts, each at least 0. The first part is the flow that the main pump has left:
     Q_MP − Σ (A_dir |v_ref| + leakage) over all actuators. The second part comes from the oil stored
@@ -563,7 +568,8 @@ def feeds_rail(
         home: Actuator to whose line the module belongs; −1 for a spare.
         user: Actuator that the module serves; not negative.
         axes: ControlAxis[n].
-        min_diverted_share: Share of its flow, 0 … 1.
+        min_diverted_share: Share of its flow that a lent or spare module must lead to the rail, 0 …
+            1.
 
     Returns:
         True if it feeds the rail.
@@ -590,7 +596,7 @@ def compute_rail_demand(s: ServoArguments, p: PumpState, pending: float) -> floa
         pending: Oil that earlier commands still bring into the rail [m³]; it limits the result.
 
     Returns:
-        Flow of all these pumps together [m³/s], not limited to their range.
+        Total flow of the pumps on the rail [m³/s], not limited to their range.
     """
     axes, volume, rail_pressure = s.axes, p.volume, s.rail_pressure[0]
     c = s.constants[0]
@@ -638,7 +644,7 @@ def command_pumps(s: ServoArguments, p: PumpState) -> None:
     `compute_rail_demand` returns. Q is the predicted flow at the instant when the command acts. Q̄
     is the mean flow of the n pumps. ΣQ is the whole flow into the rail, including that of idle
     pumps that have not stopped yet. All pumps on the rail get the same command. So their flows
-    become equal with the pumps' own lag, while the sum follows Q_ref.
+    become equal as fast as the pumps' lag allows, while the sum follows Q_ref.
 
     Commands are limited to 0 … Q_max. The command is 0 for idle modules, and for lent modules that
     do not feed the rail yet. A module is lent if it serves an actuator other than its own.

@@ -31,22 +31,24 @@ class ScalingSettings(Record):
     30 % smaller and larger, N = 5: RMS error −2.3 and −5.9 % (mhsb_arm3), −3.6 and +8.1 %
     (excavator; overshoot −3.32 and −0.30 MPa, falls +0 and +1)."""
     max_slowing: float = 1.7
-    """Largest −ṡ, in the machine's braking rate, 0.1 … 1000.
+    """Largest −ṡ, as a multiple of the machine's braking rate, 0.1 … 1000.
 
-    `compute_braking_rate` gives that rate: the heaviest joint at V_max is then braked by at most
-    1.7 times the main pump's pressure. Origin: chosen; 8 1/s for the suite's own arm. The boosted
+    `compute_braking_rate` gives the braking rate. So at most 1.7 times the main pump's pressure
+    brakes the slowest joint at V_max. Origin: chosen; 8 1/s for the suite's own arm. The boosted
     slew of an excavator of 20 t, whose rate is 0.3 1/s, misses its path by 0.4 m with 8 1/s and by
     0.05 m with 0.5 1/s.
 
     30 % smaller and larger, N = 5: RMS error −3.0 and −4.0 % (mhsb_arm3; overshoot +0.19 and
-    −0.04 MPa), −2.2 and +2.9 % (excavator; overshoot −3.52 and +0.68 MPa)."""
+    −0.04 MPa), −2.2 and +2.9 % (excavator; overshoot −3.52 and +0.68 MPa).
+    """
     max_recovery: float = 0.25
-    """Largest ṡ, in the largest −ṡ, above 0 … 1.
+    """Largest ṡ, as a share of the largest −ṡ, above 0 … 1.
 
-    Origin: chosen, so that a reserve that has just returned lasts.
+    Origin: chosen, so that speeding up does not use up a pressure reserve that has just returned.
 
     30 % smaller and larger, N = 5: RMS error −6.1 and −3.1 % (mhsb_arm3), +0.4 and +9.1 %
-    (excavator; overshoot −2.03 and −1.31 MPa, falls +1 and +0)."""
+    (excavator; overshoot −2.03 and −1.31 MPa, falls +1 and +0).
+    """
     slowing_time: float = 0.04
     """Time in which the largest |s̈| reaches the largest −ṡ [s], 0.001 … 1.
 

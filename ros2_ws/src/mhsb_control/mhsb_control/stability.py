@@ -16,9 +16,10 @@ SAMPLING_SEED = 1
 """Seed of the random postures."""
 
 SLOWEST_DECAY = 0.0128
-"""Smallest decay rate of the linear loop, over the lowest natural frequency of the arm.
+"""Smallest decay rate of the linear loop, divided by the lowest natural frequency of the arm.
 
-It applies to every posture with every payload. The suite's own arm has 0.3 1/s."""
+It is required in every posture with every payload. For the suite's own arm it is 0.3 1/s.
+"""
 
 
 def build_closed_loop_matrix(

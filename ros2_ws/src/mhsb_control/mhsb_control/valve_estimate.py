@@ -34,14 +34,14 @@ counts as overlap and not as a valve without gain.
 A parameter without data keeps its standard deviation. Two other kinds of windows are used. In the
 first, the piston is commanded to move although its reference rests. If it moves less than
 commanded, this indicates overlap, and the window is evaluated with the present g. In the second,
-the piston does not move although its reference does. The overlap is then at least the one that
-explains this. Such a lower bound is no measurement: it does not make the estimate more certain. If
-overlap i rises by Δb to the bound, all overlaps move along P, and g and c are kept:
+the piston does not move although its reference does. The overlap is then at least the value that
+explains the missing motion. This is only a lower bound, so it does not make the estimate more
+certain. If overlap i rises by Δb to the bound, all overlaps move along P, and g and c are kept:
 
     b_m ← b_m + P_mi/P_ii Δb,    P_ii ← max(P_ii, Δb²)
 
 While the reference moves, several windows in sequence must show an unlikely lag, because a slow
-valve or a late command delays the piston, too.
+valve or a late command also delays the piston.
 
 Source: J.-J. Slotine, W. Li, Applied Nonlinear Control, Section 8.7 (least squares with integrated
 regressors); G. Tao, P. Kokotović, Adaptive Control of Plants with Unknown Dead-zones (the smooth
@@ -93,12 +93,13 @@ class ValveSettings(Record):
     30 % smaller and larger, N = 5: RMS error −1.8 and +0.1 % (mhsb_arm3), +0.1 and 0 %
     (excavator; overshoot −1.31 and +0.00 MPa)."""
     min_stroke_lag: float = 3.0
-    """Smallest lag of a resting piston behind its commanded stroke that is used, 0 … 100.
+    """Smallest lag of a piston behind its predicted stroke that indicates overlap, 0 … 100.
 
-    In standard deviations of a stroke by length readings. Origin: three standard deviations.
+    In standard deviations of a measured stroke. Origin: three standard deviations.
 
     30 % smaller and larger, N = 5: RMS error −3.6 and −0.6 % (mhsb_arm3), −3.8 and −0.8 %
-    (excavator; overshoot −2.25 and +0.32 MPa)."""
+    (excavator; overshoot −2.25 and +0.32 MPa).
+    """
     gain_deviation: float = 0.15
     """Initial standard deviation of g [-], above 0 … 1.
 
@@ -148,14 +149,16 @@ class ValveSettings(Record):
     30 % smaller and larger, N = 5: RMS error −3.9 and −3.1 % (mhsb_arm3), −3.0 and +1.7 %
     (excavator; overshoot −2.60 and +0.11 MPa)."""
     angle_deviation: float = 6.7e-5
-    """Standard deviation of a window's stroke by length readings, as an angle [rad], 0 … 0.01.
+    """Standard deviation of a window's stroke due to length readings, as a joint angle [rad], 0 …
+    0.01.
 
-    The largest moment arm of the joint makes it a stroke: 3 µm for 45 mm. Origin: one step of a
-    16-bit encoder is 96 µrad, whose quantization error has 28 µrad at each end; the rest is sensor
-    noise.
+    Multiplied by the largest moment arm of the joint it is a stroke: 3 µm for 45 mm. Origin: one
+    step of a 16-bit encoder is 96 µrad, whose quantization error has 28 µrad at each end; the rest
+    is sensor noise.
 
     30 % smaller and larger, N = 5: RMS error −2.4 and −3.3 % (mhsb_arm3), +2.7 and +6.7 %
-    (excavator; overshoot −0.28 and −0.80 MPa)."""
+    (excavator; overshoot −0.28 and −0.80 MPa).
+    """
     stroke_deviation: float = 0.03
     """Standard deviation of a window's stroke, as a share of itself, 0 … 1.
 
@@ -166,11 +169,12 @@ class ValveSettings(Record):
     min_gain: float = 0.5
     """Smallest estimate of g [-], above 0 … 1.
 
-    A piston that moved less than this share of its prediction is stopped by overlap.
-    Origin: plausibility; half of the smallest valve gain in config/variations.yaml would be 0.4.
+    If a piston moves less than this share of its predicted stroke, overlap is the cause. Origin:
+    plausibility; half of the smallest valve gain in config/variations.yaml would be 0.4.
 
     30 % smaller and larger, N = 5: RMS error +8.1 and −2.9 % (mhsb_arm3), +0.3 and +0.4 %
-    (excavator)."""
+    (excavator).
+    """
     max_gain: float = 1.6
     """Largest estimate of g [-], 1 … 10.
 
@@ -187,44 +191,52 @@ class ValveSettings(Record):
     declared_overlap_share: float = 0.2
     """Initial standard deviation of a declared overlap, as a share of it, 0 … 1.
 
-    It adds to `overlap_deviation`. Origin: chosen.
+    It is added to `overlap_deviation`. Origin: chosen.
 
-    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator, which declare none."""
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator, which declare none.
+    """
     surprise: float = 3.0
-    """Standard deviations of a window's stroke beyond which overlap is the cause, 1 … 100.
+    """Number of standard deviations by which a window's stroke must be too short to be surprising,
+    1 … 100.
 
     Origin: three standard deviations.
 
     30 % smaller and larger, N = 5: RMS error −3.9 and −3.2 % (mhsb_arm3), −3.9 and −4.8 %
-    (excavator; overshoot +2.65 and +0.39 MPa)."""
+    (excavator; overshoot +2.65 and +0.39 MPa).
+    """
     min_surprises: int = 3
-    """Number of such windows in sequence from which overlap is the cause, 1 … 25.
+    """Number of surprising windows in sequence after which overlap counts as the cause, 1 … 25.
 
-    A piston that lags because its valve is slow or its command late follows within fewer windows.
-    Origin: 120 ms, six times a lag or delay of 20 ms. With 2 and 5 windows, 0 and 2 of 3 sequences
-    of mhsb_arm3 end with a valve lag of 20 ms, 1 with 3; with an overlap of 25 %, 3 and 2, 3 with 3
-    (excavator: overshoot 1.2, 3.8 and 3.1 MPa)."""
+    A piston that lags because of a slow valve or a late command catches up within fewer windows.
+    Origin: 120 ms, six times a lag or delay of 20 ms. With 2, 3 and 5 windows, 0, 1 and 2 of 3
+    sequences of mhsb_arm3 reach their end if its valve lag is 20 ms. With an overlap of 25 %, 3, 3
+    and 2 do (excavator: overshoot 1.2, 3.1 and 3.8 MPa).
+    """
     min_driving_pressure: float = 8.0
-    """Least line pressure beyond p_L for evidence by a piston that stands still, 0 … 1000.
+    """Smallest line pressure beyond p_L at which a standing piston indicates overlap, 0 … 1000.
 
-    In laminar pressures of the valve; p_L is the load pressure. With less, an open valve passes
-    next to nothing, too. Origin: chosen.
+    In laminar pressures of the valve; p_L is the load pressure. At a lower pressure, even an open
+    valve passes almost no flow. Origin: chosen.
 
-    30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +22.9 and 0 % (excavator)."""
+    30 % smaller and larger, N = 5: RMS error 0 and 0 % (mhsb_arm3), +22.9 and 0 % (excavator).
+    """
     overlap_speed: float = 0.025
-    """u_s: demand below which the overlap is crossed in part [V_max], above 0 … 1.
+    """u_s: demanded speed below which the overlap is only partly crossed [V_max], above 0 … 1.
 
     Origin: chosen, so that sensor noise at rest does not cross the overlap.
 
     30 % smaller and larger, N = 5: RMS error −3.5 and −4.6 % (mhsb_arm3; overshoot +0.03 and
-    −0.07 MPa), −0.9 and +3.6 % (excavator; overshoot −2.70 and −1.76 MPa)."""
+    −0.07 MPa), −0.9 and +3.6 % (excavator; overshoot −2.70 and −1.76 MPa).
+    """
     min_pressure_drop: float = 0.4
     """Smallest pressure drop that is assumed over a valve edge [laminar pressures], above 0 … 100.
 
-    Origin: chosen, so that openings stay moderate when a line is as low as its load.
+    Origin: chosen, so that openings stay moderate if the line pressure hardly exceeds the load
+    pressure.
 
     30 % smaller and larger, N = 5: RMS error −10.2 and −1.7 % (mhsb_arm3; overshoot +0.16 and
-    −0.01 MPa), −1.1 and +1.9 % (excavator; overshoot +0.06 and −0.25 MPa)."""
+    −0.01 MPa), −1.1 and +1.9 % (excavator; overshoot +0.06 and −0.25 MPa).
+    """
 
 
 class EstimatedValve(Record):
@@ -233,11 +245,11 @@ class EstimatedValve(Record):
     moving_speed: float
     """Speed of the reference above which a motion counts as steady [m/s]."""
     crossing_speed: float
-    """Demand u_s below which the overlap is crossed in part [m/s]."""
+    """Demanded speed u_s below which the overlap is only partly crossed [m/s]."""
     length_deviation: float
-    """Standard deviation of a window's stroke by length readings [m]."""
+    """Standard deviation of a window's stroke due to length readings [m]."""
     min_driving_pressure: float
-    """Least `driving_pressure` for evidence by a piston that stands still [Pa]."""
+    """Smallest `driving_pressure` at which a standing piston indicates overlap [Pa]."""
     gain: float
     """Estimate g, within `min_gain` … `max_gain`."""
     opening: float
@@ -320,7 +332,7 @@ def build_valve_estimates(
 
         g = 1,   b = o/(1 − o) for each direction,   c = 1
 
-    g is the factor on the file's valve gain, and c that on the compressibility of the oil. The
+    g is a factor on the file's valve gain, and c a factor on the compressibility of the oil. The
     overlaps of all valves are correlated, since the valves are of one make.
 
     Args:
@@ -378,7 +390,7 @@ def compute_opening(
         demand: u, piston speed [m/s].
         ahead: v, piston speed of the coming motion, for which the overlap is crossed in advance
             [m/s].
-        crossing_speed: u_s, demand from which the overlap is crossed entirely [m/s].
+        crossing_speed: u_s, demanded speed from which on the overlap is crossed entirely [m/s].
 
     Returns:
         Opening x, a share of the spool's stroke, not limited to −1 … 1. Positive extends.
@@ -422,9 +434,9 @@ def accumulate_valve_window(
     """Add one step of a valve to its window, and update the estimates if the window is full.
 
     A window is discarded if the valve saturates, is shut or opens against the motion. It is also
-    discarded if the reference reverses, starts or stops. If the reference rests all the time, the
-    window is used. Its direction (`sign`) is then the sign of the valve opening.
-    `evaluate_valve_window` evaluates a full window.
+    discarded if the reference reverses, starts or stops. A window in which the reference rests all
+    the time is used; the valve opening then gives its direction (`sign`). `evaluate_valve_window`
+    evaluates a full window.
 
     Args:
         valves: Estimates, updated in place. An update also writes `gain` and `overlap`, clipped to

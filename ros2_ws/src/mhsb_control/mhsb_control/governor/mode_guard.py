@@ -50,7 +50,8 @@ class ModeGuard:
 
     Attributes:
         settings: Tuned numbers of every new guard.
-        watch: Function that runs one step and returns whether the requested modes have changed.
+        watch: Function that runs one step of the governor and returns whether the requested modes
+            have changed.
     """
 
     settings: ClassVar[GovernorSettings] = GovernorSettings()

@@ -9,8 +9,8 @@ actuator,
 p̂ is the filtered pressure of its line, and ṗ̂ its rate, which counts only while it is negative.
 m(v) is the drop over the fully open valve at the piston speed v, and T the prediction time. If the
 reserve that the main pump leaves in mode N is too small, the actuator is boosted. The boost ends
-when the reserve has been large for a while. If boost does not suffice, or does not act yet, the
-plan is slowed. The rate of the plan falls with the smallest reserve, with a valve that stays nearly
+when the reserve has been large for a while. If boost does not suffice or does not act yet, the plan
+is slowed. The rate of the plan falls with the smallest reserve, with a valve that stays nearly
 open, and with the tip's distance from its reference. A plan is held only if the line of a moving
 actuator has almost no pressure beyond p_L. Otherwise the rate stays at a small value, and the arm
 still moves.
@@ -48,7 +48,7 @@ MOVING_SPEED, STARTING_SPEED = 1e-5, 1e-3
 class GovernorSettings(Record):
     """Tuned numbers of the reference governor.
 
-    Reserves are those of the module's text.
+    The reserve of an actuator is the pressure r of the module's docstring.
     """
 
     filter_gain: float = 0.1
@@ -88,12 +88,13 @@ class GovernorSettings(Record):
     30 % smaller and larger, N = 5: RMS error −0.8 and −2.1 % (mhsb_arm3), −1.4 and −3.6 %
     (excavator; overshoot −0.20 and −0.51 MPa)."""
     keep_below: float = -1.5e5
-    """Reserve in mode N below which a boost is kept that the plan ends [Pa], −1e7 … 0.
+    """Reserve in mode N below which a boost continues although the plan ends it [Pa], −1e7 … 0.
 
-    Origin: a line that needs less beyond P_S loses next to nothing while `boost_after` passes. The
-    plan lets inertia use up its margin, and a measured reserve comes late.
+    Origin: a line that lacks less than this in mode N loses almost no pressure during
+    `boost_after`. The plan lets inertia use up its margin, and the measured reserve is late.
 
-    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
+    30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator.
+    """
     release_above: float = 4.5e5
     """Reserve in mode N above which a requested boost ends [Pa], 0 … 1e7.
 
@@ -158,28 +159,32 @@ class GovernorSettings(Record):
     30 % smaller and larger, N = 5: RMS error −4.7 and +3.1 % (mhsb_arm3), −1.8 and +2.4 %
     (excavator; overshoot −1.37 and −0.82 MPa)."""
     hold_error_ratio: float = 1.7
-    """Distance of tip and reference at which the rate is least [usual errors], 1 … 100.
+    """Distance of the tip from its reference at which the rate is least, in usual errors, 1 … 100.
 
     Up to one usual error the plan runs at full speed. Origin: chosen.
 
     30 % smaller and larger, N = 5: RMS error −15.0 and +2.3 % (mhsb_arm3; overshoot +0.08 and
-    +0.00 MPa), 0 and −0.7 % (excavator; overshoot +0.06 and −0.33 MPa)."""
+    +0.00 MPa), 0 and −0.7 % (excavator; overshoot +0.06 and −0.33 MPa).
+    """
     min_rate: float = 0.05
-    """Rate of a plan that the arm can still follow, however far the tip is behind, 0 … 1.
+    """Smallest rate of a plan while the arm can still move, however far the tip is behind, 0 … 1.
 
     Origin: chosen, above `held_rate`. A reference that stood still would stop the integral and
     the estimates that are to move the arm.
 
     30 % smaller and larger, N = 5: RMS error −3.9 and −3.0 % (mhsb_arm3), −3.7 and −0.7 %
-    (excavator; overshoot +0.15 and −0.14 MPa)."""
+    (excavator; overshoot +0.15 and −0.14 MPa).
+    """
     min_driving_pressure: float = 5e4
-    """Pressure of a line beyond the load pressure p_L with which the arm can still move [Pa].
+    """Smallest pressure beyond the load pressure p_L with which a line can still move its actuator
+    [Pa].
 
     A plan is held only if a line has less. Range 0 … 1e7. Origin: the laminar pressure of the
     suite's valves.
 
     30 % smaller and larger, N = 5: RMS error −3.8 and −0.2 % (mhsb_arm3), −1.3 and −0.9 %
-    (excavator)."""
+    (excavator).
+    """
     held_rate: float = 0.02
     """Rate of the speed scaling below which a plan counts as held, 0 … 1.
 
@@ -187,13 +192,15 @@ class GovernorSettings(Record):
 
     30 % smaller and larger, N = 5: no effect on mhsb_arm3 and excavator."""
     lift_error_ratio: float = 0.9
-    """Distance of tip and reference beyond which a load has sagged [usual errors], 0 … 100.
+    """Distance of the tip from its reference beyond which a load has sagged, in usual errors, 0 …
+    100.
 
     A sagged load has to be lifted back, even if the reference lowers it. Origin: chosen, below the
     one usual error from which the plan is slowed.
 
     30 % smaller and larger, N = 5: RMS error −3.0 and +0.1 % (mhsb_arm3), +1.5 and +3.5 %
-    (excavator; overshoot +0.53 and −0.70 MPa)."""
+    (excavator; overshoot +0.53 and −0.70 MPa).
+    """
     lifting_pressure: float = 1e5
     """Pressure beyond the holding pressure that counts as needed for lifting [Pa], 0 … 1e7.
 
